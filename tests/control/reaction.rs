@@ -78,7 +78,10 @@ type Words = [&'static [u8]; 2];
 /// The rigs: a name, the rig's text, and how its stage's stop and motions look on the wire.
 fn rigs() -> [(&'static str, String, Words); 4] {
     // a cell whose every answer is a force
-    let force_alone = |text: String| exchanged(&text, "modbus = \"generic-rs485\"", "modbus = \"labjack-t7\"");
+    let force_alone = |text: String| {
+        let text = exchanged(&text, "modbus = \"generic-rs485\"", "modbus = \"labjack-t7\"");
+        exchanged(&text, "serial:///dev/ttyUSB1?baud=115200", "tcp://192.168.1.11:502")
+    };
     [
         ("esp301", force_alone(shipped_text("rigs/esp301.toml")), [b"ST\r", b"PA"]),
         (

@@ -234,8 +234,10 @@ proptest! {
         });
         let Seen { commands, under_n } = *seen.lock().expect("one thread");
         prop_assert_eq!((under_n, walked.truth.slid_mm), (0.0, 0.0));
-        prop_assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.told());
-        prop_assert!(commands >= 5, "{} commands", commands);
+        // a tilt can put a far place beyond the depth limit: then the walk ends there, and safely
+        let told = walked.ending.told().unwrap_or_default();
+        prop_assert!(walked.ending.halt.is_none() || told.starts_with("out-of-reach: "), "{}", told);
+        prop_assert!(commands >= 5 || walked.ending.halt.is_some(), "{} commands", commands);
         prop_assert!(walked.truth.is_within(&spec), "{:?}", walked.truth);
     }
 }
