@@ -101,12 +101,9 @@ impl WhichWay for Person {
     }
 
     fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
-        let _ = tell("Did z move away from the specimen? [y/N] ");
-        if !is_yes(typed_line(is_cancelled)) {
-            return Err("z should move away from the specimen but didn't: reverse `frame.down`, check the wiring \
-                        of z, and run `palpate doctor` again"
-                .to_owned());
-        }
+        let refused = "z should move away from the specimen but didn't: reverse `frame.down`, check the wiring of z, and run \
+                       `palpate doctor` again";
+        confirmed("Did z move away from the specimen? [y/N] ", is_cancelled, refused)?;
         if let Err(error) = self.keep(stage, down) {
             let _ = tell(&format!("the answer can't be stored ({error}): palpate will ask again\n"));
         }
@@ -130,24 +127,16 @@ impl WhichWay for Person {
              Take the indenter off, or the specimen away, unless z misses it there.\n\
              Is nothing in the way of z to its end on that side? [y/N] "
         );
-        let _ = tell(&told);
-        if is_yes(typed_line(is_cancelled)) {
-            return Ok(());
-        }
-        Err("z may not search for home toward the specimen: nothing was moved".to_owned())
+        confirmed(&told, is_cancelled, "z may not search for home toward the specimen: nothing was moved")
     }
 
     fn confirm_back(&self, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
         if self.clear || !is_attended() {
             return Ok(());
         }
-        let _ = tell(
-            "\nz is home, and away from the specimen. Put back what you took away.\nIs it all in its place? [y/N] ",
-        );
-        if is_yes(typed_line(is_cancelled)) {
-            return Ok(());
-        }
-        Err("indenter or specimen isn't in its place: put it back, then start again".to_owned())
+        let told =
+            "\nz is home, and away from the specimen. Put back what you took away.\nIs it all in its place? [y/N] ";
+        confirmed(told, is_cancelled, "indenter or specimen isn't in its place: put it back, then start again")
     }
 
     fn confirm_zero(&self, stage: &Identity, at_mm: [f64; 3], is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
@@ -168,17 +157,18 @@ impl WhichWay for Person {
              It counts x {x_mm:.3}, y {y_mm:.3}, z {z_mm:.3} mm here.\n\
              Is the stage at this position of the rig's `travel_mm` and `frame`? [y/N] "
         );
-        let _ = tell(&told);
-        if is_yes(typed_line(is_cancelled)) {
-            return Ok(());
-        }
-        Err("the stage isn't at its zero: bring it there, then start again".to_owned())
+        confirmed(&told, is_cancelled, "the stage isn't at its zero: bring it there, then start again")
     }
 }
 
-/// Whether a typed line means yes.
-fn is_yes(answer: Option<String>) -> bool {
-    matches!(answer.unwrap_or_default().trim().to_lowercase().as_str(), "y" | "yes")
+/// Asks a question; an answer other than yes is the error `refused`.
+fn confirmed(question: &str, is_cancelled: &dyn Fn() -> bool, refused: &str) -> Result<(), String> {
+    let _ = tell(question);
+    let answer = typed_line(is_cancelled).unwrap_or_default();
+    match answer.trim().to_lowercase().as_str() {
+        "y" | "yes" => Ok(()),
+        _ => Err(refused.to_owned()),
+    }
 }
 
 impl Person {

@@ -20,7 +20,7 @@ pub use problem::{PROBLEMS_MAX, Problem, Problems};
 pub use reference::reference;
 pub use schema::schema;
 pub use table::{Span, Table};
-pub(crate) use table::{all, with_nearest};
+pub(crate) use table::{all, optional, with_nearest};
 #[cfg(test)]
 pub(crate) use tests::sample;
 

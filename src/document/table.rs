@@ -462,6 +462,14 @@ pub(crate) fn all<T>(answers: impl Iterator<Item = Option<T>>) -> Option<Vec<T>>
     answers.into_iter().collect()
 }
 
+/// Reads a table that may be missing. The outer value is `None` if the table is present and invalid.
+pub(crate) fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> Option<Option<T>> {
+    match table {
+        None => Some(None),
+        Some(table) => read(&table).map(Some),
+    }
+}
+
 /// Adds a value as help if the text is clearly a misspelling of only this value: at most 2 edits, and the same first letter. A
 /// value determines the meaning of the data. So for any other text the message only lists the values.
 fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {

@@ -77,8 +77,8 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
     let approach_mm_s = table.number(&stage::approach_mm_s);
     let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
-    let steps = or_wrong(table.table(&stage::step_mm), read_steps);
-    let certificate = or_wrong(table.table(&stage::certificate), read_stage_certificate);
+    let steps = document::optional(table.table(&stage::step_mm), read_steps);
+    let certificate = document::optional(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
     let home = table.word(&stage::home, &keys::HOMES);
     let home_side = table.word(&stage::home_side, &keys::HOME_SIDES);
@@ -119,20 +119,12 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let driver = read_load_cell_driver(table, beside);
     let conversions_hz = table.number(&load_cell::conversions_hz);
     let lag_s = table.number(&load_cell::lag_ms).map(|ms| ms / 1000.0);
-    let certificate = or_wrong(table.table(&load_cell::certificate), read_certificate);
-    let check = or_wrong(table.table(&load_cell::check), read_check);
+    let certificate = document::optional(table.table(&load_cell::certificate), read_certificate);
+    let check = document::optional(table.table(&load_cell::check), read_check);
     let (driver, link) = driver?;
     let (certificate, check) = (certificate?, check?);
     let air_n = table.range(&load_cell::air_n);
     Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, air_n, certificate, check })
-}
-
-/// Reads a table that may be missing. The outer value is `None` if the table is present and invalid.
-fn or_wrong<T>(table: Option<Table>, read: impl Fn(&Table) -> Option<T>) -> Option<Option<T>> {
-    match table {
-        None => Some(None),
-        Some(table) => read(&table).map(Some),
-    }
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
@@ -206,7 +198,7 @@ fn read_frame(table: &Table) -> Option<Frame> {
 
 /// Reads a tilt that may be missing; then the surface is level.
 pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
-    let tilt = or_wrong(table.table(key), |table| {
+    let tilt = document::optional(table.table(key), |table| {
         let (per_x, per_y) = (table.number(&tilt_mm_per_mm::x), table.number(&tilt_mm_per_mm::y));
         Some(Tilt { per_x: per_x?, per_y: per_y? })
     });

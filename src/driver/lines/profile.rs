@@ -88,13 +88,13 @@ impl LineProfile {
             let command = |key: &Key| table.text(key).map(str::to_owned);
             let (on_start, ask) = (command(&root::on_start), command(&root::ask));
             let framing = read_framing(table);
-            let force = optional(table.table(&root::force), read_force);
-            let outputs = optional(table.table(&root::outputs), read_outputs);
-            let time = optional(table.table(&root::time), |table| {
+            let force = document::optional(table.table(&root::force), read_force);
+            let outputs = document::optional(table.table(&root::outputs), read_outputs);
+            let time = document::optional(table.table(&root::time), |table| {
                 let (column, unit_s) = (read_column(table, &time::column), table.number(&time::unit_s));
                 Some(TimeColumn { column: column?, unit_s: unit_s? })
             });
-            let counter = optional(table.table(&root::counter), |table| read_column(table, &counter::column));
+            let counter = document::optional(table.table(&root::counter), |table| read_column(table, &counter::column));
             let profile = LineProfile {
                 name: name?.to_owned(),
                 start_s: start_s?,
@@ -157,14 +157,6 @@ impl ForceColumn {
     /// Converts a number of the device to N.
     pub fn newton(&self, number: f64) -> f64 {
         (number - self.offset) * self.newton_per_unit.unwrap_or(1.0)
-    }
-}
-
-/// Reads a table that may be missing. The outer value is `None` if the table is present and invalid.
-fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> Option<Option<T>> {
-    match table {
-        None => Some(None),
-        Some(table) => read(&table).map(Some),
     }
 }
 

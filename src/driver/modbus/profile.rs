@@ -121,9 +121,10 @@ impl Profile {
             let rest_ms = table.whole(&root::rest_ms);
             let registers_max = table.whole(&root::registers_max).unwrap_or(keys::REGISTERS_MAX) as u16;
             let base = table.whole(&root::address_base).unwrap_or(0);
-            let force = optional(table.table(&root::force), |table| read_force(table, base, registers_max));
-            let status = optional(table.table(&root::status), |table| read_status(table, base));
-            let outputs = optional(table.table(&root::outputs), |table| read_outputs(table, base, registers_max));
+            let force = document::optional(table.table(&root::force), |table| read_force(table, base, registers_max));
+            let status = document::optional(table.table(&root::status), |table| read_status(table, base));
+            let outputs =
+                document::optional(table.table(&root::outputs), |table| read_outputs(table, base, registers_max));
             let probe = document::all(table.tables(&root::probe).iter().map(|table| read_probe(table, base)));
             Some(Profile {
                 name: name?.to_owned(),
@@ -156,27 +157,19 @@ impl Force {
     }
 }
 
-/// Reads a table that may be missing, but must be valid if it is present.
-fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>) -> Option<Option<T>> {
-    match table {
-        Some(table) => read(&table).map(Some),
-        None => Some(None),
-    }
-}
-
 fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
     let register = read_register(table, base);
     let newton_per_unit = table.number(&force::newton_per_unit);
     let offset = table.number(&force::offset);
     let range_n = table.number(&force::range_n);
-    let decimals = optional(table.table(&force::decimals), |table| {
+    let decimals = document::optional(table.table(&force::decimals), |table| {
         let address = read_address(table, base);
         let (mask, shift) = (table.whole(&decimals::mask), table.whole(&decimals::shift));
         let (mask, shift) = (Some(mask? as u32), shift? as u8);
         let encoding = Encoding { mask, shift, ..Encoding::plain(NumberType::U16, WordOrder::Big) };
         Some(Register { function: Function::Holding, address: address?, encoding })
     });
-    let sign = optional(table.table(&force::sign), |table| {
+    let sign = document::optional(table.table(&force::sign), |table| {
         let (address, bit) = (read_address(table, base), table.whole(&sign::bit));
         Some(Bit { address: address?, bit: bit? as u8 })
     });

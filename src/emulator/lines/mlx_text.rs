@@ -4,9 +4,6 @@ use super::print::print_float;
 use super::{Firmware, LINE_END, Port, mlx90393};
 use crate::scene::{Device, Scene};
 
-/// Time of `setup()`, s, as that of [`ReSkin`](super::ReSkin).
-const SETUP_S: f64 = 0.035;
-
 /// Decimals of `Serial.print` of a float.
 const DECIMALS: u32 = 2;
 
@@ -31,7 +28,7 @@ impl Firmware for MlxText {
     }
 
     fn port(&self) -> Port {
-        Port::native_usb(SETUP_S)
+        Port::native_usb(mlx90393::SETUP_S)
     }
 
     fn period_s(&self, _: &Scene) -> Option<f64> {

@@ -4,9 +4,6 @@
 use super::{Firmware, LINE_END, Port, mlx90393};
 use crate::scene::{Device, Scene};
 
-/// Time of `setup()`, s: 10 ms, then some 5 ms for each of five chips (two waits of 2 ms in `MLX90393::begin`, and its registers).
-const SETUP_S: f64 = 0.035;
-
 /// A board with one MLX90393 for three outputs of the scene, on a Trinket M0 or QT Py, thus with native USB.
 ///
 /// Each frame has four floats for each chip, little-endian with 32 bits: temperature in °C, then x, y and z in microtesla. It ends
@@ -33,7 +30,7 @@ impl Firmware for ReSkin {
     }
 
     fn port(&self) -> Port {
-        Port::native_usb(SETUP_S)
+        Port::native_usb(mlx90393::SETUP_S)
     }
 
     fn period_s(&self, _: &Scene) -> Option<f64> {
