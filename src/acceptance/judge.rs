@@ -3,7 +3,7 @@
 use super::bound::{CONFIDENCE, MEAN_PRESSES_LEAST, mean_upper, quantile_least, quantile_upper, share_lower};
 use super::rule::{Decision, Figure, Limit, Rule};
 use crate::quantity::percentile;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Percentile that can be limited, as a fraction.
 const PERCENTILE: f64 = 0.95;
@@ -13,7 +13,7 @@ const PERCENTILE: f64 = 0.95;
 const NORMAL_95: f64 = 1.645;
 
 /// Whether a sensor satisfies a rule.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// Every figure is within its limit; with a guarded rule, the bound of every figure is within its limit.

@@ -9,7 +9,7 @@ const FLOORS: [&[&str]; 7] = [
     &["acceptance", "control", "device", "document", "scene", "solver", "wire"],
     &["driver", "emulator", "recipe"],
     &["dataset", "rig"],
-    &["run"],
+    &["batch", "run"],
     &["report", "study"],
     &["cli"],
 ];
