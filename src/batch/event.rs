@@ -2,6 +2,7 @@
 
 use crate::acceptance::Verdict;
 use crate::dataset::{Fingerprint, Status, Text};
+use crate::solver::UnitChange;
 use serde::{Deserialize, Serialize};
 
 /// One event. `at` is the time of the event with its time zone, as in a run's manifest.
@@ -159,19 +160,6 @@ pub struct Found {
     pub limit: f64,
     /// Result of this limit alone.
     pub verdict: Verdict,
-}
-
-/// Difference between a unit and that of its design.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct UnitChange {
-    /// Gain relative to the design.
-    pub gain: f64,
-    /// Displacement along x, specimen frame, mm.
-    pub x_mm: f64,
-    /// Displacement along y, mm.
-    pub y_mm: f64,
-    /// Relative change of the width of its response: 0.05 is 5 % wider.
-    pub width: f64,
 }
 
 /// Alarm of a control chart.

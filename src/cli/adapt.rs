@@ -5,7 +5,6 @@ use super::fit::write;
 use super::method::{MethodArgs, Source, fitted_to, tell_left_out};
 use super::summary::{print, tell};
 use crate::dataset::sensor_file::{SensorFile, check_replaceable};
-use crate::quantity::Place;
 use crate::solver::{Adapted, Change, Extent, HeldOut, MeanErrors, Solver as _};
 use miette::{IntoDiagnostic, WrapErr};
 use std::path::PathBuf;
@@ -81,8 +80,8 @@ fn told(adapted: &Adapted, is_relative: bool) -> String {
 }
 
 fn gains(change: &Change) -> String {
-    let numbered = || change.gains.iter().copied().enumerate();
-    let mean = numbered().map(|(_, gain)| gain).sum::<f64>() / change.gains.len() as f64;
+    let numbered = || change.units.iter().map(|unit| unit.gain).enumerate();
+    let mean = numbered().map(|(_, gain)| gain).sum::<f64>() / change.units.len() as f64;
     let (Some((low, least)), Some((high, most))) =
         (numbered().min_by(|a, b| a.1.total_cmp(&b.1)), numbered().max_by(|a, b| a.1.total_cmp(&b.1)))
     else {
@@ -98,8 +97,8 @@ fn places(change: &Change, extent: Extent) -> String {
     if extent != Extent::GainsAndPlaces {
         return "unchanged: moving them would not lower the cross-validated error".to_owned();
     }
-    let count = change.moved.len() as f64;
-    let (x_mm, y_mm) = change.moved.iter().fold((0.0, 0.0), |(x, y), moved| (x + moved.x_mm, y + moved.y_mm));
-    let farthest = change.moved.iter().map(|moved| moved.distance_mm(Place::default())).fold(0.0, f64::max);
+    let count = change.units.len() as f64;
+    let (x_mm, y_mm) = change.units.iter().fold((0.0, 0.0), |(x, y), unit| (x + unit.x_mm, y + unit.y_mm));
+    let farthest = change.units.iter().map(|unit| unit.x_mm.hypot(unit.y_mm)).fold(0.0, f64::max);
     format!("{:+.3}, {:+.3} mm on average; at most {farthest:.3} mm for one unit", x_mm / count, y_mm / count)
 }

@@ -7,6 +7,7 @@
 
 pub mod any_number;
 mod certificate;
+mod ewma;
 mod frame;
 mod layout;
 mod limits;
@@ -17,6 +18,7 @@ mod stream;
 mod tilt;
 
 pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
+pub use ewma::Ewma;
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};

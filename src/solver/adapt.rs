@@ -4,15 +4,28 @@ use super::response::Response;
 use super::surrogate::surrogate;
 use super::{Calibration, CalibrationPoint, FitError};
 use crate::quantity::Place;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix4, Vector4};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
-/// Difference between the present calibration and an older one, of the same array or of a sibling: each unit's gain and position.
+/// Difference between the present calibration and an older one, of the same array or of a sibling.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// Factor by which the outputs of each unit are multiplied.
-    pub gains: Vec<f64>,
-    /// Displacement of each unit, specimen frame, mm.
-    pub moved: Vec<Place>,
+    /// Change of each output.
+    pub units: Vec<UnitChange>,
+}
+
+/// Change of one output: its gain, and the place and the width of its response.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitChange {
+    /// Factor by which the output is multiplied.
+    pub gain: f64,
+    /// Displacement of the unit along x, specimen frame, mm.
+    pub x_mm: f64,
+    /// Displacement along y, mm.
+    pub y_mm: f64,
+    /// Relative increase of the width of the response. A unit that is deeper has a wider response.
+    pub width: f64,
 }
 
 /// Standard deviations that are tried, first for the change common to all units, then for each unit's own change. The first list
@@ -26,8 +39,8 @@ const STRAYS: i32 = 14;
 /// Number of rounds in which a nonlinear map is linearised.
 const ROUNDS: usize = 4;
 
-/// Change of one unit or of all units: relative gain, and displacement in x and in y, mm.
-type Moved = Vector3<f64>;
+/// Change of one unit or of all units: relative gain, displacement of the map in x and in y, mm, and relative width.
+pub(super) type Moved = Vector4<f64>;
 
 /// Properties of an array that are assumed to have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,15 +58,41 @@ impl Extent {
     pub const ALL: [Extent; 3] = [Extent::CommonGain, Extent::Gains, Extent::GainsAndPlaces];
 }
 
+impl Change {
+    pub(super) fn of(moved: &[Moved]) -> Self {
+        let unit =
+            |moved: &Moved| UnitChange { gain: 1.0 + moved[0], x_mm: -moved[1], y_mm: -moved[2], width: moved[3] };
+        Change { units: moved.iter().map(unit).collect() }
+    }
+}
+
+impl UnitChange {
+    /// Returns the same change as parameters of the map.
+    pub(super) fn moved(&self) -> Moved {
+        Moved::new(self.gain - 1.0, -self.x_mm, -self.y_mm, self.width)
+    }
+}
+
 /// An old calibration and its smooth map.
 pub(super) struct Older<'a> {
     calibration: &'a Calibration,
-    response: Response,
+    map: Map<'a>,
+}
+
+/// A smooth map whose units can be moved, scaled and widened.
+#[derive(Clone)]
+pub(super) struct Map<'a> {
+    pub response: Cow<'a, Response>,
+    /// Centre of each output's response. A response that is wider is stretched about it.
+    pub centres: Cow<'a, [Place]>,
 }
 
 impl<'a> Older<'a> {
     pub fn new(calibration: &'a Calibration) -> Result<Self, FitError> {
-        Ok(Older { calibration, response: surrogate(calibration)? })
+        let response = surrogate(calibration)?;
+        // widths don't change here
+        let centres = vec![Place::default(); calibration.units()];
+        Ok(Older { calibration, map: Map { response: Cow::Owned(response), centres: Cow::Owned(centres) } })
     }
 
     /// Returns the change between the old calibration and new presses of the same units. For each unit, the smooth map of the old
@@ -62,9 +101,9 @@ impl<'a> Older<'a> {
     /// of a linear model with three weights per unit).
     pub fn change(&self, new: &Calibration, extent: Extent) -> Change {
         let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
-        let fit = Fit { response: &self.response, new, forces_are_known };
+        let fit = Fit { map: &self.map, new, forces_are_known };
         let all: Vec<usize> = (0..new.units()).collect();
-        let side_mm = self.response.field.area().side_mm();
+        let side_mm = self.map.response.field.area().side_mm();
         let places =
             if extent == Extent::GainsAndPlaces { MOVES.map(|place| place * side_mm).to_vec() } else { vec![0.0] };
         // without forces nothing shows a common gain
@@ -74,46 +113,79 @@ impl<'a> Older<'a> {
         let common = fit.likeliest(std::slice::from_ref(&all), Moved::zeros(), common_gains, &places);
         let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
         let own = fit.likeliest(&each, common[0], own_gains, &places);
-        Change {
-            gains: own.iter().map(|moved| 1.0 + moved[0]).collect(),
-            moved: own.iter().map(|moved| Place::new(-moved[1], -moved[2])).collect(),
-        }
+        Change::of(&own)
     }
 
     /// Returns the old calibration as the array would have read it after a change.
     pub fn changed(&self, change: &Change) -> Calibration {
+        self.map.changed(self.calibration, change)
+    }
+}
+
+impl Map<'_> {
+    /// Returns presses of the map's array as the array would have read them after a change.
+    pub fn changed(&self, calibration: &Calibration, change: &Change) -> Calibration {
         let row = |point: CalibrationPoint<'_>| {
-            let of_unit = |(unit, (gain, moved)): (usize, (&f64, &Place))| {
-                let back = Moved::new(0.0, -moved.x_mm, -moved.y_mm);
-                let [there, ..] = felt(&self.response, unit, point.place, &back);
-                let [here, ..] = self.response.field.channel(unit, point.place);
-                gain * (point.outputs[unit] + point.force_n * (there - here))
+            let of_unit = |(unit, change): (usize, &UnitChange)| {
+                let [there, here] = self.there_and_here(unit, point.place, change);
+                change.gain * (point.outputs[unit] + point.force_n * (there - here))
             };
-            change.gains.iter().zip(&change.moved).enumerate().map(of_unit).collect::<Vec<f64>>()
+            change.units.iter().enumerate().map(of_unit).collect::<Vec<f64>>()
         };
-        self.calibration.with_outputs(self.calibration.points().flat_map(row).collect())
+        calibration.with_outputs(calibration.points().flat_map(row).collect())
+    }
+
+    /// Returns presses of the changed array as the array would have read them before the change.
+    pub fn unchanged(&self, calibration: &Calibration, change: &Change) -> Calibration {
+        let row = |point: CalibrationPoint<'_>| {
+            let of_unit = |(unit, change): (usize, &UnitChange)| {
+                let [there, here] = self.there_and_here(unit, point.place, change);
+                point.outputs[unit] / change.gain - point.force_n * (there - here)
+            };
+            change.units.iter().enumerate().map(of_unit).collect::<Vec<f64>>()
+        };
+        calibration.with_outputs(calibration.points().flat_map(row).collect())
+    }
+
+    fn there_and_here(&self, unit: usize, place: Place, change: &UnitChange) -> [f64; 2] {
+        let [there, ..] = self.felt(unit, place, &change.moved());
+        let [here, ..] = self.response.field.channel(unit, place);
+        [there, here]
+    }
+
+    /// Returns the response of a displaced unit to 1 N at a place, and its derivatives with respect to the displacement along x
+    /// and y and to the width. Outside the area the map is continued linearly.
+    pub fn felt(&self, unit: usize, place: Place, moved: &Moved) -> [f64; 4] {
+        let (centre, narrow) = (self.centres[unit], 1.0 - moved[3]);
+        let (x_mm, y_mm) = (place.x_mm + moved[1] - centre.x_mm, place.y_mm + moved[2] - centre.y_mm);
+        let there = Place::new(centre.x_mm + narrow * x_mm, centre.y_mm + narrow * y_mm);
+        let known = self.response.field.area().clamp(there);
+        let [value, along_x, along_y] = self.response.field.channel(unit, known);
+        let (dx, dy) = (there.x_mm - known.x_mm, there.y_mm - known.y_mm);
+        let value = value + along_x * dx + along_y * dy;
+        [value, narrow * along_x, narrow * along_y, -(along_x * x_mm + along_y * y_mm)]
     }
 }
 
 /// New presses, and the map with which they are compared.
-struct Fit<'a> {
-    response: &'a Response,
-    new: &'a Calibration,
-    forces_are_known: bool,
+pub(super) struct Fit<'a> {
+    pub map: &'a Map<'a>,
+    pub new: &'a Calibration,
+    pub forces_are_known: bool,
 }
 
-/// One output: its derivatives with respect to a change of gain and place, its residual, and the residual's variance.
-struct Row {
-    slopes: Vector3<f64>,
-    left: f64,
-    variance: f64,
+/// One output: its derivatives with respect to a change, its residual, and the residual's variance.
+pub(super) struct Row {
+    pub slopes: Moved,
+    pub left: f64,
+    pub variance: f64,
 }
 
 impl Fit<'_> {
     /// Returns the most likely changes of groups of units, relative to a known change.
     fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> Vec<Moved> {
         let mut moved = vec![about; groups.len()];
-        let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Vector3::new(gain, place, place)));
+        let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Moved::new(gain, place, place, 0.0)));
         let tried: Vec<_> = sds.flat_map(|sd| (0..STRAYS).map(move |doubled| (sd, 2f64.powi(doubled)))).collect();
         for _ in 0..ROUNDS {
             let rows: Vec<Vec<Row>> =
@@ -135,17 +207,17 @@ impl Fit<'_> {
     }
 
     /// Returns the outputs of some units as linear functions of a change relative to `about`, linearised at `at`.
-    fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
-        let response = self.response;
+    pub fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
+        let response = &self.map.response;
         let mut leverage = vec![0.0; self.new.units()];
         let mut rows = Vec::with_capacity(units.len() * self.new.len());
         for point in self.new.points() {
             response.leverage.value(point.place, &mut leverage);
             let force_n = if self.forces_are_known { point.force_n } else { self.force_n(&point, at) };
             for &unit in units {
-                let [value, along_x, along_y] = felt(response, unit, point.place, at);
+                let [value, along_x, along_y, wider] = self.map.felt(unit, point.place, at);
                 let gain = 1.0 + at[0];
-                let slopes = force_n * Vector3::new(value, gain * along_x, gain * along_y);
+                let slopes = force_n * Moved::new(value, gain * along_x, gain * along_y, gain * wider);
                 let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(at - about));
                 let variance = response.variance(unit, force_n, gain * value, leverage[unit]);
                 rows.push(Row { slopes, left, variance });
@@ -158,23 +230,13 @@ impl Fit<'_> {
     fn force_n(&self, point: &CalibrationPoint<'_>, at: &Moved) -> f64 {
         let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
         for (unit, output) in point.outputs.iter().enumerate() {
-            let value = (1.0 + at[0]) * felt(self.response, unit, point.place, at)[0];
-            let weight = 1.0 / self.response.noise.variance(unit, point.force_n * value);
+            let value = (1.0 + at[0]) * self.map.felt(unit, point.place, at)[0];
+            let weight = 1.0 / self.map.response.noise.variance(unit, point.force_n * value);
             along += weight * output * value;
             square += weight * value * value;
         }
         (along / square).max(f64::MIN_POSITIVE)
     }
-}
-
-/// Returns the response of a displaced unit to 1 N at a place, and its derivatives along x and y. Outside the area the map is
-/// continued linearly.
-fn felt(response: &Response, unit: usize, place: Place, moved: &Moved) -> [f64; 3] {
-    let there = Place::new(place.x_mm + moved[1], place.y_mm + moved[2]);
-    let known = response.field.area().clamp(there);
-    let [value, along_x, along_y] = response.field.channel(unit, known);
-    let (dx, dy) = (there.x_mm - known.x_mm, there.y_mm - known.y_mm);
-    [value + along_x * dx + along_y * dy, along_x, along_y]
 }
 
 /// Change that follows from some rows, and its likelihood.
@@ -186,8 +248,8 @@ struct Posterior {
 
 impl Posterior {
     /// Returns the posterior of changes with these standard deviations about 0. The rows' variance is multiplied by `times`.
-    fn of(rows: &[Row], sd: Vector3<f64>, times: f64) -> Self {
-        let (mut normal, mut right) = (Matrix3::identity(), Vector3::zeros());
+    fn of(rows: &[Row], sd: Moved, times: f64) -> Self {
+        let (mut normal, mut right) = (Matrix4::identity(), Moved::zeros());
         let (mut squares, mut logs) = (0.0, 0.0);
         for Row { slopes, left, variance } in rows {
             let variance = times * variance;

@@ -155,7 +155,7 @@ impl<'a> Trials<'a> {
         let change = self.older.change(&self.new.subset(&others), extent);
         Ok(match extent {
             // what is fitted to outputs that all became larger solves a reading as the old one solves it made smaller
-            Extent::CommonGain => errors(&self.unchanged, self.new, &held, change.gains[0]),
+            Extent::CommonGain => errors(&self.unchanged, self.new, &held, change.units[0].gain),
             _ => {
                 errors(&fit(self.unchanged.name(), &self.older.changed(&change), &self.setting)?, self.new, &held, 1.0)
             }

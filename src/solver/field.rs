@@ -54,6 +54,16 @@ impl Area {
         (0..side * side).map(place).collect()
     }
 
+    /// Returns the centres of equal cells, `side` along each side.
+    pub fn cells(&self, side: usize) -> Vec<Place> {
+        let along = |least: f64, most: f64, i: usize| least + (most - least) * (i as f64 + 0.5) / side as f64;
+        let place = |i: usize| {
+            let x_mm = along(self.least.x_mm, self.most.x_mm, i % side);
+            Place::new(x_mm, along(self.least.y_mm, self.most.y_mm, i / side))
+        };
+        (0..side * side).map(place).collect()
+    }
+
     /// Returns the place in the area that is nearest to the given place.
     pub fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))
@@ -85,6 +95,11 @@ impl Field {
     /// Returns the area of the table.
     pub fn area(&self) -> Area {
         self.area
+    }
+
+    /// Returns the length of a cell, mm.
+    pub fn step_mm(&self) -> f64 {
+        self.x.step.min(self.y.step)
     }
 
     /// Returns the number of functions.

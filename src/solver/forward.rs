@@ -76,6 +76,9 @@ const BROKEN_SD: f64 = 3.0;
 /// Largest excess of the sum of squares at which another place counts as nearly as likely: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;
 
+/// Number of cells along a side of the area, at whose centres expected errors are averaged.
+const EXPECTED_A_SIDE: usize = 9;
+
 /// Largest standard deviation of a place that is stated, as a multiple of the area's diagonal.
 const MOST_SD_AREAS: f64 = 1000.0;
 
@@ -140,6 +143,14 @@ impl Forward {
             Some((located.scale_mm, located.scale_n))
         });
         self
+    }
+
+    /// Returns the expected mean location error of contacts of one force in the area, mm.
+    pub fn expected_mean_mm(&self, force_n: f64) -> f64 {
+        let errors = self.response.field.area().cells(EXPECTED_A_SIDE).into_iter();
+        let errors = errors.filter_map(|place| self.expected(place, force_n)).map(|sd| sd.mean_distance_mm());
+        let errors: Vec<f64> = errors.collect();
+        errors.iter().sum::<f64>() / errors.len() as f64
     }
 
     /// Returns the best fit, and another place that fits nearly as well.

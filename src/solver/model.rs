@@ -1,6 +1,8 @@
 //! A fit with everything that a session needs: the content of a sensor file.
 
 use super::field::Area;
+use super::fitted::Answering;
+use super::forward::Forward;
 use super::{Broken, Calibration, Fault, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
@@ -59,6 +61,15 @@ impl Model {
             validity,
             calibration: Some(calibration),
         })
+    }
+
+    /// Returns the model of an inverted map.
+    pub(super) fn of_forward(forward: Forward, calibration: Calibration, setting: &Setting<'_>) -> Self {
+        let Setting { layout, load, common_offset, false_alarms, forces_n, .. } = *setting;
+        let (layout, validity) = (layout.cloned(), Validity::of(&calibration));
+        let fitted = Fitted::new(Answering::Forward(Box::new(forward)), calibration.units());
+        let calibration = Some(calibration);
+        Model { fitted, layout, load, common_offset, false_alarms, forces_n, validity, calibration }
     }
 
     /// Returns the method.

@@ -89,6 +89,18 @@ impl Response {
         Response { known_leverage: f64::INFINITY, ..self }
     }
 
+    /// Returns the response of a map that is known within its area, however large its own error is.
+    pub fn known_within(self) -> Self {
+        let area = self.field.area();
+        let mut leverage = vec![0.0; self.field.channels()];
+        let mut most = self.known_leverage;
+        for place in area.grid(LEVERAGE_CELLS as usize + 1) {
+            self.leverage.value(place, &mut leverage);
+            most = most.max(leverage.iter().sum::<f64>() / leverage.len() as f64);
+        }
+        Response { known_leverage: most, ..self }
+    }
+
     /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy
     /// as a measured one. Proportional noise scales with the output, additive noise doesn't.
     pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {

@@ -14,6 +14,7 @@ mod bound;
 mod condition;
 mod control;
 pub mod curves;
+pub mod few;
 mod figures;
 pub mod methods;
 pub mod minutes;

@@ -5,6 +5,7 @@ mod ablation;
 mod begun;
 mod control;
 mod curves;
+mod few;
 mod methods;
 mod minutes;
 mod validation;
@@ -41,6 +42,8 @@ enum Study {
     Failures(Common),
     /// Accuracy of a calibration against the total minutes at the bench, by strategy, places and repeats; some minutes
     Minutes(Common),
+    /// Accuracy of new sensors of a known design after few presses, and whether other sensors are refused; some minutes
+    Few(Common),
     /// Similarity of the outputs of two contacts: the paper's claims, or an array's quality; under a second
     Curves(curves::CurvesArgs),
     /// Which physical and measurement terms a simulated scene needs, and for what; a minute
@@ -57,6 +60,7 @@ pub fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
         Study::Budget(args) => methods::budget(args),
         Study::Failures(args) => methods::failures(args),
         Study::Minutes(args) => minutes::study(args),
+        Study::Few(args) => few::study(args),
         Study::Curves(args) => curves::study(args),
         Study::Ablation(args) => ablation::study(args),
         Study::Validation(args) => validation::study(args),

@@ -36,7 +36,7 @@ pub const ZEROING_MIN: f64 = 1.0;
 pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 
 /// Tolerance of a press, N.
-const TOLERANCE_N: f64 = 0.010;
+pub(super) const TOLERANCE_N: f64 = 0.010;
 /// Largest reading of a unit where units saturate, V. For 1 N directly above, the unit then reads 0.76 V instead of 1 V.
 const CEILING_V: f64 = 1.0;
 

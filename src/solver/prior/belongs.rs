@@ -1,0 +1,235 @@
+//! Whether few presses are those of a sensor of a design.
+
+use super::posterior::estimates;
+use super::spread::Spread;
+use crate::solver::adapt::{Fit, Map, Moved};
+use crate::solver::threshold::chi2_quantile;
+use nalgebra::Matrix4;
+use serde::{Deserialize, Serialize};
+
+/// Whether presses are those of a sensor of the design.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Belongs {
+    /// The sensor is like those that made the prior.
+    Typical,
+    /// All units differ from the design in the same way, by more than its sensors do. Few presses don't suffice.
+    Beyond(Vec<Deviation>),
+    /// The sensor isn't of this design, or has a fault.
+    Outsider(Vec<Deviation>),
+}
+
+/// One deviation from the design. Units are counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Deviation {
+    /// A unit reads nothing, or nearly nothing: its gain relative to the design.
+    Dead {
+        /// The unit.
+        unit: usize,
+    },
+    /// The gain of a unit, relative to the design.
+    Gain {
+        /// The unit.
+        unit: usize,
+        /// The gain.
+        gain: f64,
+    },
+    /// The displacement of a unit.
+    Moved {
+        /// The unit.
+        unit: usize,
+        /// The distance, mm.
+        distance_mm: f64,
+    },
+    /// The width of a unit's response.
+    Width {
+        /// The unit.
+        unit: usize,
+        /// The relative increase.
+        width: f64,
+    },
+    /// The response of a unit has another shape than in the design.
+    Shape {
+        /// The unit.
+        unit: usize,
+        /// Sum of the squares of the residuals divided by the number of degrees of freedom.
+        misfit: f64,
+    },
+    /// The gain of all units.
+    AllGains {
+        /// Mean gain relative to the design.
+        gain: f64,
+    },
+    /// The width of all responses, as a layer of another thickness changes it.
+    AllWidths {
+        /// Mean relative increase.
+        width: f64,
+    },
+    /// The displacement of the complete array.
+    AllMoved {
+        /// The distance, mm.
+        distance_mm: f64,
+    },
+    /// The array is turned about its centre.
+    Turned {
+        /// The angle, degrees counterclockwise.
+        angle_deg: f64,
+    },
+    /// The readings together are unlikely for a sensor of this design.
+    Unlikely {
+        /// Sum of the squares of the differences divided by the number of outputs.
+        misfit: f64,
+    },
+}
+
+/// Number of standard deviations from which one unit's gain, place or width isn't that of the design.
+const UNIT_SIGMAS: f64 = 4.5;
+/// Number of standard deviations of one unit from which a change of all units isn't that of the design.
+const ALL_SIGMAS: f64 = 6.0;
+/// Number of standard deviations of the common change from which few presses don't suffice.
+const BEYOND_SIGMAS: f64 = 4.0;
+/// Number of standard deviations from which an array is turned.
+const TURNED_SIGMAS: f64 = 4.5;
+/// Gain relative to the design below which a unit is dead.
+const DEAD_GAIN: f64 = 0.1;
+/// Factor by which the search may leave the design's spread.
+const WEAK: f64 = 10.0;
+/// Rate at which a good sensor may exceed a limit of a sum of squares.
+const FALSE_ALARMS: f64 = 1e-4;
+/// Factor by which a sum of squares may exceed that of the noise that the prior knows.
+const NOISE_MARGIN: f64 = 1.5;
+/// Factor for the spread of the design in the sum of squares of all readings, because few sensors show it.
+const SPREAD_MARGIN: f64 = 1.5;
+
+impl Belongs {
+    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
+        let own = spread.own.squares();
+        let found = estimates(fit, units, &(WEAK * own.map(f64::sqrt)));
+        let mut outside = Vec::new();
+        for (unit, (moved, covariance)) in found.iter().enumerate() {
+            let sigmas = |index: usize| moved[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
+            let (unit, gain) = (unit + 1, 1.0 + moved[0]);
+            // a gain is a factor: 0.3 is as far from 1 as 3.3
+            let of_gain = gain.ln().abs() / (own[0] + covariance[(0, 0)] / (gain * gain)).sqrt();
+            if of_gain > UNIT_SIGMAS {
+                outside.push(if gain < DEAD_GAIN { Deviation::Dead { unit } } else { Deviation::Gain { unit, gain } });
+            }
+            if sigmas(1).max(sigmas(2)) > UNIT_SIGMAS {
+                outside.push(Deviation::Moved { unit, distance_mm: moved[1].hypot(moved[2]) });
+            }
+            if sigmas(3) > UNIT_SIGMAS {
+                outside.push(Deviation::Width { unit, width: moved[3] });
+            }
+        }
+        outside.extend(shapes(fit, units, &found));
+        outside.extend(turned(units, &found, &own, fit.map));
+        let (common, covariance) = common(&found, &own);
+        let per_unit = |index: usize| common[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
+        let deviation = |index: usize| match index {
+            0 => Deviation::AllGains { gain: 1.0 + common[0] },
+            1 | 2 => Deviation::AllMoved { distance_mm: common[1].hypot(common[2]) },
+            _ => Deviation::AllWidths { width: common[3] },
+        };
+        outside.extend(
+            [0, 1, 3]
+                .into_iter()
+                .filter(|&index| {
+                    let also = if index == 1 { per_unit(2) } else { 0.0 };
+                    per_unit(index).max(also) > ALL_SIGMAS
+                })
+                .map(deviation),
+        );
+        let known = spread.common.squares();
+        let sigmas = |index: usize| common[index].abs() / (known[index] + covariance[(index, index)]).sqrt();
+        let beyond: Vec<Deviation> = [0, 1, 3]
+            .into_iter()
+            .filter(|&index| {
+                let also = if index == 1 { sigmas(2) } else { 0.0 };
+                sigmas(index).max(also) > BEYOND_SIGMAS
+            })
+            .map(deviation)
+            .collect();
+        if outside.is_empty() && beyond.is_empty() {
+            outside.extend(unlikely(fit, units, spread));
+        }
+        match (outside.is_empty(), beyond.is_empty()) {
+            (false, _) => Belongs::Outsider(outside),
+            (true, false) => Belongs::Beyond(beyond),
+            (true, true) => Belongs::Typical,
+        }
+    }
+}
+
+/// Returns the units whose residuals are more than noise after the best change.
+fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)]) -> Vec<Deviation> {
+    let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &(Moved, Matrix4<f64>)))| {
+        let rows = fit.rows(of, moved, *moved);
+        let squares: f64 = rows.iter().map(|row| row.left * row.left / row.variance).sum();
+        let used: f64 = rows.iter().map(|row| row.slopes.dot(&(covariance * row.slopes)) / row.variance).sum();
+        let free = rows.len() as f64 - used;
+        if free < 1.0 {
+            return None;
+        }
+        let limit = NOISE_MARGIN * chi2_quantile(free.round() as usize, FALSE_ALARMS);
+        (squares > limit).then_some(Deviation::Shape { unit: unit + 1, misfit: squares / free })
+    };
+    units.iter().zip(found).enumerate().filter_map(misfit).collect()
+}
+
+/// Returns the angle by which the array is turned about its centre, if it is.
+fn turned(units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
+    let centre = |of: &Vec<usize>| map.centres[of[0]];
+    let count = units.len() as f64;
+    let (mean_x, mean_y) =
+        units.iter().map(centre).fold((0.0, 0.0), |(x, y), place| (x + place.x_mm / count, y + place.y_mm / count));
+    let (mut information, mut toward) = (0.0, 0.0);
+    for (of, (moved, covariance)) in units.iter().zip(found) {
+        let (x, y) = (centre(of).x_mm - mean_x, centre(of).y_mm - mean_y);
+        let square = x * x + y * y;
+        if square == 0.0 {
+            continue;
+        }
+        // a turn by a small angle moves a unit by the angle times its distance; the map is displaced the other way
+        let along = [y, -x];
+        let shown = moved[1] * along[0] + moved[2] * along[1];
+        let variance = square * own[1]
+            + along[0] * along[0] * covariance[(1, 1)]
+            + 2.0 * along[0] * along[1] * covariance[(1, 2)]
+            + along[1] * along[1] * covariance[(2, 2)];
+        let weight = square / variance;
+        information += weight * square;
+        toward += weight * shown;
+    }
+    let angle = toward / information;
+    let is_turned = information > 0.0 && angle.abs() * information.sqrt() > TURNED_SIGMAS;
+    is_turned.then_some(Deviation::Turned { angle_deg: angle.to_degrees() })
+}
+
+/// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.
+fn common(found: &[(Moved, Matrix4<f64>)], own: &Moved) -> (Moved, Matrix4<f64>) {
+    let own = Matrix4::from_diagonal(own);
+    let (mut information, mut toward) = (Matrix4::zeros(), Moved::zeros());
+    for (moved, covariance) in found {
+        let weight = (own + covariance).try_inverse().unwrap_or_else(Matrix4::zeros);
+        information += weight;
+        toward += weight * moved;
+    }
+    let covariance = information.try_inverse().unwrap_or_else(Matrix4::zeros);
+    (covariance * toward, covariance)
+}
+
+/// Returns the misfit of all readings with the typical sensor, if it is unlikely with the spread of the design.
+fn unlikely(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Option<Deviation> {
+    let own = (spread.own.squares() + spread.common.squares()) * (SPREAD_MARGIN * SPREAD_MARGIN);
+    let (mut squares, mut count) = (0.0, 0);
+    for of in units {
+        let rows = fit.rows(of, &Moved::zeros(), Moved::zeros());
+        let informed = super::posterior::Information::of(&rows);
+        let (moved, _) = informed.with(&own);
+        squares += rows.iter().map(|row| row.left * row.left / row.variance).sum::<f64>();
+        squares -= informed.vector.dot(&moved);
+        count += rows.len();
+    }
+    let is_unlikely = squares > NOISE_MARGIN * chi2_quantile(count, FALSE_ALARMS);
+    is_unlikely.then_some(Deviation::Unlikely { misfit: squares / count as f64 })
+}
