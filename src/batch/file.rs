@@ -295,6 +295,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
     #[test]
     fn the_failure_twins_of_a_batch_file() {
         assert_eq!(lines(BATCH), [""; 0]);
+        let mut others = Vec::new();
         for (from, to, problem) in [
             ("\"day\"", "\"a/b\"", "b.toml:2:8: `name` is \"a/b\", which isn't a valid folder name"),
             ("\"skin\"", "\"\"", "b.toml:3:10: `design` has no, too many or unprintable characters"),
@@ -316,7 +317,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
                 "b.toml:6:11: `serials` has \"A/09\": not a serial number: expected 1 to 64 letters, digits, '-', '_' and '.', and \
                  no '.' at the beginning",
             ),
-            ("digits = 2", "digits = 10", "b.toml:6:58: `digits` is 10, must be 1 to 9"),
+            ("digits = 2", "digits = 10", "b.toml:6:59: `digits` is 10, must be 1 to 9"),
             ("serials =", "serial =", "b.toml:1:1: `serials` is missing: a table with `prefix`, `first`, `last`"),
             (
                 "{ prefix = \"A-\", first = 9, last = 11, digits = 2 }",
@@ -340,8 +341,12 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
                 "b.toml:2:9: `offset_mm` is missing in `nest`: a table with `x`, `y`",
             ),
         ] {
-            assert_eq!(with(from, to)[0], problem);
+            let found = with(from, to);
+            if found.first().map(String::as_str) != Some(problem) {
+                others.push((found, problem));
+            }
         }
+        assert!(others.is_empty(), "{others:#?}");
         let all = with("\"day\"", "\"\"\nseed = -1\nwarm_up_s = \"1 min\"");
         assert_eq!(all.len(), 3, "all problems at once: {all:?}");
         assert_eq!(lines("name = \"a\"\n[[step]]\n"), ["b.toml:1:1: this is a recipe, not a batch file"]);

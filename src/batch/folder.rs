@@ -168,3 +168,133 @@ fn fill(draft: &Path, facts: Facts, texts: &[Text], serials: &[String], session:
     let runs = draft.join(RUNS);
     fs::create_dir(&runs).map_err(DatasetError::io("making", runs))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::tests::{at, began, ended};
+    use super::super::{Reference, Standing};
+    use super::*;
+    use crate::acceptance::Verdict;
+    use crate::dataset::Status;
+
+    fn texts() -> [Text; 1] {
+        [Text { name: "batch.toml".to_owned(), text: "name = \"day\"\n".to_owned() }]
+    }
+
+    fn created(out: &Path) -> BatchFolder {
+        let facts = Facts { format: 1, name: "day".to_owned(), at: at(), reference: None, ..Facts::default() };
+        let serials = ["A-1", "A-2", "A-3"].map(str::to_owned);
+        BatchFolder::create(out, facts, &texts(), &serials, Session::default()).unwrap()
+    }
+
+    /// A whole day: A-1 is judged, A-2 ends, A-3 begins.
+    fn events() -> [Event; 5] {
+        let judged = |serial| ended(serial, Status::Complete, Some(Verdict::Accepted));
+        [began("A-1"), judged("A-1"), began("A-2"), judged("A-2"), began("A-3")]
+    }
+
+    #[test]
+    fn a_journal_cut_at_every_byte_of_its_last_events_loses_no_event_and_judges_nothing_twice() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let mut batch = created(&path);
+        let journal = path.join(JOURNAL);
+        let mut ends = Vec::new();
+        for event in events() {
+            batch.record(&event).unwrap();
+            ends.push(fs::metadata(&journal).unwrap().len() as usize);
+        }
+        drop(batch);
+        let whole = fs::read(&journal).unwrap();
+        let kept_after = |cut: usize| ends.iter().filter(|end| **end <= cut).count();
+        for cut in ends[1]..=whole.len() {
+            fs::write(&journal, &whole[..cut]).unwrap();
+            let kept = kept_after(cut);
+            assert_eq!(read_state(&path).unwrap().mountings, [1, 2, 2, 3][kept - 2], "{cut}");
+            let mut batch = BatchFolder::open(&path).unwrap();
+            let standing = |batch: &BatchFolder, serial: &str| batch.state().item(serial).unwrap().standing;
+            let expected = [Standing::Waiting, Standing::Interrupted, Standing::Accepted, Standing::Accepted][kept - 2];
+            assert_eq!((standing(&batch, "A-1"), standing(&batch, "A-2")), (Standing::Accepted, expected), "{cut}");
+            // a sensor that began or has its result isn't begun again, and the batch continues
+            assert_eq!(batch.state().admit("A-2", &[]).is_ok(), kept == 2, "{cut}");
+            assert!(batch.state().admit("A-1", &[]).is_err());
+            let last = batch.state().clone();
+            batch.record(&Event::Noted { at: at(), serial: "A-1".to_owned(), note: "n".to_owned() }).unwrap();
+            drop(batch);
+            let noted = read_state(&path).unwrap();
+            assert_eq!(noted.item("A-1").unwrap().note.as_deref(), Some("n"));
+            assert_eq!((noted.items[1..].to_vec(), noted.mountings), (last.items[1..].to_vec(), last.mountings));
+        }
+    }
+
+    #[test]
+    fn a_batch_is_held_by_one_program_and_read_by_any() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let batch = created(&path);
+        let held = BatchFolder::open(&path).unwrap_err();
+        assert!(matches!(held, BatchError::Held { .. }), "{held}");
+        assert_eq!(read_state(&path).unwrap(), *batch.state());
+        drop(batch);
+        BatchFolder::open(&path).unwrap();
+        assert_eq!(fs::read_to_string(path.join("batch.toml")).unwrap(), texts()[0].text);
+    }
+
+    #[test]
+    fn an_event_that_contradicts_the_batch_is_not_recorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut batch = created(&folder.path().join("day"));
+        let before = (batch.state().clone(), fs::read(batch.path().join(JOURNAL)).unwrap());
+        let error = batch.record(&began("B-1")).unwrap_err().to_string();
+        assert!(error.ends_with("the batch has no sensor \"B-1\""), "{error}");
+        assert_eq!((batch.state().clone(), fs::read(batch.path().join(JOURNAL)).unwrap()), before);
+    }
+
+    #[test]
+    fn a_run_folder_is_no_batch_and_the_other_way_round() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        drop(created(&path));
+        let as_run = crate::dataset::Recorded::read(&path).unwrap_err().to_string();
+        assert!(as_run.ends_with("the journal of a batch, not of a run"), "{as_run}");
+        let missing = read_state(folder.path()).unwrap_err().to_string();
+        assert!(missing.ends_with("is not a batch folder (journal.log not found)"), "{missing}");
+    }
+
+    #[test]
+    fn a_run_never_takes_the_name_of_another_sensor_or_of_a_folder_that_is_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let facts = Facts {
+            format: 1,
+            name: "day".to_owned(),
+            reference: Some(Reference { serial: "S-3".to_owned(), every: 1 }),
+            ..Facts::default()
+        };
+        let serials = ["S", "S-2"].map(str::to_owned);
+        let batch = BatchFolder::create(&path, facts, &texts(), &serials, Session::default()).unwrap();
+        let next = || batch.next_run("S").unwrap();
+        assert_eq!(next(), "runs/S");
+        fs::create_dir(path.join("runs/S")).unwrap();
+        assert_eq!(next(), "runs/S-4", "S-2 and S-3 are sensors");
+        fs::create_dir(path.join("runs/S-4")).unwrap();
+        assert_eq!(next(), "runs/S-5");
+    }
+
+    #[test]
+    fn five_thousand_sensors_are_read_in_one_pass() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let facts = Facts { format: 1, name: "day".to_owned(), ..Facts::default() };
+        let serials: Vec<String> = (0..5000).map(|number| format!("S{number}")).collect();
+        let mut batch = BatchFolder::create(&path, facts, &texts(), &serials, Session::default()).unwrap();
+        batch.journal.keep_for(crate::dataset::Durability::Fast);
+        for serial in &serials {
+            batch.journal.append(&began(serial)).unwrap();
+            batch.journal.append(&ended(serial, Status::Complete, Some(Verdict::Accepted))).unwrap();
+        }
+        drop(batch);
+        let state = read_state(&path).unwrap();
+        assert_eq!((state.count(Standing::Accepted), state.mountings), (5000, 5000));
+    }
+}

@@ -24,7 +24,7 @@ keys! {
             "recipe files, named in the same way: every sensor gets the first; the next ones are for sensors that need more presses",
             "[\"calibrate.toml\"]";
         accept: Text, Allowed, "file with the acceptance rule, instead of the first recipe's", "\"accept.toml\"";
-        serials: Either(&[Texts, Table(&serials::KEYS)]), Refused, "serial numbers of the sensors, or how they are counted",
+        serials: Either(&[Table(&serials::KEYS), Texts]), Refused, "serial numbers of the sensors, or how they are counted",
             "[\"A-01\", \"A-02\"]";
         operator: Text, Allowed, "name of the operator, unless the command line states it", "\"Ada\"";
         bench: Text, Allowed, "name of the bench; without it, that of the rig file", "\"bench-2\"";

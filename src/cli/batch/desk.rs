@@ -19,8 +19,7 @@ const TYPED_MOST: usize = 200;
 /// Largest number of interrupted sensors that are named one by one.
 const NAMED_MOST: usize = 10;
 
-const COMMANDS: &str = "\
-  .repeat [SERIAL]  allow a sensor to be calibrated again, without SERIAL the last one
+const COMMANDS: &str = "  .repeat [SERIAL]  allow a sensor to be calibrated again, without SERIAL the last one
   .skip SERIAL      skip a sensor
   .note TEXT        note about the last sensor
   .status           show what became of each sensor

@@ -10,7 +10,7 @@ use super::big::big;
 use super::desk::{Desk, Placed};
 use super::material::NestRig;
 use crate::acceptance::{Check, Judgement, Verdict};
-use crate::batch::{Admitted, Began, Ended, Event, Found, Item, run_seed, specimen_seed};
+use crate::batch::{Admitted, Began, Ended, Event, Found, Item, Standing, run_seed, specimen_seed};
 use crate::dataset::evaluate::Trial;
 use crate::dataset::{DatasetError, Evidence, Labels, Presses, Recorded, RunFacts, RunFolder, Status};
 use crate::recipe::{Phase, Plan};
@@ -122,7 +122,8 @@ impl Desk {
             runs: outcome.runs,
             status: outcome.status,
             verdict: judgement.as_ref().map(|judgement| judgement.verdict).filter(|_| !is_reference),
-            reasons: outcome.reasons,
+            // a reference sensor isn't judged
+            reasons: if is_reference && judgement.is_some() { Vec::new() } else { outcome.reasons },
             found: judgement.iter().flat_map(|judgement| &judgement.checks).map(found).collect(),
             calibration_presses: outcome.presses.0,
             test_presses: outcome.presses.1,
@@ -278,7 +279,7 @@ fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> Str
                 format!("{name} {} {unit}, limit {} {unit}", check.shown(check.value), check.shown(Some(check.limit)));
             text += &filled(&format!("  {}", line.replace(" ,", ",").trim_end()), "    ");
         }
-        let is_listed = judgement.verdict != Verdict::Accepted;
+        let is_listed = judgement.verdict != Verdict::Accepted && item.standing != Standing::Calibrated;
         for reason in judgement.all_reasons().filter(|_| is_listed) {
             text += &filled(&format!("  {reason}"), "    ");
         }

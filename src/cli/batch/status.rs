@@ -72,7 +72,7 @@ pub fn described(state: &State) -> String {
     // writing to a string can't fail
     if let Some(reference) = &state.reference {
         let due = if state.is_reference_due() { ", due now" } else { "" };
-        let _ = writeln!(text, "reference sensor {}: measured {} times{due}", reference.serial, reference.times);
+        let _ = writeln!(text, "reference sensor {}: begun {} times{due}", reference.serial, reference.times);
     }
     if state.refused + state.alarms > 0 {
         let _ = writeln!(text, "{} refused serial numbers, {} alarms", state.refused, state.alarms);
