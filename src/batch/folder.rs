@@ -4,6 +4,7 @@ use super::{Event, Facts, Session, State};
 use crate::dataset::{DatasetError, JOURNAL, Journal, JournalError, Text, hold_folder, make_folder};
 use miette::Diagnostic;
 use std::fs::{self, File};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -55,20 +56,12 @@ impl From<JournalError> for BatchError {
 }
 
 impl BatchFolder {
-    /// Creates the folder of a new batch. The complete folder appears by one rename.
+    /// Creates the folder of a new batch, with its first events. The complete folder appears by one rename.
     ///
     /// # Errors
     /// The folder already exists, or can't be created.
-    pub fn create(
-        out: &Path,
-        facts: Facts,
-        texts: &[Text],
-        serials: &[String],
-        session: Session,
-    ) -> Result<BatchFolder, BatchError> {
-        let name = facts.name.clone();
-        let fill = |draft: &Path| fill(draft, facts, texts, serials, session);
-        make_folder(Some(out), &name, fill)?;
+    pub fn create(out: &Path, name: &str, beginning: &[Event]) -> Result<BatchFolder, BatchError> {
+        make_folder(Some(out), name, |draft| fill(draft, beginning))?;
         BatchFolder::open(out)
     }
 
@@ -149,22 +142,27 @@ fn check_batch(path: &Path) -> Result<(), BatchError> {
     }
 }
 
-/// Writes everything that a batch folder contains before its first sensor.
-fn fill(draft: &Path, facts: Facts, texts: &[Text], serials: &[String], session: Session) -> Result<(), DatasetError> {
+/// Returns the first events of a batch.
+pub fn beginning(facts: Facts, texts: &[Text], serials: &[String], session: Session) -> Vec<Event> {
     let added = Event::Added { at: facts.at.clone(), serials: serials.to_vec() };
+    let texts = texts.iter().cloned().map(Event::Text);
+    [Event::Batch(facts)].into_iter().chain(texts).chain([added, Event::Session(session)]).collect()
+}
+
+/// Writes everything that a batch folder contains before its first sensor.
+fn fill(draft: &Path, beginning: &[Event]) -> Result<(), DatasetError> {
     let mut journal = Journal::create(&draft.join(JOURNAL))?;
-    journal.append(&Event::Batch(facts))?;
-    for text in texts {
-        journal.append(&Event::Text(text.clone()))?;
-        let path = draft.join(&text.name);
-        let written = File::create_new(&path).and_then(|mut file| {
-            std::io::Write::write_all(&mut file, text.text.as_bytes())?;
-            file.sync_all()
-        });
-        written.map_err(DatasetError::io("writing", path))?;
+    for event in beginning {
+        journal.append(event)?;
+        if let Event::Text(Text { name, text }) = event {
+            let path = draft.join(name);
+            let written = File::create_new(&path).and_then(|mut file| {
+                file.write_all(text.as_bytes())?;
+                file.sync_all()
+            });
+            written.map_err(DatasetError::io("writing", path))?;
+        }
     }
-    journal.append(&added)?;
-    journal.append(&Event::Session(session))?;
     let runs = draft.join(RUNS);
     fs::create_dir(&runs).map_err(DatasetError::io("making", runs))
 }
@@ -184,7 +182,7 @@ mod tests {
     fn created(out: &Path) -> BatchFolder {
         let facts = Facts { format: 1, name: "day".to_owned(), at: at(), reference: None, ..Facts::default() };
         let serials = ["A-1", "A-2", "A-3"].map(str::to_owned);
-        BatchFolder::create(out, facts, &texts(), &serials, Session::default()).unwrap()
+        BatchFolder::create(out, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap()
     }
 
     /// A whole day: A-1 is judged, A-2 ends, A-3 begins.
@@ -272,7 +270,8 @@ mod tests {
             ..Facts::default()
         };
         let serials = ["S", "S-2"].map(str::to_owned);
-        let batch = BatchFolder::create(&path, facts, &texts(), &serials, Session::default()).unwrap();
+        let batch =
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
         let next = || batch.next_run("S").unwrap();
         assert_eq!(next(), "runs/S");
         fs::create_dir(path.join("runs/S")).unwrap();
@@ -287,7 +286,8 @@ mod tests {
         let path = folder.path().join("day");
         let facts = Facts { format: 1, name: "day".to_owned(), ..Facts::default() };
         let serials: Vec<String> = (0..5000).map(|number| format!("S{number}")).collect();
-        let mut batch = BatchFolder::create(&path, facts, &texts(), &serials, Session::default()).unwrap();
+        let mut batch =
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
         batch.journal.keep_for(crate::dataset::Durability::Fast);
         for serial in &serials {
             batch.journal.append(&began(serial)).unwrap();

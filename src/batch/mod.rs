@@ -18,7 +18,7 @@ pub use admit::{Admitted, Tray};
 pub use chance::{Chance, DRAWS, Test, chance};
 pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Ended, Event, Facts, Found, Reference, Session, UnitChange};
 pub use file::{BatchFile, Nest, Typical, parse};
-pub use folder::{BatchError, BatchFolder, RUNS, read_state};
+pub use folder::{BatchError, BatchFolder, RUNS, beginning, read_state};
 pub use seed::{run_seed, specimen_seed};
 pub use serial::{SERIAL_MOST, check_serial};
 pub use state::{Item, Standing, State};

@@ -76,6 +76,9 @@ fn described(material: &Material, plan: &Plan) -> String {
         duration(run_s),
         duration(file.warm_up_s / at_once)
     );
+    let all_s = file.serials.len() as f64 * (run_s + file.warm_up_s / at_once);
+    let _ =
+        writeln!(text, "  all {} sensors: {}, without the time to change them", file.serials.len(), duration(all_s));
     for recipe in &material.recipes[1..] {
         let _ = writeln!(text, "  more presses, if the result needs them: {}", recipe.recipe.name);
     }
@@ -117,8 +120,8 @@ fn described_chance(rule: &Rule, chance: Chance) -> String {
         percent(chance.accepted),
         percent(chance.not_accepted)
     );
-    if rule.decision == Decision::Guarded && chance.not_decided > 0.9999 {
-        text += "  no sensor can be decided: use more test presses, and state the certificates in the rig\n";
+    if rule.decision == Decision::Guarded && chance.accepted == 0.0 {
+        text += "  none is accepted: use more test presses, and state the certificates in the rig\n";
     }
     text
 }

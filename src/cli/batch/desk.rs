@@ -70,9 +70,14 @@ enum Answer {
 }
 
 impl Desk {
-    /// Records an event. Every event of a batch that is at work passes here, once it is on the disk.
+    /// Records an event, and then publishes it.
     pub fn record(&mut self, event: &Event) -> Result<(), Failure> {
         self.folder.record(event).map_err(Failure::batch)?;
+        self.publish(event)
+    }
+
+    /// Publishes an event that is on the disk. Every event of a batch that is at work passes here once.
+    pub fn publish(&self, event: &Event) -> Result<(), Failure> {
         if self.json {
             let line = serde_json::to_string(event).into_diagnostic().map_err(Failure::unwritten)?;
             print(&format!("{line}\n"))?;
@@ -139,9 +144,9 @@ impl Desk {
         let due = state.reference.as_ref().filter(|item| state.is_reference_due() && !is_on_tray(&item.serial));
         let waiting = state.count(Standing::Waiting);
         match (due, state.items.iter().find(|item| item.standing == Standing::Waiting && !is_on_tray(&item.serial))) {
-            (Some(reference), _) => format!("{place}reference sensor {} (or `later`): ", reference.serial),
-            (None, Some(next)) => format!("{place}next sensor ({}; {waiting} waiting): ", next.serial),
-            (None, None) => format!("{place}no sensor is waiting (.end, or .repeat SERIAL): "),
+            (Some(reference), _) => format!("{place}reference sensor {} (or `later`) > ", reference.serial),
+            (None, Some(next)) => format!("{place}next sensor ({}; {waiting} waiting) > ", next.serial),
+            (None, None) => format!("{place}no sensor is waiting (.end, or .repeat SERIAL) > "),
         }
     }
 

@@ -9,7 +9,7 @@ use super::super::summary::tell;
 use super::desk::{Desk, Wanted};
 use super::item::Flow;
 use super::material::{Material, RIG};
-use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session};
+use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -61,19 +61,18 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let version = env!("CARGO_PKG_VERSION").to_owned();
     let session = Session { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
     let cancel = heed(First::Pause, Some("stopping"))?;
-    let is_new = path.symlink_metadata().is_err();
-    let folder = match is_new {
-        true => {
-            let facts = facts(&material);
-            BatchFolder::create(&path, facts, &material.texts, &material.file.serials, session.clone())
-        }
-        false => BatchFolder::open(&path),
-    };
-    let folder = folder.map_err(Failure::batch)?;
-    let mut desk = Desk { folder, material, cancel, operator, json: args.json };
-    if !is_new {
+    let mut desk = if path.symlink_metadata().is_err() {
+        let first = beginning(facts(&material), &material.texts, &material.file.serials, session);
+        let folder = BatchFolder::create(&path, &material.file.name, &first).map_err(Failure::batch)?;
+        let desk = Desk { folder, material, cancel, operator, json: args.json };
+        first.iter().try_for_each(|event| desk.publish(event))?;
+        desk
+    } else {
+        let folder = BatchFolder::open(&path).map_err(Failure::batch)?;
+        let mut desk = Desk { folder, material, cancel, operator, json: args.json };
         go_on(&mut desk, session)?;
-    }
+        desk
+    };
     desk.greet()?;
     loop {
         let tray = match desk.ask()? {

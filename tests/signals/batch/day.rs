@@ -16,7 +16,10 @@ const KILLED: usize = 15;
 const UNPLUGGED: usize = 20;
 
 /// When the array is unplugged, s: after the quick check, within the run.
-const UNPLUGGED_S: f64 = 25.0;
+const UNPLUGGED_S: f64 = 50.0;
+
+/// How every question ends.
+const QUESTION: &str = ") > ";
 
 /// Pace of the run that is killed: it takes some seconds.
 const SLOW: &str = "--pace 5";
@@ -38,7 +41,7 @@ impl Person {
 
     /// Waits for the next question, types a line, and gives what was said before the question.
     fn types(&mut self, line: &str) -> String {
-        let said = self.terminal.until("): ");
+        let said = self.terminal.until(QUESTION);
         self.terminal.line(line);
         said
     }
@@ -162,7 +165,7 @@ fn assert_day(bench: &Bench) {
 fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves_the_sensor_interrupted() {
     let bench = bench("");
     let mut person = Person::begins(&bench, SLOW);
-    person.until("): ");
+    person.until(QUESTION);
     signal(&person.child, "INT");
     person.terminal.until_end();
     assert_eq!(wait(person.child), Some(130));
@@ -187,7 +190,7 @@ fn what_was_typed_during_a_run_does_not_begin_the_next_sensor() {
         return skipped("typed ahead", "the terminal of other systems isn't tried");
     }
     let bench = bench("");
-    let mut person = Person::begins(&bench, "--pace 30");
+    let mut person = Person::begins(&bench, "--pace 10");
     person.types("A-01");
     person.until("calibration");
     person.terminal.line("A-02");

@@ -37,7 +37,7 @@ rig = "rig.toml"
 recipes = ["r.toml"]
 serials = { prefix = "A-", first = 1, last = 30, digits = 2 }
 operator = "Ada"
-warm_up_s = 20.0
+warm_up_s = 5.0
 "#;
 
 /// A bench with a batch of 30 sensors, and some lines more in its file.
