@@ -1,7 +1,7 @@
 //! Events of a batch: the records of its journal, the lines of `--json`, and what a program of the user's is notified of.
 
 use crate::acceptance::Verdict;
-use crate::dataset::{Fingerprint, Status, Text};
+use crate::dataset::{Fingerprint, Logged, Status, Text};
 use crate::solver::UnitChange;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +26,11 @@ pub enum Event {
     Began(Began),
     /// The runs of a sensor ended. A program that was killed leaves no such record: the sensor is interrupted.
     Ended(Ended),
+    /// A person postponed the reference sensor, which was due, until after the next sensor.
+    Postponed {
+        /// Time of the event.
+        at: String,
+    },
     /// A person skipped a sensor.
     Skipped {
         /// Time of the event.
@@ -62,6 +67,14 @@ pub enum Event {
     Alarm(Alarm),
 }
 
+/// Format of the batch journals that this program writes and reads.
+pub const BATCH_FORMAT: u32 = 1;
+
+impl Logged for Event {
+    const FIRST: &'static str = "batch";
+    const FORMAT: u32 = BATCH_FORMAT;
+}
+
 /// Description of a batch.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Facts {
@@ -76,6 +89,24 @@ pub struct Facts {
     /// File with the design's prior; `None` if every sensor is calibrated without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub prior: Option<Fingerprint>,
+    /// The reference sensor; `None` if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
+    /// Random seed of a simulated batch: specimens, noise and places.
+    #[serde(default)]
+    pub seed: u64,
+    /// Whether this program's emulators are at the other ends of the links.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub simulated: bool,
+}
+
+/// The reference sensor, which shows whether the bench has changed.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reference {
+    /// Serial number.
+    pub serial: String,
+    /// Number of sensors after which it is measured again.
+    pub every: u64,
 }
 
 /// A program that works on the batch.

@@ -1,5 +1,6 @@
 //! Exit codes, and what is said of a failure.
 
+use crate::batch::BatchError;
 use crate::dataset::{DatasetError, JournalError};
 use crate::document::Problems;
 use crate::run::{Ending, Halt};
@@ -55,7 +56,9 @@ impl Failure {
             | DatasetError::Changed { .. }
             | DatasetError::Lost { .. }
             | DatasetError::Manifest { .. }
-            | DatasetError::Journal(JournalError::Damaged { .. } | JournalError::Format { .. }) => USAGE,
+            | DatasetError::Journal(
+                JournalError::Damaged { .. } | JournalError::Format { .. } | JournalError::Kind { .. },
+            ) => USAGE,
             // not a regular file: nothing was read from it or written to it
             DatasetError::Io { ref why, .. } | DatasetError::Journal(JournalError::Io { ref why, .. })
                 if why.kind() == ErrorKind::InvalidInput =>
@@ -70,6 +73,14 @@ impl Failure {
     /// What was measured couldn't be finished: something has moved by then.
     pub fn unfinished(error: DatasetError) -> Failure {
         Failure { code: RECORD, report: error.into() }
+    }
+
+    /// The record of a batch couldn't be made or read.
+    pub fn batch(error: BatchError) -> Failure {
+        match error {
+            BatchError::Dataset(error) => Failure::dataset(error),
+            error => Failure::usage(error),
+        }
     }
 
     /// A run that ended early.

@@ -39,7 +39,7 @@ impl LabelArgs {
 const LABEL_MOST: usize = 200;
 
 /// Checks that a text can be printed anywhere.
-fn label(text: &str) -> Result<String, String> {
+pub fn label(text: &str) -> Result<String, String> {
     let is_fit = !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control);
     let expected = || format!("expected 1 to {LABEL_MOST} printable characters");
     is_fit.then(|| text.to_owned()).ok_or_else(expected)

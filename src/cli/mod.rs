@@ -6,6 +6,7 @@
 
 mod adapt;
 mod align;
+mod batch;
 mod certificate;
 mod check;
 mod check_weight;
@@ -87,6 +88,7 @@ enum Command {
     Solve(solve::SolveArgs),
     Report(report::ReportArgs),
     Certificate(certificate::CertificateArgs),
+    Batch(batch::BatchArgs),
     Study(study::StudyArgs),
     Doctor(doctor::DoctorArgs),
     Align(align::AlignArgs),
@@ -128,6 +130,7 @@ pub fn main() -> ExitCode {
         Command::Solve(args) => solve::solve(args),
         Command::Report(args) => report::report(args),
         Command::Certificate(args) => certificate::certificate(args),
+        Command::Batch(args) => batch::batch(args),
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Align(args) => align::align_rig(args),

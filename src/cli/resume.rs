@@ -56,9 +56,10 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     rig_of(&args.run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(args, &texts)?;
     let changes = changes(&rig.rig, &texts, &rig_text)?;
-    let sources = Sources::of_run(&args.run, &texts, &rig, &rig_text)?;
+    let mut sources = Sources::of_run(&args.run, &texts, &rig, &rig_text)?;
+    sources.rig.scene.specimen = facts.specimen;
     let plan = sources.plan(facts.seed)?;
-    args.session.check(&sources.rig)?;
+    args.session.manner.check(&sources.rig)?;
     let mut folder = RunFolder::open(&args.run, &sources.rig.array.layout).map_err(Failure::dataset)?;
     if folder.manifest().status == Status::Tripped && !args.after_trip {
         let trip = folder.manifest().trip.as_ref().map(|trip| trip.to_string()).unwrap_or_default();
@@ -77,7 +78,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     for RigChange { key, before, now } in &changes {
         summary::tell(&format!("rig: `{key}` is {now} (it was {before} when the run began)\n"))?;
     }
-    let session = Provenance { changes, ..session(args.session.durability) };
+    let session = Provenance { changes, ..session(args.session.manner.durability) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }

@@ -41,14 +41,14 @@ pub struct RunArgs {
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
-    args.session.check(&sources.rig)?;
+    args.session.manner.check(&sources.rig)?;
     let facts = RunFacts {
         labels: args.labels.labels(),
         strategy: args.rig.strategy,
         presses_max: args.rig.presses_max,
         ..RunFacts::new(&plan, sources.rig.is_simulated())
     };
-    let session = session(args.session.durability);
+    let session = session(args.session.manner.durability);
     let layout = &sources.rig.array.layout;
     let mut folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::dataset)?;

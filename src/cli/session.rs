@@ -7,10 +7,10 @@ use super::signals::{First, heed};
 use super::summary;
 use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
-use crate::dataset::{Durability, RunFolder};
+use crate::dataset::{DatasetError, Durability, RunFolder};
 use crate::recipe::{Plan, Recipe};
 use crate::rig::RigSpec;
-use crate::run::{Ending, Halt, Walk, keep_pace, walk};
+use crate::run::{Cancel, Ending, Halt, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -22,6 +22,13 @@ pub struct SessionArgs {
     /// Print one JSON line for each row when it is stored on disk
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub manner: MannerArgs,
+}
+
+/// How a rig is driven and its data are kept.
+#[derive(Debug, clap::Args)]
+pub struct MannerArgs {
     /// Run a simulation at X times real time instead of as fast as possible
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
@@ -29,15 +36,20 @@ pub struct SessionArgs {
     #[arg(long, value_name = "NAME", value_enum, default_value_t)]
     pub durability: Durability,
     #[command(flatten)]
-    confirm: ConfirmArgs,
+    pub confirm: ConfirmArgs,
 }
 
-impl SessionArgs {
+impl MannerArgs {
     /// Whether they fit a rig; asked before anything is made.
     pub fn check(&self, spec: &RigSpec) -> Result<(), Failure> {
         if self.pace.is_some() && !spec.is_simulated() {
             return Err(Failure::usage(miette::miette!("--pace is only for simulated rigs")));
         }
+        MannerArgs::check_gain(spec)
+    }
+
+    /// Whether a rig's load cell is to be trusted.
+    pub fn check_gain(spec: &RigSpec) -> Result<(), Failure> {
         spec.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))
     }
 }
@@ -51,20 +63,10 @@ pub fn carry_out(
     args: &SessionArgs,
 ) -> Result<ExitCode, Failure> {
     let virtual_time = spec.is_simulated();
-    let spec = &args.confirm.of(spec.clone());
-    let began = Instant::now();
-    let runtime = runtime(virtual_time)?;
+    let spec = &args.manner.confirm.of(spec.clone());
     let cancel = heed(First::Pause, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(plan, folder.manifest().presses_done as usize, args.json, cancel.clone());
-    let ending = runtime.block_on(async {
-        if let Some(pace) = args.pace {
-            tokio::spawn(keep_pace(pace));
-        }
-        let shown = progress.gauge();
-        walk(Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &*shown }, &mut progress).await
-    });
-    progress.end();
-    let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
+    let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, &mut progress)?;
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
     let shown = show(&match &finished {
         Ok(()) => summary::ended(folder, virtual_time),
@@ -83,6 +85,28 @@ pub fn carry_out(
     let results = summary::results(folder, spec, recipe)?;
     show(&results.text())?;
     Ok(verdict_code(results.judgement.as_ref()))
+}
+
+/// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
+pub fn walked(
+    plan: &Plan,
+    spec: &RigSpec,
+    folder: &mut RunFolder,
+    pace: Option<f64>,
+    cancel: &Cancel,
+    progress: &mut Progress,
+) -> Result<(Ending, Result<(), DatasetError>), Failure> {
+    let began = Instant::now();
+    let ending = runtime(spec.is_simulated())?.block_on(async {
+        if let Some(pace) = pace {
+            tokio::spawn(keep_pace(pace));
+        }
+        let shown = progress.gauge();
+        walk(Walk { plan, spec, ledger: folder, cancel, shown: &*shown }, progress).await
+    });
+    progress.end();
+    let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
+    Ok((ending, finished))
 }
 
 /// Number of task polls between two checks of the timers while other tasks are ready. On a paused clock no timer becomes due

@@ -1,4 +1,4 @@
-//! Recipes and rigs that come with the program, and `palpate list`, which names them.
+//! Recipes, rigs and batches that come with the program, and `palpate list`, which names them.
 
 use super::exit::Failure;
 use super::summary::{beside, print};
@@ -20,18 +20,23 @@ macro_rules! shipped {
 }
 
 /// The recipes: `recipes/NAME.toml`.
-pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench");
+pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch");
 
 /// The rigs: `rigs/NAME.toml`.
 pub const RIGS: &[Shipped] = &shipped!(
-    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer"
+    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"
 );
+
+/// The batches: `batches/NAME.toml`.
+pub const BATCHES: &[Shipped] = &shipped!("batches": "batch");
 
 /// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
 pub fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
-    if path.symlink_metadata().is_ok() {
-        return None;
-    }
+    if path.symlink_metadata().is_ok() { None } else { by_name(shipped, folder, path) }
+}
+
+/// The shipped file that a path names.
+pub fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
     let path = path.to_str()?;
     let name = path.strip_prefix(&format!("{folder}/")).unwrap_or(path);
     let name = name.strip_suffix(".toml").unwrap_or(name);
@@ -52,14 +57,19 @@ Examples:
 Names work in any folder: paper, paper.toml and recipes/paper.toml are
 the same recipe. If a file exists at that path, it is used instead.";
 
-/// List the recipes and rigs shipped with the program
+/// List the recipes, rigs and batches shipped with the program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct ListArgs {}
 
 /// Lists them, a paragraph each.
 pub fn list(_: &ListArgs) -> Result<ExitCode, Failure> {
-    print(&format!("recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}", listed(RECIPES), listed(RIGS)))?;
+    print(&format!(
+        "recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}\nbatches: palpate batch run NAME\n{}",
+        listed(RECIPES),
+        listed(RIGS),
+        listed(BATCHES)
+    ))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -90,7 +100,7 @@ mod tests {
     #[test]
     fn every_file_that_is_shipped_is_listed_with_what_it_is() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        for (folder, shipped) in [("recipes", RECIPES), ("rigs", RIGS)] {
+        for (folder, shipped) in [("recipes", RECIPES), ("rigs", RIGS), ("batches", BATCHES)] {
             let files = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());
             let files: BTreeSet<String> = files.map(|name| name.into_string().unwrap()).collect();
             assert_eq!(shipped.iter().map(|shipped| format!("{}.toml", shipped.name)).collect::<BTreeSet<_>>(), files);

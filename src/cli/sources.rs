@@ -110,9 +110,7 @@ impl Sources {
             None => recipe,
         };
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
-        let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
-        let texts: BTreeMap<String, String> = files.into_iter().flatten().filter_map(own_file).collect();
-        let beside = texts.into_iter().chain(rule).collect();
+        let beside = own_texts(&spec).into_iter().chain(rule).collect();
         Ok(Sources { recipe, rig: spec, origins: Origins::new(recipe_text, rig_text, beside) })
     }
 
@@ -134,7 +132,11 @@ pub struct ReadRecipe {
 
 /// Parses a recipe's text together with the acceptance file that it names. `beside` returns the text of a file in the recipe's
 /// folder.
-fn parse_recipe(path: &Path, text: String, beside: &dyn Fn(&str) -> io::Result<String>) -> Result<ReadRecipe, Failure> {
+pub fn parse_recipe(
+    path: &Path,
+    text: String,
+    beside: &dyn Fn(&str) -> io::Result<String>,
+) -> Result<ReadRecipe, Failure> {
     let recipe = recipe::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
     let Some(Accept::File(name)) = recipe.accept.clone() else { return Ok(ReadRecipe { recipe, text, rule: None }) };
     let file = path.with_file_name(&name).display().to_string();
@@ -161,7 +163,7 @@ fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
 }
 
 /// Returns a rig with emulators if requested. A rig that can't be simulated is reported before anything is created.
-fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
+pub fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
     let spec = if simulate { spec.simulated() } else { spec };
     if spec.is_simulated() {
         spec.emulators(seed).map_err(Failure::usage)?;
@@ -201,7 +203,8 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
     bounded(path).map_err(|error| unread(path, &error, &help()))
 }
 
-fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
+/// A text file that couldn't be read.
+pub fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
         io::ErrorKind::InvalidData => "give a TOML file: this file isn't text",
         _ => help,
@@ -209,7 +212,8 @@ fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
 }
 
-fn bounded(path: &Path) -> io::Result<String> {
+/// Reads a text file of at most the length that a recipe or a rig may have.
+pub fn bounded(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     File::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
@@ -224,6 +228,12 @@ fn strategy(name: &str) -> Result<Strategy, String> {
 fn presses_max(text: &str) -> Result<usize, String> {
     let within = |most: &usize| (1..=PRESSES_CEILING).contains(most);
     text.parse().ok().filter(within).ok_or_else(|| format!("expected a whole number, 1 to {PRESSES_CEILING}"))
+}
+
+/// Returns the texts that a rig's drivers read from the rig's folder: register maps and line profiles, by name.
+pub fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
+    let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
+    files.into_iter().flatten().filter_map(own_file).collect()
 }
 
 fn own_file(file: &OwnFile) -> Option<(String, String)> {

@@ -5,7 +5,7 @@ use super::summary::print;
 use crate::dataset::COLUMN_KEYS;
 use crate::document::{Keys, reference, schema};
 use crate::report::certificate::CERTIFICATE_KEYS;
-use crate::{driver, recipe, rig};
+use crate::{batch, driver, recipe, rig};
 use clap::builder::PossibleValue;
 use clap::{CommandFactory, ValueEnum};
 use std::process::ExitCode;
@@ -17,6 +17,8 @@ pub enum Text {
     Recipe,
     /// The devices, the limits of the specimen and where it is
     Rig,
+    /// Which sensors are calibrated, one after another
+    Batch,
     /// The Modbus registers of a load cell or an array
     RegisterMap,
     /// The lines or frames that a load cell or an array sends
@@ -40,6 +42,7 @@ impl Text {
         match self {
             Text::Recipe => "Recipe",
             Text::Rig => "Rig",
+            Text::Batch => "Batch",
             Text::RegisterMap => "Register map",
             Text::LineProfile => "Line profile",
             Text::Acceptance => "Acceptance rule",
@@ -52,6 +55,7 @@ impl Text {
         match self {
             Text::Recipe => recipe::KEYS,
             Text::Rig => rig::KEYS,
+            Text::Batch => batch::KEYS,
             Text::RegisterMap => driver::modbus::KEYS,
             Text::LineProfile => driver::lines::KEYS,
             Text::Acceptance => recipe::RULE_KEYS,
@@ -65,6 +69,7 @@ impl Text {
         match self {
             Text::Recipe => include_str!("texts/recipe.md"),
             Text::Rig => include_str!("texts/rig.md"),
+            Text::Batch => include_str!("texts/batch.md"),
             Text::RegisterMap => include_str!("texts/register-map.md"),
             Text::LineProfile => include_str!("texts/line-profile.md"),
             Text::Acceptance => include_str!("texts/acceptance.md"),
@@ -115,9 +120,10 @@ enum Page {
 
 impl ValueEnum for Page {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [Page; 8] = [
+        const ALL: [Page; 9] = [
             Page::Keys(Text::Recipe),
             Page::Keys(Text::Rig),
+            Page::Keys(Text::Batch),
             Page::Keys(Text::RegisterMap),
             Page::Keys(Text::LineProfile),
             Page::Keys(Text::Acceptance),

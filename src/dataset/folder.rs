@@ -7,6 +7,7 @@ use super::known::{Known, check_run};
 use super::lock::hold;
 use super::loss::lost;
 use super::manifest::MANIFEST;
+use super::new_folder::make_folder;
 use super::press::{csv_header, csv_line};
 use super::recorded::{COLUMNS, RECIPE, RIG, Texts};
 use super::verify::fingerprints;
@@ -16,12 +17,9 @@ use super::{
     Records, RunFacts, Text, files,
 };
 use crate::quantity::ArrayLayout;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-
-/// Largest number of names that are tried for a new folder: `name`, `name-2`, ...
-const NAMES_MAX: usize = 100_000;
 
 /// Texts from which a run is made, kept with it unchanged.
 #[derive(Clone, Debug, Default)]
@@ -56,23 +54,9 @@ impl RunFolder {
         mut session: Provenance,
         layout: &ArrayLayout,
     ) -> Result<RunFolder, DatasetError> {
-        let parent = match out {
-            Some(out) => out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new(".")),
-            None => Path::new("runs"),
-        };
-        if parent.is_file() {
-            return Err(DatasetError::NoFolder { path: parent.to_owned() });
-        }
-        if let Some(out) = out.filter(|out| out.symlink_metadata().is_ok()) {
-            return Err(DatasetError::Exists { path: out.to_owned() });
-        }
-        make_folders(parent)?;
         let name = facts.recipe.clone();
         session.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
-        let draft = new_draft(parent, &name)?;
-        let made = fill(&draft, origins, facts, &session, layout).and_then(|()| publish(&draft, out, parent, &name));
-        let path = made.inspect_err(|_| _ = fs::remove_dir_all(&draft))?;
-        sync_folder(parent)?;
+        let path = make_folder(out, &name, |draft| fill(draft, origins, facts, &session, layout))?;
         let lock = hold(&path)?; // not sooner: some systems rename no folder in which a file is open
         let (known, records) = Known::read(&path, Some(layout.len()))?;
         let mut folder = Opened { path, lock, records, known, layout: layout.clone() }.attach()?;
@@ -335,21 +319,6 @@ fn open_presses(folder: &Path) -> Result<File, DatasetError> {
     files::open_or_create(&path).map_err(DatasetError::io("opening", path))
 }
 
-/// Creates an empty folder next to the final one, with a name that isn't mistaken for a run's. The folder of a killed program is
-/// left unchanged, because another program may be working in it.
-fn new_draft(parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
-    let process = std::process::id();
-    for number in 1..=NAMES_MAX {
-        let draft = parent.join(format!(".{name}.{process}-{number}.new"));
-        match fs::create_dir(&draft) {
-            Ok(()) => return Ok(draft),
-            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(DatasetError::io("making", draft)(error)),
-        }
-    }
-    Err(DatasetError::Exists { path: parent.join(format!(".{name}.{process}.new")) })
-}
-
 /// Writes everything that a run folder contains before its first press.
 fn fill(
     draft: &Path,
@@ -374,45 +343,6 @@ fn fill(
             file.sync_all()
         };
         write(text).map_err(DatasetError::io("writing", &path))?;
-    }
-    sync_folder(draft)
-}
-
-/// Renames the draft to its final path. A folder that isn't empty is never replaced, because the system refuses this.
-fn publish(draft: &Path, out: Option<&Path>, parent: &Path, name: &str) -> Result<PathBuf, DatasetError> {
-    if let Some(out) = out {
-        fs::rename(draft, out).map_err(DatasetError::io("renaming to", out))?;
-        return Ok(out.to_owned());
-    }
-    for number in 1..=NAMES_MAX {
-        let path = parent.join(if number == 1 { name.to_owned() } else { format!("{name}-{number}") });
-        if path.symlink_metadata().is_ok() {
-            continue;
-        }
-        match fs::rename(draft, &path) {
-            Ok(()) => return Ok(path),
-            Err(_) if path.exists() => continue, // another run was faster
-            Err(error) => return Err(DatasetError::io("renaming to", path)(error)),
-        }
-    }
-    Err(DatasetError::Exists { path: parent.join(name) })
-}
-
-/// Creates a folder and its parent folders, and syncs each to disk.
-fn make_folders(path: &Path) -> Result<(), DatasetError> {
-    let missing: Vec<&Path> =
-        path.ancestors().take_while(|path| !path.as_os_str().is_empty() && !path.exists()).collect();
-    fs::create_dir_all(path).map_err(DatasetError::io("making", path))?;
-    for made in missing {
-        sync_folder(made.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new(".")))?;
-    }
-    Ok(())
-}
-
-/// Syncs a folder to disk, which makes a rename in it permanent. On Windows folders have no handles and this isn't necessary.
-fn sync_folder(path: &Path) -> Result<(), DatasetError> {
-    if cfg!(unix) {
-        File::open(path).and_then(|folder| folder.sync_all()).map_err(DatasetError::io("flushing", path))?;
     }
     Ok(())
 }

@@ -1,15 +1,20 @@
-//! Journal of a run: append-only, one record per line, read record by record.
+//! Journal of a run or a batch: append-only, one record per line, read record by record.
 
-use super::{Durability, FORMAT, Press, Record, files};
+use super::{Durability, Record, files};
 use miette::Diagnostic;
-use serde::Deserialize;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
+use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Name of the journal in the run folder.
-pub(super) const JOURNAL: &str = "journal.log";
+/// Name of the journal in its folder.
+pub const JOURNAL: &str = "journal.log";
+
+/// Kinds of the first records of all journals.
+const FIRSTS: [&str; 2] = ["run", "batch"];
 
 /// Largest journal that is written or read, bytes. Ten million presses of 64 units take some 15 GB. The journal is read piece by
 /// piece.
@@ -18,13 +23,29 @@ const JOURNAL_MAX_BYTES: u64 = 64 << 30;
 /// Longest record that is written or read, bytes. A staircase of 20 levels on 4096 units takes some 1 MB.
 const RECORD_MAX_BYTES: u64 = 16 << 20;
 
-/// Append-only record of a run, with one record per line: `sequence checksum json`.
+/// Record that a journal keeps.
+pub trait Logged: Serialize + DeserializeOwned {
+    /// Name of the first record's kind, which states the format: `run` or `batch`.
+    const FIRST: &'static str;
+    /// Format that this program writes and reads.
+    const FORMAT: u32;
+
+    /// Checks that the record can be read again as it was written.
+    ///
+    /// # Errors
+    /// Description of what JSON can't keep.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// Append-only record of a run or a batch, with one record per line: `sequence checksum json`.
 ///
 /// The checksum is CRC-32 over the sequence number and the text. A last line without its end, left by a power cut, is cut off.
 /// Any other mismatch is damage, and the error states its offset. The journal is read record by record and is never completely in
 /// memory.
 #[derive(Debug)]
-pub struct Journal {
+pub struct Journal<R = Record> {
     file: File,
     path: PathBuf,
     durability: Durability,
@@ -33,11 +54,12 @@ pub struct Journal {
     line: Vec<u8>,
     /// Whether a record that was never acknowledged may be at the end. Nothing is added after such a record.
     broken: bool,
+    kind: PhantomData<fn(&R)>,
 }
 
 /// Records of a journal in the order they were made, each with the byte at which it begins; without an incomplete last line.
 #[derive(Debug)]
-pub struct Records {
+pub struct Records<R = Record> {
     reader: BufReader<File>,
     path: PathBuf,
     next: u64,
@@ -47,6 +69,7 @@ pub struct Records {
     is_torn: bool,
     /// Whether damage was reported. No record after the damage is reliable.
     is_over: bool,
+    kind: PhantomData<fn() -> R>,
 }
 
 /// Reason why a journal isn't reliable.
@@ -64,13 +87,26 @@ pub enum JournalError {
         problem: String,
     },
     /// Another version of the program wrote the journal.
-    #[error("{}: a journal of format {found}; this program reads format {FORMAT}", path.display())]
+    #[error("{}: a journal of format {found}; this program reads format {reads}", path.display())]
     #[diagnostic(help("read it with the version of palpate that wrote it; nothing was changed"))]
     Format {
         /// The journal.
         path: PathBuf,
         /// Format that its first record states; 1 if it states none.
         found: u32,
+        /// Format that this program reads.
+        reads: u32,
+    },
+    /// The journal is that of another kind of folder.
+    #[error("{}: the journal of a {found}, not of a {expected}", path.display())]
+    #[diagnostic(help("give the folder of a {expected}; `palpate batch` has the commands for a batch"))]
+    Kind {
+        /// The journal.
+        path: PathBuf,
+        /// Kind of its first record.
+        found: String,
+        /// Kind that was expected.
+        expected: &'static str,
     },
     /// The journal couldn't be read or written.
     #[error("keeping {}: {why}", path.display())]
@@ -83,12 +119,12 @@ pub enum JournalError {
     },
 }
 
-impl Journal {
+impl<R: Logged> Journal<R> {
     /// Creates an empty journal at an unused path.
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn create(path: &Path) -> Result<Journal, JournalError> {
+    pub fn create(path: &Path) -> Result<Journal<R>, JournalError> {
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, 0, 0))
     }
@@ -100,8 +136,8 @@ impl Journal {
     /// Damage before the last line, or an error of the operating system.
     pub fn read(
         path: &Path,
-        mut accept: impl FnMut(u64, &Record) -> Result<(), String>,
-    ) -> Result<Records, JournalError> {
+        mut accept: impl FnMut(u64, &R) -> Result<(), String>,
+    ) -> Result<Records<R>, JournalError> {
         let mut records = Journal::records(path)?;
         while let Some((offset, record)) = records.advance()? {
             accept(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
@@ -114,13 +150,14 @@ impl Journal {
     ///
     /// # Errors
     /// The same as for [`read`](Self::read).
-    pub fn open(path: &Path, accept: impl FnMut(u64, &Record) -> Result<(), String>) -> Result<Journal, JournalError> {
+    pub fn open(path: &Path, accept: impl FnMut(u64, &R) -> Result<(), String>) -> Result<Journal<R>, JournalError> {
         Journal::read(path, accept)?.go_on()
     }
 
-    fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal {
+    fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal<R> {
         let durability = Durability::Full;
-        Journal { file, path: path.to_owned(), durability, next, end, line: Vec::new(), broken: false }
+        let path = path.to_owned();
+        Journal { file, path, durability, next, end, line: Vec::new(), broken: false, kind: PhantomData }
     }
 
     /// Sets the durability of every further record.
@@ -133,7 +170,7 @@ impl Journal {
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn records(path: &Path) -> Result<Records, JournalError> {
+    pub fn records(path: &Path) -> Result<Records<R>, JournalError> {
         let file = files::open(path).map_err(failed(path))?;
         if file.metadata().map_err(failed(path))?.len() > JOURNAL_MAX_BYTES {
             let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
@@ -147,6 +184,7 @@ impl Journal {
             line: Vec::new(),
             is_torn: false,
             is_over: false,
+            kind: PhantomData,
         })
     }
 
@@ -156,7 +194,7 @@ impl Journal {
     /// # Errors
     /// An error of the operating system. The part of the record that was written is removed. If the removal fails too, nothing
     /// more is added.
-    pub fn append(&mut self, record: &Record) -> Result<u64, JournalError> {
+    pub fn append(&mut self, record: &R) -> Result<u64, JournalError> {
         self.add(record, self.durability)
     }
 
@@ -164,11 +202,11 @@ impl Journal {
     ///
     /// # Errors
     /// The same as for [`append`](Self::append).
-    pub fn jot(&mut self, record: &Record) -> Result<u64, JournalError> {
+    pub fn jot(&mut self, record: &R) -> Result<u64, JournalError> {
         self.add(record, Durability::Fast)
     }
 
-    fn add(&mut self, record: &Record, durability: Durability) -> Result<u64, JournalError> {
+    fn add(&mut self, record: &R, durability: Durability) -> Result<u64, JournalError> {
         if self.broken {
             return Err(failed(&self.path)(io::Error::other("nothing can be appended after a failed write")));
         }
@@ -189,18 +227,15 @@ impl Journal {
     }
 
     /// Checks that the program can read the line again; otherwise it isn't written.
-    fn check_line(&self, record: &Record) -> io::Result<()> {
+    fn check_line(&self, record: &R) -> io::Result<()> {
         let bytes = self.line.len() as u64;
         if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
             let told = format!("a record of {bytes} bytes is too long for a journal of {}", self.end);
             return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
         }
         let unreadable = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
-        // JSON has no NaN: it would come back as a number that isn't known
-        if record.contact().is_some_and(|contact| !contact.levels.iter().all(Press::is_finite)) {
-            return Err(unreadable("not a finite number".to_owned()));
-        }
-        parse(&self.line).map(drop).map_err(unreadable)
+        record.check().map_err(unreadable)?;
+        parse::<R>(&self.line).map(drop).map_err(unreadable)
     }
 
     fn write_line(&mut self, durability: Durability) -> io::Result<()> {
@@ -216,12 +251,12 @@ impl Journal {
     }
 }
 
-impl Records {
+impl<R: Logged> Records<R> {
     /// Returns the journal for appending, after it was read to its end. Cuts off an incomplete last line.
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn go_on(self) -> Result<Journal, JournalError> {
+    pub fn go_on(self) -> Result<Journal<R>, JournalError> {
         let path = &self.path;
         let file = files::open_to_append(path).map_err(failed(path))?;
         // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
@@ -233,7 +268,7 @@ impl Records {
     ///
     /// # Errors
     /// Damage since then, or an error of the operating system.
-    pub fn at(&mut self, offset: u64) -> Result<Record, JournalError> {
+    pub fn at(&mut self, offset: u64) -> Result<R, JournalError> {
         // keeps what has been read ahead: in the order of the journal nothing is read twice
         let way = offset as i64 - self.offset as i64;
         self.reader.seek_relative(way).map_err(failed(&self.path))?;
@@ -244,17 +279,17 @@ impl Records {
         Ok(record)
     }
 
-    fn advance(&mut self) -> Result<Option<(u64, Record)>, JournalError> {
+    fn advance(&mut self) -> Result<Option<(u64, R)>, JournalError> {
         if self.is_over {
             return Ok(None);
         }
         let offset = self.offset;
         self.read_line()?;
         if offset == 0
-            && let Some(found) = other_format(&self.line)
+            && let Some(error) = self.misfit()
         {
             self.is_over = true;
-            return Err(JournalError::Format { path: self.path.clone(), found });
+            return Err(error);
         }
         let parsed = parse(&self.line).and_then(|(sequence, record)| {
             let wrong = || format!("sequence number {sequence}, expected {}", self.next);
@@ -285,7 +320,21 @@ impl Records {
 
     fn is_whole_but_for_its_end(&self) -> bool {
         let Some((_, text)) = self.line.split_last() else { return false };
-        parse(&[text, b"\n"].concat()).is_ok()
+        parse::<R>(&[text, b"\n"].concat()).is_ok()
+    }
+
+    /// Returns the error of a first line that is sound but of another kind of journal, or of another format.
+    fn misfit(&self) -> Option<JournalError> {
+        let (_, json) = checked(&self.line).ok()?;
+        let first: serde_json::Map<String, serde_json::Value> = serde_json::from_str(json).ok()?;
+        let path = self.path.clone();
+        let Some(facts) = first.get(R::FIRST) else {
+            let found = FIRSTS.into_iter().find(|kind| first.contains_key(*kind))?.to_owned();
+            return Some(JournalError::Kind { path, found, expected: R::FIRST });
+        };
+        let found = facts.get("format").map_or(Some(1), serde_json::Value::as_u64)?;
+        let found = u32::try_from(found).ok()?;
+        (found != R::FORMAT).then_some(JournalError::Format { path, found, reads: R::FORMAT })
     }
 
     fn pass(&mut self, sequence: u64) {
@@ -298,8 +347,8 @@ impl Records {
     }
 }
 
-impl Iterator for Records {
-    type Item = Result<(u64, Record), JournalError>;
+impl<R: Logged> Iterator for Records<R> {
+    type Item = Result<(u64, R), JournalError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         self.advance().transpose()
@@ -311,23 +360,8 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> JournalError {
     move |why| JournalError::Io { path, why }
 }
 
-/// Returns the format in a journal's first line, if it isn't this program's format.
-fn other_format(line: &[u8]) -> Option<u32> {
-    #[derive(Deserialize)]
-    struct First {
-        run: Facts,
-    }
-    #[derive(Deserialize)]
-    struct Facts {
-        format: Option<u32>,
-    }
-    let (_, json) = checked(line).ok()?;
-    let found = serde_json::from_str::<First>(json).ok()?.run.format.unwrap_or(1);
-    (found != FORMAT).then_some(found)
-}
-
 /// Returns a line's sequence number and record.
-fn parse(line: &[u8]) -> Result<(u64, Record), String> {
+fn parse<R: Logged>(line: &[u8]) -> Result<(u64, R), String> {
     let (sequence, json) = checked(line)?;
     Ok((sequence, serde_json::from_str(json).map_err(|error| error.to_string())?))
 }
@@ -393,9 +427,9 @@ mod tests {
             let kept: Vec<&Record> = records.iter().map(|(_, record)| record).collect();
             assert_eq!(kept, (0..complete as u64).map(contact).collect::<Vec<_>>().iter().collect::<Vec<_>>());
             records.push((journal.append(&contact(9)).unwrap(), contact(9)));
-            assert_eq!(Journal::records(&path).unwrap().map(Result::unwrap).collect::<Vec<_>>(), records);
+            assert_eq!(Journal::<Record>::records(&path).unwrap().map(Result::unwrap).collect::<Vec<_>>(), records);
             // and each is found again by its place, in any order
-            let mut reader = Journal::records(&path).unwrap();
+            let mut reader = Journal::<Record>::records(&path).unwrap();
             records.iter().rev().for_each(|(offset, record)| assert_eq!(reader.at(*offset).unwrap(), *record));
         }
     }
@@ -408,7 +442,7 @@ mod tests {
         let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
         bytes[second + 40] ^= 1;
         std::fs::write(&path, &bytes).unwrap();
-        let records = Journal::records(&path).unwrap();
+        let records = Journal::<Record>::records(&path).unwrap();
         match records.collect::<Result<Vec<_>, _>>().unwrap_err() {
             JournalError::Damaged { offset, .. } => assert_eq!(offset, second as u64),
             other => panic!("{other}"),
@@ -437,7 +471,7 @@ mod tests {
         let mut bytes = three_records(&path);
         bytes.extend_from_slice(&[b'\n'; 1000]);
         std::fs::write(&path, &bytes).unwrap();
-        let told: Vec<bool> = Journal::records(&path).unwrap().map(|record| record.is_ok()).collect();
+        let told: Vec<bool> = Journal::<Record>::records(&path).unwrap().map(|record| record.is_ok()).collect();
         assert_eq!(told, [true, true, true, false]);
     }
 
@@ -453,7 +487,7 @@ mod tests {
         assert!(journal.append(&bad).unwrap_err().to_string().contains("couldn't be read again"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
         journal.append(&contact(3)).unwrap();
-        assert_eq!(Journal::records(&path).unwrap().filter(Result::is_ok).count(), 4, "and it goes on");
+        assert_eq!(Journal::<Record>::records(&path).unwrap().filter(Result::is_ok).count(), 4, "and it goes on");
     }
 
     #[test]
@@ -465,7 +499,7 @@ mod tests {
         assert!(refused.unwrap_err().to_string().ends_with("is damaged: no"));
         let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
         std::fs::write(&path, &bytes[second..]).unwrap();
-        let told = Journal::records(&path).unwrap().next().unwrap().unwrap_err().to_string();
+        let told = Journal::<Record>::records(&path).unwrap().next().unwrap().unwrap_err().to_string();
         assert!(told.ends_with("the record at byte 0 is damaged: sequence number 1, expected 0"), "{told}");
     }
 }

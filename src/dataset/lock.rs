@@ -1,4 +1,4 @@
-//! Allows one writer at a time: a run belongs to the program that holds its lock.
+//! Allows one writer at a time: a run or a batch belongs to the program that holds its lock.
 
 use super::journal::JOURNAL;
 use super::{DatasetError, files};
@@ -9,11 +9,11 @@ use std::path::Path;
 /// separate file.
 const LOCKED: &str = if cfg!(windows) { "run.lock" } else { JOURNAL };
 
-/// Locks a run for this program. The system releases the lock when the program ends for any reason.
+/// Locks the folder of a run or a batch for this program. The system releases the lock when the program ends for any reason.
 ///
 /// # Errors
 /// Returns an error if another program holds the lock, or the operating system's error.
-pub(super) fn hold(path: &Path) -> Result<File, DatasetError> {
+pub fn hold(path: &Path) -> Result<File, DatasetError> {
     let held = path.join(LOCKED);
     let opened = if cfg!(windows) { files::open_or_create(&held) } else { files::open_to_append(&held) };
     let file = opened.map_err(DatasetError::io("opening", &held))?;

@@ -1,6 +1,7 @@
 //! Records of the journal.
 
-use super::{End, Loss, Press, Provenance, RunFacts, Text};
+use super::journal::Logged;
+use super::{End, FORMAT, Loss, Press, Provenance, RunFacts, Text};
 use crate::control::{AirReadings, Budget, Hum, Lesson, Trip};
 use crate::device::Identity;
 use crate::quantity::{Place, any_number, round};
@@ -71,6 +72,19 @@ impl Record {
         match self {
             Record::Contact(contact) => Some(contact),
             _ => None,
+        }
+    }
+}
+
+impl Logged for Record {
+    const FIRST: &'static str = "run";
+    const FORMAT: u32 = FORMAT;
+
+    fn check(&self) -> Result<(), String> {
+        // JSON has no NaN: it would come back as a number that isn't known
+        match self.contact().is_none_or(|contact| contact.levels.iter().all(Press::is_finite)) {
+            true => Ok(()),
+            false => Err("not a finite number".to_owned()),
         }
     }
 }

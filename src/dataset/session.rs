@@ -22,6 +22,9 @@ pub struct RunFacts {
     pub presses_planned: u64,
     /// Random seed for places, forces and simulated noise.
     pub seed: u64,
+    /// Random seed of the simulated specimen, if it isn't that of the run: a batch presses the same specimen again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub specimen: Option<u64>,
     /// Strategy of every press, if it was given instead of the recipe's strategy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub strategy: Option<Strategy>,
@@ -99,6 +102,7 @@ impl Default for RunFacts {
             labels: Labels::default(),
             presses_planned: 0,
             seed: 0,
+            specimen: None,
             strategy: None,
             presses_max: None,
             simulated: false,

@@ -46,6 +46,7 @@ pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Sce
         load_cell: None,
         latencies,
         faults: Vec::new(),
+        specimen: None,
     };
     change(&mut spec);
     let frame = Frame {

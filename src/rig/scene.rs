@@ -76,6 +76,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         load_cell,
         latencies: latencies?,
         faults: faults?,
+        specimen: None,
     })
 }
 

@@ -41,12 +41,12 @@ impl Cancel {
     }
 
     /// Marks that the rig is being prepared. Until it is prepared, there is no press whose end a pause could wait for.
-    pub(super) fn preparing(&self) {
+    pub fn preparing(&self) {
         self.exchange(Word::GoOn, Word::Preparing);
     }
 
     /// Marks that the rig is prepared.
-    pub(super) fn prepared(&self) {
+    pub fn prepared(&self) {
         self.exchange(Word::Preparing, Word::GoOn);
     }
 

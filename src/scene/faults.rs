@@ -33,6 +33,8 @@ pub enum FaultKind {
     Stale,
     /// The stage's link is silent: requests are neither acted on nor answered.
     StageLost,
+    /// The array's link is silent, as if it were unplugged.
+    ArrayLost,
     /// Each exchange of the stage takes longer by the value, ms.
     SlowStage,
     /// The load cell's noise is multiplied by the value.
@@ -43,7 +45,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All kinds, with their names in a rig file.
-    pub const ALL: [(&str, FaultKind); 12] = [
+    pub const ALL: [(&str, FaultKind); 13] = [
         ("stuck", FaultKind::Stuck),
         ("no-sensor", FaultKind::NoSensor),
         ("wrong-sign", FaultKind::WrongSign),
@@ -53,6 +55,7 @@ impl FaultKind {
         ("no-contact", FaultKind::NoContact),
         ("stale", FaultKind::Stale),
         ("stage-lost", FaultKind::StageLost),
+        ("array-lost", FaultKind::ArrayLost),
         ("slow-stage", FaultKind::SlowStage),
         ("noisy", FaultKind::Noisy),
         ("drifted-zero", FaultKind::DriftedZero),

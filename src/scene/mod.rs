@@ -85,19 +85,21 @@ struct CurveAt {
 }
 
 impl Scene {
-    /// Creates a scene at time 0, with the axes at rest at their power-on places. `seed` determines the specimen and all noise.
+    /// Creates a scene at time 0, with the axes at rest at their power-on places. `seed` determines all noise, and
+    /// the specimen unless the scene states a seed for it.
     pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
+        let specimen = spec.specimen.unwrap_or(seed);
         let power_on = setting.power_on;
         let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
-        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, seed)
+        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, specimen)
             .further(spec.surface_tilt);
         let relief = spec.relief.map(|relief| {
             let Relief { bumps_mm, bumps_wavelength_mm, roughness_mm } = relief;
-            SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], seed)
+            SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], specimen)
         });
         let more = spec.stiffness.map(|stiffness| {
             let (smooth, white) = (stiffness.smooth_percent / 100.0, stiffness.white_percent / 100.0);
-            SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], seed)
+            SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], specimen)
         });
         let mut scene = Scene {
             seed,
@@ -117,7 +119,7 @@ impl Scene {
             ),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             weight: Weight::default(),
-            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, seed)),
+            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
             latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
             faults: Faults::new(spec.faults),
@@ -193,7 +195,7 @@ impl Scene {
         let silent = match device {
             Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
             Device::LoadCell => self.faults.any(FaultKind::Stale, now_s),
-            Device::Array => false,
+            Device::Array => self.faults.any(FaultKind::ArrayLost, now_s),
         };
         if silent {
             return None;

@@ -35,6 +35,8 @@ pub struct SceneSpec {
     pub latencies: Latencies,
     /// Faults and their times.
     pub faults: Vec<Fault>,
+    /// Random seed for the specimen; `None`: that of the run. Runs with the same one press the same specimen.
+    pub specimen: Option<u64>,
 }
 
 /// Relaxed contact force at depth s: `linear s + quadratic s^2`, with a parabolic toe.

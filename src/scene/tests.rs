@@ -35,6 +35,7 @@ fn plain() -> SceneSpec {
         load_cell: None,
         latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None },
         faults: vec![],
+        specimen: None,
     }
 }
 

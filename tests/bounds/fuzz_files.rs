@@ -10,7 +10,7 @@ mod seeds;
 use crate::support::mutation::{TEXT_MOST, rewritten};
 use feeding::{fuzz, fuzz_file, resealed};
 use palpate::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
-use palpate::dataset::{Journal, Manifest, Mapping, Presses, Records, TableError, read_table};
+use palpate::dataset::{Journal, Manifest, Mapping, Presses, Record, Records, TableError, read_table};
 use palpate::document::Problems;
 use palpate::quantity::Axis;
 use palpate::recipe::{self, PRESSES_MAX, Plan};
@@ -124,11 +124,11 @@ fn readings() {
 fn journals() {
     fuzz_file("journals", 1500, std::slice::from_ref(&run().journal), resealed, |path, input| {
         let most = lines(input) + 1;
-        let sound = Journal::records(path).expect("a file").take_while(Result::is_ok).count();
+        let sound = Journal::<Record>::records(path).expect("a file").take_while(Result::is_ok).count();
         assert!(sound <= most, "{sound} records of {most} lines");
-        let damaged = Journal::records(path).expect("a file").take(most).find_map(Result::err);
+        let damaged = Journal::<Record>::records(path).expect("a file").take(most).find_map(Result::err);
         let mut taken = 0;
-        let read = Journal::read(path, |_, _| {
+        let read = Journal::<Record>::read(path, |_, _| {
             taken += 1;
             Ok(())
         });
@@ -137,7 +137,7 @@ fn journals() {
         match opened {
             Ok(_) => {
                 assert!(damaged.is_none(), "it was opened, and is damaged: {damaged:?}");
-                let again = Journal::records(path).expect("a file").filter(Result::is_ok).count();
+                let again = Journal::<Record>::records(path).expect("a file").filter(Result::is_ok).count();
                 assert_eq!(again, sound, "records after its torn tail was cut off");
             }
             Err(error) => {

@@ -305,6 +305,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::HardContact => &["hard-contact", "over-force"],
         FaultKind::Stale => &["stale", "device"],
         FaultKind::StageLost => &["stage-silent", "device", "unparked"],
+        FaultKind::ArrayLost => &["device"],
         FaultKind::SlowStage => &["stage-silent"],
         // in a contact ten times the noise can look like a force that does anything
         FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],

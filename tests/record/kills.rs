@@ -11,7 +11,7 @@ use crate::support::interrupted::cut_back;
 use crate::support::rows::{self, Kept, numbered};
 use crate::support::skips::asked;
 use crate::support::{Bench, shipped_text};
-use palpate::dataset::{Contact, Journal};
+use palpate::dataset::{Contact, Journal, Record};
 use serde_json::Value;
 use std::fs;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -244,7 +244,7 @@ fn journalled(bench: &Bench) -> Vec<Contact> {
     if !bench.has("run") {
         return Vec::new();
     }
-    let records = Journal::records(&bench.path("run/journal.log")).expect("a journal");
+    let records = Journal::<Record>::records(&bench.path("run/journal.log")).expect("a journal");
     records.filter_map(|record| record.expect("a sound record").1.contact().cloned()).collect()
 }
 

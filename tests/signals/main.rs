@@ -2,6 +2,7 @@
 //! terminal, a pause and Enter. Whatever is said, the stage is parked, the journal is whole and the run can be gone on with.
 #![cfg(unix)]
 
+mod batch;
 #[path = "../support/mod.rs"]
 mod support;
 mod terminal;

@@ -60,7 +60,12 @@ impl Terminal {
     }
 
     pub fn enter(&mut self) {
-        self.near.write_all(b"\n").expect("writes");
+        self.line("");
+    }
+
+    /// Types a line, as a scanner does.
+    pub fn line(&mut self, text: &str) {
+        self.near.write_all(format!("{text}\n").as_bytes()).expect("writes");
     }
 
     /// The person goes away.

@@ -137,7 +137,11 @@ fn a_fault_strikes_at_its_instant_though_nobody_looks() {
 
 #[test]
 fn a_silent_link_is_the_device_s_own_and_a_slow_stage_takes_longer() {
-    for (kind, silent) in [(FaultKind::Stale, Device::LoadCell), (FaultKind::StageLost, Device::Stage)] {
+    for (kind, silent) in [
+        (FaultKind::Stale, Device::LoadCell),
+        (FaultKind::StageLost, Device::Stage),
+        (FaultKind::ArrayLost, Device::Array),
+    ] {
         let mut scene = with_faults(&[(kind, 2.0, None)]);
         for device in Device::ALL {
             assert_eq!(scene.latency_s(device, 1.999), Some(0.0));

@@ -1,0 +1,134 @@
+//! `palpate batch check`.
+
+use super::super::exit::Failure;
+use super::super::session::MannerArgs;
+use super::super::summary::{duration, print};
+use super::super::tables::filled;
+use super::material::Material;
+use crate::acceptance::{Decision, Rule};
+use crate::batch::{Chance, DRAWS, Test, chance};
+use crate::recipe::{Phase, Plan};
+use crate::rig::RigSpec;
+use crate::run::{estimated_s, first_descent};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate batch check batch
+  palpate batch check monday.toml --simulate
+
+Exit code: 0 the batch can be run, 2 it can't: each problem is reported with its line.";
+
+/// Print what a batch would do with each sensor; nothing moves
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct CheckArgs {
+    /// The batch file
+    batch: PathBuf,
+    /// Simulate: replace the rig's links by emulators, in virtual time
+    #[arg(long)]
+    simulate: bool,
+}
+
+/// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
+pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
+    let material = Material::read(&args.batch, args.simulate)?;
+    MannerArgs::check_gain(&material.rig)?;
+    material.check()?;
+    let plan = material.plan(0, &material.rig, material.file.seed)?;
+    print(&described(&material, &plan))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn described(material: &Material, plan: &Plan) -> String {
+    let (file, rig) = (&material.file, &material.rig);
+    let mut text = format!("batch {}, design {}, bench {}\n", file.name, file.design, material.bench);
+    // writing to a string can't fail
+    let (first, last) = (file.serials.first(), file.serials.last());
+    let ends = first.zip(last).map(|(first, last)| format!(": {first} to {last}")).unwrap_or_default();
+    let _ = writeln!(text, "  {} sensors{ends}", file.serials.len());
+    if let Some(reference) = &file.reference {
+        let _ = writeln!(
+            text,
+            "  reference sensor {}: first, and after every {} sensors",
+            reference.serial, reference.every
+        );
+    }
+    let nests: Vec<&str> = file.nests.iter().map(|nest| nest.name.as_str()).collect();
+    if !nests.is_empty() {
+        text += &filled(&format!("  nests: {}; the plan is within the travel at each", nests.join(", ")), "    ");
+    }
+    let [calibration, test] = [Phase::Calibration, Phase::Test].map(|phase| presses(plan, phase));
+    let _ = writeln!(
+        text,
+        "each sensor, with the recipe {}\n  {} presses: {calibration} of the calibration, {test} of the test",
+        plan.name,
+        plan.entries.len()
+    );
+    let run_s = estimated_s(&plan.entries, rig) + first_descent(rig).1;
+    let at_once = file.nests.len().max(1) as f64;
+    let _ = writeln!(
+        text,
+        "  estimated {}: run {}, warm-up {}",
+        duration(run_s + file.warm_up_s / at_once),
+        duration(run_s),
+        duration(file.warm_up_s / at_once)
+    );
+    let all_s = file.serials.len() as f64 * (run_s + file.warm_up_s / at_once);
+    let _ =
+        writeln!(text, "  all {} sensors: {}, without the time to change them", file.serials.len(), duration(all_s));
+    for recipe in &material.recipes[1..] {
+        let _ = writeln!(text, "  more presses, if the result needs them: {}", recipe.recipe.name);
+    }
+    text += &chance_text(material, rig, plan);
+    text
+}
+
+fn presses(plan: &Plan, phase: Phase) -> usize {
+    plan.entries.iter().filter(|entry| entry.phase == phase).count()
+}
+
+/// Describes the chance that a typical sensor is decided.
+fn chance_text(material: &Material, rig: &RigSpec, plan: &Plan) -> String {
+    let Some(rule) = &material.rule else {
+        return "no verdict: no acceptance rule (`accept` of the batch, or [accept] of the recipe)\n".to_owned();
+    };
+    let test = Test {
+        calibration_presses: presses(plan, Phase::Calibration),
+        test_presses: presses(plan, Phase::Test),
+        u_place_mm: rig.u_place_mm(),
+        u_force_n: rig.load_cell.standard_uncertainty_n(mean_n(plan)),
+    };
+    match chance(rule, &test, &material.file.typical) {
+        Err(key) => format!(
+            "{} rule; the chance that a typical sensor is NOT DECIDED can't be\n  computed: state `{key}` in `typical`\n",
+            rule.decision.word()
+        ),
+        Ok(chance) => described_chance(rule, chance),
+    }
+}
+
+fn described_chance(rule: &Rule, chance: Chance) -> String {
+    let percent = |share: f64| 100.0 * share;
+    let mut text = format!(
+        "{} rule; a typical sensor is\n  NOT DECIDED with a chance of {:.1} %, ACCEPTED with {:.1} %, NOT ACCEPTED with {:.1} %\n  \
+         ({DRAWS} drawn tests of sensors with the errors that `typical` states)\n",
+        rule.decision.word(),
+        percent(chance.not_decided),
+        percent(chance.accepted),
+        percent(chance.not_accepted)
+    );
+    if rule.decision == Decision::Guarded && chance.accepted == 0.0 {
+        text += "  none is accepted: use more test presses, and state the certificates in the rig\n";
+    }
+    text
+}
+
+/// Returns the mean of the test's largest forces, N.
+fn mean_n(plan: &Plan) -> f64 {
+    let test = plan.entries.iter().filter(|entry| entry.phase == Phase::Test);
+    let (count, sum_n) = test.fold((0, 0.0), |(count, sum_n), entry| (count + 1, sum_n + entry.task.most_n()));
+    if count > 0 { sum_n / f64::from(count) } else { 0.0 }
+}

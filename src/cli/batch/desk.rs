@@ -1,0 +1,217 @@
+//! The person at the bench: serial numbers and commands that are typed, and what is answered.
+
+use super::super::exit::Failure;
+use super::super::provenance::now;
+use super::super::summary::{print, tell};
+use super::material::Material;
+use super::notify::notify;
+use super::status::{counted, described};
+use super::typed::{Typed, next_line};
+use crate::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
+use crate::document::printable;
+use crate::run::Cancel;
+use miette::IntoDiagnostic;
+use std::io::{self, IsTerminal};
+
+/// Largest number of characters of a typed text that is recorded.
+const TYPED_MOST: usize = 200;
+
+/// Largest number of interrupted sensors that are named one by one.
+const NAMED_MOST: usize = 10;
+
+const COMMANDS: &str = "  .repeat [SERIAL]  allow a sensor to be calibrated again, without SERIAL the last one
+  .skip SERIAL      skip a sensor
+  .note TEXT        note about the last sensor
+  .status           show what became of each sensor
+  .end              end; the same command continues the batch
+";
+
+/// A batch at work, and the person at its bench.
+pub struct Desk {
+    /// The batch on disk.
+    pub folder: BatchFolder,
+    /// Its files.
+    pub material: Material,
+    /// Requests to stop.
+    pub cancel: Cancel,
+    /// Name of the operator.
+    pub operator: Option<String>,
+    /// Whether events are printed as JSON lines on standard output.
+    pub json: bool,
+}
+
+/// A sensor on the bench that isn't calibrated yet.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// Serial number.
+    pub serial: String,
+    /// Its kind.
+    pub kind: Admitted,
+    /// Its place on the tray.
+    pub nest: Option<Nest>,
+}
+
+/// What a person wants next.
+pub enum Wanted {
+    /// To calibrate these sensors.
+    Run(Vec<Placed>),
+    /// To end.
+    End,
+    /// To stop at once.
+    Cancelled,
+}
+
+/// Answer to one line.
+enum Answer {
+    Placed(Placed),
+    Empty,
+    Again,
+    End,
+}
+
+impl Desk {
+    /// Records an event, and then publishes it.
+    pub fn record(&mut self, event: &Event) -> Result<(), Failure> {
+        self.folder.record(event).map_err(Failure::batch)?;
+        self.publish(event)
+    }
+
+    /// Publishes an event that is on the disk. Every event of a batch that is at work passes here once.
+    pub fn publish(&self, event: &Event) -> Result<(), Failure> {
+        if self.json {
+            let line = serde_json::to_string(event).into_diagnostic().map_err(Failure::unwritten)?;
+            print(&format!("{line}\n"))?;
+        }
+        notify(&self.material.file.notify, event);
+        Ok(())
+    }
+
+    /// Shows a result: on standard output, unless that is for events.
+    pub fn show(&self, text: &str) -> Result<(), Failure> {
+        if self.json { tell(text) } else { print(text) }
+    }
+
+    /// Whether results are read on a terminal.
+    pub fn is_on_screen(&self) -> bool {
+        if self.json { io::stderr().is_terminal() } else { io::stdout().is_terminal() }
+    }
+
+    /// Reports where the batch is: what is done, and what was interrupted.
+    pub fn greet(&self) -> Result<(), Failure> {
+        let state = self.folder.state();
+        tell(&format!("{}: {}\n", self.folder.path().display(), counted(state)))?;
+        let interrupted = state.items.iter().chain(&state.reference);
+        for item in interrupted.filter(|item| item.standing == Standing::Interrupted).take(NAMED_MOST) {
+            let serial = &item.serial;
+            let run = item.run.as_deref().unwrap_or_default();
+            tell(&format!(
+                "{serial} was interrupted; its presses are in {run}. To calibrate it again, type .repeat {serial}, then {serial}\n"
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// Asks for the sensors that are calibrated next: one, or one for each nest.
+    pub fn ask(&mut self) -> Result<Wanted, Failure> {
+        let nests: Vec<Option<Nest>> = self.material.nests().map(Option::<&Nest>::cloned).collect();
+        let mut tray: Vec<Placed> = Vec::new();
+        for nest in nests {
+            loop {
+                let prompt = self.prompt(nest.as_ref(), &tray);
+                let line = match next_line(&self.cancel, || tell(&prompt))? {
+                    Typed::Cancelled => return Ok(Wanted::Cancelled),
+                    // sensors that were placed before the input ended are calibrated
+                    Typed::End if tray.is_empty() => return Ok(Wanted::End),
+                    Typed::End => return Ok(Wanted::Run(tray)),
+                    Typed::Line(line) => line,
+                };
+                match self.answer(&line, nest.clone(), &tray)? {
+                    Answer::Placed(placed) => tray.push(placed),
+                    Answer::Empty if nest.is_some() => {}
+                    Answer::Empty | Answer::Again => continue,
+                    Answer::End => return Ok(Wanted::End),
+                }
+                break;
+            }
+        }
+        Ok(Wanted::Run(tray))
+    }
+
+    fn prompt(&self, nest: Option<&Nest>, tray: &[Placed]) -> String {
+        let state = self.folder.state();
+        let place = nest.map(|nest| format!("nest {}, ", nest.name)).unwrap_or_default();
+        let is_on_tray = |serial: &str| tray.iter().any(|placed| placed.serial == serial);
+        let due = state.reference.as_ref().filter(|item| state.is_reference_due() && !is_on_tray(&item.serial));
+        let waiting = state.count(Standing::Waiting);
+        match (due, state.items.iter().find(|item| item.standing == Standing::Waiting && !is_on_tray(&item.serial))) {
+            (Some(reference), _) => format!("{place}reference sensor {} (or `later`) > ", reference.serial),
+            (None, Some(next)) => format!("{place}next sensor ({}; {waiting} waiting) > ", next.serial),
+            (None, None) => format!("{place}no sensor is waiting (.end, or .repeat SERIAL) > "),
+        }
+    }
+
+    fn answer(&mut self, line: &str, nest: Option<Nest>, tray: &[Placed]) -> Result<Answer, Failure> {
+        if line.is_empty() {
+            return Ok(Answer::Empty);
+        }
+        if let Some(command) = line.strip_prefix('.') {
+            return self.command(command);
+        }
+        let state = self.folder.state();
+        if line.eq_ignore_ascii_case("later") && state.is_reference_due() {
+            self.record(&Event::Postponed { at: now() })?;
+            tell("the reference sensor is asked for after the next sensor\n")?;
+            return Ok(Answer::Again);
+        }
+        let serials: Vec<String> = tray.iter().map(|placed| placed.serial.clone()).collect();
+        match state.admit(line, &serials) {
+            Ok(kind) => Ok(Answer::Placed(Placed { serial: line.to_owned(), kind, nest })),
+            Err(reason) => {
+                let typed = printable(line.chars().take(TYPED_MOST).collect());
+                tell(&format!("refused: {typed}\n  {reason}; nothing moves\n"))?;
+                self.record(&Event::Refused { at: now(), typed, reason })?;
+                Ok(Answer::Again)
+            }
+        }
+    }
+
+    fn command(&mut self, line: &str) -> Result<Answer, Failure> {
+        let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+        let rest = rest.trim();
+        let last = || self.folder.state().last.clone();
+        let serial = if rest.is_empty() { last() } else { Some(rest.to_owned()) };
+        let marked = match (word, serial) {
+            ("end", _) => return Ok(Answer::End),
+            ("status", _) => {
+                self.show(&described(self.folder.state()))?;
+                return Ok(Answer::Again);
+            }
+            ("repeat", Some(serial)) => self.mark(
+                &serial,
+                |at, serial| Event::Retry { at, serial },
+                "may be calibrated again: type its serial number",
+            ),
+            ("skip", Some(serial)) if !rest.is_empty() => {
+                self.mark(&serial, |at, serial| Event::Skipped { at, serial }, "is skipped")
+            }
+            ("note", _) if !rest.is_empty() && last().is_some() => {
+                let note = printable(rest.chars().take(TYPED_MOST).collect());
+                let serial = last().unwrap_or_default();
+                self.mark(&serial, |at, serial| Event::Noted { at, serial, note }, "has this note")
+            }
+            _ => {
+                return tell(&format!("unknown, or incomplete: .{}\n{COMMANDS}", printable(line.to_owned())))
+                    .map(|()| Answer::Again);
+            }
+        };
+        marked.map(|()| Answer::Again)
+    }
+
+    fn mark(&mut self, serial: &str, event: impl FnOnce(String, String) -> Event, done: &str) -> Result<(), Failure> {
+        if check_serial(serial).is_err() || self.folder.state().item(serial).is_none() {
+            return tell(&format!("{} isn't in this batch\n", printable(serial.to_owned())));
+        }
+        self.record(&event(now(), serial.to_owned()))?;
+        tell(&format!("{serial} {done}\n"))
+    }
+}

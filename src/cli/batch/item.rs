@@ -1,0 +1,300 @@
+//! One sensor of a batch: warm-up, quick check, runs, evaluation and verdict.
+
+use super::super::exit::Failure;
+use super::super::progress::Progress;
+use super::super::provenance::{now, session};
+use super::super::session::{MannerArgs, runtime, walked};
+use super::super::summary::tell;
+use super::super::tables::filled;
+use super::big::big;
+use super::desk::{Desk, Placed};
+use super::material::NestRig;
+use crate::acceptance::{Check, Judgement, Verdict};
+use crate::batch::{Admitted, Began, Ended, Event, Found, Item, Standing, run_seed, specimen_seed};
+use crate::dataset::evaluate::Trial;
+use crate::dataset::{DatasetError, Evidence, Labels, Presses, Recorded, RunFacts, RunFolder, Status};
+use crate::recipe::{Phase, Plan};
+use crate::run::{Ending, Halt, examine, keep_pace};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Duration;
+use tokio::time::sleep;
+
+/// Minutes of a run that is timed in seconds.
+const SECONDS_PER_MINUTE: f64 = 60.0;
+
+/// Whether the batch continues.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flow {
+    /// With the next sensor.
+    Next,
+    /// It doesn't: a person stopped it.
+    Cancelled,
+}
+
+/// A sensor with everything that its runs need.
+struct Prepared {
+    placed: Placed,
+    rig: NestRig,
+    /// Number of its first run, from 1.
+    number: u64,
+    first: Plan,
+}
+
+/// What is known when a sensor's runs end.
+struct Outcome {
+    status: Status,
+    runs: Vec<String>,
+    minutes: f64,
+    reasons: Vec<String>,
+    judgement: Option<Judgement>,
+    presses: (usize, usize),
+    /// Failure to report to the person.
+    failure: Option<Failure>,
+    /// Whether the batch can't continue after this failure.
+    is_fatal: bool,
+}
+
+impl Desk {
+    /// Calibrates the sensors on the tray, one after another.
+    pub fn calibrate(&mut self, tray: &[Placed], manner: &MannerArgs) -> Result<Flow, Failure> {
+        // all plans are made before anything moves
+        let prepared: Result<Vec<Prepared>, Failure> = tray.iter().map(|placed| self.prepare(placed, manner)).collect();
+        let prepared = prepared?;
+        if self.warm_up(manner)? == Flow::Cancelled {
+            return Ok(Flow::Cancelled);
+        }
+        for sensor in prepared {
+            if self.one(&sensor, manner)? == Flow::Cancelled {
+                return Ok(Flow::Cancelled);
+            }
+        }
+        Ok(Flow::Next)
+    }
+
+    fn prepare(&self, placed: &Placed, manner: &MannerArgs) -> Result<Prepared, Failure> {
+        let mut rig = self.material.rig_at(placed.nest.as_ref())?;
+        rig.spec = manner.confirm.of(rig.spec);
+        let (seed, serial) = (self.folder.state().facts.seed, placed.serial.as_str());
+        rig.spec.scene.specimen = Some(specimen_seed(seed, serial));
+        let number = 1 + self.folder.state().item(serial).map_or(0, |item| item.times);
+        let first = self.material.plan(0, &rig.spec, run_seed(seed, serial, number))?;
+        Ok(Prepared { placed: placed.clone(), rig, number, first })
+    }
+
+    /// Waits until the sensors have the bench's temperature.
+    fn warm_up(&self, manner: &MannerArgs) -> Result<Flow, Failure> {
+        let warm_up_s = self.material.file.warm_up_s;
+        if warm_up_s > 0.0 {
+            tell(&format!("warm-up: {warm_up_s} s; Ctrl-C stops\n"))?;
+            runtime(self.material.rig.is_simulated())?.block_on(async {
+                if let Some(pace) = manner.pace {
+                    tokio::spawn(keep_pace(pace));
+                }
+                tokio::select! {
+                    biased;
+                    () = self.cancel.wait() => {}
+                    () = sleep(Duration::from_secs_f64(warm_up_s)) => {}
+                }
+            });
+        }
+        Ok(if self.cancel.asked() { Flow::Cancelled } else { Flow::Next })
+    }
+
+    fn one(&mut self, sensor: &Prepared, manner: &MannerArgs) -> Result<Flow, Failure> {
+        let Placed { serial, kind, nest } = &sensor.placed;
+        let is_reference = *kind == Admitted::Reference;
+        let run = self.folder.next_run(serial).map_err(Failure::batch)?;
+        let place = nest.as_ref().map(|nest| format!(" in the nest {}", nest.name)).unwrap_or_default();
+        tell(&format!("{serial}{place}: {run}\n"))?;
+        let nest = nest.as_ref().map(|nest| nest.name.clone());
+        let began = Began { at: now(), serial: serial.clone(), reference: is_reference, nest, run: run.clone() };
+        self.record(&Event::Began(began))?;
+        let mut outcome = match self.quick_check(sensor)? {
+            Some(failed) => failed,
+            None => self.runs(sensor, run, manner)?,
+        };
+        let judgement = outcome.judgement.take();
+        let ended = Ended {
+            at: now(),
+            serial: serial.clone(),
+            reference: is_reference,
+            runs: outcome.runs,
+            status: outcome.status,
+            verdict: judgement.as_ref().map(|judgement| judgement.verdict).filter(|_| !is_reference),
+            // a reference sensor isn't judged
+            reasons: if is_reference && judgement.is_some() { Vec::new() } else { outcome.reasons },
+            found: judgement.iter().flat_map(|judgement| &judgement.checks).map(found).collect(),
+            calibration_presses: outcome.presses.0,
+            test_presses: outcome.presses.1,
+            minutes: outcome.minutes,
+            change: Vec::new(),
+            model: None,
+        };
+        self.record(&Event::Ended(ended))?;
+        let is_stopped = outcome.status == Status::Stopped;
+        if let Some(failure) = outcome.failure {
+            if outcome.is_fatal {
+                return Err(failure);
+            }
+            _ = failure.report(); // its exit code is that of a command which ends here
+        }
+        let item = self.folder.state().item(serial).cloned().unwrap_or_default();
+        self.show(&result(&item, judgement.as_ref(), self.is_on_screen()))?;
+        Ok(if is_stopped { Flow::Cancelled } else { Flow::Next })
+    }
+
+    /// Checks without pressing that every device answers, and that zero and noise are sound. Returns the end of a sensor that fails.
+    fn quick_check(&self, sensor: &Prepared) -> Result<Option<Outcome>, Failure> {
+        let spec = &sensor.rig.spec;
+        let found = runtime(spec.is_simulated())?.block_on(examine(spec, sensor.first.seed, &self.cancel, None));
+        let halt = match found {
+            Err(halt) => Some(halt),
+            Ok(found) => {
+                let device = found.devices.into_iter().find_map(|(_, device)| device.err()).map(Halt::from);
+                device.or_else(|| found.air.and_then(Result::err).map(Halt::from))
+            }
+        };
+        Ok(halt.map(|halt| Outcome::halted(Ending { halt: Some(halt), unparked: None, t_s: 0.0 }, Vec::new(), 0.0)))
+    }
+
+    /// Walks the first recipe, and further ones as long as the result asks for more presses.
+    fn runs(&self, sensor: &Prepared, first: String, manner: &MannerArgs) -> Result<Outcome, Failure> {
+        let (mut runs, mut seconds) = (Vec::new(), 0.0);
+        let (mut recipe, mut plan, mut name) = (0, sensor.first.clone(), first);
+        loop {
+            let mut folder = self.new_run(sensor, recipe, &plan, &name, manner)?;
+            runs.push(name);
+            let mut progress = Progress::new(&plan, 0, false, self.cancel.clone());
+            let (ending, finished) =
+                walked(&plan, &sensor.rig.spec, &mut folder, manner.pace, &self.cancel, &mut progress)?;
+            seconds += ending.t_s;
+            finished.map_err(Failure::unfinished)?;
+            let minutes = seconds / SECONDS_PER_MINUTE;
+            drop(folder);
+            if ending.status() != Status::Complete {
+                return Ok(Outcome::halted(ending, runs, minutes));
+            }
+            let (judgement, presses) = self.judged(&runs).map_err(Failure::dataset)?;
+            match next_recipe(judgement.as_ref(), recipe, self.material.recipes.len()) {
+                None => return Ok(Outcome::complete(judgement, presses, runs, minutes)),
+                Some(next) => {
+                    recipe = next;
+                    let number = sensor.number + runs.len() as u64;
+                    let (seed, serial) = (self.folder.state().facts.seed, &sensor.placed.serial);
+                    plan = self.material.plan(recipe, &sensor.rig.spec, run_seed(seed, serial, number))?;
+                    name = self.folder.next_run(serial).map_err(Failure::batch)?;
+                }
+            }
+        }
+    }
+
+    fn new_run(
+        &self,
+        sensor: &Prepared,
+        recipe: usize,
+        plan: &Plan,
+        name: &str,
+        manner: &MannerArgs,
+    ) -> Result<RunFolder, Failure> {
+        let state = self.folder.state();
+        let item = state.item(&sensor.placed.serial);
+        let labels = Labels {
+            sensor: Some(sensor.placed.serial.clone()),
+            design: Some(state.facts.design.clone()),
+            batch: Some(state.facts.name.clone()),
+            mounting: Some(format!("{}-{}", state.facts.name, state.mountings)),
+            operator: self.operator.clone(),
+            note: item.and_then(|item| item.note.clone()),
+        };
+        let spec = &sensor.rig.spec;
+        let specimen = if spec.is_simulated() { spec.scene.specimen } else { None };
+        let facts = RunFacts { labels, specimen, ..RunFacts::new(plan, spec.is_simulated()) };
+        let origins = self.material.origins(recipe, &sensor.rig);
+        let path = self.folder.path().join(name);
+        RunFolder::create(Some(&path), &origins, facts, session(manner.durability), &spec.array.layout)
+            .map_err(Failure::dataset)
+    }
+
+    /// Judges a sensor by all its runs together. Returns the judgement, if there is a rule, and the numbers of calibration and test
+    /// presses that count.
+    fn judged(&self, runs: &[String]) -> Result<(Option<Judgement>, (usize, usize)), DatasetError> {
+        let paths: Vec<PathBuf> = runs.iter().map(|run| self.folder.path().join(run)).collect();
+        let recorded =
+            paths.iter().map(|path| Recorded::read(path)).collect::<Result<Vec<Recorded>, DatasetError>>()?;
+        let mut all = recorded.iter().map(Recorded::presses);
+        let Some(mut presses) = all.next() else { return Ok((None, (0, 0))) };
+        all.for_each(|more| presses.join(more));
+        let count = |presses: &Presses, phase| presses.sound(phase).count();
+        let counts = (count(&presses, Phase::Calibration), count(&presses, Phase::Test));
+        let Some(rule) = &self.material.rule else { return Ok((None, counts)) };
+        let layout = Some(&self.material.rig.array.layout);
+        let u_place_mm = self.material.rig.u_place_mm();
+        let evidence = Evidence { presses: &presses, layout, runs: recorded.iter().collect(), u_place_mm };
+        Ok((Some(evidence.judge(rule, &Trial::of_run(&presses, layout), &[])), counts))
+    }
+}
+
+/// Returns the recipe that a sensor is pressed with next; `None` if its result needs no more presses. So far no result asks for
+/// more.
+fn next_recipe(_judgement: Option<&Judgement>, _last: usize, _recipes: usize) -> Option<usize> {
+    None
+}
+
+impl Outcome {
+    fn complete(judgement: Option<Judgement>, presses: (usize, usize), runs: Vec<String>, minutes: f64) -> Outcome {
+        let reasons = judgement.iter().flat_map(Judgement::all_reasons).collect();
+        Outcome { status: Status::Complete, runs, minutes, reasons, judgement, presses, failure: None, is_fatal: false }
+    }
+
+    /// Returns the end of a sensor whose run, or whose quick check, ended early.
+    fn halted(ending: Ending, runs: Vec<String>, minutes: f64) -> Outcome {
+        let status = ending.status();
+        let reasons = ending.told().into_iter().collect();
+        let is_fatal = ending.unparked.is_some() || matches!(ending.halt, Some(Halt::Record(_) | Halt::Unconfirmed(_)));
+        let failure = (status != Status::Stopped).then(|| Failure::ended(ending));
+        Outcome { status, runs, minutes, reasons, judgement: None, presses: (0, 0), failure, is_fatal }
+    }
+}
+
+fn found(check: &Check) -> Found {
+    let Check { figure, value, bound, limit, verdict, .. } = check;
+    Found { figure: (*figure).to_owned(), value: *value, bound: *bound, limit: *limit, verdict: *verdict }
+}
+
+/// Returns a sensor's result for the person: large on a screen, and the figure that is nearest to its limit, or farthest beyond it.
+fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> String {
+    let mut text = String::new();
+    // writing to a string can't fail
+    if is_on_screen {
+        let _ = writeln!(text, "\n{}\n{}", big(item.standing), item.serial);
+    } else {
+        let _ = writeln!(text, "{} {}", item.serial, item.standing.name().to_uppercase());
+    }
+    if let Some(judgement) = judgement {
+        let worst = judgement.checks.iter().filter_map(|check| Some((check, used(check)?)));
+        if let Some((check, _)) = worst.max_by(|one, other| one.1.total_cmp(&other.1)) {
+            let (name, unit) = (check.kind.full_name(check.reach), check.kind.unit());
+            let line =
+                format!("{name} {} {unit}, limit {} {unit}", check.shown(check.value), check.shown(Some(check.limit)));
+            text += &filled(&format!("  {}", line.replace(" ,", ",").trim_end()), "    ");
+        }
+        let is_listed = judgement.verdict != Verdict::Accepted && item.standing != Standing::Calibrated;
+        for reason in judgement.all_reasons().filter(|_| is_listed) {
+            text += &filled(&format!("  {reason}"), "    ");
+        }
+    } else if let Some(reason) = &item.reason {
+        text += &filled(&format!("  {reason}"), "    ");
+    }
+    if !item.standing.is_judged() {
+        let _ = writeln!(text, "  to calibrate it again: .repeat {0}, then {0}", item.serial);
+    }
+    text
+}
+
+/// Returns the part of a limit that a figure uses; a fraction is used by what it lacks.
+fn used(check: &Check) -> Option<f64> {
+    let value = check.bound.or(check.value)?;
+    let part = if check.kind.is_share() { (1.0 - value) / (1.0 - check.limit) } else { value / check.limit };
+    Some(if part.is_nan() { 0.0 } else { part })
+}

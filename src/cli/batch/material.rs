@@ -1,0 +1,236 @@
+//! The files of a batch, read and understood.
+
+use super::super::exit::Failure;
+use super::super::shipped::{self, BATCHES, RECIPES, RIGS, Shipped};
+use super::super::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, unread};
+use crate::acceptance::Rule;
+use crate::batch::{self, BatchFile, Nest};
+use crate::dataset::{Fingerprint, Origins, Text};
+use crate::quantity::round;
+use crate::recipe::{self, Plan};
+use crate::rig::{self, RigSpec};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use toml_edit::{DocumentMut, InlineTable, Value, value};
+
+/// Names under which a batch folder keeps the texts.
+pub const BATCH: &str = "batch.toml";
+pub const RIG: &str = "rig.toml";
+const ACCEPT: &str = "accept.toml";
+
+/// Largest file with a prior, bytes.
+const PRIOR_MAX_BYTES: u64 = 256 << 20;
+
+/// Digits of an origin after the decimal point, mm.
+const ORIGIN_DIGITS: i32 = 6;
+
+/// The files of a batch.
+pub struct Material {
+    /// The batch file.
+    pub file: BatchFile,
+    /// The rig, simulated if requested.
+    pub rig: RigSpec,
+    /// Name of the bench.
+    pub bench: String,
+    /// The recipes.
+    pub recipes: Vec<ReadRecipe>,
+    /// The acceptance rule.
+    pub rule: Option<Rule>,
+    /// The prior's file.
+    pub prior: Option<Fingerprint>,
+    /// All texts, as the batch folder keeps them.
+    pub texts: Vec<Text>,
+    rig_path: PathBuf,
+    rig_text: String,
+    simulate: bool,
+}
+
+/// A rig at one nest.
+pub struct NestRig {
+    /// The rig, whose specimen is in the nest.
+    pub spec: RigSpec,
+    /// Its text.
+    pub text: String,
+}
+
+impl Material {
+    /// Reads a batch file, and the files that it names.
+    pub fn read(path: &Path, simulate: bool) -> Result<Material, Failure> {
+        let text = match shipped::named(BATCHES, "batches", path) {
+            Some(shipped) => shipped.text.to_owned(),
+            None => bounded(path).map_err(|error| {
+                unread(path, &error, &format!("give an existing file or a shipped one: {}", shipped::names(BATCHES)))
+            })?,
+        };
+        let file = batch::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
+        let mut texts = vec![Text { name: BATCH.to_owned(), text }];
+        let rig = read_rig(path, &file.rig, simulate);
+        let recipes: Vec<Result<ReadRecipe, Failure>> =
+            file.recipes.iter().map(|recipe| read_recipe(path, recipe)).collect();
+        let accept = file.accept.as_ref().map(|accept| read_rule(path, accept)).transpose();
+        let prior = file.prior.as_ref().map(|prior| fingerprint(path, prior)).transpose();
+        // all are reported at once
+        let (mut read, mut failures) = (Vec::new(), Vec::new());
+        recipes.into_iter().for_each(|recipe| recipe.map_or_else(|why| failures.push(why), |recipe| read.push(recipe)));
+        let rig = rig.map_err(|why| failures.push(why)).ok();
+        let accept = accept.map_err(|why| failures.push(why)).ok();
+        let prior = prior.map_err(|why| failures.push(why)).ok();
+        let last = failures.pop();
+        failures.into_iter().for_each(|failure| _ = failure.report());
+        let ((rig_path, rig_text, rig), accept, prior) = match (last, rig, accept, prior) {
+            (Some(last), ..) => return Err(last),
+            (None, Some(rig), Some(accept), Some(prior)) => (rig, accept, prior),
+            _ => unreachable!("what couldn't be read is a failure"),
+        };
+        let mut keep = |name: String, text: &str| texts.push(Text { name, text: text.to_owned() });
+        keep(RIG.to_owned(), &rig_text);
+        own_texts(&rig).iter().for_each(|(name, text)| keep(format!("rig-{name}"), text));
+        for (number, recipe) in (1..).zip(&read) {
+            keep(format!("recipe-{number}.toml"), &recipe.text);
+            recipe.rule.iter().for_each(|(name, text)| keep(format!("recipe-{number}-{name}"), text));
+        }
+        accept.iter().for_each(|(_, text)| keep(ACCEPT.to_owned(), text));
+        let rule = accept.map(|(rule, _)| rule).or_else(|| read.first().and_then(|first| first.recipe.rule().cloned()));
+        let stem = rig_path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let bench = file.bench.clone().or(stem).unwrap_or_default();
+        Ok(Material { file, rig, bench, recipes: read, rule, prior, texts, rig_path, rig_text, simulate })
+    }
+
+    /// Returns the rig with its frame moved to a nest; unchanged without a nest.
+    pub fn rig_at(&self, nest: Option<&Nest>) -> Result<NestRig, Failure> {
+        let Some(nest) = nest else { return Ok(NestRig { spec: self.rig.clone(), text: self.rig_text.clone() }) };
+        let moved = moved(&self.rig_text, &self.rig, nest);
+        let text = moved.map_err(|error| Failure::usage(miette::miette!("{}: {error}", self.rig_path.display())))?;
+        let own = own_texts(&self.rig);
+        let beside = |name: &str| own.get(name).cloned().ok_or_else(|| io::ErrorKind::NotFound.into());
+        let name = format!("{} at the nest {}", self.rig_path.display(), nest.name);
+        let spec = rig::parse(&name, &text, &beside).map_err(Failure::usage)?;
+        Ok(NestRig { spec: as_asked(spec, self.simulate, self.file.seed)?, text })
+    }
+
+    /// Returns the plan of a recipe on a rig; an error if it leaves the rig's travel or limits.
+    pub fn plan(&self, recipe: usize, spec: &RigSpec, seed: u64) -> Result<Plan, Failure> {
+        Plan::new(&self.recipes[recipe].recipe, &spec.ground(), seed).map_err(Failure::usage)
+    }
+
+    /// Checks every recipe at every nest.
+    pub fn check(&self) -> Result<(), Failure> {
+        for nest in self.nests() {
+            let rig = self.rig_at(nest)?;
+            for recipe in 0..self.recipes.len() {
+                let plan = self.plan(recipe, &rig.spec, self.file.seed);
+                if let (Err(_), Some(nest)) = (&plan, nest) {
+                    super::super::summary::tell(&format!("at the nest {}:\n", nest.name))?;
+                }
+                plan?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the nests of the tray; a single `None` without a tray.
+    pub fn nests(&self) -> impl Iterator<Item = Option<&Nest>> {
+        self.file.nests.iter().map(Some).chain(self.file.nests.is_empty().then_some(None))
+    }
+
+    /// Returns the texts of a run of a recipe on a rig.
+    pub fn origins(&self, recipe: usize, rig: &NestRig) -> Origins {
+        let ReadRecipe { text, rule, .. } = &self.recipes[recipe];
+        let beside: BTreeMap<String, String> = own_texts(&rig.spec).into_iter().chain(rule.clone()).collect();
+        Origins::new(text.clone(), rig.text.clone(), beside.into_iter().collect())
+    }
+}
+
+/// Returns the rig's text with the origin of its frame moved by a nest's offset.
+fn moved(text: &str, rig: &RigSpec, nest: &Nest) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    let origin = rig.frame.origin;
+    let mut table = InlineTable::new();
+    for (key, mm) in [("x", origin.x_mm + nest.offset.x_mm), ("y", origin.y_mm + nest.offset.y_mm)] {
+        table.insert(key, Value::from(round(mm, ORIGIN_DIGITS)));
+    }
+    table.fmt();
+    document["frame"]["origin_mm"] = value(table);
+    Ok(document.to_string())
+}
+
+/// Returns a path that a batch file names, relative to the batch file.
+fn path_of(batch: &Path, name: &str) -> PathBuf {
+    batch.parent().unwrap_or(Path::new("")).join(name)
+}
+
+/// Reads a text that a batch file names: a file relative to it, or a shipped file. A file has priority.
+fn text_of(batch: &Path, name: &str, shipped: &[Shipped], folder: &str) -> Result<(PathBuf, String), Failure> {
+    let path = path_of(batch, name);
+    let is_there = path.symlink_metadata().is_ok_and(|found| !found.is_dir());
+    if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| !is_there) {
+        return Ok((PathBuf::from(format!("{}.toml", shipped.name)), shipped.text.to_owned()));
+    }
+    let help = || format!("the batch names it; give an existing file or a shipped one: {}", shipped::names(shipped));
+    let text = bounded(&path).map_err(|error| unread(&path, &error, &help()))?;
+    Ok((path, text))
+}
+
+fn read_rig(batch: &Path, name: &str, simulate: bool) -> Result<(PathBuf, String, RigSpec), Failure> {
+    let (path, text) = text_of(batch, name, RIGS, "rigs")?;
+    let beside = |name: &str| bounded(&path.with_file_name(name));
+    let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
+    let spec = as_asked(spec, simulate, 1)?;
+    Ok((path, text, spec))
+}
+
+fn read_recipe(batch: &Path, name: &str) -> Result<ReadRecipe, Failure> {
+    let (path, text) = text_of(batch, name, RECIPES, "recipes")?;
+    parse_recipe(&path, text, &|name: &str| bounded(&path.with_file_name(name)))
+}
+
+fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
+    let path = path_of(batch, name);
+    let text =
+        bounded(&path).map_err(|error| unread(&path, &error, "the batch names it in `accept`; correct the name"))?;
+    let rule = recipe::parse_rule(&path.display().to_string(), &text).map_err(Failure::usage)?;
+    Ok((rule, text))
+}
+
+/// Returns the fingerprint of the prior's file.
+fn fingerprint(batch: &Path, name: &str) -> Result<Fingerprint, Failure> {
+    let path = path_of(batch, name);
+    let mut bytes = Vec::new();
+    let read = File::open(&path).and_then(|file| file.take(PRIOR_MAX_BYTES + 1).read_to_end(&mut bytes));
+    read.map_err(|error| unread(&path, &error, "the batch names it in `prior`; correct the name, or remove the key"))?;
+    if bytes.len() as u64 > PRIOR_MAX_BYTES {
+        return Err(Failure::usage(miette::miette!("{}: over {PRIOR_MAX_BYTES} bytes", path.display())));
+    }
+    Ok(Fingerprint::of(name, &bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity::Place;
+
+    #[test]
+    fn the_shipped_batch_is_read_with_all_its_files() {
+        let material = Material::read(Path::new("batches/batch.toml"), false).expect("the shipped batch");
+        material.check().expect("it fits its rig");
+        let names: Vec<&str> = material.texts.iter().map(|text| text.name.as_str()).collect();
+        assert_eq!(names, ["batch.toml", "rig.toml", "recipe-1.toml"]);
+        assert_eq!(material.bench, "batch");
+        assert!(material.rule.is_some());
+    }
+
+    #[test]
+    fn a_nest_moves_the_origin_and_a_plan_out_of_the_travel_is_refused_before_anything_moves() {
+        let mut material = Material::read(Path::new("batches/batch.toml"), false).expect("the shipped batch");
+        let nest = |x_mm| Nest { name: "right".to_owned(), offset: Place::new(x_mm, -1.0) };
+        let rig = material.rig_at(Some(&nest(2.5))).expect("a rig");
+        assert_eq!(rig.spec.frame.origin, Place::new(2.5, -1.0));
+        assert!(rig.text.contains("origin_mm = { x = 2.5, y = -1.0 }"), "{}", rig.text);
+        material.file.nests = vec![nest(2.5), nest(7.0)];
+        assert!(material.check().is_err());
+        material.file.nests.pop();
+        material.check().expect("within the travel");
+    }
+}

@@ -1,0 +1,133 @@
+//! `palpate batch run`.
+
+use super::super::exit::{CANCELLED, Failure};
+use super::super::labels::label;
+use super::super::provenance::now;
+use super::super::session::MannerArgs;
+use super::super::signals::{First, heed};
+use super::super::summary::tell;
+use super::desk::{Desk, Wanted};
+use super::item::Flow;
+use super::material::{Material, RIG};
+use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate batch run batch
+  palpate batch run monday.toml --operator Ada
+  printf 'A-01\\nA-02\\n' | palpate batch run batch --out runs/two --json
+
+The program asks for the next serial number, typed or scanned. A line that begins with
+a dot is a command: .repeat [SERIAL], .skip SERIAL, .note TEXT, .status, .end.
+The same command continues a batch. Nothing is calibrated again unless .repeat or
+`palpate batch retry` allows it; the new run gets a folder of its own: SERIAL-2.
+
+Ctrl-C during a run finishes the press and pauses; a second one stops and ends.
+Exit code: 0 the batch was ended, or the input ended, with any verdicts; 2 invalid file
+or usage; 3 the stage couldn't be parked; 4 the same after a safety trip; 5 the record
+couldn't be written; 130 cancelled.";
+
+/// Calibrate the sensors of a batch, one after another
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct RunArgs {
+    /// The batch file
+    batch: PathBuf,
+    /// Simulate: replace the rig's links by emulators, in virtual time
+    #[arg(long)]
+    simulate: bool,
+    /// Folder of the batch; it is continued if it exists [default: runs/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Operator, instead of the batch file's
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    operator: Option<String>,
+    /// Print one JSON line for each event when it is stored on disk
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    manner: MannerArgs,
+}
+
+/// Creates the batch's folder or continues it, and calibrates the sensors that are typed.
+pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+    let material = Material::read(&args.batch, args.simulate)?;
+    args.manner.check(&material.rig)?;
+    material.check()?;
+    let operator = args.operator.clone().or_else(|| material.file.operator.clone());
+    let path = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&material.file.name));
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    let session = Session { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
+    let cancel = heed(First::Pause, Some("stopping"))?;
+    let mut desk = if path.symlink_metadata().is_err() {
+        let first = beginning(facts(&material), &material.texts, &material.file.serials, session);
+        let folder = BatchFolder::create(&path, &material.file.name, &first).map_err(Failure::batch)?;
+        let desk = Desk { folder, material, cancel, operator, json: args.json };
+        first.iter().try_for_each(|event| desk.publish(event))?;
+        desk
+    } else {
+        let folder = BatchFolder::open(&path).map_err(Failure::batch)?;
+        let mut desk = Desk { folder, material, cancel, operator, json: args.json };
+        go_on(&mut desk, session)?;
+        desk
+    };
+    desk.greet()?;
+    loop {
+        let tray = match desk.ask()? {
+            Wanted::Run(tray) => tray,
+            Wanted::End => break,
+            Wanted::Cancelled => return Ok(ExitCode::from(CANCELLED)),
+        };
+        if desk.calibrate(&tray, &args.manner)? == Flow::Cancelled {
+            return Ok(ExitCode::from(CANCELLED));
+        }
+    }
+    desk.greet()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn facts(material: &Material) -> Facts {
+    let file = &material.file;
+    Facts {
+        format: BATCH_FORMAT,
+        name: file.name.clone(),
+        at: now(),
+        design: file.design.clone(),
+        prior: material.prior.clone(),
+        reference: file.reference.clone(),
+        seed: file.seed,
+        simulated: material.rig.is_simulated(),
+    }
+}
+
+/// Continues a batch: checks that it is this one. Only the rig may have changed; the batch then keeps its text too.
+fn go_on(desk: &mut Desk, session: Session) -> Result<(), Failure> {
+    let (state, material) = (desk.folder.state(), &desk.material);
+    let path = desk.folder.path().display();
+    let is_rigs = |name: &str| name == RIG || name.starts_with("rig-");
+    let kept = |name: &str| state.texts.iter().find(|kept| kept.name == name).map(|kept| &kept.text);
+    let all = state.texts.iter().chain(&material.texts).map(|text| text.name.as_str()).filter(|name| !is_rigs(name));
+    let now_is = |name: &str| material.texts.iter().find(|text| text.name == name).map(|text| &text.text);
+    if let Some(changed) = all.clone().find(|name| kept(name) != now_is(name)) {
+        let help = "restore it, or begin another batch with another `name` or --out; `palpate batch add` adds sensors";
+        return Err(Failure::usage(miette::miette!(help = help, "{path} was begun with another {changed}")));
+    }
+    if state.facts.prior != material.prior {
+        let help = "restore it, or begin another batch with another `name` or --out";
+        return Err(Failure::usage(miette::miette!(help = help, "{path} was begun with another `prior`")));
+    }
+    if state.facts.simulated != material.rig.is_simulated() {
+        let help = "begin another batch with another --out";
+        let was = if state.facts.simulated { "simulated" } else { "measured on a real rig" };
+        return Err(Failure::usage(miette::miette!(help = help, "{path} is {was}, and can't be continued otherwise")));
+    }
+    let texts = material.texts.iter().filter(|text| is_rigs(&text.name) && kept(&text.name) != Some(&text.text));
+    let changed: Vec<Event> = texts.cloned().map(Event::Text).collect();
+    if !changed.is_empty() {
+        tell("the rig has changed since the last session: the batch keeps both\n")?;
+    }
+    desk.record(&Event::Session(session))?;
+    changed.iter().try_for_each(|event| desk.record(event))
+}

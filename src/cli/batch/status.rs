@@ -1,0 +1,105 @@
+//! `palpate batch status`.
+
+use super::super::exit::Failure;
+use super::super::summary::print;
+use crate::batch::{Item, Standing, State, read_state};
+use miette::IntoDiagnostic;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate batch status runs/first-batch
+  palpate batch status runs/first-batch --json
+
+A batch can be looked at while it is in use.";
+
+/// Show what became of each sensor of a batch
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct StatusArgs {
+    /// The batch folder
+    batch: PathBuf,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Prints the state that follows from the batch's journal.
+pub fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
+    let state = read_state(&args.batch).map_err(Failure::batch)?;
+    if !args.json {
+        print(&described(&state))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let counts = Standing::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
+    let told = Told {
+        name: &state.facts.name,
+        design: &state.facts.design,
+        counts: counts.into_iter().collect(),
+        reference: state.reference.as_ref(),
+        reference_due: state.is_reference_due(),
+        next: state.next().map(|item| item.serial.as_str()),
+        refused: state.refused,
+        alarms: state.alarms,
+        sensors: &state.items,
+    };
+    let line = serde_json::to_string(&told).into_diagnostic().map_err(Failure::usage)?;
+    print(&format!("{line}\n"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The state of a batch as JSON.
+#[derive(Serialize)]
+struct Told<'a> {
+    name: &'a str,
+    design: &'a str,
+    counts: BTreeMap<String, usize>,
+    reference: Option<&'a Item>,
+    reference_due: bool,
+    next: Option<&'a str>,
+    refused: u64,
+    alarms: u64,
+    sensors: &'a [Item],
+}
+
+/// Returns the state for a person: the numbers, then each sensor that has begun or was skipped.
+pub fn described(state: &State) -> String {
+    let mut text = format!("batch {}, design {}: {}\n", state.facts.name, state.facts.design, counted(state));
+    // writing to a string can't fail
+    if let Some(reference) = &state.reference {
+        let due = if state.is_reference_due() { ", due now" } else { "" };
+        let _ = writeln!(text, "reference sensor {}: begun {} times{due}", reference.serial, reference.times);
+    }
+    if state.refused + state.alarms > 0 {
+        let _ = writeln!(text, "{} refused serial numbers, {} alarms", state.refused, state.alarms);
+    }
+    for item in state.items.iter().filter(|item| item.standing != Standing::Waiting || item.times > 0) {
+        let minutes = item.minutes.map(|minutes| format!("{minutes:>7.1} min")).unwrap_or_default();
+        let line = format!(
+            "  {:<16} {:<13}{minutes:>11}  {}",
+            item.serial,
+            item.standing.name(),
+            item.run.as_deref().unwrap_or_default()
+        );
+        let _ = writeln!(text, "{}", line.trim_end());
+        for remark in item.reason.iter().chain(&item.note) {
+            let _ = writeln!(text, "    {remark}");
+        }
+    }
+    if let Some(next) = state.next() {
+        let _ = writeln!(text, "next: {}", next.serial);
+    }
+    text
+}
+
+/// Returns the number of sensors of each standing that occurs.
+pub fn counted(state: &State) -> String {
+    let counts = Standing::ALL.map(|standing| (state.count(standing), standing.name()));
+    let counts: Vec<String> =
+        counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, name)| format!("{count} {name}")).collect();
+    format!("{} sensors, {}", state.items.len(), counts.join(", "))
+}

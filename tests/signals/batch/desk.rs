@@ -1,0 +1,238 @@
+//! What is typed at the desk of a batch, piped: what is refused, trays, trips, the reference sensor, and continuing.
+
+use super::{RECIPE, begun, bench, break_rig, complete, events, mend_rig, piped, results};
+use crate::support::{Bench, exchanged};
+use palpate::batch::Event;
+use palpate::dataset::Status;
+
+const RUN: &str = "batch run b.toml --out day";
+
+/// Two nests on one tray.
+const TRAY: &str = r#"
+[[nest]]
+name = "left"
+offset_mm = { x = -3.0, y = 0.0 }
+[[nest]]
+name = "right"
+offset_mm = { x = 3.0, y = 1.5 }
+"#;
+
+const REFERENCE: &str = "reference = { serial = \"REF\", every = 2 }\n";
+
+#[test]
+fn every_event_is_a_line_of_json_and_in_the_journal() {
+    let bench = bench("");
+    let told = piped(&bench, &format!("{RUN} --json"), &["B-1", "A-01", ".note clean", "A-01"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    let lines: Vec<Event> = told.out.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    let all = events(&bench, "day");
+    assert_eq!(all, lines);
+    let names = |event: &Event| match event {
+        Event::Refused { typed, .. } => format!("refused {typed}"),
+        Event::Began(began) => format!("began {}", began.run),
+        Event::Ended(ended) => format!("ended {}", ended.serial),
+        Event::Noted { note, .. } => format!("noted {note}"),
+        Event::Batch(facts) => format!("batch {}", facts.name),
+        Event::Text(text) => format!("text {}", text.name),
+        Event::Added { serials, .. } => format!("added {}", serials.len()),
+        Event::Session(session) => format!("session {}", session.bench),
+        other => format!("{other:?}"),
+    };
+    let said: Vec<String> = lines.iter().map(names).collect();
+    let first = ["batch day", "text batch.toml", "text rig.toml", "text recipe-1.toml", "added 30", "session rig"];
+    assert_eq!(said[..first.len()], first);
+    assert_eq!(said[first.len()..], ["refused B-1", "began runs/A-01", "ended A-01", "noted clean", "refused A-01"]);
+    assert!(told.err.contains("B-1 isn't in this batch: check it, or add it with `palpate batch add`; nothing moves"));
+    assert!(told.err.contains("A-01 ACCEPTED") || told.err.contains("A-01 NOT ACCEPTED"), "{}", told.err);
+}
+
+#[test]
+fn a_sensor_calibrated_again_is_the_same_specimen_with_other_noise() {
+    let bench = bench("");
+    assert_eq!(piped(&bench, RUN, &["A-01", ".repeat", "A-01", "A-02"]).code, Some(0));
+    let manifest = |run: &str| bench.manifest(&format!("day/runs/{run}"));
+    let (first, again, other) = (manifest("A-01"), manifest("A-01-2"), manifest("A-02"));
+    assert_eq!(first["specimen"], again["specimen"]);
+    assert_ne!(first["specimen"], other["specimen"]);
+    assert_ne!(first["seed"], again["seed"]);
+    // the gains of a specimen differ by 20 %, the readings of one specimen by some 3 %
+    let outputs = |run: &str| -> Vec<f64> {
+        let table = format!("day/runs/{run}/presses.csv");
+        let column = |unit| bench.column(&table, &format!("out_{unit}")).into_iter().take(9);
+        (1..=9).flat_map(column).map(|output| output.parse().expect("a number")).collect()
+    };
+    let [first, again, other] = ["A-01", "A-01-2", "A-02"].map(outputs);
+    let apart = |one: &[f64], two: &[f64]| one.iter().zip(two).map(|(a, b)| (a - b).abs()).sum::<f64>();
+    let (same, differs) = (apart(&first, &again), apart(&first, &other));
+    assert!(same > 0.0 && same < 0.5 * differs, "{same} {differs}");
+}
+
+#[test]
+fn the_sensors_on_a_tray_are_calibrated_one_after_another_each_in_its_nest() {
+    let bench = bench(TRAY);
+    let told = piped(&bench, RUN, &["A-01", "A-01", "A-02", "", "A-03"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(told.err.contains("A-01 is on the tray already; nothing moves"), "{}", told.err);
+    let all = events(&bench, "day");
+    let nests: Vec<(String, String)> = all
+        .iter()
+        .filter_map(|event| match event {
+            Event::Began(began) => Some((began.serial.clone(), began.nest.clone().expect("a nest"))),
+            _ => None,
+        })
+        .collect();
+    let expected = [("A-01", "left"), ("A-02", "right"), ("A-03", "right")];
+    assert_eq!(nests, expected.map(|(serial, nest)| (serial.to_owned(), nest.to_owned())));
+    for (serial, origin) in [("A-01", "{ x = -3.0, y = 0.0 }"), ("A-02", "{ x = 3.0, y = 1.5 }")] {
+        let rig = bench.read(&format!("day/runs/{serial}/rig.toml"));
+        assert!(rig.contains(&format!("origin_mm = {origin}")), "{rig}");
+        assert_eq!(complete(&all, serial), 1);
+    }
+}
+
+#[test]
+fn a_nest_out_of_the_travel_is_refused_before_there_is_a_folder() {
+    let bench = bench(&TRAY.replace("x = 3.0", "x = 10.0"));
+    for words in [RUN, "batch check b.toml"] {
+        let told = piped(&bench, words, &["A-01"]);
+        assert_eq!(told.code, Some(2), "{}", told.err);
+        assert!(told.err.starts_with("at the nest right:\n") && told.running().contains("travel"), "{}", told.err);
+        assert!(!bench.has("day"));
+    }
+}
+
+#[test]
+fn the_reference_sensor_is_asked_for_first_and_may_wait_for_one_sensor() {
+    let bench = bench(REFERENCE);
+    let typed = ["A-01", "later", "A-01", "A-02", "REF", "A-02", "A-03", "A-04", "REF", ".end"];
+    let told = piped(&bench, RUN, &typed);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    let due = "the reference sensor REF is due: put it on the bench and type REF, or type `later`; nothing moves";
+    assert_eq!(told.err.matches(due).count(), 3, "{}", told.err);
+    let all = events(&bench, "day");
+    let began: Vec<&str> = all
+        .iter()
+        .filter_map(|event| if let Event::Began(began) = event { Some(began.serial.as_str()) } else { None })
+        .collect();
+    assert_eq!(began, ["A-01", "REF", "A-02", "A-03", "REF"]);
+    for result in results(&all, "REF") {
+        assert!(result.reference && result.verdict.is_none() && result.found.len() == 1, "{result:?}");
+    }
+    assert_eq!(bench.manifest("day/runs/REF-2")["sensor"], "REF");
+}
+
+#[test]
+fn a_trip_ends_the_sensor_alone_and_it_needs_a_word_before_it_is_pressed_again() {
+    let bench = bench("");
+    break_rig(&bench, "stuck", 25.0);
+    let told = piped(&bench, RUN, &["A-01", "A-01", "A-02"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    let all = events(&bench, "day");
+    for serial in ["A-01", "A-02"] {
+        let [result] = results(&all, serial)[..] else { panic!("{serial}") };
+        assert_eq!((result.status, result.verdict), (Status::Tripped, None), "{result:?}");
+    }
+    assert!(told.err.contains("safety trip: "), "{}", told.err);
+    assert!(told.out.contains("A-01 TRIPPED") && told.out.contains("to calibrate it again: .repeat A-01, then A-01"));
+    let refused =
+        "A-01 ended with a safety trip: find its cause, then type `.repeat A-01` to allow it again; nothing moves";
+    assert!(told.err.contains(refused), "{}", told.err);
+    mend_rig(&bench);
+    let told = piped(&bench, RUN, &["A-01", ".repeat A-01", "A-01"]);
+    assert!(told.err.contains("the rig has changed since the last session: the batch keeps both"), "{}", told.err);
+    let all = events(&bench, "day");
+    assert_eq!((begun(&all, "A-01"), complete(&all, "A-01")), (2, 1));
+}
+
+#[test]
+fn a_device_that_does_not_answer_is_found_before_the_run() {
+    let bench = bench("");
+    break_rig(&bench, "array-lost", 0.0);
+    let told = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    let all = events(&bench, "day");
+    let result = results(&all, "A-01")[0];
+    assert_eq!((result.status, result.runs.len()), (Status::Failed, 0), "{result:?}");
+    assert!(result.reasons[0].contains("array"), "{result:?}");
+    assert!(!bench.has("day/runs/A-01"), "no run began");
+}
+
+#[test]
+fn a_stage_that_can_not_be_parked_ends_the_batch() {
+    let bench = bench("");
+    break_rig(&bench, "stage-lost", 25.0);
+    let told = piped(&bench, RUN, &["A-01", "A-02"]);
+    assert!(matches!(told.code, Some(3 | 4)), "{:?} {}", told.code, told.err);
+    assert!(told.err.contains("the stage could not be parked: move it clear of the specimen by hand"), "{}", told.err);
+    let all = events(&bench, "day");
+    assert_eq!((results(&all, "A-01").len(), begun(&all, "A-02")), (1, 0));
+}
+
+#[test]
+fn a_batch_is_continued_with_the_same_files_only() {
+    let bench = bench("");
+    assert_eq!(piped(&bench, RUN, &["A-01"]).code, Some(0));
+    bench.write("r.toml", &exchanged(RECIPE, "force_n = 1.0", "force_n = 0.9"));
+    let told = piped(&bench, RUN, &["A-02"]);
+    assert_eq!(told.code, Some(2));
+    assert!(told.running().contains("day was begun with another recipe-1.toml"), "{}", told.err);
+    bench.write("r.toml", RECIPE);
+    assert_eq!(piped(&bench, RUN, &["A-02"]).code, Some(0));
+    assert_eq!(complete(&events(&bench, "day"), "A-02"), 1);
+    bench.palpate("run r.toml --rig rig.toml --out run");
+    let told = piped(&bench, "batch run b.toml --out run", &["A-03"]);
+    assert_eq!(told.code, Some(2));
+    assert!(told.running().contains("the journal of a run, not of a batch"), "{}", told.err);
+}
+
+#[test]
+fn what_a_person_decides_about_sensors_is_recorded() {
+    let bench = bench("");
+    assert_eq!(piped(&bench, RUN, &["A-01", ".skip A-02", "A-02"]).code, Some(0));
+    for (words, code, said) in [
+        ("batch add day C-1 C-2", 0, "2 sensors added"),
+        ("batch add day C-3 c-1", 2, "\"c-1\": is in the batch already"),
+        ("batch add day C-3 C-3", 2, "\"C-3\": is here twice"),
+        ("batch add day a/b", 2, "\"a/b\": not a serial number"),
+        ("batch retry day A-02", 0, "A-02 may be calibrated again"),
+        ("batch retry day B-1", 2, "day has no sensor \"B-1\""),
+        ("batch skip day C-2", 0, "C-2 is skipped"),
+        ("batch note day C-1 scratched", 0, "C-1 has this note"),
+        ("batch status nothing", 2, "nothing is not a batch folder (journal.log not found)"),
+    ] {
+        let told = bench.palpate_ends(code, words);
+        assert!(format!("{}{}", told.out, told.running()).contains(said), "{words}: {}{}", told.out, told.err);
+    }
+    let told = piped(&bench, RUN, &["A-02", "C-2", "C-1"]);
+    assert!(told.err.contains("C-2 was skipped: type `.repeat C-2` to allow it again; nothing moves"), "{}", told.err);
+    let status = &bench.palpate_ends(0, "batch status day --json").json_lines()[0];
+    assert_eq!((&status["counts"]["waiting"], &status["counts"]["skipped"]), (&28.into(), &1.into()), "{status}");
+    assert_eq!(status["sensors"][30]["note"], "scratched");
+    assert_eq!(bench.manifest("day/runs/C-1")["note"], "scratched");
+}
+
+#[test]
+fn all_problems_of_a_batch_file_are_reported_at_once_each_at_its_line() {
+    let bench =
+        Bench::with([("b.toml", "name = \"a/b\"\ndesign = \"d\"\nrig = \"rig.toml\"\nserials = []\nseeds = 1\n")]);
+    let told = bench.palpate_ends(2, "batch check b.toml");
+    for problem in
+        ["isn't a valid folder name", "`recipes` is missing", "`serials` has 0 sensors", "unknown key `seeds`"]
+    {
+        assert!(told.running().contains(problem), "{problem}: {}", told.err);
+    }
+}
+
+#[test]
+fn the_chance_of_no_decision_is_printed_or_what_it_needs() {
+    let bench = bench("");
+    let told = bench.palpate_ends(0, "batch check b.toml");
+    assert!(told.out.contains("computed: state `location_mean_mm` in `typical`"), "{}", told.out);
+    assert!(told.out.contains("14 presses: 9 of the calibration, 5 of the test"), "{}", told.out);
+    let batch = bench.read("b.toml");
+    bench.write("b.toml", &format!("{batch}accept = \"rule.toml\"\ntypical = {{ location_mean_mm = 0.9 }}\n"));
+    bench.write("rule.toml", "rule = \"guarded\"\nlocation_mean_mm = 1.0\n");
+    let told = bench.palpate_ends(0, "batch check b.toml");
+    assert!(told.out.contains("ACCEPTED with 0.0 %"), "{}", told.out);
+    assert!(told.out.contains("none is accepted: use more test presses"), "{}", told.out);
+}
