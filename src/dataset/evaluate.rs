@@ -137,6 +137,11 @@ impl<'a> Trial<'a> {
         Ok((evaluation, fitted))
     }
 
+    /// Solves the test with a method that was fitted to this calibration and to other data. Forces are those of the load cell.
+    pub fn evaluate_with(&self, fitted: &Fitted) -> Result<Evaluation, EvaluateError> {
+        self.evaluated(fitted, &LOAD_CELL)
+    }
+
     /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and measures its time.
     pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
         let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
@@ -211,12 +216,16 @@ impl<'a> Trial<'a> {
         solver: &str,
     ) -> Result<(Evaluation, Fitted), EvaluateError> {
         let fitted = prepared.fit(solver).map_err(|source| self.unfit(source))?;
-        let mut evaluation = evaluate(&fitted, &self.presses(force))
+        Ok((self.evaluated(&fitted, force)?, fitted))
+    }
+
+    fn evaluated(&self, fitted: &Fitted, force: &ForceColumn) -> Result<Evaluation, EvaluateError> {
+        let mut evaluation = evaluate(fitted, &self.presses(force))
             .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         evaluation.at_calibrated_places = self.at_calibrated_places();
-        Ok((evaluation, fitted))
+        Ok(evaluation)
     }
 
     fn unfit(&self, source: FitError) -> EvaluateError {

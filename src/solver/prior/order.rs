@@ -2,6 +2,7 @@
 
 use super::Prior;
 use super::posterior::{Information, Posterior};
+use super::spread::Deviations;
 use crate::quantity::{Place, Range};
 use crate::solver::Covariance;
 use crate::solver::adapt::Moved;
@@ -59,6 +60,22 @@ impl Prior {
         let contacts = self.map.response.field.area().cells(CONTACTS_A_SIDE);
         let contacts: Vec<Felt> = contacts.into_iter().map(|place| self.felt_at(place)).collect();
         self.expected_mm(&informed, &contacts, contact_n)
+    }
+
+    /// Returns the standard deviations with which presses of `press_n` at some places measure the means over all units.
+    pub fn repeats_of_means(&self, places: &[Place], press_n: f64) -> Deviations {
+        let mut informed = self.nothing_known();
+        places.iter().for_each(|place| self.inform(&mut informed, &self.felt_at(*place), press_n));
+        let own = self.spread.own.squares();
+        let mut sum = Moved::zeros();
+        for of in &informed {
+            let (_, covariance) = of.with(&own);
+            // noise alone: the part of the covariance that the presses leave, not what the prior leaves out
+            let noise = covariance * of.matrix * covariance;
+            sum += noise.diagonal();
+        }
+        let count = informed.len() as f64;
+        Deviations::of(&(sum / (count * count)))
     }
 
     fn nothing_known(&self) -> Vec<Information> {
