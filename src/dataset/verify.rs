@@ -45,7 +45,8 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     let known = match Known::read(path, layout.map(ArrayLayout::len)) {
         Ok((known, _)) => known,
         Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
-            verified.problems.push(error.to_string());
+            verified.records = Journal::records(&path.join(JOURNAL))?.take_while(Result::is_ok).count() as u64;
+            verified.problems.push(format!("{error}; the {} records before it are sound", verified.records));
             return Ok(verified);
         }
         Err(error) => return Err(error),

@@ -121,7 +121,8 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         Some("units") => (read_units(table), None),
         _ => (None, None),
     };
-    let inner_force = random_force.is_some();
+    // an invalid range has its own problem
+    let inner_force = places_key.is_some_and(|key| key.name == step::random.name && has_force(table));
     if table.is_list(&step::force_n) {
         let told = "`force_n` is an interval, expected one force in N";
         let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
@@ -243,6 +244,11 @@ fn read_random(step: &Table) -> (Option<Places>, Option<Load>) {
         _ => None,
     };
     (places, force)
+}
+
+/// Whether `random` has a range of forces, valid or not.
+fn has_force(step: &Table) -> bool {
+    step.inner_has(&step::random, &random::force_n)
 }
 
 fn read_units(step: &Table) -> Option<Places> {

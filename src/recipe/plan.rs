@@ -87,11 +87,12 @@ impl Recipe {
     /// Returns the problem of too many presses. This step is the first one above the limit.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
-        let told = format!("the plan has {presses} presses, but at most {} are allowed", self.presses_max);
-        let help = if presses > PRESSES_CEILING {
-            format!("split the recipe: a plan has at most {PRESSES_CEILING} presses")
-        } else {
-            format!("split the recipe, or add --presses-max {presses}")
+        let is_possible = presses <= PRESSES_CEILING;
+        let most = if is_possible { self.presses_max } else { PRESSES_CEILING };
+        let told = format!("the plan has {presses} presses, but at most {most} are allowed");
+        let help = match is_possible {
+            true => format!("split the recipe, or add --presses-max {presses}"),
+            false => "use a coarser `spacing_mm`, or split the recipe".to_owned(),
         };
         Problem::new(step.places_span.clone(), told).help(help)
     }

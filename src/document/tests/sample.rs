@@ -91,7 +91,7 @@ fn assert_takes(key: &Key, value: &str) {
     let taken = |table: &Table, kind: &Kind| match kind {
         Kind::Number(_) => table.number(key).is_some(),
         Kind::Range(_) => table.range(key).is_some(),
-        Kind::PerUnit(_) => table.per_unit(key).is_some(),
+        Kind::PerUnit(_) => table.per_unit(key, None).is_some(),
         Kind::Places(_) => table.places(key).is_some(),
         Kind::Whole(..) => table.whole(key).is_some(),
         Kind::Wholes(..) => table.wholes(key).is_some(),
