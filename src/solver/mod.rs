@@ -92,7 +92,7 @@ pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
 pub use plane::Plane;
 pub use prepared::Prepared;
-pub use prior::{Belongs, Deviation, Deviations, Prior, PriorError, SENSORS_LEAST, Sibling, Spread, cell_centres};
+pub use prior::{Belongs, Deviation, Deviations, Prior, PriorError, SENSORS_LEAST, Sibling, Spread};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};

@@ -11,7 +11,6 @@ mod posterior;
 mod spread;
 
 pub use belongs::{Belongs, Deviation};
-pub use order::cell_centres;
 pub use spread::{Deviations, Spread};
 
 use super::adapt::{Fit, Map, Moved};

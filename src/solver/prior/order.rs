@@ -3,20 +3,11 @@
 use super::Prior;
 use super::posterior::{Information, Posterior};
 use super::spread::Deviations;
-use crate::quantity::{Place, Range};
+use crate::quantity::Place;
 use crate::solver::Covariance;
 use crate::solver::adapt::Moved;
 use crate::solver::normal::{Normal, inverse};
 use nalgebra::Matrix4;
-
-/// Returns the centres of `columns` x `rows` equal cells of an area, row by row.
-pub fn cell_centres(x_mm: Range, y_mm: Range, columns: usize, rows: usize) -> Vec<Place> {
-    let at = |range: Range, index: usize, count: usize| {
-        range.min + (range.max - range.min) * (index as f64 + 0.5) / count as f64
-    };
-    let place = |index: usize| Place::new(at(x_mm, index % columns, columns), at(y_mm, index / columns, rows));
-    (0..columns * rows).map(place).collect()
-}
 
 /// Number of places along a side of the area where a press can be chosen. The second constant is the number of cells along a
 /// side, at whose centres expected errors are averaged.
