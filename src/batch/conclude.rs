@@ -98,10 +98,12 @@ impl Conclusion {
             Belongs::Outsider(deviations) => {
                 self.judgement = basis.rule.map(|rule| Judgement {
                     verdict: Verdict::NotAccepted,
-                    reasons: vec![told("refused: this isn't a sound sensor of the design", &deviations)],
+                    reasons: vec![told("refused", &deviations)],
                     ..by_model(rule)
                 });
-                self.reasons.push(told("refused", &deviations));
+                if basis.rule.is_none() {
+                    self.reasons.push(told("refused", &deviations));
+                }
             }
             Belongs::Beyond(deviations) if !is_last => {
                 self.needs_more = true;

@@ -109,8 +109,12 @@ impl Deviation {
     }
 }
 
-/// Number of standard deviations from which one unit's gain, place or width isn't that of the design.
+/// Number of standard deviations from which one unit's place or width isn't that of the design.
 const UNIT_SIGMAS: f64 = 4.5;
+/// Number of standard deviations of the design from which the logarithm of a unit's gain isn't that of the design. The second
+/// constant is the number of standard deviations of the measurement that are subtracted first.
+const GAIN_SIGMAS: f64 = 3.5;
+const GAIN_MARGIN: f64 = 2.5;
 /// Number of standard deviations of one unit from which a change of all units isn't that of the design.
 const ALL_SIGMAS: f64 = 6.0;
 /// Number of standard deviations of the common change from which few presses don't suffice.
@@ -132,13 +136,14 @@ impl Belongs {
     pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
         let own = spread.own.squares();
         let found = estimates(fit, units, &(WEAK * own.map(f64::sqrt)));
+        let (common, covariance_of_common) = common(&found, &own);
         let mut outside = Vec::new();
         for (unit, (moved, covariance)) in found.iter().enumerate() {
-            let sigmas = |index: usize| moved[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
+            // what all units have in common is checked below
+            let alone = moved - common;
+            let sigmas = |index: usize| alone[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
             let (unit, gain) = (unit + 1, 1.0 + moved[0]);
-            // a gain is a factor: 0.3 is as far from 1 as 3.3
-            let of_gain = gain.ln().abs() / (own[0] + covariance[(0, 0)] / (gain * gain)).sqrt();
-            if of_gain > UNIT_SIGMAS {
+            if is_other_gain(gain / (1.0 + common[0]), own[0].sqrt(), covariance[(0, 0)].sqrt()) {
                 outside.push(if gain < DEAD_GAIN { Deviation::Dead { unit } } else { Deviation::Gain { unit, gain } });
             }
             if sigmas(1).max(sigmas(2)) > UNIT_SIGMAS {
@@ -150,7 +155,7 @@ impl Belongs {
         }
         outside.extend(shapes(fit, units, &found));
         outside.extend(turned(units, &found, &own, fit.map));
-        let (common, covariance) = common(&found, &own);
+        let covariance = covariance_of_common;
         let per_unit = |index: usize| common[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
         let deviation = |index: usize| match index {
             0 => Deviation::AllGains { gain: 1.0 + common[0] },
@@ -223,6 +228,14 @@ fn mean_place(places: &[Place]) -> Place {
     let count = places.len() as f64;
     let sum = places.iter().fold((0.0, 0.0), |(x, y), place| (x + place.x_mm, y + place.y_mm));
     Place::new(sum.0 / count, sum.1 / count)
+}
+
+/// Whether a gain isn't that of the design. A gain is a factor, so 0.3 is as far from 1 as 3.3. It is first moved toward 1 by what
+/// its measurement may be off.
+fn is_other_gain(gain: f64, spread: f64, measured_sd: f64) -> bool {
+    let margin = GAIN_MARGIN * measured_sd;
+    let nearest = if gain < 1.0 { (gain + margin).min(1.0) } else { (gain - margin).max(1.0) };
+    nearest.max(f64::MIN_POSITIVE).ln().abs() > GAIN_SIGMAS * spread
 }
 
 /// Returns the units whose residuals are more than noise after the best change.
