@@ -29,7 +29,7 @@ keys! {
         bench: Text, Allowed, "name of the bench; without it, that of the rig file", "\"bench-2\"";
         seed: Whole(0, NUMBER_MAX), or_whole(1), "random seed of a simulated batch", "7";
         warm_up_s: Number(within(0.0, HOUR_S, "s")), or(0.0),
-            "time between the last serial number and the first motion, in which the sensors come to the bench's temperature", "60.0";
+            "time between the last serial number and the first motion, in which the sensors reach the bench's temperature", "60.0";
         reference: Table(&reference::KEYS), Allowed, "reference sensor, which shows whether the bench has changed";
         nest: Tables(&nest::KEYS), Allowed, "places of a tray, calibrated one after another; without them, one sensor at a time";
         typical: Table(&typical::KEYS), Allowed, "errors of a typical sensor, from which the chance of no decision is computed";
