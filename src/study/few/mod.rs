@@ -74,8 +74,8 @@ mod tests {
             let whole = fit("surrogate", &presses, &setting).unwrap();
             assert_eq!(sibling.belongs, Belongs::Typical);
             for at in [Place::new(0.0, 0.0), Place::new(3.0, 2.0), Place::new(-5.0, 1.0)] {
-                let [sibling, whole] = [sibling.model.fitted(), &whole]
-                    .map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
+                let [sibling, whole] =
+                    [sibling.model.fitted(), &whole].map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
                 assert!((sibling / whole - 1.0).abs() < 0.1, "{} {at:?}: {sibling} mm, {whole} mm", noise.name());
             }
         }

@@ -102,7 +102,11 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     // another layer, and a dead unit
     for (serial, more, reason) in [
         ("A-5", "elastomer = { depth_mm = 6.5 }", "refused: "),
-        ("A-6", "elastomer = { depth_mm = 5.0 }\ntaxel_faults = [{ unit = 3, kind = \"dead\" }]", "refused: unit 3 reads nothing"),
+        (
+            "A-6",
+            "elastomer = { depth_mm = 5.0 }\ntaxel_faults = [{ unit = 3, kind = \"dead\" }]",
+            "refused: unit 3 reads nothing",
+        ),
     ] {
         bench.write("rig.toml", &rig(more));
         let told = piped(&bench, "batch run b.toml", &["later", serial]);
