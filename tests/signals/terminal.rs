@@ -1,8 +1,11 @@
 //! A terminal of a test's own: a person who reads, presses Enter and goes away.
 
-use serialport::{SerialPort, TTYPort};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::{FdFlags, fcntl_setfd};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Read, Write};
+use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::mpsc::channel;
@@ -19,7 +22,7 @@ static STARTING: Mutex<()> = Mutex::new(());
 
 /// The end where the person is. Programs are at the far one.
 pub struct Terminal {
-    near: TTYPort,
+    near: File,
     far: String,
     /// What has been written on it and wasn't looked for yet.
     seen: String,
@@ -29,11 +32,19 @@ impl Terminal {
     /// A terminal that nobody is at.
     pub fn open() -> Terminal {
         let _alone = STARTING.lock().expect("not poisoned");
-        let (near, far) = TTYPort::pair().expect("a pseudo-terminal");
-        // the clone isn't inherited by programs: a terminal is closed only when nobody has its near end
-        let mut clone = near.try_clone_native().expect("a handle");
-        clone.set_timeout(PATIENCE).expect("a deadline");
-        Terminal { near: clone, far: far.name().expect("a path"), seen: String::new() }
+        // the near end isn't inherited by programs: a terminal is closed only when nobody has it
+        let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
+        fcntl_setfd(&near, FdFlags::CLOEXEC).expect("a flag");
+        grantpt(&near).expect("it is ours");
+        unlockpt(&near).expect("it is open");
+        let far = ptsname(&near, Vec::new()).expect("a name").into_string().expect("a path");
+        let terminal = Terminal { near: near.into(), far, seen: String::new() };
+        let far = terminal.far();
+        let mut modes = tcgetattr(&far).expect("modes");
+        // what is typed isn't shown, and no key ends a program
+        modes.make_raw();
+        tcsetattr(&far, OptionalActions::Now, &modes).expect("modes");
+        terminal
     }
 
     /// For a program's standard input, output or error.
@@ -73,18 +84,14 @@ impl Terminal {
 
     /// Whether there was something, before everybody left.
     fn read(&mut self) -> bool {
+        let patience = Timespec { tv_sec: PATIENCE.as_secs() as i64, tv_nsec: 0 };
+        let ready = poll(&mut [PollFd::new(&self.near, PollFlags::IN)], Some(&patience)).expect("a poll");
+        assert!(ready > 0, "nothing within {} s: {}", PATIENCE.as_secs(), self.seen);
         let mut bytes = [0; 4096];
-        match self.near.read(&mut bytes) {
-            Ok(0) => false,
-            Ok(count) => {
-                self.seen += &String::from_utf8_lossy(&bytes[..count]);
-                true
-            }
-            Err(error) if error.kind() == ErrorKind::TimedOut => {
-                panic!("nothing within {} s: {}", PATIENCE.as_secs(), self.seen)
-            }
-            Err(_) => false, // how Linux tells that nobody is there
-        }
+        // an error is how Linux tells that nobody is there, after everything was read
+        let count = self.near.read(&mut bytes).unwrap_or(0);
+        self.seen += &String::from_utf8_lossy(&bytes[..count]);
+        count > 0
     }
 }
 

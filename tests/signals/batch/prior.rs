@@ -104,7 +104,7 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
         ("A-5", "elastomer = { depth_mm = 6.5 }", "refused: "),
         (
             "A-6",
-            "elastomer = { depth_mm = 5.0 }\ntaxel_faults = [{ unit = 3, kind = \"dead\" }]",
+            "elastomer = { depth_mm = 5.0 }\ntaxel_fault = [{ unit = 3, kind = \"dead\" }]",
             "refused: unit 3 reads nothing",
         ),
     ] {
