@@ -78,7 +78,8 @@ pub fn share_lower(count: usize, n: usize) -> f64 {
 /// 1934); 0 to 1. Without data, the interval is everything.
 pub fn share_interval(count: usize, n: usize) -> (f64, f64) {
     let tail = 0.5 * (1.0 - CONFIDENCE);
-    let quantile = |a: usize, b: usize, q: f64| Beta::new(a as f64, b as f64).map_or(q.round(), |beta| beta.inverse_cdf(q));
+    let quantile =
+        |a: usize, b: usize, q: f64| Beta::new(a as f64, b as f64).map_or(q.round(), |beta| beta.inverse_cdf(q));
     let lower = if count == 0 { 0.0 } else { quantile(count, n - count + 1, tail) };
     let upper = if count >= n { 1.0 } else { quantile(count + 1, n - count, 1.0 - tail) };
     (lower, upper)

@@ -1,8 +1,8 @@
 //! Several batches side by side: months, or benches.
 
+use super::complete;
 use super::headline::{Yield, a_day, alarms, listed, minutes};
 use super::quantity::{Quantity, is_exceeded, quartiles};
-use super::complete;
 use crate::batch::{Cause, History};
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Look, Mark, Panel, Shape};
 use crate::report::figures::WIDTH_PX;
@@ -50,7 +50,8 @@ fn summary(histories: &[History]) -> Markup {
         let key = |what: &str| format!("{}.{what}", index + 1);
         let count = |what: &str, count: usize| number(&key(what), count as f64, 0, "");
         let [low, median, high] = minutes(history).map_or([None; 3], |values| values.map(Some));
-        let minutes = |what: &str, value: Option<f64>| value.map_or_else(none, |value| number(&key(what), value, 1, ""));
+        let minutes =
+            |what: &str, value: Option<f64>| value.map_or_else(none, |value| number(&key(what), value, 1, ""));
         vec![
             words(name(index, history)),
             html! { (count("accepted", found.accepted)) " of " (count("judged", found.judged)) },
@@ -62,9 +63,18 @@ fn summary(histories: &[History]) -> Markup {
             count("alarms.batch", alarms(history, Cause::Batch)),
         ]
     };
-    let rows = |row: &dyn Fn((usize, &History)) -> Vec<Markup>| histories.iter().enumerate().map(row).collect::<Vec<_>>();
-    let results =
-        ["batch", "accepted", "yield", "attempts", "minutes a sensor", "sensors a day", "alarms, bench", "alarms, batch"];
+    let rows =
+        |row: &dyn Fn((usize, &History)) -> Vec<Markup>| histories.iter().enumerate().map(row).collect::<Vec<_>>();
+    let results = [
+        "batch",
+        "accepted",
+        "yield",
+        "attempts",
+        "minutes a sensor",
+        "sensors a day",
+        "alarms, bench",
+        "alarms, batch",
+    ];
     html! {
         (table(&results.map(words), &rows(&result)))
         p.note { "Yield: with its 95 % interval (Clopper and Pearson); a sensor that isn't decided counts as judged. Minutes: median and quartiles." }
@@ -106,7 +116,14 @@ fn limits(histories: &[History], quantities: &[Quantity]) -> Markup {
 type Rows = Vec<Option<[f64; 3]>>;
 
 /// Draws a value of each batch, with strokes over its range.
-fn drawn(histories: &[History], title: &str, label: &str, told: &str, rows: &Rows, level: Option<(f64, String)>) -> Option<Drawn> {
+fn drawn(
+    histories: &[History],
+    title: &str,
+    label: &str,
+    told: &str,
+    rows: &Rows,
+    level: Option<(f64, String)>,
+) -> Option<Drawn> {
     let (mut points, mut strokes) = (Vec::new(), Vec::new());
     for (row, values) in rows.iter().enumerate() {
         let Some([low, middle, high]) = values else { continue };
@@ -119,7 +136,8 @@ fn drawn(histories: &[History], title: &str, label: &str, told: &str, rows: &Row
         let date: String = history.state.facts.at.chars().take("2026-01-01".len()).collect();
         format!("{}\n{date}", name(index, history))
     });
-    let mut marks = vec![Mark::Strokes(Hue::Blue, strokes), Mark::Curve(Look::markers(Hue::Blue, Shape::Circle), points.clone())];
+    let mut marks =
+        vec![Mark::Strokes(Hue::Blue, strokes), Mark::Curve(Look::markers(Hue::Blue, Shape::Circle), points.clone())];
     marks.extend(level.map(|(level, told)| Mark::At(level, told)));
     let figure = Figure {
         title: title.to_owned(),
@@ -146,7 +164,9 @@ fn yields(histories: &[History]) -> Option<Drawn> {
 }
 
 fn spread(histories: &[History], quantity: &Quantity) -> Option<Drawn> {
-    let row = |history: &History| quartiles(&quantity.sorted(history)).map(|values| values.map(|value| quantity.displayed(value)));
+    let row = |history: &History| {
+        quartiles(&quantity.sorted(history)).map(|values| values.map(|value| quantity.displayed(value)))
+    };
     let rows = histories.iter().map(row).collect();
     let limit = complete(histories.last()?).filter_map(|(_, ended)| quantity.found(ended)).last();
     let limit = limit.map(|found| (quantity.displayed(found.limit), "limit".to_owned()));

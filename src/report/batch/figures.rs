@@ -1,12 +1,13 @@
 //! Figures along the batch: each figure of the acceptance rule by sensor, and the time that a sensor takes.
 
+use super::complete;
 use super::order::{self, Along, axis};
 use super::quantity::{Quantity, is_exceeded, quartiles, sorted};
-use super::complete;
 use crate::batch::{Found, History};
-use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Scale, Shape};
+use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Part, Scale, Shape};
+use crate::quantity::round;
 use crate::report::figures::WIDTH_PX;
-use crate::report::frame::{Drawn, Section, counted};
+use crate::report::frame::{Drawn, Section, capital, counted};
 use maud::html;
 
 /// Height of a panel, px.
@@ -21,7 +22,13 @@ const BEYOND: f64 = 3.0;
 /// Distance between the values and the edge of a panel, relative to the axis.
 const ROOM: f64 = 0.08;
 
+/// Distance of the least value from 0, relative to the range of the values, up to which the axis begins at 0.
+const ZERO_NEAR: f64 = 1.0;
+
 const VALUE: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
+/// Digits of a limit after the decimal point.
+const SHOWN_DIGITS: i32 = 6;
+
 const EXCEEDED: Look = Look::markers(Hue::Red, Shape::Cross);
 
 /// Returns a figure of one panel.
@@ -97,7 +104,8 @@ fn marks(
     }
     marks.extend([Mark::Strokes(Hue::Blue, along.ranges), Mark::Curve(VALUE, along.points)]);
     let mut exceeded: Vec<_> = found.iter().filter(|(_, _, found)| is_exceeded(found)).collect();
-    let at = |number: usize, found: &Found| Some((number as f64, quantity.displayed(found.value?)));
+    // a guarded rule compares the bound
+    let at = |number: usize, found: &Found| Some((number as f64, quantity.displayed(found.bound.or(found.value)?)));
     if !exceeded.is_empty() {
         let points = exceeded.iter().filter_map(|(number, _, found)| at(*number, found)).collect();
         marks.push(Mark::Curve(EXCEEDED, points));
@@ -105,32 +113,30 @@ fn marks(
     }
     let used = |found: &Found| quantity.used(found).unwrap_or_default();
     exceeded.sort_by(|(.., one), (.., other)| used(other).total_cmp(&used(one)));
+    let last = found.last().map_or(0, |(number, ..)| *number);
     let named = exceeded.into_iter().take(NAMED_MOST).filter_map(|(number, serial, found)| {
-        Some(Mark::Words(at(*number, found)?, (7.0, 4.0), Anchor::Start, (*serial).to_owned()))
+        // there is room toward the middle
+        let (right_px, anchor) = if 2 * number > last { (-7.0, Anchor::End) } else { (7.0, Anchor::Start) };
+        Some(Mark::Words(at(*number, found)?, (right_px, 4.0), anchor, (*serial).to_owned()))
     });
     marks.extend(named);
     (marks, legend)
 }
 
-/// Returns the range of an axis that contains 0 and the limit, and the values unless they are far beyond the limit; for a fraction
-/// the range up to 100 %.
+/// Returns the range of an axis that contains the limit and the values, unless they are far beyond the limit. It begins at 0 if 0 is
+/// near, and ends at 100 % at most for a fraction.
 fn range(quantity: &Quantity, limit: f64, values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let (least, most) = values.filter(|value| value.is_finite()).fold((limit, limit), |(least, most), value| {
-        (least.min(value), most.max(value))
-    });
-    if quantity.is_share() {
-        return ((least - ROOM * (100.0 - least).max(1.0)).max(0.0), 100.0);
-    }
+    let values = values.filter(|value| value.is_finite());
+    let (least, most) = values.fold((limit, limit), |(least, most), value| (least.min(value), most.max(value)));
     let most = if limit > 0.0 { most.min(BEYOND * limit) } else { most };
-    (least.min(0.0), most + ROOM * most.abs().max(f64::MIN_POSITIVE))
+    let room = ROOM * (most - least);
+    let end = if quantity.is_share() { 100f64.max(most) } else { most + room };
+    let is_zero_near = least >= 0.0 && least < ZERO_NEAR * (most - least);
+    (if is_zero_near { 0.0 } else { least - room }, end)
 }
 
 fn shown(quantity: &Quantity, displayed: f64) -> String {
-    format!("{} {}", crate::quantity::round(displayed, 6), quantity.unit()).trim_end().to_owned()
-}
-
-fn capital(words: &str) -> String {
-    crate::report::frame::capital(words)
+    format!("{} {}", round(displayed, SHOWN_DIGITS), quantity.unit()).trim_end().to_owned()
 }
 
 /// Draws the minutes of each complete sensor, and the number of sensors a day.
@@ -162,12 +168,11 @@ fn a_day(history: &History) -> Option<Drawn> {
     // a date in the middle of its part of the axis has room at both sides
     let ticks = days.iter().enumerate().skip(every / 2).step_by(every);
     let ticks = ticks.map(|(day, (date, _))| (middle(day), date.clone())).collect();
-    let columns = days.iter().enumerate().map(|(day, (_, count))| {
-        ((day as f64 + 0.1, day as f64 + 0.9), *count as f64)
-    });
-    let x = ChartAxis { label: "day with a sensor".to_owned(), scale: Scale::At(ticks), range: (0.0, days.len() as f64) };
-    let whole = crate::chart::Part { index: 0, of: 1 };
-    let marks = vec![Mark::Columns(Hue::Blue, whole, columns.collect())];
+    let columns =
+        days.iter().enumerate().map(|(day, (_, count))| ((day as f64 + 0.1, day as f64 + 0.9), *count as f64));
+    let x =
+        ChartAxis { label: "day with a sensor".to_owned(), scale: Scale::At(ticks), range: (0.0, days.len() as f64) };
+    let marks = vec![Mark::Columns(Hue::Blue, Part { index: 0, of: 1 }, columns.collect())];
     let panel = Panel { x, y: ChartAxis::count("sensors", (0.0, (1.0 + ROOM) * most)), marks };
     let subtitle = format!("complete ones; {} days", days.len());
     Some(Drawn::plain(figure("Sensors a day", &subtitle, panel, Vec::new())))

@@ -74,7 +74,8 @@ impl Along {
         for group in values.chunks(of) {
             let middle = 0.5 * (group[0].0 + group[group.len() - 1].0) as f64;
             let sorted = sorted(group.iter().map(|(_, value)| *value));
-            if let (Some([_, median, _]), Some(least), Some(most)) = (quartiles(&sorted), sorted.first(), sorted.last()) {
+            if let (Some([_, median, _]), Some(least), Some(most)) = (quartiles(&sorted), sorted.first(), sorted.last())
+            {
                 points.push((middle, median));
                 ranges.push(((middle, *least), (middle, *most)));
             }

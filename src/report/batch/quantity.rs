@@ -30,7 +30,9 @@ impl Quantity {
                 keys.push(&found.figure);
             }
         }
-        keys.sort_by_key(|key| (Figure::ALL.iter().position(|figure| figure.key() == *key).unwrap_or(usize::MAX), *key));
+        keys.sort_by_key(|key| {
+            (Figure::ALL.iter().position(|figure| figure.key() == *key).unwrap_or(usize::MAX), *key)
+        });
         keys.into_iter().map(Quantity::of).collect()
     }
 

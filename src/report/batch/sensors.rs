@@ -16,7 +16,7 @@ pub struct Link {
 }
 
 /// Largest number of sensors that are listed before the table of all, and of reasons for each.
-const LISTED_MOST: usize = 30;
+const LISTED_MOST: usize = 20;
 const REASONS_MOST: usize = 3;
 
 /// Returns the name of a standing as a key.
@@ -26,9 +26,8 @@ pub fn key(standing: Standing) -> String {
 
 /// Lists the sensors with another end than accepted, with the reasons. `None` if there are none.
 pub fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Option<Markup> {
-    let is_listed = |item: &&Item| {
-        !matches!(item.standing, Standing::Accepted | Standing::Calibrated | Standing::Waiting)
-    };
+    let is_listed =
+        |item: &&Item| !matches!(item.standing, Standing::Accepted | Standing::Calibrated | Standing::Waiting);
     let results = by_serial(history);
     let all: Vec<&Item> = history.state.items.iter().filter(is_listed).collect();
     let rest = all.len().saturating_sub(LISTED_MOST);
@@ -50,7 +49,7 @@ pub fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Op
         }
         @if rest > 0 { p.note { (counted(rest, "further sensor")) " in the table of all sensors." } }
     };
-    (!all.is_empty()).then(|| under("Not accepted", &body))
+    (!all.is_empty()).then(|| under("Sensors that aren't accepted", &body))
 }
 
 fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {

@@ -35,29 +35,33 @@ pub fn section(history: &History) -> Option<Markup> {
 fn nearest(history: &History) -> Option<Markup> {
     let quantities = Quantity::all([history]);
     let worst = |ended: &'_ Ended| -> Option<(usize, f64)> {
-        let used = quantities.iter().enumerate().filter_map(|(index, quantity)| Some((index, quantity.used(quantity.found(ended)?)?)));
+        let used = quantities
+            .iter()
+            .enumerate()
+            .filter_map(|(index, quantity)| Some((index, quantity.used(quantity.found(ended)?)?)));
         used.max_by(|(_, one), (_, other)| one.total_cmp(other))
     };
     let mut all: Vec<(&Ended, usize, f64)> =
         complete(history).filter_map(|(_, ended)| worst(ended).map(|(index, used)| (ended, index, used))).collect();
     all.sort_by(|(.., one), (.., other)| other.total_cmp(one));
+    let is_guarded = all.iter().take(ROWS).any(|(ended, ..)| ended.found.iter().any(|found| found.bound.is_some()));
     let row = |(ended, index, used): &(&Ended, usize, f64)| {
         let quantity = &quantities[*index];
         let found = quantity.found(ended);
         let cell = |what: &str, value: fn(&Found) -> Option<f64>| {
             let value = found.and_then(value).map(|value| quantity.displayed(value));
-            value.map_or_else(none, |value| number(&format!("{}.{}.{what}", ended.serial, quantity.key), value, quantity.digits(), ""))
+            value.map_or_else(none, |value| {
+                number(&format!("{}.{}.{what}", ended.serial, quantity.key), value, quantity.digits(), "")
+            })
         };
-        vec![
-            words(&ended.serial),
-            words(quantity.label()),
-            cell("value", |found| found.value),
-            cell("bound", |found| found.bound),
-            cell("limit", |found| Some(found.limit)),
-            percent(&format!("{}.used", ended.serial), *used),
-        ]
+        let mut cells = vec![words(&ended.serial), words(quantity.label()), cell("value", |found| found.value)];
+        cells.extend(is_guarded.then(|| cell("bound", |found| found.bound)));
+        cells.extend([cell("limit", |found| Some(found.limit)), percent(&format!("{}.used", ended.serial), *used)]);
+        cells
     };
-    let head = ["sensor", "figure", "measured", "95 % bound", "limit", "used"].map(words);
+    let bound = if is_guarded { &["95 % bound"][..] } else { &[] };
+    let head = [&["sensor", "figure", "measured"], bound, &["limit", "used"]].concat();
+    let head: Vec<Markup> = head.into_iter().map(words).collect();
     (!all.is_empty()).then(|| table(&head, &all.iter().take(ROWS).map(row).collect::<Vec<_>>()))
 }
 

@@ -2,6 +2,7 @@
 
 mod day;
 mod desk;
+mod notify;
 
 use crate::support::{Bench, Told, shipped_text};
 use palpate::batch::{Ended, Event};
