@@ -65,6 +65,12 @@ pub fn quantile_least(share: f64) -> usize {
     ((1.0 - CONFIDENCE).ln() / share.ln()).ceil() as usize
 }
 
+/// Returns the smallest number of values from which the quantile `share`, above one half, has a two-sided interval: 72 for the 95th
+/// percentile.
+pub fn quantile_interval_least(share: f64) -> usize {
+    (((1.0 - CONFIDENCE) / 2.0).ln() / share.ln()).ceil() as usize
+}
+
 /// Returns the lower bound of the fraction of a population with a property that `count` of `n` have; 0 to 1.
 pub fn share_lower(count: usize, n: usize) -> f64 {
     if count == 0 {
@@ -172,7 +178,9 @@ mod tests {
         }
         assert_eq!(quantile_upper(&ranks(20), 0.5), Some(15.0));
         assert_eq!(quantile_interval(&ranks(20), 0.5), Some((6.0, 15.0)));
-        assert_eq!(quantile_interval(&ranks(59), 0.95), None);
+        let least = quantile_interval_least(0.95);
+        assert_eq!((least, quantile_interval(&ranks(least - 1), 0.95)), (72, None));
+        assert!(quantile_interval(&ranks(least), 0.95).is_some());
     }
 
     /// Clopper and Pearson's one-sided bounds: all of n is 0.05^(1/n); 93 of 100 by the F distribution.

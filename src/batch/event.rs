@@ -99,9 +99,12 @@ pub struct Facts {
     pub at: String,
     /// Name of the design.
     pub design: String,
-    /// File with the design's prior; `None` if every sensor is calibrated without one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub prior: Option<Fingerprint>,
+    /// Journals of the full calibrations that make the design's prior; empty if every sensor is calibrated alone.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub prior: Vec<Fingerprint>,
+    /// Normal values of the charted quantities.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub charted: Vec<Charted>,
     /// The reference sensor; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
@@ -111,6 +114,21 @@ pub struct Facts {
     /// Whether this program's emulators are at the other ends of the links.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub simulated: bool,
+}
+
+/// Normal values of a quantity that is charted.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Charted {
+    /// Name of the quantity.
+    pub quantity: String,
+    /// Mean of the design.
+    pub mean: f64,
+    /// Standard deviation of the sensors of the design.
+    pub sd: f64,
+    /// Standard deviation of repeated measurements of one sensor.
+    pub reference_sd: f64,
+    /// Number of sensors that gave mean and standard deviation.
+    pub sensors: usize,
 }
 
 /// The reference sensor, which shows whether the bench has changed.

@@ -1,15 +1,17 @@
 //! A batch file: which sensors are calibrated, with which rig and recipes, and how they are judged.
 
-use super::keys::{nest, notify, offset_mm, reference, root, serials, typical};
+use super::keys::{nest, notify, offset_mm, prior, reference, root, serials, typical};
 use super::{KEYS, Reference, SERIALS_MAX, check_serial};
 use crate::document::{self, Key, Problem, Problems, Table};
 use crate::quantity::Place;
+use crate::solver::SENSORS_LEAST;
 use std::collections::HashSet;
 
 /// Largest numbers of recipes, nests and words of a command.
 const RECIPES_MAX: usize = 10;
 const NESTS_MAX: usize = 100;
 const COMMAND_MAX: usize = 100;
+const PRIOR_RUNS_MAX: usize = 100;
 
 /// Largest number of characters of a name that is shown in tables and titles.
 const LABEL_MOST: usize = 200;
@@ -21,8 +23,8 @@ pub struct BatchFile {
     pub name: String,
     /// Name of the design.
     pub design: String,
-    /// File with the design's prior.
-    pub prior: Option<String>,
+    /// The design's prior.
+    pub prior: Option<PriorRuns>,
     /// Rig file.
     pub rig: String,
     /// Recipe files, at least one.
@@ -47,6 +49,15 @@ pub struct BatchFile {
     pub typical: Typical,
     /// Program that is started for events, with its arguments; empty: none.
     pub notify: Vec<String>,
+}
+
+/// What makes the design's prior.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PriorRuns {
+    /// Run folders of full calibrations, one for each sensor.
+    pub runs: Vec<String>,
+    /// Expected mean location error above which more presses are used, mm.
+    pub enough_mm: Option<f64>,
 }
 
 /// A place of a tray.
@@ -83,7 +94,7 @@ pub fn parse(file: &str, text: &str) -> Result<BatchFile, Problems> {
 fn read(table: &Table) -> Option<BatchFile> {
     let name = read_name(table, &root::name);
     let design = label(table, &root::design);
-    let prior = optional_label(table, &root::prior);
+    let prior = document::optional(table.table(&root::prior), read_prior);
     let rig = label(table, &root::rig);
     let recipes = read_recipes(table);
     let accept = optional_label(table, &root::accept);
@@ -147,6 +158,21 @@ fn label(table: &Table, key: &Key) -> Option<String> {
 /// Reads such a text if it is there. The outer value is `None` if it is invalid.
 fn optional_label(table: &Table, key: &Key) -> Option<Option<String>> {
     if table.has(key) { label(table, key).map(Some) } else { Some(None) }
+}
+
+fn read_prior(table: &Table) -> Option<PriorRuns> {
+    let (runs, enough_mm) = (table.texts(&prior::runs), table.number(&prior::enough_mm));
+    let runs: Vec<String> = runs?.into_iter().map(str::to_owned).collect();
+    if !(SENSORS_LEAST..=PRIOR_RUNS_MAX).contains(&runs.len()) {
+        let problem = format!("`runs` names {} run folders, expected {SENSORS_LEAST} to {PRIOR_RUNS_MAX}", runs.len());
+        return complain(
+            table,
+            &prior::runs,
+            problem,
+            "name a full calibration of each of some sensors; five are a good number",
+        );
+    }
+    Some(PriorRuns { runs, enough_mm })
 }
 
 fn read_recipes(table: &Table) -> Option<Vec<String>> {

@@ -1,7 +1,8 @@
 //! History of a batch, for a reader: the results in their order, the measurements of the reference sensor, and the alarms.
 
 use super::folder::read_events;
-use super::{Alarm, BatchError, Ended, Event, State};
+use super::{Alarm, BatchError, Ended, Event, Quantity, State};
+use crate::dataset::Status;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -21,6 +22,9 @@ pub struct History {
     pub results: Vec<Ended>,
     /// Complete measurements of the reference sensor, each with the number of results before it.
     pub references: Vec<(usize, Ended)>,
+    /// Statistics of the control charts of the reference sensor and of the sensors after each of these measurements, standard
+    /// deviations. Empty without a prior.
+    pub charted: Vec<Vec<(Quantity, [f64; 2])>>,
     /// Alarms of the control charts, each with the number of results before it.
     pub alarms: Vec<(usize, Alarm)>,
     /// Number of measurements of the reference sensor and of alarms that aren't kept.
@@ -89,12 +93,15 @@ impl Reading {
                 history.until.clone_from(&ended.at);
                 if !ended.reference {
                     self.results.insert(ended.serial.clone(), (self.events, ended.clone()));
-                } else if ended.status == crate::dataset::Status::Complete {
-                    keep(&mut self.references, (self.events, ended), &mut history.unkept);
+                } else if ended.status == Status::Complete
+                    && keep(&mut self.references, (self.events, ended), &mut history.unkept)
+                {
+                    let charts = history.state.monitor.charts().iter();
+                    history.charted.push(charts.map(|(quantity, charts)| (*quantity, charts.sigmas())).collect());
                 }
             }
             Event::Retry { serial, .. } | Event::Skipped { serial, .. } => _ = self.results.remove(serial),
-            Event::Alarm(alarm) => keep(&mut self.alarms, (self.events, alarm), &mut history.unkept),
+            Event::Alarm(alarm) => _ = keep(&mut self.alarms, (self.events, alarm), &mut history.unkept),
             _ => {}
         }
         Ok(())
@@ -113,8 +120,15 @@ impl Reading {
     }
 }
 
-fn keep<T: Clone>(kept: &mut Vec<(u64, T)>, (order, new): (u64, &T), unkept: &mut u64) {
-    if kept.len() < KEPT_MOST { kept.push((order, new.clone())) } else { *unkept += 1 }
+/// Whether the part was kept.
+fn keep<T: Clone>(kept: &mut Vec<(u64, T)>, (order, new): (u64, &T), unkept: &mut u64) -> bool {
+    let has_room = kept.len() < KEPT_MOST;
+    if has_room {
+        kept.push((order, new.clone()))
+    } else {
+        *unkept += 1
+    }
+    has_room
 }
 
 fn note(names: &mut Vec<String>, name: Option<&String>) {
@@ -145,7 +159,7 @@ mod tests {
             at: at(),
             serial: "REF".to_owned(),
             cause: Cause::Bench,
-            quantity: "gain".to_owned(),
+            quantity: "mean gain".to_owned(),
             sigmas: 3.0,
             limit: 2.9,
         };
@@ -176,7 +190,7 @@ mod tests {
         assert_eq!(serials, ["A-2", "A-1"]);
         assert_eq!(history.results[1].status, Status::Tripped);
         assert_eq!(history.references.iter().map(|(before, _)| *before).collect::<Vec<_>>(), [0, 1]);
-        assert_eq!((history.alarms[0].0, history.attempts), (1, 4));
+        assert_eq!((history.alarms[0].0, history.attempts, history.charted.len()), (1, 4, 2));
         assert_eq!(history.benches, ["one", "two"]);
         assert_eq!(history.state.mountings, 6);
         assert_eq!(begun().items.len(), history.state.items.len());

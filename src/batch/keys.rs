@@ -17,8 +17,7 @@ keys! {
     root {
         name: Text, Refused, "name of the batch, and of its folder", "\"2026-11-23\"";
         design: Text, Refused, "design of the sensors", "\"skin-3x3\"";
-        prior: Text, Allowed, "file with the design's prior; without it, every sensor is calibrated alone",
-            "\"skin-3x3.design\"";
+        prior: Table(&prior::KEYS), Allowed, "the design's prior; without it, every sensor is calibrated alone";
         rig: Text, Refused, "rig file: a path relative to this file, or the name of a shipped rig", "\"rig.toml\"";
         recipes: Texts, Refused,
             "recipe files, named in the same way: every sensor gets the first; the next ones are for sensors that need more presses",
@@ -30,11 +29,21 @@ keys! {
         bench: Text, Allowed, "name of the bench; without it, that of the rig file", "\"bench-2\"";
         seed: Whole(0, NUMBER_MAX), or_whole(1), "random seed of a simulated batch", "7";
         warm_up_s: Number(within(0.0, HOUR_S, "s")), or(0.0),
-            "time between the last serial number and the first motion, in which the sensors come to the bench's temperature", "60.0";
+            "time between the last serial number and the first motion, in which the sensors reach the bench's temperature", "60.0";
         reference: Table(&reference::KEYS), Allowed, "reference sensor, which shows whether the bench has changed";
         nest: Tables(&nest::KEYS), Allowed, "places of a tray, calibrated one after another; without them, one sensor at a time";
         typical: Table(&typical::KEYS), Allowed, "errors of a typical sensor, from which the chance of no decision is computed";
         notify: Table(&notify::KEYS), Allowed, "program that is started for events";
+    }
+}
+
+keys! {
+    /// `[prior]`
+    prior {
+        runs: Texts, Refused, "run folders of full calibrations of other sensors of the design, one for each sensor, relative to this file",
+            "[\"full/A-001\", \"full/A-002\", \"full/A-003\"]";
+        enough_mm: Number(above(0.0, 1000.0, "mm")), Allowed,
+            "expected mean location error above which the next recipe is pressed too", "0.25";
     }
 }
 

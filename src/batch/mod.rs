@@ -7,21 +7,25 @@
 mod admit;
 mod chance;
 pub mod chart;
+mod conclude;
 mod event;
 mod file;
 mod folder;
 mod history;
 mod keys;
+mod monitor;
 mod seed;
 mod serial;
 mod state;
 
 pub use admit::{Admitted, Tray};
 pub use chance::{Chance, DRAWS, Test, chance};
-pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Ended, Event, Facts, Found, Reference, Session};
-pub use file::{BatchFile, Nest, Typical, parse};
+pub use conclude::{Basis, Conclusion, conclude};
+pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session};
+pub use file::{BatchFile, Nest, PriorRuns, Typical, parse};
 pub use folder::{BatchError, BatchFolder, RUNS, beginning, read_state};
 pub use history::History;
+pub use monitor::{Monitor, Quantity};
 pub use seed::{run_seed, specimen_seed};
 pub use serial::{SERIAL_MOST, check_serial};
 pub use state::{Item, Standing, State};

@@ -1,6 +1,6 @@
 //! State of a batch: what became of each sensor, and what is due. It follows from the events alone, in one pass.
 
-use super::{Began, Ended, Event, Facts, Reference, SERIALS_MAX, Session};
+use super::{Began, Ended, Event, Facts, Monitor, Reference, SERIALS_MAX, Session};
 use crate::acceptance::Verdict;
 use crate::dataset::{Status, Text};
 use serde::Serialize;
@@ -25,6 +25,8 @@ pub struct State {
     pub refused: u64,
     /// Number of alarms of control charts.
     pub alarms: u64,
+    /// Control charts.
+    pub monitor: Monitor,
     /// Serial number of the sensor that ended last.
     pub last: Option<String>,
     /// Position of each serial number among the items.
@@ -144,6 +146,7 @@ impl State {
             _ if is_first && !matches!(event, Event::Batch(_)) => return Err("the first record is missing".to_owned()),
             Event::Batch(facts) => {
                 self.facts = facts.clone();
+                self.monitor = Monitor::new(&facts.charted);
                 let item = |Reference { serial, .. }: &Reference| Item { serial: serial.clone(), ..Item::default() };
                 self.reference = facts.reference.as_ref().map(item);
             }
@@ -177,10 +180,12 @@ impl State {
         self.reference.as_ref().is_some_and(|reference| reference.serial == serial)
     }
 
-    /// Whether the reference sensor is due: at the beginning, and after every `every` sensors, unless a person postponed it.
+    /// Whether the reference sensor is due: at the beginning, after every `every` sensors, and if a control chart asks for it,
+    /// unless a person postponed it.
     pub fn is_reference_due(&self) -> bool {
         let Some(Reference { every, .. }) = &self.facts.reference else { return false };
-        !self.is_postponed && self.since_reference.is_none_or(|sensors| sensors >= *every)
+        let is_time = self.since_reference.is_none_or(|sensors| sensors >= *every);
+        !self.is_postponed && (is_time || self.monitor.is_reference_due())
     }
 
     /// Returns the next sensor in the order of the list.
@@ -220,6 +225,7 @@ impl State {
         (item.minutes, item.reason) = (Some(ended.minutes), ended.reasons.first().cloned());
         self.mark(&ended.serial, &ended.at, standing)?;
         self.last = Some(ended.serial.clone());
+        self.monitor.take_in(ended);
         match (ended.reference, ended.status) {
             (true, Status::Complete) => self.since_reference = Some(0),
             (false, Status::Complete) => self.since_reference = self.since_reference.map(|sensors| sensors + 1),

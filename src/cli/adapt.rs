@@ -62,7 +62,7 @@ pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     write(&file, &args.out)
 }
 
-/// Describes what changed, and what the new presses show. Without forces, force errors are omitted.
+/// Describes the change of the sensor, and the errors at the new presses. Without forces, force errors are omitted.
 fn told(adapted: &Adapted, is_relative: bool) -> String {
     let Adapted { change, extent, held_out: HeldOut { presses, before, after }, .. } = adapted;
     let errors = |errors: &MeanErrors| match is_relative {

@@ -4,7 +4,9 @@ use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print, tell};
 use super::tables::filled;
+use crate::acceptance::{Check, Verdict};
 use crate::control::safe_speed_mm_s;
+use crate::dataset::{Truths, foreseen};
 use crate::quantity::{Axis, COVERAGE, Tilt, round};
 use crate::recipe::{Entry, Phase, Plan, Recipe};
 use crate::rig::RigSpec;
@@ -42,6 +44,9 @@ pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     print(&described(&plan, &sources.rig))?;
     for warning in warnings(&sources.recipe, &plan, &sources.rig) {
         tell(&filled(&format!("warning: {warning}"), "  "))?;
+    }
+    for note in notes(&sources.recipe, &plan, &sources.rig) {
+        tell(&filled(&format!("note: {note}"), "  "))?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -89,6 +94,47 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     warnings
 }
 
+/// Returns notes about results that the plan can't give.
+fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
+    let of = |phase: Phase| plan.entries.iter().filter(move |entry| entry.phase == phase);
+    let most_n = |phase: Phase| of(phase).map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+    let (calibration_n, test_n) = (most_n(Phase::Calibration), most_n(Phase::Test));
+    let mut notes = Vec::new();
+    if calibration_n > 0.0 && test_n > calibration_n {
+        let (calibration_n, test_n) = (shown(calibration_n), shown(test_n));
+        notes.push(format!(
+            "test forces reach {test_n} N, but the calibration has up to {calibration_n} N: stronger contacts are answered less \
+             exactly, or with `not-one-contact`. Calibrate with {test_n} N, or give the forces to `palpate fit` and `solve`, such \
+             as --forces-n {} {test_n}",
+            shown(0.1 * calibration_n)
+        ));
+    }
+    let truths = Truths {
+        layout: &rig.array.layout,
+        u_place_mm: rig.u_place_mm(),
+        u_force_n: rig.load_cell.standard_uncertainty_n(test_n),
+    };
+    let has_test = test_n > 0.0;
+    if let Some(judgement) = recipe.rule().map(|rule| foreseen(rule, plan, &truths)) {
+        let is_told = |check: &&Check| check.verdict != Verdict::Accepted && (has_test || !check.kind.is_of_test());
+        let of_checks = judgement
+            .checks
+            .iter()
+            .filter(is_told)
+            .filter_map(|check| Some(format!("{}: {}", check.kind.full_name(check.reach), check.reason.as_ref()?)));
+        let reasons = judgement.reasons.iter().filter(|_| has_test).cloned().chain(of_checks);
+        notes.extend(reasons.map(|reason| format!("the acceptance rule can't be decided by this plan: {reason}")));
+    }
+    notes
+}
+
+/// Returns a number without the digits that only its calculation gives.
+fn shown(value: f64) -> f64 {
+    /// Digits after the decimal point that a person writes in a recipe.
+    const DIGITS: i32 = 6;
+    round(value, DIGITS)
+}
+
 /// Returns warnings about forces that a stage with steps can't reach.
 fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
     let (steps, limits) = (rig.stage.steps, &rig.limits);
@@ -112,7 +158,7 @@ fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
         warnings.push(format!(
             "the largest force is {} N, but the steps of z keep {} N below the limit of {} N: the run will end with `out-of-reach`. \
              Set at most {} N",
-            plan.most_n(),
+            shown(plan.most_n()),
             round(kept_n, 4),
             limits.force_n,
             round(limits.force_n - kept_n, 3),
@@ -139,7 +185,8 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
-    let _ = writeln!(text, "  largest force {} N, limit {} N{}", plan.most_n(), limits.force_n, distance(plan, rig));
+    let _ =
+        writeln!(text, "  largest force {} N, limit {} N{}", shown(plan.most_n()), limits.force_n, distance(plan, rig));
     if !rig.stage.steps.is_fine() {
         let reach_n = round(rig.stage.steps.reach_n(limits.stiffness_n_mm), 4);
         let step_mm = rig.stage.steps.along(Axis::Z);

@@ -1,11 +1,11 @@
-//! `--columns`: what the columns of a person's own tables hold.
+//! `--columns`: the meaning of the columns of a user's tables.
 
 use super::exit::Failure;
 use super::sources::read;
 use crate::dataset::Mapping;
 use std::path::Path;
 
-/// What the columns of tables hold.
+/// Meaning of the columns of tables.
 #[derive(Debug, Default, clap::Args)]
 pub struct ColumnsArgs {
     /// What the columns of tables hold: a columns file, or a short form such as x_mm=X,y_mm=Y,outputs=ch0..ch15
@@ -19,7 +19,7 @@ pub struct ReadColumns {
     pub name: String,
     /// Its text.
     pub text: String,
-    /// What it says.
+    /// Its content.
     pub mapping: Mapping,
 }
 
@@ -29,6 +29,21 @@ impl ColumnsArgs {
         let Some(given) = &self.columns else { return Ok(None) };
         let path = Path::new(given);
         let is_short = given.contains('=') && !path.exists();
+        if !is_short && !path.exists() && given.contains([',', ':']) {
+            let help = "the short form is x_mm=X,y_mm=Y,outputs=ch0..ch15, with `=` between a key and its column";
+            return Err(Failure::usage(miette::miette!(help = help, "--columns {given}: there is no such file")));
+        }
+        if is_short
+            && let Some(key) =
+                given.split(',').filter_map(|part| Some(part.split_once('=')?.0)).find(|key| key.contains('.'))
+        {
+            let (table, name) = key.split_once('.').unwrap_or((key, ""));
+            let help = format!(
+                "write a columns file with [{table}] and {name} = ... below it: `palpate init DIR --from tables` writes one to begin with"
+            );
+            let told = "the short form of --columns names columns only: factors and offsets need a columns file";
+            return Err(Failure::usage(miette::miette!(help = help, "{key}: {told}")));
+        }
         let (name, text) = match is_short {
             true => ("--columns".to_owned(), Mapping::text_of(given)),
             false => (given.clone(), read(path)?),
@@ -37,7 +52,7 @@ impl ColumnsArgs {
         Ok(Some(ReadColumns { name, text, mapping }))
     }
 
-    /// What the columns hold; without the option, the program's own names.
+    /// Returns the meaning of the columns; without the option, that of the program's own names.
     pub fn mapping(&self) -> Result<Mapping, Failure> {
         Ok(self.read()?.map(|read| read.mapping).unwrap_or_default())
     }

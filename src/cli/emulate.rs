@@ -41,7 +41,7 @@ pub struct EmulateArgs {
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
     /// Random seed for the specimen and all noise
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = super::sources::seed, allow_negative_numbers = true)]
     seed: u64,
 }
 

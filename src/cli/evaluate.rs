@@ -1,5 +1,4 @@
-//! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints how far off the answers
-//! are.
+//! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints the errors.
 
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
@@ -46,7 +45,7 @@ Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 #[command(after_help = EXAMPLES)]
 pub struct EvaluateArgs {
     /// A run folder with calibration and test presses; or a table of calibration presses, followed by one of test presses
-    #[arg(value_name = "RUN", num_args = 0..=2, required_unless_present_any = ["calibration", "test"])]
+    #[arg(value_name = "RUN", num_args = 0..=2)]
     run: Vec<PathBuf>,
     /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
@@ -114,8 +113,11 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let trial = Trial::of_tables(&calibration, &test).map(|trial| trial.with_layout(layout.as_ref()));
             report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
         }
-        // the command line asks for one of the two; a caller that builds the arguments itself may not
-        _ => Err(Failure::usage(miette::miette!("a run folder, or --calibration and --test, is required"))),
+        _ => {
+            let help = "name a run folder, `palpate evaluate runs/paper`, or a table of calibration presses and one of test presses, \
+                        `palpate evaluate calibration.csv test.csv`";
+            Err(Failure::usage(miette::miette!(help = help, "`evaluate` needs a run or two tables")))
+        }
     }
 }
 
@@ -216,9 +218,7 @@ mod tests {
     fn the_command_line_takes_a_run_or_two_tables() {
         assert_eq!(arguments("runs/paper --repeatability t95").unwrap().repeatability, Repeatability::T95);
         assert_eq!(arguments("--calibration a.csv --test b.csv").unwrap().solver, "best");
-        for line in
-            ["", "--calibration a.csv", "runs/paper --test b.csv", "runs/paper --calibration a.csv --test b.csv"]
-        {
+        for line in ["--calibration a.csv", "runs/paper --test b.csv", "runs/paper --calibration a.csv --test b.csv"] {
             assert!(arguments(line).is_err(), "{line}");
         }
         let refusal = arguments("runs/paper --solver pearson-lsd").unwrap_err();

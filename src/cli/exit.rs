@@ -1,4 +1,4 @@
-//! Exit codes, and what is said of a failure.
+//! Exit codes, and messages about failures.
 
 use crate::batch::BatchError;
 use crate::dataset::{DatasetError, JournalError};
@@ -21,7 +21,7 @@ const RECORD: u8 = 5;
 /// Cancelled by a person, and parked.
 pub const CANCELLED: u8 = 130;
 
-/// Why a subcommand didn't do what it was asked, and the exit code that says so.
+/// Reason why a subcommand failed, and its exit code.
 #[derive(Debug)]
 pub struct Failure {
     code: u8,
@@ -34,7 +34,7 @@ impl Failure {
         Failure { code: USAGE, report: report.into() }
     }
 
-    /// Done, but what was measured can't be evaluated.
+    /// The command ended, but its measurements can't be evaluated.
     pub fn not_accepted(report: impl Into<Report>) -> Failure {
         Failure { code: NOT_ACCEPTED, report: report.into() }
     }
@@ -51,6 +51,7 @@ impl Failure {
             | DatasetError::NoFolder { .. }
             | DatasetError::NoRun { .. }
             | DatasetError::NoJournal { .. }
+            | DatasetError::JournalFolder { .. }
             | DatasetError::Missing { .. }
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
@@ -68,6 +69,18 @@ impl Failure {
             DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
         };
         Failure { code, report: error.into() }
+    }
+
+    /// The folder of a new run couldn't be made.
+    pub fn unmade(error: DatasetError) -> Failure {
+        match error {
+            DatasetError::Io { doing, path, why } if why.kind() != ErrorKind::InvalidInput => {
+                let help = "nothing was pressed: choose another --out, or free disk space and correct the permissions";
+                let report = miette::miette!(help = help, "{doing} {}: {why}", path.display());
+                Failure { code: RECORD, report }
+            }
+            error => Failure::dataset(error),
+        }
     }
 
     /// What was measured couldn't be finished: something has moved by then.
@@ -120,7 +133,7 @@ impl Failure {
         }
     }
 
-    /// Reports to the person, and gives the exit code.
+    /// Prints the failure, and returns its exit code.
     pub fn report(self) -> ExitCode {
         match self.report.downcast::<Problems>() {
             Ok(problems) => {

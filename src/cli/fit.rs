@@ -49,7 +49,7 @@ pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     write(&file, &args.out)
 }
 
-/// Writes a sensor file, and says what is in it.
+/// Writes a sensor file, and prints its content.
 pub fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
     file.write(out).map_err(|error| match error {
         SensorFileError::Taken { .. } => Failure::usage(error),

@@ -48,7 +48,7 @@ pub struct ImportArgs {
     out: Option<PathBuf>,
 }
 
-/// Reads the tables whole, then makes the folder.
+/// Reads the tables completely, then creates the folder.
 pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let started = Instant::now();
     let columns = args.columns.read()?;

@@ -1,4 +1,4 @@
-//! What a person says of a run: the sensor, its design and batch, the mounting, the operator, a note.
+//! Labels that a person gives to a run: the sensor, its design and batch, the mounting, the operator, a note.
 
 use crate::dataset::Labels;
 

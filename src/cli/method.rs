@@ -5,7 +5,7 @@ use super::exit::Failure;
 use super::recorded::{read_presses, read_run};
 use super::summary::tell;
 use super::tables::chosen;
-use crate::dataset::calibration::{calibration_of_run, calibration_of_table};
+use crate::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
 use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
 use crate::dataset::{Fingerprint, Mapping, source_fingerprint};
 use crate::quantity::ArrayLayout;
@@ -19,7 +19,7 @@ pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesP
     PossibleValuesParser::new(more.into_iter().chain(SOLVERS))
 }
 
-/// What `--constant-load` says.
+/// Knowledge of the forces, by `--constant-load`.
 pub fn load(is_constant: bool) -> ForceKnown {
     if is_constant { ForceKnown::Constant } else { ForceKnown::Unknown }
 }
@@ -133,12 +133,13 @@ impl MethodArgs {
 
     /// Fits the method to a calibration.
     pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
-        let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();
         let name = source.path.display();
+        check_places(&name.to_string(), &source.calibration).map_err(Failure::usage)?;
+        let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();
         model.wrap_err_with(|| format!("{name}: can't be used as a calibration")).map_err(Failure::usage)
     }
 
-    /// Says which method was fitted to what, and why that one.
+    /// Prints the method, its calibration, and the reason for the choice.
     pub fn tell(&self, source: &Source, model: &Model) -> Result<(), Failure> {
         tell(&format!("{}\n", fitted_to(model.fitted().name(), model.validity())))?;
         tell(&model.fitted().choice().map(chosen).unwrap_or_default())?;

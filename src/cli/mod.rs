@@ -156,6 +156,9 @@ fn refuse(error: &clap::Error) -> ! {
         if Path::new(&first).exists() {
             let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");
         }
+        if shipped::RECIPES.iter().any(|recipe| recipe.name == first) {
+            let _ = writeln!(io::stderr(), "error: {first} is a recipe: palpate run {first}\n");
+        }
         let within = root.find_subcommand(first).unwrap_or(&root);
         let names: Vec<&str> = within.get_subcommands().map(clap::Command::get_name).collect();
         let known = textwrap::fill(&format!("commands: {}", names.join(", ")), 80);

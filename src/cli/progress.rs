@@ -46,7 +46,7 @@ pub struct Progress<'a> {
 /// Data on the bar's line in addition to the count.
 #[derive(Debug, Default)]
 struct Shown {
-    /// The phase, or what comes before the first.
+    /// Name of the phase; before the first phase, the name of the preparation.
     phase: String,
     /// The force, or a rest.
     message: String,

@@ -1,4 +1,4 @@
-//! A run that is read, not made: its journal is the record, and a file that says something else is reported in a line.
+//! Reads a run from its folder. Its journal is the record; a file that differs from the journal is reported in a line.
 
 use super::exit::Failure;
 use super::sources::parse_rig;
@@ -8,7 +8,7 @@ use crate::recipe::Phase;
 use crate::rig::{Bench, RigSpec};
 use std::path::Path;
 
-/// What the journal of a run folder says, and where it was made.
+/// Returns the content of a run's journal, and the bench on which it was made.
 pub fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
     let recorded = Recorded::read(run).map_err(Failure::dataset)?;
     for warning in recorded.warnings().map_err(Failure::dataset)? {
@@ -18,7 +18,7 @@ pub fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
     Ok((recorded, bench))
 }
 
-/// Where a run was made, as its journal keeps it.
+/// Returns the bench of a run, as recorded in its journal.
 pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
     let Some(imported) = &facts.imported else { return Ok(Bench::of_rig(rig_of(run, texts)?)) };
     let path = run.join("columns.toml").display().to_string();
@@ -26,7 +26,7 @@ pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Fa
     Ok(Bench::of_import(columns.array, imported.outputs as usize))
 }
 
-/// The rig of a run, as its journal keeps it.
+/// Returns the rig of a run, as recorded in its journal.
 pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     if texts.rig().is_empty() {
         let help = "restore journal.log from a copy; nothing was changed";
@@ -36,7 +36,7 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 
-/// The presses of a table that is named by its path: it is read as it is.
+/// Returns the presses of a table that is named by its path. The table isn't compared with a journal.
 pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure> {
     let presses = read_table(table, mapping).map_err(Failure::usage)?;
     warn_of_table(table)?;

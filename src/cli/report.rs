@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::figure_files::FigureFiles;
 use super::method::solvers;
 use super::recorded::read_run;
-use super::summary::print;
+use super::summary::{print, tell};
 use super::verdict::{AcceptArgs, rule_of, verdict_code};
 use crate::acceptance::Verdict;
 use crate::dataset::{Recorded, check_run, files};
@@ -59,7 +59,7 @@ pub struct ReportArgs {
     solver: String,
 }
 
-/// Writes the page and says in a line what is in it. The exit code is the verdict's; that of a comparison is 0.
+/// Writes the page, and prints a line with its results. The exit code is the verdict's; that of a comparison is 0.
 pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
@@ -77,6 +77,10 @@ pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
 }
 
 fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, ExitCode), Failure> {
+    for (run, _) in runs.iter().filter(|(run, _)| run.contacts.is_empty()) {
+        let newer = newest_after(&run.path).map(|newer| format!("; a newer run is {}", newer.display()));
+        tell(&format!("note: {} has no presses{}\n", run.path.display(), newer.unwrap_or_default()))?;
+    }
     let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
     let verdict = judged.judgement.as_ref().map_or("no verdict", |judgement| judgement.verdict.told());
     let errors = judged.decisive().map_or(", not evaluated".to_owned(), |evaluation| {
@@ -86,6 +90,17 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String,
     });
     let told = format!("{}: {verdict}{errors}", subject.title());
     Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
+}
+
+/// Returns the last of the runs that were made after this one under the same name: `paper-2` and `paper-3` after `paper`.
+fn newest_after(run: &Path) -> Option<PathBuf> {
+    let name = run.file_name()?.to_str()?;
+    let number = |name: &str| {
+        name.rsplit_once('-').and_then(|(stem, number)| Some((stem.to_owned(), number.parse::<u64>().ok()?)))
+    };
+    let (stem, own) = number(name).unwrap_or((name.to_owned(), 1));
+    let others = (own + 1..).map(|number| run.with_file_name(format!("{stem}-{number}")));
+    others.take_while(|other| check_run(other).is_ok()).last()
 }
 
 /// Returns the sensor of some runs, judged by the named rule or by the common rule of their recipes.

@@ -7,13 +7,13 @@ use miette::{IntoDiagnostic, WrapErr};
 use std::path::Path;
 use std::{fs, io};
 
-/// Checks that a run would take the changed text: what it would refuse isn't written.
+/// Checks that a run accepts the changed text. A text that a run would refuse isn't written.
 pub fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
     let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
     rig::parse(&file.display().to_string(), text, &beside).map(drop).map_err(Failure::usage)
 }
 
-/// Puts the changed text in the file's place, whole or not at all, if it still is what was read.
+/// Replaces the file by the changed text, completely or not at all, if the file hasn't changed since it was read.
 pub fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure> {
     put(file, read, text)
         .into_diagnostic()

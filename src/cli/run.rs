@@ -51,6 +51,6 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let session = session(args.session.manner.durability);
     let layout = &sources.rig.array.layout;
     let mut folder =
-        RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::dataset)?;
+        RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::unmade)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }

@@ -1,4 +1,4 @@
-//! A run carried out: shown, paced and stopped.
+//! Executes a run: shows its progress, sets its pace and stops it.
 
 use super::exit::{CANCELLED, Failure};
 use super::progress::Progress;
@@ -54,7 +54,7 @@ impl MannerArgs {
     }
 }
 
-/// Walks a plan from where its folder is to its end, and reports to the person how it went.
+/// Executes the rest of a plan, and prints the result.
 pub fn carry_out(
     plan: &Plan,
     spec: &RigSpec,
@@ -113,7 +113,7 @@ pub fn walked(
 /// during this time.
 const EVENT_INTERVAL: u32 = 1024;
 
-/// What a rig's drivers run on: virtual time needs no events of the system.
+/// Returns the runtime of a rig's drivers. Virtual time needs no events of the system.
 pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
     let mut builder = Builder::new_current_thread();
     builder.enable_time().start_paused(virtual_time).event_interval(EVENT_INTERVAL);

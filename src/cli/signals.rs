@@ -1,4 +1,4 @@
-//! What a person or the system says from outside while something runs.
+//! Signals and key presses from a person or the system during a command.
 
 use super::exit::Failure;
 use super::summary;
@@ -39,7 +39,7 @@ pub enum First {
 }
 
 /// Listens for Ctrl-C and, on Unix, a polite end and a closed terminal, which are a stop at once; under `nohup` a closed terminal
-/// is none. `told` is said when a stop is asked for.
+/// is none. `told` is printed when a stop is requested.
 ///
 /// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
 /// any two instants would be its largest cost.
@@ -104,7 +104,7 @@ fn read_away() -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
-/// Continues a paused run when the person says Enter. Where the terminal is gone, that is a stop.
+/// Continues a paused run when the person presses Enter. Where the terminal is gone, that is a stop.
 pub fn go_on_at_enter(cancel: &Cancel) {
     let cancel = cancel.clone();
     let wait = move || match io::stdin().read_line(&mut String::new()) {

@@ -18,12 +18,13 @@ const UNSOLVED: &str = "unsolved";
 /// Writes contacts, a line each.
 pub struct Solutions<W: Write> {
     to: To<W>,
-    /// Bad lines are answered too: each answer has its line, and CSV a column for what is wrong.
+    /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
 }
 
 enum To<W: Write> {
-    /// Which of id and t_s stand in front is what the first reading has; both where a bad line may come first.
+    /// `labels` states whether the columns id and t_s exist. The first reading decides it. Both exist if an invalid line may
+    /// come first.
     Csv {
         writer: Box<csv::Writer<W>>,
         labels: Option<[bool; 2]>,
@@ -89,7 +90,7 @@ impl<W: Write> Solutions<W> {
         }
     }
 
-    /// Hands on what was written so far.
+    /// Flushes the lines written so far.
     pub fn flush(&mut self) -> io::Result<()> {
         match &mut self.to {
             To::Csv { writer, .. } => writer.flush(),

@@ -1,14 +1,16 @@
-//! `palpate solve`: readings of the array in, contacts out, a line for a line.
+//! `palpate solve`: reads readings of the array and prints contacts, one line for each line.
 
 use super::exit::Failure;
 use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, fitted_to, tell_left_out};
 use super::solutions::Solutions;
 use super::summary::tell;
+use super::tables::filled;
 use crate::dataset::answers::{Answer, Answers, Unsolved};
 use crate::dataset::readings::{Format, Lines, ReadingError, Readings};
 use crate::dataset::sensor_file::{Card, read_sensor_file};
 use crate::solver::{Broken, Session};
 use miette::{IntoDiagnostic, WrapErr};
+use std::collections::HashSet;
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -31,8 +33,8 @@ An answer has x_mm, y_mm, force_n, their standard deviations sd_..., the
 half-widths half68_... and half95_... that contain 68 and 95 % of the errors,
 other_x_mm and other_y_mm if another place fits nearly as well, misfit
 (above 1: not a single contact) and verdict: ok, weak-signal,
-outside-area, not-one-contact, channel-fault (unit: which one), or unsolved if
-the reading has no answer. With a table without force_n, only proportions are
+outside-area, not-one-contact, channel-fault (unit: which output), or unsolved
+if the reading has no answer. With a table without force_n, only proportions are
 calibrated: force_n is then relative to its typical press.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
@@ -73,11 +75,14 @@ pub struct SolveArgs {
     method: MethodArgs,
 }
 
+/// Largest number of different reasons for readings without an answer that are printed.
+const REASONS_MAX: usize = 10;
+
 /// Options that a sensor file has already fixed.
 const FITTED_BEFORE: [&str; 6] =
     ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
 
-/// Fits the method or reads it, then answers as the readings come in.
+/// Fits the method or reads it, then answers each reading when it arrives.
 pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let model = match (&args.model, &args.calibration) {
         (Some(file), _) => {
@@ -105,8 +110,9 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     };
     let readings = Readings::new(SOURCE, model.validity().units, args.input, args.method.mapping()?);
     let mut answers = Answers::new(readings, Session::new(model));
+    let is_told = !(args.quiet || args.json || args.keep_going);
     let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
-    match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going) {
+    match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going, is_told) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),
         Ok(Err(error)) => Err(Failure::usage(error)),
         // a reader that has seen enough is no error
@@ -131,7 +137,9 @@ fn answer(
     lines: &mut Lines<impl Read>,
     solutions: &mut Solutions<impl Write>,
     keep_going: bool,
+    is_told: bool,
 ) -> io::Result<Result<(), ReadingError>> {
+    let mut reasons = HashSet::new();
     let end = loop {
         let answer = match lines.read_next() {
             Ok(Some(line)) => answers.answer(line),
@@ -142,6 +150,16 @@ fn answer(
             Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !keep_going => break Err(error),
             Ok(Some(answer)) => {
                 solutions.write(answer.reading, &answer.solved)?;
+                // CSV has no column for it
+                if let Err(why) = &answer.solved
+                    && is_told
+                    && reasons.len() < REASONS_MAX
+                    && reasons.insert(why.to_string())
+                {
+                    let line = answer.reading.line;
+                    let told = filled(&format!("{SOURCE}, line {line}: unsolved, {why} (reported once)"), "  ");
+                    io::stderr().write_all(told.as_bytes())?;
+                }
                 for Broken { unit, fault } in answer.broken {
                     let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
                     writeln!(io::stderr(), "{SOURCE}, line {line}: output {unit} {does}, excluded from here on")?;

@@ -26,7 +26,7 @@ pub struct Sources {
     pub origins: Origins,
 }
 
-/// What a recipe runs on, and with what of its own replaced.
+/// The rig of a recipe, and options that replace the recipe's own values.
 #[derive(Debug, clap::Args)]
 pub struct RigArgs {
     /// The rig to use
@@ -36,7 +36,7 @@ pub struct RigArgs {
     #[arg(long)]
     pub simulate: bool,
     /// Random seed for places, forces and simulated noise
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
     pub seed: u64,
     /// Strategy for all presses, instead of the recipe's: guarded, velocity or map
     #[arg(long, value_name = "NAME", value_parser = strategy)]
@@ -55,14 +55,14 @@ pub struct OneRigArgs {
     #[arg(long)]
     pub simulate: bool,
     /// Random seed for the simulated specimen and all noise
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
     pub seed: u64,
     #[command(flatten)]
     confirm: ConfirmArgs,
 }
 
 impl OneRigArgs {
-    /// The rig's text, what it says, and whether emulators stand in for real links.
+    /// Returns the rig's text, its content, and whether emulators replace real links.
     pub fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
         let (text, spec) = read_rig(&self.rig)?;
         let invented = self.simulate && !spec.is_simulated();
@@ -176,7 +176,7 @@ pub fn read_rig_text(path: &Path) -> Result<String, Failure> {
     read_named(path, RIGS, "rigs")
 }
 
-/// A rig's text and what it says.
+/// Returns a rig's text and its content.
 pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     let text = read_rig_text(path)?;
     let beside = |name: &str| bounded(&path.with_file_name(name));
@@ -206,10 +206,18 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
 /// A text file that couldn't be read.
 pub fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
+        io::ErrorKind::InvalidData if is_utf16(path) => "it is UTF-16: save it as UTF-8",
         io::ErrorKind::InvalidData => "give a TOML file: this file isn't text",
         _ => help,
     };
     Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
+}
+
+/// Whether a file begins with the byte-order mark of UTF-16, as some Windows editors write it.
+fn is_utf16(path: &Path) -> bool {
+    let mut mark = [0; 2];
+    let is_read = File::open(path).and_then(|mut file| file.read_exact(&mut mark)).is_ok();
+    is_read && matches!(mark, [0xFF, 0xFE] | [0xFE, 0xFF])
 }
 
 /// Reads a text file of at most the length that a recipe or a rig may have.
@@ -223,6 +231,11 @@ fn strategy(name: &str) -> Result<Strategy, String> {
     let names = || Strategy::ALL.map(Strategy::name).join(", ");
     let named = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name);
     named.ok_or_else(|| format!("expected one of {}", names()))
+}
+
+/// Reads a random seed.
+pub(super) fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("expected a whole number, 0 to {}", u64::MAX))
 }
 
 fn presses_max(text: &str) -> Result<usize, String> {

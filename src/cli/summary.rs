@@ -75,7 +75,7 @@ pub struct Results {
     is_beside_paper: bool,
 }
 
-/// The run evaluated and judged by its own recipe.
+/// Evaluations and verdict of a run by its own recipe.
 pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
     let layout = &spec.array.layout;
     let characteristics = folder.staircases().map_err(Failure::dataset)?;

@@ -1,5 +1,5 @@
-//! The tables a person reads, in at most 80 columns. The paper's numbers are in them only where they stand beside ours, see
-//! [`crate::report::is_beside_paper`].
+//! Tables for a person, in at most 80 columns. They show the paper's numbers only for an array and a protocol like the paper's,
+//! see [`crate::report::is_beside_paper`].
 
 use crate::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use crate::paper;

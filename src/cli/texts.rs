@@ -1,4 +1,4 @@
-//! `palpate schema` and `palpate reference`: what recipes, rigs and other texts may contain, for editors and for people.
+//! `palpate schema` and `palpate reference`: the allowed content of recipes, rigs and other texts, for editors and for people.
 
 use super::exit::Failure;
 use super::summary::print;

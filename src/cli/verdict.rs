@@ -11,10 +11,10 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What is said where no rule was given.
+/// Message if there is no rule.
 pub const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recipe, or --accept FILE)\n";
 
-/// A rule instead of the one that the run's recipe gave.
+/// Rule that replaces the rule of the run's recipe.
 #[derive(Debug, clap::Args)]
 pub struct AcceptArgs {
     /// Use the acceptance rule of this file instead of the recipe's

@@ -26,7 +26,7 @@ pub struct VerifyArgs {
     certificate: Option<PathBuf>,
 }
 
-/// Reports what isn't as it was written.
+/// Reports each file that has changed since it was written.
 pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
     let layout = match Texts::read(&args.run) {
         Ok((manifest, texts)) if texts.rig().is_empty() && manifest.facts.imported.is_none() => None,
@@ -50,7 +50,8 @@ pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let help = "`palpate rebuild` regenerates tables and manifest; restore a damaged journal from a copy";
+    let help = "`palpate rebuild` regenerates tables and manifest. Restore a damaged journal from a copy. The journal has the \
+                original of a changed recipe or rig: move the changed file away, and `palpate rebuild` writes it again";
     let problems = verified.problems.join("\n");
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
 }

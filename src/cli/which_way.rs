@@ -1,5 +1,5 @@
-//! The person who confirms which way z goes, where the zero of a stage without switches is, and that z may home toward the specimen,
-//! and what was confirmed before.
+//! The person who confirms which way z goes, where the zero of a stage without switches is, and that z may home toward
+//! the specimen; and a store of earlier confirmations.
 
 use super::signals::is_attended;
 use super::summary::tell;
@@ -36,7 +36,7 @@ pub enum Confirmed {
 /// What a person has made sure of before a rig that isn't simulated moves.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ConfirmArgs {
-    /// Confirm without a terminal what a person would be asked: that `frame.down` is right, that the stage is at its zero, or that it may home toward the specimen
+    /// Confirm without a terminal: that `frame.down` is right, that the stage is at its zero, or that it may home toward the specimen
     #[arg(long, value_name = "WHAT", value_enum)]
     pub confirmed: Vec<Confirmed>,
 }
@@ -64,7 +64,7 @@ struct Person {
     at_zero: bool,
     /// Whether nothing is in the way of a search for home toward the specimen, confirmed on the command line.
     clear: bool,
-    /// Where it is kept what a person saw; none where the system names no such folder.
+    /// Returns the file with the confirmed directions; `None` if the system names no folder for it.
     kept: Option<PathBuf>,
 }
 
@@ -186,7 +186,7 @@ fn key(stage: &Identity, down: Down) -> String {
     format!("{:x}", Sha256::digest(format!("{}\0{}\0{}", stage.identity, stage.link, down.sign())))
 }
 
-/// Returns the path where programs store what they learned on this machine.
+/// Returns the folder in which programs store their state on this machine.
 fn kept_path() -> Option<PathBuf> {
     let folder = |name: &str| env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
     let state = folder("XDG_STATE_HOME")

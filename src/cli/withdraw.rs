@@ -27,7 +27,7 @@ pub struct WithdrawArgs {
     rig: OneRigArgs,
 }
 
-/// Withdraws, and says where z is.
+/// Withdraws, and prints the position of z.
 pub fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
     let cancel = heed(First::Stop, Some("stopping"))?;

@@ -8,6 +8,7 @@ use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge}
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
 use crate::solver::{BEST, Evaluation};
+use std::collections::BTreeSet;
 
 /// Ratio of the degrees of freedom of successive differences to those of a standard deviation (von Neumann et al. 1941).
 const SUCCESSIVE_FREEDOM: f64 = 2.0 / 3.0;
@@ -76,7 +77,7 @@ impl Evidence<'_> {
     }
 
     /// Returns the worst unit's or channel's figures of the kinds that the rule limits.
-    fn worst(&self, rule: &Rule) -> Vec<Worst> {
+    pub(super) fn worst(&self, rule: &Rule) -> Vec<Worst> {
         let is_limited = |figure: Figure| rule.limits.iter().any(|limit| limit.figure == figure);
         let of_units = self.layout.filter(|_| KINDS.iter().any(|(figure, ..)| is_limited(*figure)));
         let mut worst = of_units.map(|layout| self.worst_units(layout)).unwrap_or_default();
@@ -151,5 +152,7 @@ fn worst(figure: Figure, units: &[UnitCharacteristics], n: usize, value: Value, 
         let all: Option<Vec<f64>> = measured.iter().map(|unit| of(unit)).collect();
         all?.into_iter().map(f64::abs).reduce(f64::max)
     };
-    Some(Worst { figure, value: largest(value)?, upper: largest(upper), n, missing: units.len() - measured.len() })
+    // channels of one unit count once
+    let missing: BTreeSet<usize> = units.iter().filter(|unit| value(unit).is_none()).map(|unit| unit.unit).collect();
+    Some(Worst { figure, value: largest(value)?, upper: largest(upper), n, missing: missing.len() })
 }

@@ -4,6 +4,7 @@ use super::{Press, Presses};
 use crate::recipe::Phase;
 use crate::solver::{Calibration, CalibrationError, CalibrationPoint, FitError, ForceKnown, TestPress};
 use miette::Diagnostic;
+use std::collections::HashSet;
 
 /// Reason why a table isn't a calibration; all reasons are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -35,6 +36,20 @@ pub enum CalibrateError {
         /// Cause of the error.
         source: CalibrationError,
     },
+    /// The presses don't show how outputs depend on the place.
+    #[error("{source_name}: {presses} calibration {} at {places} {}; a calibration needs at least {PLACES_LEAST} different places",
+        if *presses == 1 { "press" } else { "presses" }, if *places == 1 { "place" } else { "places" })]
+    #[diagnostic(help(
+        "press a grid over the area to be solved, such as 25 x 25 places; check that x_mm and y_mm are the places in mm"
+    ))]
+    FewPlaces {
+        /// Run or table of the calibration.
+        source_name: String,
+        /// Number of presses.
+        presses: usize,
+        /// Number of different places.
+        places: usize,
+    },
     /// The method can't be fitted.
     #[error("{source_name}: can't be used as a calibration")]
     Fit {
@@ -45,6 +60,9 @@ pub enum CalibrateError {
     },
 }
 
+/// Smallest number of different places of a calibration. With fewer, every contact would get the same place.
+pub const PLACES_LEAST: usize = 2;
+
 /// Returns the calibration presses of a run, with the load cell's forces.
 pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_phase(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
@@ -53,6 +71,20 @@ pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibra
 /// Returns every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
 pub fn calibration_of_table(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
     Selection::of_all(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
+}
+
+/// Checks that a calibration has enough different places to fit a method.
+///
+/// # Errors
+/// It has fewer than [`PLACES_LEAST`].
+pub fn check_places(source_name: &str, calibration: &Calibration) -> Result<(), CalibrateError> {
+    let places = calibration.points().map(|point| [point.place.x_mm, point.place.y_mm].map(f64::to_bits));
+    let places = places.collect::<HashSet<_>>().len();
+    if places < PLACES_LEAST {
+        let (source_name, presses) = (source_name.to_owned(), calibration.len());
+        return Err(CalibrateError::FewPlaces { source_name, presses, places });
+    }
+    Ok(())
 }
 
 /// Source of the true force of a press.
@@ -174,6 +206,21 @@ mod tests {
         assert_eq!(forces(&calibration_of_table(&silent, ForceKnown::Constant).unwrap()), [1.0, 1.0]);
         let relative = forces(&calibration_of_table(&silent, ForceKnown::Unknown).unwrap());
         assert!((relative[1] / relative[0] - 9.0).abs() < 1e-12, "{relative:?}");
+    }
+
+    #[test]
+    fn presses_at_one_place_are_no_calibration() {
+        for (text, presses) in [
+            ("x_mm,y_mm,out_1\n0,0,1\n", "1 calibration press"),
+            ("x_mm,y_mm,out_1\n0,0,1\n0,0,2\n", "2 calibration presses"),
+        ] {
+            let calibration = calibration_of_table(&table(text), ForceKnown::Unknown).unwrap();
+            let refused = check_places("a.csv", &calibration).unwrap_err().to_string();
+            assert!(
+                refused.contains(&format!("{presses} at 1 place; a calibration needs at least 2 different places")),
+                "{refused}"
+            );
+        }
     }
 
     #[test]

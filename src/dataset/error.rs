@@ -38,6 +38,13 @@ pub enum DatasetError {
         /// The run folder.
         path: PathBuf,
     },
+    /// A folder has the name of the journal.
+    #[error("{}: journal.log is a folder, not a file", path.display())]
+    #[diagnostic(help("restore journal.log from a copy: it is the record, and the other files follow from it"))]
+    JournalFolder {
+        /// The run folder.
+        path: PathBuf,
+    },
     /// There is no journal where a run was expected.
     #[error("{} is not a run folder (journal.log not found)", path.display())]
     #[diagnostic(help("give the folder of a run, such as runs/paper; `palpate import` makes one from tables"))]

@@ -1,6 +1,6 @@
 //! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
-use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection};
+use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection, check_places};
 use super::{Press, Presses};
 use crate::acceptance::Measured;
 use crate::quantity::{ArrayLayout, Place};
@@ -72,7 +72,7 @@ pub struct Trial<'a> {
     layout: Option<&'a ArrayLayout>,
     load: ForceKnown,
     force: &'static ForceColumn,
-    /// Whether this is a run, which is evaluated by the load cell's forces too.
+    /// Whether the presses are those of a run. A run's forces are compared with the set forces and with the load cell's.
     is_run: bool,
     /// Data shared by all methods that are fitted to the calibration.
     prepared: OnceLock<Prepared<'a>>,
@@ -135,6 +135,11 @@ impl<'a> Trial<'a> {
         }
         evaluation.choice = fitted.choice().cloned();
         Ok((evaluation, fitted))
+    }
+
+    /// Solves the test with a method that was fitted to this calibration and to other data. Forces are those of the load cell.
+    pub fn evaluate_with(&self, fitted: &Fitted) -> Result<Evaluation, EvaluateError> {
+        self.evaluated(fitted, &LOAD_CELL)
     }
 
     /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and measures its time.
@@ -200,6 +205,7 @@ impl<'a> Trial<'a> {
     /// Prepares the calibration. For `appraised`, see [`Setting::appraised`].
     fn prepare(&self, force: &ForceColumn, appraised: bool) -> Result<Prepared<'a>, EvaluateError> {
         let calibration = self.calibration.calibration(force, self.load)?;
+        check_places(self.calibration.source(), &calibration)?;
         let setting = Setting { load: self.load, appraised, ..Setting::of_layout(self.layout) };
         Prepared::new(calibration, &setting).map_err(|source| self.unfit(source))
     }
@@ -211,12 +217,16 @@ impl<'a> Trial<'a> {
         solver: &str,
     ) -> Result<(Evaluation, Fitted), EvaluateError> {
         let fitted = prepared.fit(solver).map_err(|source| self.unfit(source))?;
-        let mut evaluation = evaluate(&fitted, &self.presses(force))
+        Ok((self.evaluated(&fitted, force)?, fitted))
+    }
+
+    fn evaluated(&self, fitted: &Fitted, force: &ForceColumn) -> Result<Evaluation, EvaluateError> {
+        let mut evaluation = evaluate(fitted, &self.presses(force))
             .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
         evaluation.left_out.test_flagged = self.test.flagged;
         evaluation.at_calibrated_places = self.at_calibrated_places();
-        Ok((evaluation, fitted))
+        Ok(evaluation)
     }
 
     fn unfit(&self, source: FitError) -> EvaluateError {
@@ -311,7 +321,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     #[test]
     fn plain_tables_need_no_force() {
         let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
-        let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n");
+        let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n1,0,2,4,2\n");
         // newtons against shares of a typical press would mean nothing
         for (calibration, test) in [(&calibration, &test), (&test, &calibration), (&calibration, &calibration)] {
             let evaluation = evaluate_tables(calibration, test, "pearson").unwrap();
@@ -322,7 +332,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 
     #[test]
     fn tables_that_do_not_fit_are_refused_by_line() {
-        let good = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
+        let good = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
         let other = table("x_mm,y_mm,out_1\n0,0,1\n");
         assert!(matches!(evaluate_tables(&good, &other, "pearson"), Err(EvaluateError::Channels { .. })));
         let unloaded = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,1,1,2\n\n0,0,0,1,2\n");

@@ -108,6 +108,9 @@ pub fn check_run(path: &Path) -> Result<(), DatasetError> {
     if path.join(JOURNAL).is_file() {
         return Ok(());
     }
+    if path.join(JOURNAL).is_dir() {
+        return Err(DatasetError::JournalFolder { path: path.to_owned() });
+    }
     let is_rest_of_one = [MANIFEST, PRESSES].iter().all(|name| path.join(name).is_file());
     let path = path.to_owned();
     Err(match path.exists() {

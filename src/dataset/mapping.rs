@@ -227,6 +227,7 @@ fn read(table: &Table) -> Option<Mapping> {
         let told = "a comma can't be the separator and the decimal mark";
         table.complain(Problem::new(table.span_of(&columns::decimal), told));
     }
+    check_twice(table, &names, outputs.as_ref());
     let array = optional(table, &columns::array, |table, key| {
         let table = table.table(key)?;
         let (layout, unit) = (LAYOUT.read(&table), read_unit(&table, &array::unit));
@@ -258,6 +259,28 @@ fn read(table: &Table) -> Option<Mapping> {
         measured: measured?,
         array,
     })
+}
+
+/// Records a problem if two keys name one column.
+fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Outputs>) {
+    let given = |key: &Key| table.is_text(key).then(|| table.text(key)).flatten();
+    let mut named: Vec<(Key, &str)> = Vec::new();
+    let singles = [columns::x_mm, columns::y_mm].into_iter().zip(places.iter().map(Option::as_deref));
+    let others = [columns::force_n, columns::flags].map(|key| (key, given(&key)));
+    let several = match outputs {
+        Some(Outputs::Named(names)) => names.as_slice(),
+        _ => &[],
+    };
+    let all = singles.chain(others).chain(several.iter().map(|name| (columns::outputs, Some(name.as_str()))));
+    for (key, name) in all.filter_map(|(key, name)| Some((key, name?))) {
+        if let Some((first, _)) = named.iter().find(|(first, other)| *other == name && *first != key) {
+            let told = format!("`{}` and `{}` name the same column {name:?}", first.name, key.name);
+            let at = if table.has(&key) { &key } else { first };
+            table.complain(Problem::new(table.span_of(at), told).help("give each key a column of its own"));
+            return;
+        }
+        named.push((key, name));
+    }
 }
 
 /// Reads a key that may be missing. The outer value is `None` if the key is present and invalid.
@@ -397,6 +420,9 @@ mod tests {
             ("scale = { force_n = 0.0 }", "`force_n` of `scale` is 0"),
             ("measured = \"4.5.2026\"", "expected a day as year-month-day"),
             ("output = \"ch0..ch3\"", "unknown key `output`"),
+            ("y_mm = \"X\"\nx_mm = \"X\"", "`x_mm` and `y_mm` name the same column \"X\""),
+            ("y_mm = \"x_mm\"", "`x_mm` and `y_mm` name the same column \"x_mm\""),
+            ("force_n = \"ch1\"\noutputs = \"ch0..ch3\"", "`force_n` and `outputs` name the same column \"ch1\""),
             ("array = { unit = \"V\" }", "`array` has no positions of its units"),
             (
                 "outputs = \"ch0..ch3\"\narray = { places_mm = [[0.0, 0.0]] }",

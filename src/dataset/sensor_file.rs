@@ -39,7 +39,7 @@ pub struct Card {
     pub made_from: Vec<Fingerprint>,
     /// Range of the calibration.
     pub valid: Validity,
-    /// Excluded units, counted from 1, and the reasons.
+    /// Excluded outputs, counted from 1, and the reasons.
     pub left_out: Vec<LeftOutUnit>,
     /// Whether every contact is assumed to have the force of the calibration.
     pub constant_load: bool,
@@ -55,12 +55,12 @@ pub struct Card {
     pub sha256: String,
 }
 
-/// A unit that is excluded.
+/// An output that is excluded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LeftOutUnit {
-    /// The unit, counted from 1.
+    /// The output, counted from 1.
     pub unit: usize,
-    /// Fault of the unit.
+    /// Fault of the output.
     pub why: String,
 }
 

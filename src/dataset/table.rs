@@ -56,6 +56,9 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
         header = (1..=record.len()).map(|number| number.to_string()).collect();
         records.dialect.with_points(file, header_line, &mut record)?;
     }
+    if mapping.has_header && looks_like_a_row(&header, mapping) {
+        return Err(TableError::NoHeader { file: file.to_owned(), line: header_line });
+    }
     let columns = Columns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
     let (mut presses, mut lines, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     is_there = if mapping.has_header { records.next_row(&mut record)? } else { is_there };
@@ -100,6 +103,13 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
             .push(format!("{rows} excluded: a cell is blank or has no value (first: line {line}, column `{column}`)"));
     }
     Ok(presses)
+}
+
+/// Whether most cells of a header are numbers, and none is the name of a place. Numbers may be the names of outputs.
+fn looks_like_a_row(header: &StringRecord, mapping: &Mapping) -> bool {
+    let is_number = |cell: &&str| cell.replace(',', ".").parse::<f64>().is_ok();
+    let is_place = |cell: &str| cell == mapping.x_mm || cell == mapping.y_mm;
+    2 * header.iter().filter(is_number).count() > header.len() && !header.iter().any(is_place)
 }
 
 /// Known columns of a table, each with the positions of its cells.
@@ -221,9 +231,13 @@ impl<'a, R: Read> Records<'a, R> {
         let end = self.reader.position().byte();
         let lines = self.reader.get_mut();
         self.line = lines.of_record(end, record);
+        let is_open = read.is_ok() && lines.is_open(end, record);
         let file = || self.file.to_owned();
         if lines.taken > MAX_TABLE_BYTES {
             return Err(TableError::TooLarge { file: file(), line: None, limit: MAX_TABLE_BYTES, what: "bytes" });
+        }
+        if is_open {
+            return Err(TableError::OpenQuote { file: file(), line: self.line });
         }
         read.map_err(|error| match error.into_kind() {
             csv::ErrorKind::Utf8 { .. } => TableError::NotText { file: file(), line: self.line },
@@ -242,11 +256,13 @@ struct Lines<R> {
     /// Positions of the line ends in the reader's present buffer that no record has reached yet.
     ends: VecDeque<u64>,
     passed: u64,
+    /// Most recent byte that isn't part of a line end.
+    last: u8,
 }
 
 impl<R> Lines<R> {
     fn new(input: R) -> Self {
-        Lines { input, taken: 0, ends: VecDeque::new(), passed: 0 }
+        Lines { input, taken: 0, ends: VecDeque::new(), passed: 0, last: 0 }
     }
 
     /// Returns the first line of a record that ends before the byte `end`, including the record's own line end.
@@ -256,7 +272,15 @@ impl<R> Lines<R> {
             self.passed += 1;
         }
         let within = record.as_slice().bytes().filter(|byte| *byte == b'\n').count() as u64;
-        1 + self.passed.saturating_sub(within)
+        // the last line end of a cell that is never closed is at the end of the input
+        let is_last = u64::from(self.is_open(end, record) && record.as_slice().ends_with('\n'));
+        1 + self.passed.saturating_sub(within - is_last)
+    }
+
+    /// Whether the last cell of a record ends with the input, because its quotation mark isn't closed.
+    fn is_open(&self, end: u64, record: &StringRecord) -> bool {
+        let last = record.get(record.len().wrapping_sub(1)).unwrap_or_default();
+        end == self.taken && last.contains('\n') && self.last != b'"'
     }
 }
 
@@ -266,6 +290,8 @@ impl<R: Read> Read for Lines<R> {
             return Ok(0);
         }
         let count = self.input.read(buffer)?;
+        let is_line_end = |byte: &&u8| matches!(byte, b'\n' | b'\r');
+        self.last = buffer[..count].iter().rfind(|byte| !is_line_end(byte)).copied().unwrap_or(self.last);
         let ends = buffer[..count].iter().enumerate().filter(|(_, byte)| **byte == b'\n');
         self.ends.extend(ends.map(|(at, _)| self.taken + at as u64));
         self.taken += count as u64;
@@ -303,6 +329,24 @@ mod tests {
         assert_eq!([0, 1, 2].map(|index| table.at(index)), [2, 4, 6].map(|line| format!("a.csv, line {line}")));
         let is_bare = |press: &Press| press.force_n.is_none() && !press.is_flagged() && press.phase.is_none();
         assert!(table.presses.iter().all(is_bare));
+    }
+
+    #[test]
+    fn a_quotation_mark_that_isnt_closed_is_told_at_its_line() {
+        for end in ["", "\n", "\r\n", "\n\n"] {
+            let told = refusal(&format!("x_mm,y_mm,out_1\n1,2,3\n1,\"2,3\n4,5,6{end}"));
+            assert!(told.starts_with("a.csv, line 3: a quotation mark isn't closed"), "{end:?}: {told}");
+        }
+        let closed = plain("x_mm,y_mm,out_1,note\n1,2,3,\"a\nb\n\"\n").unwrap();
+        assert_eq!(closed.at(0), "a.csv, line 2");
+    }
+
+    #[test]
+    fn a_table_without_a_header_is_told_so() {
+        for text in ["-6,-6,0.5\n-6,-5,0.5\n", "1,5;2,5;3\n1;2;3\n", "0,calibration,1,2,3,\n1,calibration,1,2,3,\n"] {
+            let told = refusal(text);
+            assert!(told.contains("line 1: the table has no header") && told.contains("`header = false`"), "{told}");
+        }
     }
 
     #[test]

@@ -36,6 +36,17 @@ pub enum TableError {
     #[error("{file}: none of its {rows} rows has a value in every column (line {line}: none in column `{column}`)")]
     #[diagnostic(help("leave the column out of `outputs`, or correct the cells"))]
     NothingComplete { file: String, rows: usize, line: u64, column: String },
+    /// The first line has only numbers.
+    #[error("{file}, line {line}: the table has no header: most cells of this line are numbers")]
+    #[diagnostic(help(
+        "write the names of the columns above it (x_mm, y_mm, force_n, out_1, ...); or give a columns file with `header = false`, \
+         which names columns by their numbers: x_mm = \"1\""
+    ))]
+    NoHeader { file: String, line: u64 },
+    /// A quotation mark isn't closed before the end of the table.
+    #[error("{file}, line {line}: a quotation mark isn't closed")]
+    #[diagnostic(help("remove the mark in this line, or close it: the rest of the table belongs to this cell"))]
+    OpenQuote { file: String, line: u64 },
     /// A required column is missing.
     #[error("{file}, line {line}: column `{column}` is missing")]
     MissingColumn {

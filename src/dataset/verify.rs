@@ -8,7 +8,7 @@ use super::loss::lost;
 use super::manifest::MANIFEST;
 use super::press::{csv_header, csv_line};
 use super::views::{PRESSES, TABLES, write};
-use super::{DatasetError, Fingerprint, Journal, JournalError, Loss, Manifest, files};
+use super::{DatasetError, Fingerprint, Journal, JournalError, Loss, Manifest, Record, files};
 use crate::quantity::ArrayLayout;
 use std::collections::HashSet;
 use std::hash::{BuildHasher, RandomState};
@@ -45,7 +45,9 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     let known = match Known::read(path, layout.map(ArrayLayout::len)) {
         Ok((known, _)) => known,
         Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
-            verified.problems.push(error.to_string());
+            verified.records =
+                Journal::<Record>::records(&path.join(JOURNAL))?.take_while(Result::is_ok).count() as u64;
+            verified.problems.push(format!("{error}; the {} records before it are sound", verified.records));
             return Ok(verified);
         }
         Err(error) => return Err(error),

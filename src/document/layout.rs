@@ -45,9 +45,16 @@ impl LayoutKeys {
             (false, true) => table
                 .places(&self.places_mm)
                 .map(|places| ArrayLayout::from_places(places.into_iter().map(|(place, _)| place).collect())),
-            _ => {
+            (true, true) => {
+                let told = "`array` gives the positions of its units twice: `grid` and `places_mm`";
+                for key in [&self.grid, &self.places_mm] {
+                    table.complain(Problem::new(table.span_of(key), told).help("remove one of them"));
+                }
+                None
+            }
+            (false, false) => {
                 let told = "`array` has no positions of its units";
-                let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...], not both";
+                let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...]";
                 table.complain(Problem::new(table.span(), told).help(help));
                 None
             }

@@ -50,7 +50,7 @@ pub fn read<T>(
     keys: &'static Keys,
     read: impl FnOnce(&Table) -> Option<T>,
 ) -> Result<T, Problems> {
-    let root = parsed(name, text)?;
+    let root = parsed_as(name, text, Some(keys))?;
     #[cfg(test)]
     let _reading = sample::Reading::begin();
     let collector = Collector::default();
@@ -70,6 +70,11 @@ pub fn has_key(text: &str, name: &str) -> bool {
 
 /// Parses a text as TOML.
 fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    parsed_as(name, text, None)
+}
+
+/// Parses a text as TOML. `keys` are those of its root, if they are known: they decide which headings may be repeated.
+fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spanned<DeTable<'t>>, Problems> {
     if text.len() > TEXT_MAX_BYTES {
         let problem =
             Problem::new(0..0, format!("the file has {} bytes, but at most {TEXT_MAX_BYTES} are allowed", text.len()));
@@ -84,7 +89,8 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
         return Ok(root);
     }
     let collector = Collector::default();
-    let mut has_heading_twice = false;
+    let mut seen: Vec<&str> = Vec::new();
+    let mut is_broken = false;
     for error in &errors {
         let place = error.span().unwrap_or(0..0);
         let is_twice = error.message() == "duplicate key";
@@ -93,14 +99,15 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
             (Some((number, decimal)), _) => {
                 Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
             }
-            (None, Some(_)) if has_heading_twice => continue,
-            (None, Some(heading)) => {
-                has_heading_twice = true;
-                Problem::new(place, format!("[{heading}] is here a second time"))
-                    .help(format!("write [[{heading}]] with double brackets if there are several, each time"))
+            (None, Some((_, heading))) if seen.contains(&heading) => continue,
+            (None, Some((is_double, heading))) => {
+                seen.push(heading);
+                heading_twice(text, place, heading, is_double, keys)
             }
             // the keys under such a heading are twice there too
-            (None, None) if is_twice && has_heading_twice => continue,
+            (None, None) if is_twice && !seen.is_empty() => continue,
+            // the errors after the first one mostly follow from it
+            (None, None) if !is_twice && std::mem::replace(&mut is_broken, true) => continue,
             (None, None) => Problem::new(place, format!("not valid TOML: {}", error.message())),
         };
         collector.add(problem);
@@ -108,11 +115,40 @@ fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problem
     Err(collector.into_problems(name, text))
 }
 
-/// Returns the name in the heading `[name]` of a table at this byte.
-fn heading_at(text: &str, at: usize) -> Option<&str> {
+/// Returns the name in the heading `[name]` or `[[name]]` at this byte, and whether its brackets are double.
+fn heading_at(text: &str, at: usize) -> Option<(bool, &str)> {
     let start = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
-    let line = text[start..].lines().next()?.trim();
-    line.strip_prefix('[')?.strip_suffix(']').filter(|name| !name.starts_with('['))
+    heading_of(text[start..].lines().next()?)
+}
+
+/// Returns the name of a line that is a heading, and whether its brackets are double. A comment may follow.
+fn heading_of(line: &str) -> Option<(bool, &str)> {
+    let line = line.split('#').next()?.trim();
+    let inner = line.strip_prefix('[')?.strip_suffix(']')?;
+    let double = inner.strip_prefix('[').and_then(|inner| inner.strip_suffix(']'));
+    Some((double.is_some(), double.unwrap_or(inner)))
+}
+
+/// Returns the problem of a heading that comes again, with the brackets that the text needs.
+fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: Option<&Keys>) -> Problem {
+    let list = format!("write [[{heading}]] with double brackets if there are several, each time");
+    if is_double {
+        // the first one has single brackets
+        let mut start = 0;
+        for line in text.split_inclusive('\n') {
+            if heading_of(line) == Some((false, heading)) {
+                let told = format!("[{heading}] has single brackets, but [[{heading}]] follows");
+                return Problem::new(start..start + line.trim_end().len(), told).help(list);
+            }
+            start += line.len();
+        }
+    }
+    let problem = Problem::new(place, format!("[{heading}] is here a second time"));
+    let key = keys.and_then(|keys| keys.all().find(|key| key.name == heading));
+    match key.map(|key| key.kind.pick(|kind| matches!(kind, Kind::Tables(_)).then_some(())).is_some()) {
+        Some(false) => problem.help(format!("put all its keys under one [{heading}]")),
+        _ => problem.help(list),
+    }
 }
 
 /// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
@@ -277,6 +313,45 @@ mod tests {
         let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
         assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
         assert!(told("a = 1\na = 2\n")[0].ends_with("not valid TOML: duplicate key"));
+    }
+
+    #[test]
+    fn a_heading_that_comes_twice_is_told_with_the_brackets_that_it_needs() {
+        let told = |text: &str| {
+            let problems = read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err();
+            problems.told().map(|(line, help)| (line, help.unwrap_or_default().to_owned())).collect::<Vec<_>>()
+        };
+        // a table that exists once
+        let once = told("[a]\nx = 0.5\n[a] # again\ny = 0.5\n");
+        assert_eq!(
+            once,
+            [("t.toml:3:2: [a] is here a second time".to_owned(), "put all its keys under one [a]".to_owned())]
+        );
+        // single brackets first
+        let single = told("[step] # one\na = 1\n[[step]]\na = 2\n[[step]]\na = 3\n");
+        assert_eq!(single.len(), 1, "{single:?}");
+        assert_eq!(single[0].0, "t.toml:1:1: [step] has single brackets, but [[step]] follows");
+        assert!(single[0].1.contains("write [[step]] with double brackets"), "{single:?}");
+    }
+
+    #[test]
+    fn only_the_first_error_of_the_syntax_is_told() {
+        let text = "a = { x = [-12.5, 12.5, y = [-12.5, 12.5], z = [1.0, 2.0] }\nb = 2\n";
+        let told = messages(text, NONE, |_| Some(()));
+        assert_eq!(told.len(), 1, "{told:?}");
+    }
+
+    #[test]
+    fn a_name_with_another_unit_is_told_to_convert_its_number() {
+        let help = |name: &str| {
+            let text = format!("{name} = 1\nforce_n = 1.0\n");
+            let problems = read("t.toml", &text, &press::KEYS, |table| table.number(&press::force_n)).unwrap_err();
+            problems.told().next().and_then(|(_, help)| help.map(str::to_owned)).unwrap_or_default()
+        };
+        assert_eq!(help("hold_min"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
+        assert_eq!(help("hold_ms"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
+        assert_eq!(help("hodl_s"), "did you mean `hold_s`?");
+        assert_eq!(help("hold_x"), "did you mean `hold_s`?");
     }
 
     #[test]

@@ -65,11 +65,16 @@ impl Problems {
 
     /// Returns one line for each problem, `file:line:column: message`.
     pub fn lines(&self) -> Vec<String> {
-        let line = |located: &Located| {
+        self.told().map(|(line, _)| line).collect()
+    }
+
+    /// Returns the same lines, each with its suggested correction.
+    pub fn told(&self) -> impl Iterator<Item = (String, Option<&str>)> {
+        self.located.iter().map(|located| {
             let (line, column) = located.line_and_column();
-            format!("{}:{line}:{column}: {}", self.name, located.problem.message)
-        };
-        self.located.iter().map(line).collect()
+            let told = format!("{}:{line}:{column}: {}", self.name, located.problem.message);
+            (told, located.problem.help.as_deref())
+        })
     }
 }
 

@@ -57,6 +57,12 @@ impl<'d> Table<'d> {
         self.find(key.name).is_some_and(|value| value.get_ref().is_table())
     }
 
+    /// Whether the key is a table that has a key of this name.
+    pub fn inner_has(&self, key: &Key, inner: &Key) -> bool {
+        let table = self.find(key.name).and_then(|value| value.get_ref().as_table());
+        table.is_some_and(|table| table.keys().any(|name| name.get_ref() == inner.name))
+    }
+
     /// Whether the key is present and a list.
     pub fn is_list(&self, key: &Key) -> bool {
         self.find(key.name).is_some_and(|value| value.get_ref().is_array())
@@ -170,7 +176,7 @@ impl<'d> Table<'d> {
                 let text = self.text_of(key, value)?;
                 if !known.contains(&text) {
                     let tables = key.inner().map(tables_told).unwrap_or_default();
-                    let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, known.join(", "));
+                    let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, listed(known));
                     self.complain(with_typo(Problem::new(value.span(), told), text, known));
                 }
                 text
@@ -218,10 +224,15 @@ impl<'d> Table<'d> {
         }
     }
 
-    /// Reads a list of numbers, one for each unit.
-    pub fn per_unit(&self, key: &Key) -> Option<Vec<f64>> {
+    /// Reads a list of numbers, one for each unit. `units` is their number, if it is known.
+    pub fn per_unit(&self, key: &Key, units: Option<usize>) -> Option<Vec<f64>> {
         let value = self.get(key)?;
-        self.numbers_of(key, value)
+        if value.get_ref().is_array() {
+            return self.numbers_of(key, value);
+        }
+        let count =
+            units.map_or("one number for each unit".to_owned(), |units| format!("{units} numbers, one for each unit"));
+        self.wrong_kind(key, value, &format!("a list of {count}"))
     }
 
     /// Reads a list of places, each with its position in the text.
@@ -412,12 +423,21 @@ fn expected(key: &Key) -> String {
         Kind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
         Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
         Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
-        Kind::Word(words) => Some(format!("one of {}", words.join(", "))),
+        Kind::Word(words) => Some(format!("one of {}", listed(words))),
         Kind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
         Kind::Tables(keys) => Some(format!("a list: [[{}]]{}", key.name, with_keys(keys))),
         _ => None,
     };
     key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())
+}
+
+/// Lists words. A list with signs, such as a comma, has quotes.
+fn listed(words: &[&str]) -> String {
+    let is_sign = |word: &&str| !word.contains(char::is_alphanumeric);
+    match words.iter().any(is_sign) {
+        true => words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", "),
+        false => words.join(", "),
+    }
 }
 
 /// Describes the keys that a table must have, and those of which it must have one.
@@ -493,8 +513,26 @@ pub(crate) fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Prob
     let score = |candidate: &&&str| strsim::jaro_winkler(&name, candidate);
     let nearest = known.iter().max_by(|a, b| score(a).total_cmp(&score(b)));
     match nearest {
-        Some(nearest) if score(&nearest) >= SIMILAR => problem.help(format!("did you mean `{nearest}`?")),
+        Some(nearest) if score(&nearest) >= SIMILAR => {
+            let convert =
+                if differ_in_unit(&name, nearest) { " Convert the number: the unit is in the key's name" } else { "" };
+            problem.help(format!("did you mean `{nearest}`?{convert}"))
+        }
         Some(_) if problem.help.is_none() => problem.help(format!("allowed keys: {}", known.join(", "))),
         _ => problem,
     }
+}
+
+/// Units at the end of a name that a person may write.
+const UNITS: [&str; 27] = [
+    "um", "mm", "cm", "m", "in", "us", "ms", "s", "min", "h", "mn", "n", "kn", "g", "kg", "lb", "hz", "khz", "mv", "v",
+    "deg", "rad", "percent", "ppm", "mm2", "s2", "pa",
+];
+
+/// Whether two names have the same beginning, and then different units: `hold_min` and `hold_s`.
+fn differ_in_unit(name: &str, known: &str) -> bool {
+    let (name, known): (Vec<&str>, Vec<&str>) = (name.split('_').collect(), known.split('_').collect());
+    let same = name.iter().zip(&known).take_while(|(a, b)| a == b).count();
+    let is_unit = |rest: &[&str]| !rest.is_empty() && rest.iter().all(|word| UNITS.contains(word));
+    same > 0 && is_unit(&name[same..]) && is_unit(&known[same..])
 }

@@ -6,6 +6,7 @@
 //! surface). [`Frame`] converts from one to the other.
 
 pub mod any_number;
+mod cells;
 mod certificate;
 mod ewma;
 mod frame;
@@ -17,6 +18,7 @@ mod steps;
 mod stream;
 mod tilt;
 
+pub use cells::cell_centres;
 pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
 pub use ewma::Ewma;
 pub use frame::{Axis, Down, Frame, Place, Position};

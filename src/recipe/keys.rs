@@ -8,6 +8,7 @@ use crate::solver::{BEST, SOLVERS};
 
 const DAY_S: f64 = 86_400.0;
 const UNITS_MAX: u64 = 4096;
+const CELLS_MAX: u64 = 10_000;
 
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
@@ -83,6 +84,7 @@ keys! {
     as press { force_tolerance_n, hold_s, sample_s, strategy, sample_after_s }
     one of {
         grid: Table(&grid::KEYS), Allowed, "places on a regular grid, both ends included";
+        cells: Table(&cells::KEYS), Allowed, "places at the centres of equal cells";
         list: Table(&list::KEYS), Allowed, "places given as a list";
         random: Table(&random::KEYS), Allowed, "random places, from the run's random seed";
         units: Either(&[Word(&words(&ALL_UNITS)), Wholes(1, UNITS_MAX)]), Allowed,
@@ -98,6 +100,16 @@ keys! {
         spacing_mm: Number(SPACING), Refused, "distance of neighbouring places; both extents must be multiples of it", "0.5";
         order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "order in which the places are pressed",
             "\"interleaved\"";
+    }
+}
+
+keys! {
+    /// `cells` of a step.
+    cells {
+        x_mm: Range(PLACE), Refused, "interval of x that the cells divide", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "interval of y that the cells divide", "[-6.0, 6.0]";
+        columns: Whole(1, CELLS_MAX), Refused, "number of cells along x", "3";
+        rows: Whole(1, CELLS_MAX), Refused, "number of cells along y", "3";
     }
 }
 

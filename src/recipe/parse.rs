@@ -1,7 +1,7 @@
 //! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
-use super::keys::{self, evaluate, grid, list, press, random, root, staircase, step};
+use super::keys::{self, cells, evaluate, grid, list, press, random, root, staircase, step};
 use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use crate::document::{self, Key, Problem, Problems, Table};
 
@@ -116,12 +116,14 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let places_key = places_key(table);
     let (places, random_force) = match places_key.map(|key| key.name) {
         Some("grid") => (read_grid(table), None),
+        Some("cells") => (read_cells(table), None),
         Some("list") => (read_list(table), None),
         Some("random") => read_random(table),
         Some("units") => (read_units(table), None),
         _ => (None, None),
     };
-    let inner_force = random_force.is_some();
+    // an invalid range has its own problem
+    let inner_force = places_key.is_some_and(|key| key.name == step::random.name && has_force(table));
     if table.is_list(&step::force_n) {
         let told = "`force_n` is an interval, expected one force in N";
         let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
@@ -200,6 +202,13 @@ fn read_grid(step: &Table) -> Option<Places> {
     Some(Places::Grid { x_mm: x_mm?, y_mm: y_mm?, spacing_mm: spacing_mm?, order: order? })
 }
 
+fn read_cells(step: &Table) -> Option<Places> {
+    let table = step.table(&step::cells)?;
+    let (x_mm, y_mm) = (table.range(&cells::x_mm), table.range(&cells::y_mm));
+    let (columns, rows) = (table.whole(&cells::columns), table.whole(&cells::rows));
+    Some(Places::Cells { x_mm: x_mm?, y_mm: y_mm?, columns: columns? as usize, rows: rows? as usize })
+}
+
 /// Largest number of spaces along a side for which other spacings are suggested. The second constant is the number of trials in
 /// each direction.
 const MOST_SPACES: f64 = 10_000.0;
@@ -243,6 +252,11 @@ fn read_random(step: &Table) -> (Option<Places>, Option<Load>) {
         _ => None,
     };
     (places, force)
+}
+
+/// Whether `random` has a range of forces, valid or not.
+fn has_force(step: &Table) -> bool {
+    step.inner_has(&step::random, &random::force_n)
 }
 
 fn read_units(step: &Table) -> Option<Places> {

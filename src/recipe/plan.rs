@@ -4,7 +4,7 @@ use super::teach::{Entry, teach};
 use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
 use crate::control::{Level, Task};
 use crate::document::{PROBLEMS_MAX, Problem, Problems, Span};
-use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, round, stream};
+use crate::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -87,11 +87,12 @@ impl Recipe {
     /// Returns the problem of too many presses. This step is the first one above the limit.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
-        let told = format!("the plan has {presses} presses, but at most {} are allowed", self.presses_max);
-        let help = if presses > PRESSES_CEILING {
-            format!("split the recipe: a plan has at most {PRESSES_CEILING} presses")
-        } else {
-            format!("split the recipe, or add --presses-max {presses}")
+        let is_possible = presses <= PRESSES_CEILING;
+        let most = if is_possible { self.presses_max } else { PRESSES_CEILING };
+        let told = format!("the plan has {presses} presses, but at most {most} are allowed");
+        let help = match is_possible {
+            true => format!("split the recipe, or add --presses-max {presses}"),
+            false => "use a coarser `spacing_mm`, or split the recipe".to_owned(),
         };
         Problem::new(step.places_span.clone(), told).help(help)
     }
@@ -103,6 +104,7 @@ impl Places {
             Places::Grid { x_mm, y_mm, spacing_mm, .. } => {
                 points(*x_mm, *spacing_mm).saturating_mul(points(*y_mm, *spacing_mm))
             }
+            Places::Cells { columns, rows, .. } => columns.saturating_mul(*rows),
             Places::List(places) => places.len(),
             Places::Random { count, .. } => *count as usize,
             Places::Units(UnitChoice::All) => layout.units().len(),
@@ -127,6 +129,9 @@ impl Step {
                     (0..=last).map(move |i| range.min + range.width() * i as f64 / last.max(1) as f64)
                 };
                 along(*y_mm).flat_map(|y| along(*x_mm).map(move |x| Place::new(x, y))).map(here).collect()
+            }
+            Places::Cells { x_mm, y_mm, columns, rows } => {
+                cell_centres(*x_mm, *y_mm, *columns, *rows).into_iter().map(here).collect()
             }
             Places::List(places) => places.clone(),
             Places::Random { count, x_mm, y_mm } => {

@@ -73,6 +73,17 @@ pub enum Places {
         /// Order of the visits.
         order: Order,
     },
+    /// Centres of equal cells, row by row.
+    Cells {
+        /// Interval of x that the cells divide.
+        x_mm: Range,
+        /// Interval of y that the cells divide.
+        y_mm: Range,
+        /// Number of cells along x.
+        columns: usize,
+        /// Number of cells along y.
+        rows: usize,
+    },
     /// Places as given, each with its position in the text.
     List(Vec<(Place, Span)>),
     /// Places drawn uniformly from the run's seed, to 1 um.

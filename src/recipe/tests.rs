@@ -169,7 +169,7 @@ fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
         ["r.toml:5:8: the plan has 1442401 presses, but at most 100000 are allowed"]
     );
     // more points than can be counted
-    let most = format!("r.toml:5:8: the plan has {} presses, but at most 100000 are allowed", usize::MAX);
+    let most = format!("r.toml:5:8: the plan has {} presses, but at most 10000000 are allowed", usize::MAX);
     assert_eq!(plan(&text.replace("0.01", "1e-310"), 1).unwrap_err(), [most]);
 }
 
@@ -200,10 +200,9 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
     assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
     assert_eq!(told(9, 9).1, "split the recipe, or add --presses-max 10");
     // and nothing what is over the ceiling
-    let help = "split the recipe: a plan has at most 10000000 presses";
+    let help = "use a coarser `spacing_mm`, or split the recipe";
     for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
-        let over =
-            format!("the plan has 10000001 presses, but at most {} are allowed", presses_max.min(PRESSES_CEILING));
+        let over = "the plan has 10000001 presses, but at most 10000000 are allowed".to_owned();
         assert_eq!(told(PRESSES_CEILING, presses_max), (over, help.into()));
     }
 }

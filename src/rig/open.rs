@@ -99,8 +99,13 @@ impl RigSpec {
             array: self.array.driver.open(array, &wiring)?,
         };
         let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });
+        Ok(OpenRig { instruments, stage_use: self.stage_use(), probe, claims: Claims::default() })
+    }
+
+    /// Returns the settings for the use of the stage, as this rig states them.
+    pub(super) fn stage_use(&self) -> StageUse {
         let away = -self.frame.down.sign();
-        let stage_use = StageUse {
+        StageUse {
             travel: self.permitted_travel(),
             away,
             speed_mm_s: self.stage.speed_mm_s,
@@ -111,8 +116,7 @@ impl RigSpec {
             by_hand: self.stage.home == Home::ByHand,
             steps: self.stage.steps,
             home_search: HomeSearch::Away,
-        };
-        Ok(OpenRig { instruments, stage_use, probe, claims: Claims::default() })
+        }
     }
 
     /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.

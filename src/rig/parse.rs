@@ -58,6 +58,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             which_way: None,
         };
         check_links(&spec, table);
+        check_ports(&spec, table);
         check_zero(&spec, table);
         check_steps(&spec, table);
         check_drivers(&spec, table);
@@ -215,6 +216,26 @@ fn check_links(spec: &RigSpec, table: &Table) {
     }
 }
 
+/// Checks that a serial port belongs to one device. Only devices that send lines for load cell and array share one.
+fn check_ports(spec: &RigSpec, table: &Table) {
+    let cell_and_array = [&*spec.load_cell.driver as &dyn Driver, &*spec.array.driver];
+    let is_shared = spec.load_cell.link == spec.array.link && cell_and_array.iter().all(|driver| driver.shares_port());
+    let roles =
+        [(&spec.stage.link, root::stage), (&spec.load_cell.link, root::load_cell), (&spec.array.link, root::array)];
+    for (i, (link, key)) in roles.iter().enumerate() {
+        let Link::Serial { port, .. } = link else { continue };
+        let is_same = |other: &&(&Link, Key)| matches!(other.0, Link::Serial { port: other, .. } if other == port);
+        let Some((_, first)) = roles[..i].iter().find(is_same).filter(|(_, first)| *first == root::stage || !is_shared)
+        else {
+            continue;
+        };
+        let told = format!("[{}] and [{}] have the same serial port {port}", first.name, key.name);
+        let help = "each device has a port of its own: `palpate ports` lists them. Only a load cell and an array that are one \
+                    device with one line profile have the same `link`";
+        table.complain(Problem::new(table.span_of(key), told).help(help));
+    }
+}
+
 /// Checks that a stage that is brought to its zero may stand there.
 fn check_zero(spec: &RigSpec, table: &Table) {
     let outside = Axis::ALL.into_iter().find(|axis| !spec.stage.travel.along(*axis).contains(0.0));
@@ -302,6 +323,23 @@ mod tests {
             Ok(_) => Vec::new(),
             Err(problems) => problems.lines().iter().map(|line| line.split_once(": ").unwrap().1.to_owned()).collect(),
         }
+    }
+
+    #[test]
+    fn two_devices_on_one_serial_port_are_refused() {
+        let text = include_str!("../../rigs/esp301.toml");
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        assert!(parse("rig.toml", text, &none).is_ok());
+        let told = parse("rig.toml", &text.replace("ttyUSB1", "ttyUSB0"), &none).unwrap_err().lines();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].contains("[stage] and [load_cell] have the same serial port /dev/ttyUSB0"), "{told:?}");
+    }
+
+    #[test]
+    fn a_layout_that_is_given_twice_is_told_at_both_lines() {
+        let told = problems("range_v = 10.0", "places_mm = [[0.0, 0.0]]\nrange_v = 10.0");
+        let twice = "`array` gives the positions of its units twice: `grid` and `places_mm`";
+        assert_eq!(told, [twice, twice]);
     }
 
     #[test]

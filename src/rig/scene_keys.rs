@@ -162,7 +162,7 @@ keys! {
         bumps_mm: Number(HEIGHT), Allowed, "largest height of its bumps, + and -; without it, no bumps", "0.005";
         bumps_wavelength_mm: Range(within(0.1, 1000.0, "mm")), or_range(6.0, 12.0),
             "smallest and largest wavelength of the bumps", "[6.0, 12.0]";
-        roughness_mm: Number(HEIGHT), Allowed, "standard deviation of the height of each spot of 1 um; without it 0", "0.001";
+        roughness_mm: Number(HEIGHT), Allowed, "standard deviation of the random height that each spot of 1 um has; without it 0", "0.001";
         wave_mm: Number(HEIGHT), or(0.0), "amplitude of a sine motion over time", "0.005";
         wave_s: Number(TIME), or(60.0), "period of this sine", "60.0";
     }
@@ -172,7 +172,7 @@ keys! {
     /// `stiffness` of the scene.
     stiffness {
         smooth_percent: Number(STIFFER), or(0.0), "largest smooth variation, + and -", "6.0";
-        white_percent: Number(STIFFER), or(0.0), "standard deviation of the value of each spot of 1 um", "0.5";
+        white_percent: Number(STIFFER), or(0.0), "standard deviation of the random value that each spot of 1 um has", "0.5";
     }
 }
 

@@ -50,16 +50,8 @@ impl RigSpec {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
             return Err(not_simulated(Device::Array, TOO_MANY_CHANNELS.to_owned()));
         }
-        // z travels to its end to withdraw; x and y go no further than to where they press
-        let z = self.stage.travel.along(Axis::Z);
-        let most = self.stage.driver.simulated_z_mm(&self.stage);
-        if z.min < most.min || z.max > most.max {
-            let wide = format!(
-                "z of a simulated stage goes from {} to {} mm, and `stage.travel_mm.z` has {} to {}: narrow it for a \
-                 simulated run",
-                most.min, most.max, z.min, z.max
-            );
-            return Err(not_simulated(Device::Stage, wide));
+        if let Some(told) = self.stage.driver.simulated_misfit(self) {
+            return Err(not_simulated(Device::Stage, told));
         }
         let spec = self.scene.clone();
         // the drivers go by the rig's word, the scene by how the specimen really lies

@@ -100,7 +100,7 @@ fn read_fault(table: &Table, units: Option<usize>) -> Option<TaxelFault> {
 
 /// Reads one percentage for each unit.
 fn read_percents(table: &Table, key: &Key, units: Option<usize>) -> Option<Vec<f64>> {
-    let percents = table.per_unit(key)?;
+    let percents = table.per_unit(key, units)?;
     if let Some(units) = units
         && percents.len() != units
     {

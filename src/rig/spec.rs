@@ -282,6 +282,11 @@ pub trait Driver: Any + Debug + Send + Sync {
         claims.take(link)
     }
 
+    /// Whether a load cell and an array with this driver can be one device on one serial port.
+    fn shares_port(&self) -> bool {
+        false
+    }
+
     /// Returns the reasons why the driver can't work with the rest of the rig.
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
         let _ = rig;
@@ -308,10 +313,9 @@ pub trait StageDriver: Driver {
     /// Returns the emulator that answers the driver in a simulated rig.
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice;
 
-    /// Returns the range of z of its emulator for this stage, mm.
-    fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
-        let _ = stage;
-        Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM }
+    /// Returns the reason why its emulator can't have the travel of this rig, and a travel that it can have; `None` if it fits.
+    fn simulated_misfit(&self, rig: &RigSpec) -> Option<String> {
+        outside_stock(rig)
     }
 
     /// Whether it can home z on the specimen's side, and reports whether home is known.
@@ -323,6 +327,19 @@ pub trait StageDriver: Driver {
     fn homes_by_hand(&self) -> bool {
         false
     }
+}
+
+/// Returns the reason why z of an emulated stage of the usual travel can't have the travel of this rig. z travels to its end to
+/// withdraw. x and y go no further than to where they press.
+pub(super) fn outside_stock(rig: &RigSpec) -> Option<String> {
+    let z = rig.stage.travel.along(Axis::Z);
+    let most = Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM };
+    (z.min < most.min || z.max > most.max).then(|| {
+        format!(
+            "z of a simulated stage goes from {} to {} mm, and `stage.travel_mm.z` has {} to {}: narrow it for a simulated run",
+            most.min, most.max, z.min, z.max
+        )
+    })
 }
 
 /// Driver of a load cell.

@@ -66,7 +66,7 @@ pub struct Relief {
     pub bumps_mm: f64,
     /// Smallest and largest wavelength of the smooth part, mm.
     pub bumps_wavelength_mm: (f64, f64),
-    /// Standard deviation of the independent height of each spot of 1 um, mm.
+    /// Each spot of 1 um has its own random height. This is its standard deviation, mm.
     pub roughness_mm: f64,
 }
 
@@ -75,7 +75,7 @@ pub struct Relief {
 pub struct Stiffness {
     /// Largest value of the smooth part either way, % of the curve.
     pub smooth_percent: f64,
-    /// Standard deviation of the independent part of each spot of 1 um, % of the curve.
+    /// Each spot of 1 um has its own random stretch. This is its standard deviation, % of the curve.
     pub white_percent: f64,
 }
 

@@ -346,7 +346,7 @@ mod tests {
     use super::*;
     use crate::solver::{Covariance, Verdict};
 
-    /// Answers with what it reads: x, y and force.
+    /// Answers with its outputs: x, y and force.
     struct Echo;
 
     impl Solver for Echo {

@@ -1,6 +1,6 @@
 //! Smooth functions of a place, stored as splines.
 
-use crate::quantity::Place;
+use crate::quantity::{Place, Range, cell_centres};
 use serde::{Deserialize, Serialize};
 
 /// Smooth functions of the place, one for each channel, tabulated over an area: uniform cubic B-splines in x and y. A value and
@@ -56,12 +56,9 @@ impl Area {
 
     /// Returns the centres of equal cells, `side` along each side.
     pub fn cells(&self, side: usize) -> Vec<Place> {
-        let along = |least: f64, most: f64, i: usize| least + (most - least) * (i as f64 + 0.5) / side as f64;
-        let place = |i: usize| {
-            let x_mm = along(self.least.x_mm, self.most.x_mm, i % side);
-            Place::new(x_mm, along(self.least.y_mm, self.most.y_mm, i / side))
-        };
-        (0..side * side).map(place).collect()
+        let range = |min: f64, max: f64| Range { min, max };
+        let (least, most) = (self.least, self.most);
+        cell_centres(range(least.x_mm, most.x_mm), range(least.y_mm, most.y_mm), side, side)
     }
 
     /// Returns the place in the area that is nearest to the given place.

@@ -36,7 +36,7 @@ pub(super) struct Forward {
 pub(super) enum MapKind {
     /// By regression.
     Smooth,
-    /// By elasticity, from what is known of an elastic cover.
+    /// By elasticity, from the properties of an elastic cover.
     Elastic,
 }
 
@@ -291,11 +291,12 @@ mod tests {
 
     /// A skin that folds: left and right of its middle line it reads nearly the same.
     struct Folded {
-        /// x over the fold, y and what the sides differ by, a unit.
+        /// For each unit: x over the fold, y, and the difference of the two sides.
         units: Vec<(f64, f64, f64)>,
     }
 
-    /// What two sides differ by, share of the output 1 mm from the middle, and the noise, share of the largest output under 1 N.
+    /// Difference of two sides, as a fraction of the output 1 mm from the middle; and noise, as a fraction of the largest output
+    /// under 1 N.
     const DIFFERS: f64 = 0.004;
     const NOISE: f64 = 0.008;
     const HALF_MM: f64 = 6.0;
@@ -356,7 +357,8 @@ mod tests {
         }
     }
 
-    /// The best fit from every place of a grid of 0.4 mm; a descent ends nearer to the best than 0.2 mm.
+    /// Returns the best of the fits that begin at each place of a grid of 0.4 mm. The nearest of them is at most 0.3 mm from
+    /// the best fit, so a descent from there ends at it.
     fn searched(forward: &Forward, outputs: &[f64], workspace: &mut Workspace) -> Place {
         let Forward { response, load, common_offset, .. } = forward;
         let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without: None };

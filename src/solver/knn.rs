@@ -14,8 +14,8 @@ pub const NEIGHBOURS: usize = 4;
 ///
 /// Each point is weighted by the inverse square of its distance (Shepard 1968, doi:10.1145/800186.810616). The distance is that
 /// between the reading and the point's outputs, after both are centred and scaled to length 1. Its square is 2 (1 - r). The place
-/// is the weighted mean of the points' places. The weighted mean of their outputs per newton is what one newton there reads. The
-/// force is the factor that fits this mean to the reading best over all units.
+/// is the weighted mean of the points' places. The weighted mean of their outputs per newton is the expected reading of one newton
+/// there. The force is the factor that fits this mean to the reading best over all units.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PearsonKnn {
     units: usize,

@@ -1,15 +1,14 @@
-//! The inverse problem: from what a calibration recorded and one reading of the array to where and how hard a contact
-//! is.
+//! The inverse problem: finds place and force of a contact from a calibration and one reading of the array.
 //!
 //! A [`Calibration`] is presses of known place and force. [`fit`] prepares a [`Solver`] from it once; `solve` then
-//! turns a reading (one output for each) into a [`Solution`], or says why it can't: a reading without an answer is an
+//! turns a reading (one output for each) into a [`Solution`], or returns the reason: a reading without an answer is an
 //! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
 //!
 //! Nothing here reads files, asks the time or logs.
 //!
 //! # The methods
 //!
-//! | name | file | what it is |
+//! | name | file | description |
 //! |---|---|---|
 //! | `pearson`, `pearson-lsq` | `pearson` | the paper's: the calibration point of the highest correlation |
 //! | `pearson-knn` | `knn` | the mean of the four best points |
@@ -22,14 +21,14 @@
 //! | `extra-trees` | `extra_trees` | extremely randomised trees from readings to places |
 //!
 //! The first three search a table (`scan`). `surrogate` and `physics` each make a `Response` (map, its error, noise), which
-//! `Forward` inverts: `field` tabulates it, `descent` and `normal` refine, `threshold` says what one contact may leave
-//! unexplained. Methods without a map of the array answer through `Appraised`, which has learned from presses that were held
-//! out (`heldout`) how far they are off; `best` ranks them all by the same. `kriging` is what `surrogate` and
-//! `gaussian-process` share. What [`fit`] gives is a [`Fitted`]; a [`Session`] solves one reading after another with it.
+//! `Forward` inverts: `field` tabulates it, `descent` and `normal` refine, `threshold` gives the largest misfit
+//! of a single contact. Methods without a map answer through `Appraised`. It learns the size of their errors from held-out
+//! presses (`heldout`). `best` ranks all methods by these errors. `surrogate` and `gaussian-process` share `kriging`. [`fit`]
+//! returns a [`Fitted`]; a [`Session`] solves one reading after another with it.
 //!
-//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in `prepared`.
-//! A [`Model`] is a fit with what a session needs beside; it goes into a file and comes back as it was. [`Adapted`] is
-//! a model of an older calibration, changed by few new presses (`adapt`).
+//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in
+//! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
+//! older calibration and a few new presses (`adapt`).
 
 mod adapt;
 mod adapted;
@@ -93,7 +92,7 @@ pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
 pub use plane::Plane;
 pub use prepared::Prepared;
-pub use prior::{Belongs, Deviation, Prior, PriorError, Sibling, Spread, cell_centres};
+pub use prior::{Belongs, Deviation, Deviations, Prior, PriorError, SENSORS_LEAST, Sibling, Spread};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};

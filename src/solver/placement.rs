@@ -144,7 +144,7 @@ mod tests {
     use super::*;
     use crate::mechanics::lambda;
 
-    /// What an array so placed reads of 1 N at 5 x 5 places, each unit with a gain of its own.
+    /// Returns presses of 1 N at 5 x 5 places by an array at this position. Each unit has a gain of its own.
     fn pressed(layout: &ArrayLayout, origin: Place, rotation_deg: f64, wiring: &[usize]) -> Calibration {
         let places: Vec<Place> =
             (0..25).map(|n| Place::new(f64::from(n % 5) * 2.0 - 4.0, f64::from(n / 5) * 2.0 - 4.0)).collect();

@@ -24,7 +24,7 @@ use crate::quantity::ArrayLayout;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// A calibration, and what else is known about it.
+/// A calibration, and other data about its array.
 pub struct Prepared<'a> {
     /// Calibration without the excluded units.
     calibration: Calibration,

@@ -271,7 +271,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// What the processor at hand can do, best first, down to nothing special.
+    /// Instruction sets that are supported, the fastest first; the last one works on every processor.
     fn archs() -> Vec<Arch> {
         let mut archs = vec![Arch::new(), Arch::Scalar];
         #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]

@@ -14,7 +14,7 @@ fn points<'a>(rows: &'a [(f64, f64, f64, Vec<f64>)]) -> Vec<CalibrationPoint<'a>
     rows.iter().map(point).collect()
 }
 
-/// Fits every method to a calibration and solves every reading: every answer is a number or says why not.
+/// Fits every method to a calibration and solves every reading: every answer is a number, or an error with its reason.
 fn assert_sane(rows: &[(f64, f64, f64, Vec<f64>)], readings: &[Vec<f64>]) {
     for calibration in [Calibration::new(&points(rows)).unwrap(), Calibration::without_forces(&points(rows)).unwrap()] {
         for load in [ForceKnown::Unknown, ForceKnown::Constant] {
@@ -45,7 +45,7 @@ fn assert_finite(solution: &Solution, name: &str, reading: &[f64]) {
     }
 }
 
-/// What a unit at a place reads of a newton at another.
+/// Returns the output of a unit at one place for 1 N at another place.
 fn output(x_mm: f64, y_mm: f64, at_mm: (f64, f64)) -> f64 {
     (1.0 + (x_mm - at_mm.0).powi(2) / 9.0 + (y_mm - at_mm.1).powi(2) / 9.0).powf(-2.5)
 }

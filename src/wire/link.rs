@@ -65,9 +65,12 @@ impl Link {
             return serial(port, query).ok_or_else(|| form.to_owned());
         }
         if let Some(rest) = text.strip_prefix("tcp://") {
-            let parts = rest.rsplit_once(':').and_then(|(host, port)| Some((host, port.parse().ok()?)));
-            return match parts {
-                Some((host, port)) if !host.is_empty() => Ok(Link::Tcp { host: host.to_owned(), port }),
+            let is_number = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
+            return match rest.rsplit_once(':').map(|(host, port)| (host, port, port.parse())) {
+                Some((host, _, Ok(port))) if !host.is_empty() => Ok(Link::Tcp { host: host.to_owned(), port }),
+                Some((host, port, Err(_))) if !host.is_empty() && is_number(port) => {
+                    Err(format!("but a port is at most {}: correct {port}", u16::MAX))
+                }
                 _ => Err("expected tcp://HOST:PORT, such as tcp://192.168.1.10:502".to_owned()),
             };
         }
@@ -155,5 +158,6 @@ mod tests {
         ] {
             assert!(Link::parse(text).unwrap_err().contains("expected"), "{text}");
         }
+        assert_eq!(Link::parse("tcp://a:70000").unwrap_err(), "but a port is at most 65535: correct 70000");
     }
 }

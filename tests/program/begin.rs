@@ -1,7 +1,7 @@
 //! The first steps of a new user: `init`, schemas, completions and man pages.
 
 use crate::support::skips::skipped;
-use crate::support::{Bench, shipped, shipped_text};
+use crate::support::{Bench, SMALL, shipped, shipped_text};
 use std::process::Command;
 
 const SENSORS: [(&str, &str); 4] =
@@ -27,6 +27,52 @@ fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
             );
         }
     }
+}
+
+#[test]
+fn the_commands_that_init_prints_work_to_their_end() {
+    for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != "paper") {
+        let bench = Bench::new();
+        let told = bench.palpate_ends(0, &format!("init . --from {sensor}")).out;
+        let recipe = bench.read("recipe.toml");
+        bench.write(
+            "recipe.toml",
+            &recipe.replace("spacing_mm = 0.5", "spacing_mm = 3.0").replace("count = 50", "count = 5"),
+        );
+        for command in told.lines().filter_map(|line| line.strip_prefix("  palpate ")) {
+            let told = bench.palpate(command);
+            assert!(matches!(told.code, Some(0 | 1)), "{sensor}: palpate {command}\n{}\n{}", told.out, told.err);
+        }
+        assert!(bench.has(&format!("runs/{sensor}/report.html")), "{sensor}");
+    }
+}
+
+/// The comparison of the driver at the start of a run is made before anything is created, and what it suggests works.
+#[test]
+fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it_can() {
+    let rig = shipped_text("rigs/grbl.toml");
+    let axes = "x = [-24.5, -0.5], y = [-24.5, -0.5], z = [-24.5, -0.5]";
+    let wide = rig.replace(axes, "x = [-12.5, 12.5], y = [-24.5, -5.0], z = [-24.5, -0.5]");
+    let bench = Bench::with([("rig.toml", wide.as_str())]);
+    for words in ["check", "run"] {
+        let told = bench.palpate_ends(2, &format!("{words} calibrate --rig rig.toml --simulate")).running();
+        let parts = [
+            "`travel_mm.x` is [-12.5, 12.5], but x of a simulated GRBL ends at -0.5 mm: write x = [-25.5, -0.5], and move \
+             `frame.origin_mm.x` by -13 mm",
+            "`travel_mm.y` is [-24.5, -5], but y of a simulated GRBL ends at -0.5 mm, where it homes: write y = [-24.5, -0.5]",
+        ];
+        parts.iter().for_each(|part| assert!(told.contains(part), "{part}\n{told}"));
+        assert!(!told.contains("$130") && !told.contains("travel_mm.z") && !bench.has("runs"), "{told}");
+    }
+    let suggested = wide.replace("x = [-12.5, 12.5], y = [-24.5, -5.0]", "x = [-25.5, -0.5], y = [-24.5, -0.5]");
+    bench.write("rig.toml", &suggested);
+    bench.palpate_ends(0, "check calibrate --rig rig.toml --simulate");
+    // a longer travel, a faster stage, a z that homes to minus
+    let more = rig.replace(axes, "x = [-60.0, -0.5], y = [-24.5, -0.5], z = [-40.0, -5.0]");
+    let more = more.replace("speed_mm_s = 10.0", "speed_mm_s = 40.0").replace("down = \"-z\"", "down = \"+z\"");
+    bench.write("rig.toml", &more);
+    bench.write("r.toml", SMALL);
+    bench.palpate_ends(0, "run r.toml --rig rig.toml --simulate");
 }
 
 #[test]
@@ -76,6 +122,8 @@ fn each_command_has_a_man_page() {
 #[test]
 fn an_unknown_command_is_refused_with_the_known_ones() {
     let bench = Bench::new();
+    let told = bench.palpate_ends(2, "calibrate paper");
+    assert!(told.err.contains("calibrate is a recipe: palpate run calibrate"), "{}", told.err);
     for (words, known) in
         [("frobnicate", "\ncommands: check, run,"), ("study frob", "\ncommands: control, speed-accuracy,")]
     {

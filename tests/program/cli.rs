@@ -42,7 +42,18 @@ fn check_warns_of_what_is_probably_not_meant() {
         ("no-test.toml", (without_test.to_owned() + accept).as_str()),
     ]);
     assert_eq!(bench.palpate_ends(0, "check r.toml").err, "");
+    let strong = SMALL.replace("force_n = [0.5, 1.0]", "force_n = [0.5, 2.0]");
+    let guarded = format!("{SMALL}\n[accept]\nrule = \"guarded\"\nforce_mean_n = 0.1\nhysteresis_percent = 5.0\n");
+    bench.write("strong.toml", &strong);
+    bench.write("guarded.toml", &guarded);
     for (recipe, expected) in [
+        (
+            "strong.toml",
+            "note: test forces reach 1.855 N, but the calibration has up to 1 N: stronger contacts are answered less exactly, or \
+             with `not-one-contact`. Calibrate with 1.855 N, or give the forces to `palpate fit` and `solve`, such as --forces-n 0.1 1.855",
+        ),
+        ("guarded.toml", "can't be decided by this plan: force error, mean: 2 test presses; its 95 % bound needs 59"),
+        ("guarded.toml", "can't be decided by this plan: hysteresis, worst unit: 8 units have no value"),
         ("slow.toml", "warning: a press takes over 100 s: `hold_s` and `sample_s` are in seconds"),
         ("no-test.toml", "warning: the recipe has an acceptance rule, but no step with `phase = \"test\"`"),
     ] {

@@ -57,8 +57,11 @@ fn a_recipe_that_is_not_there_or_not_text_is_told_by_its_name() {
     let bench = Bench::new();
     assert_refused(&bench, "run none.toml", &["none.toml", "give an existing file"]);
     assert_refused(&bench, "check none.toml", &["none.toml", "give an existing file"]);
-    std::fs::write(bench.path("noise.toml"), [0xFF, 0xFE, 0x00]).expect("writes");
-    assert_refused(&bench, "run noise.toml", &["noise.toml", "UTF-8"]);
+    std::fs::write(bench.path("noise.toml"), [0xFD, 0xFE, 0x00]).expect("writes");
+    assert_refused(&bench, "run noise.toml", &["noise.toml", "UTF-8", "this file isn't text"]);
+    let utf16: Vec<u8> = "\u{feff}name = \"a\"\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+    std::fs::write(bench.path("windows.toml"), utf16).expect("writes");
+    assert_refused(&bench, "run windows.toml", &["windows.toml", "it is UTF-16: save it as UTF-8"]);
     bench.write("empty.toml", "");
     assert_refused(&bench, "run empty.toml", &["empty.toml:1:1", "there is no [[step]]: nothing to press"]);
 }
@@ -121,7 +124,11 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
         ("chek r.toml", ["unrecognized subcommand 'chek'", "'check'"]),
         ("run", ["required", "<RECIPE>"]),
         ("run r.toml --sede 7", ["'--sede'", "'--seed"]),
-        ("run r.toml --seed x", ["'x'", "--seed"]),
+        ("run r.toml --seed x", ["'x'", "expected a whole number, 0 to 18446744073709551615"]),
+        ("run r.toml --seed -1", ["'-1'", "expected a whole number, 0 to 18446744073709551615"]),
+        ("evaluate", ["`evaluate` needs a run or two tables", "palpate evaluate runs/paper"]),
+        ("import t.csv --out there --columns scale.x_mm=1000", ["factors and offsets need a columns file", "[scale]"]),
+        ("import t.csv --out there --columns x_mm:X,y_mm:Y", ["the short form is x_mm=X,y_mm=Y", "no such file"]),
         ("run r.toml --strategy mapped", ["'mapped'", "expected one of guarded, velocity, map"]),
         ("run r.toml --pace 0", ["'0'", "1 is real time"]),
         ("run r.toml --pace nan", ["'nan'", "expected a number above 0"]),
@@ -144,6 +151,43 @@ fn assert_refused(bench: &Bench, words: &str, parts: &[&str]) -> Told {
     assert!(told.out.is_empty(), "palpate {words} says on standard output: {}", told.out);
     assert!(!bench.has("runs") && !bench.has("there"), "palpate {words} left a folder");
     told
+}
+
+#[test]
+fn a_folder_that_cant_be_made_is_told_before_anything_is_pressed() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    let told = bench.palpate("run r.toml --out /proc/none/run");
+    assert_eq!(told.code, Some(5), "{}", told.err);
+    assert!(told.running().contains("nothing was pressed: choose another --out"), "{}", told.err);
+    assert!(!told.running().contains("resume"), "{}", told.err);
+}
+
+#[test]
+fn a_mistake_in_a_file_that_a_rig_names_keeps_its_suggestion() {
+    let map = shipped_text("profiles/generic-rs485.toml").replacen("newton_per_unit", "newtons_per_unit", 1);
+    let rig = shipped_text("rigs/esp301.toml").replace("modbus = \"generic-rs485\"", "modbus = \"mine.toml\"");
+    let bench = Bench::with([("rig.toml", rig.as_str()), ("mine.toml", map.as_str())]);
+    let parts = ["mine.toml:", "unknown key `newtons_per_unit`", "did you mean `newton_per_unit`?"];
+    assert_refused(&bench, "check calibrate --rig rig.toml", &parts);
+}
+
+#[test]
+fn an_invalid_force_of_random_is_the_only_problem_of_its_step() {
+    let text = exchanged(SMALL, "force_n = [0.5, 1.0]", "force_n = [0.0, 1.0]");
+    let bench = Bench::with([("r.toml", text.as_str())]);
+    let told = assert_refused(&bench, "check r.toml", &["`force_n` is 0, must be over 0", "one problem"]);
+    assert!(!told.err.contains("this step has no force"), "{}", told.err);
+}
+
+#[test]
+fn a_number_for_all_units_is_told_how_many_it_needs() {
+    let rig = shipped_text(RIG);
+    let start = rig.find("repeatability_percent = [").expect("a list");
+    let end = start + rig[start..].find(']').expect("its end") + 1;
+    let one = format!("{}repeatability_percent = 2{}", &rig[..start], &rig[end..]);
+    let bench = Bench::with([("rig.toml", one.as_str()), ("r.toml", SMALL)]);
+    let expected = "`repeatability_percent` is an integer, expected a list of 9 numbers, one for each unit";
+    assert_refused(&bench, "check r.toml --rig rig.toml", &[expected]);
 }
 
 #[test]

@@ -70,6 +70,11 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
     let lines: Vec<String> = solved(WORDS, readings, 0).out.lines().map(str::to_owned).collect();
     assert_eq!(lines[1..3], [",,,,,,,,,,,,,unsolved,", ",,,,,,,,,,,,,unsolved,"]);
     assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
+    let told = solved(&WORDS.replace(" --quiet", ""), readings, 0).running();
+    assert!(
+        told.contains("stdin, line 1: unsolved, all outputs are equal") && !told.contains("line 2: unsolved"),
+        "{told}"
+    );
     let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
     let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
     assert_eq!(said(0), (&json!("unsolved"), Some("all outputs are equal: the reading correlates with no place")));
@@ -221,7 +226,7 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
     bench.palpate_ends(0, "run r.toml --out run");
     let presses = bench.read("run/presses.csv");
     let told = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
-    assert_eq!(told.err, "pearson, fitted to 4 presses of 9 outputs\n");
+    assert!(told.err.starts_with("pearson, fitted to 4 presses of 9 outputs\nstdin, line 2: unsolved"), "{}", told.err);
     assert_eq!(told.out.lines().count(), presses.lines().count());
     assert!(told.out.starts_with("t_s,x_mm,"), "{}", told.out);
     let told = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);

@@ -2,7 +2,7 @@
 
 use palpate::acceptance::Verdict;
 use palpate::batch::{
-    Alarm, BATCH_FORMAT, BatchFolder, Began, Cause, Ended, Event, Facts, Found, Reference, Session, beginning,
+    Alarm, BATCH_FORMAT, BatchFolder, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session, beginning,
 };
 use palpate::dataset::{Status, Text};
 use palpate::quantity::stream;
@@ -41,6 +41,15 @@ pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
     events
 }
 
+/// Normal values of the means over the outputs.
+fn charted(outputs: usize) -> Vec<Charted> {
+    let of = |(name, mean, sd): (&str, f64, f64)| {
+        let (quantity, sd) = (name.to_owned(), sd / (outputs as f64).sqrt());
+        Charted { quantity, mean, sd, reference_sd: 0.2 * sd, sensors: 5 }
+    };
+    [("mean gain", 1.0, 0.05), ("mean width", 0.0, 0.02)].map(of).to_vec()
+}
+
 /// Number, from 1, of the sensor at which this happens.
 const TRIPPED: usize = 7;
 const REPEATED: usize = 4;
@@ -55,6 +64,7 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
         name: drawn.name.to_owned(),
         at: time(0),
         design: "skin-3x3".to_owned(),
+        charted: if drawn.outputs > 0 { charted(drawn.outputs) } else { Vec::new() },
         reference,
         simulated: true,
         ..Facts::default()
@@ -79,7 +89,7 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
                     at: time(number),
                     serial: "REF-1".to_owned(),
                     cause: Cause::Bench,
-                    quantity: "location_mean_mm".to_owned(),
+                    quantity: "mean gain".to_owned(),
                     sigmas: shift,
                     limit: 2.9,
                 }));

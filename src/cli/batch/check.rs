@@ -7,9 +7,11 @@ use super::super::tables::filled;
 use super::material::Material;
 use crate::acceptance::{Decision, Rule};
 use crate::batch::{Chance, DRAWS, Test, chance};
+use crate::quantity::Place;
 use crate::recipe::{Phase, Plan};
 use crate::rig::RigSpec;
 use crate::run::{estimated_s, first_descent};
+use crate::solver::Prior;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -79,11 +81,43 @@ fn described(material: &Material, plan: &Plan) -> String {
     let all_s = file.serials.len() as f64 * (run_s + file.warm_up_s / at_once);
     let _ =
         writeln!(text, "  all {} sensors: {}, without the time to change them", file.serials.len(), duration(all_s));
+    text += &prior_text(material, plan);
     for recipe in &material.recipes[1..] {
         let _ = writeln!(text, "  more presses, if the result needs them: {}", recipe.recipe.name);
     }
     text += &chance_text(material, rig, plan);
     text
+}
+
+/// Describes the design's prior, and the error that it expects after the first recipe.
+fn prior_text(material: &Material, plan: &Plan) -> String {
+    let Some(prior) = &material.prior else { return String::new() };
+    let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
+    let places: Vec<Place> = calibration().map(|entry| entry.place).collect();
+    let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+    let own = prior.spread().own;
+    format!(
+        "prior of {} sensors; standard deviations of a unit from sensor to sensor:\n  gain {:.1} %, place {:.3} mm, width {:.1} %\n  \
+         expected mean location error after these presses, at {press_n} N: {:.3} mm\n{}",
+        prior.sensors(),
+        100.0 * own.gain,
+        own.place_mm,
+        100.0 * own.width,
+        prior.expected_after_mm(&places, press_n, press_n),
+        undetectable_text(prior, &places, press_n)
+    )
+}
+
+/// Names the ways to mount or wire a sensor wrongly that the presses can't show.
+fn undetectable_text(prior: &Prior, places: &[Place], press_n: f64) -> String {
+    let alike = prior.undetectable(places, press_n);
+    match alike.is_empty() {
+        true => String::new(),
+        false => filled(
+            &format!("  can't be detected, because the design's map stays as it is: {}", alike.join(", ")),
+            "    ",
+        ),
+    }
 }
 
 fn presses(plan: &Plan, phase: Phase) -> usize {

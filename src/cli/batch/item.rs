@@ -8,20 +8,29 @@ use super::super::summary::tell;
 use super::super::tables::filled;
 use super::big::big;
 use super::desk::{Desk, Placed};
-use super::material::NestRig;
+use super::material::{Material, NestRig};
 use crate::acceptance::{Check, Judgement, Verdict};
-use crate::batch::{Admitted, Began, Ended, Event, Found, Item, Standing, run_seed, specimen_seed};
-use crate::dataset::evaluate::Trial;
-use crate::dataset::{DatasetError, Evidence, Labels, Presses, Recorded, RunFacts, RunFolder, Status};
-use crate::recipe::{Phase, Plan};
+use crate::batch::chart::{LIMIT_SIGMAS, Shown};
+use crate::batch::{
+    Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
+    specimen_seed,
+};
+use crate::dataset::sensor_file::SensorFile;
+use crate::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
+use crate::recipe::Plan;
 use crate::run::{Ending, Halt, examine, keep_pace};
+use crate::solver::{Model, UnitChange};
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::fs;
 use std::time::Duration;
 use tokio::time::sleep;
 
 /// Minutes of a run that is timed in seconds.
 const SECONDS_PER_MINUTE: f64 = 60.0;
+
+/// Folder of a batch with the files of its calibrated sensors, and their extension.
+const SENSORS: &str = "sensors";
+const SENSOR_FILE: &str = "palpate";
 
 /// Whether the batch continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,6 +58,8 @@ struct Outcome {
     reasons: Vec<String>,
     judgement: Option<Judgement>,
     presses: (usize, usize),
+    change: Vec<UnitChange>,
+    model: Option<Model>,
     /// Failure to report to the person.
     failure: Option<Failure>,
     /// Whether the batch can't continue after this failure.
@@ -115,6 +126,8 @@ impl Desk {
             None => self.runs(sensor, run, manner)?,
         };
         let judgement = outcome.judgement.take();
+        let model = outcome.model.take().filter(|_| !is_reference);
+        let model = model.map(|model| self.write_model(serial, &outcome.runs, model)).transpose()?;
         let ended = Ended {
             at: now(),
             serial: serial.clone(),
@@ -128,10 +141,11 @@ impl Desk {
             calibration_presses: outcome.presses.0,
             test_presses: outcome.presses.1,
             minutes: outcome.minutes,
-            change: Vec::new(),
-            model: None,
+            change: outcome.change,
+            model,
         };
         self.record(&Event::Ended(ended))?;
+        self.alarms(serial)?;
         let is_stopped = outcome.status == Status::Stopped;
         if let Some(failure) = outcome.failure {
             if outcome.is_fatal {
@@ -176,11 +190,12 @@ impl Desk {
             if ending.status() != Status::Complete {
                 return Ok(Outcome::halted(ending, runs, minutes));
             }
-            let (judgement, presses) = self.judged(&runs).map_err(Failure::dataset)?;
-            match next_recipe(judgement.as_ref(), recipe, self.material.recipes.len()) {
-                None => return Ok(Outcome::complete(judgement, presses, runs, minutes)),
-                Some(next) => {
-                    recipe = next;
+            let is_last = recipe + 1 == self.material.recipes.len();
+            let conclusion = self.concluded(&runs, is_last).map_err(Failure::dataset)?;
+            match conclusion.needs_more && !is_last {
+                false => return Ok(Outcome::complete(conclusion, runs, minutes)),
+                true => {
+                    recipe += 1;
                     let number = sensor.number + runs.len() as u64;
                     let (seed, serial) = (self.folder.state().facts.seed, &sensor.placed.serial);
                     plan = self.material.plan(recipe, &sensor.rig.spec, run_seed(seed, serial, number))?;
@@ -217,35 +232,55 @@ impl Desk {
             .map_err(Failure::dataset)
     }
 
-    /// Judges a sensor by all its runs together. Returns the judgement, if there is a rule, and the numbers of calibration and test
-    /// presses that count.
-    fn judged(&self, runs: &[String]) -> Result<(Option<Judgement>, (usize, usize)), DatasetError> {
-        let paths: Vec<PathBuf> = runs.iter().map(|run| self.folder.path().join(run)).collect();
-        let recorded =
-            paths.iter().map(|path| Recorded::read(path)).collect::<Result<Vec<Recorded>, DatasetError>>()?;
-        let mut all = recorded.iter().map(Recorded::presses);
-        let Some(mut presses) = all.next() else { return Ok((None, (0, 0))) };
-        all.for_each(|more| presses.join(more));
-        let count = |presses: &Presses, phase| presses.sound(phase).count();
-        let counts = (count(&presses, Phase::Calibration), count(&presses, Phase::Test));
-        let Some(rule) = &self.material.rule else { return Ok((None, counts)) };
-        let layout = Some(&self.material.rig.array.layout);
-        let u_place_mm = self.material.rig.u_place_mm();
-        let evidence = Evidence { presses: &presses, layout, runs: recorded.iter().collect(), u_place_mm };
-        Ok((Some(evidence.judge(rule, &Trial::of_run(&presses, layout), &[])), counts))
+    /// Concludes from all runs of a sensor together.
+    fn concluded(&self, runs: &[String], is_last: bool) -> Result<Conclusion, DatasetError> {
+        let read = runs.iter().map(|run| Recorded::read(&self.folder.path().join(run)));
+        let recorded = read.collect::<Result<Vec<Recorded>, DatasetError>>()?;
+        let Material { rig, rule, prior, file, .. } = &self.material;
+        let enough_mm = file.prior.as_ref().and_then(|prior| prior.enough_mm);
+        let basis = Basis { rig, rule: rule.as_ref(), prior: prior.as_ref(), enough_mm };
+        Ok(conclude(&recorded, &basis, is_last))
+    }
+
+    /// Writes the file of a calibrated sensor that isn't refused. Returns its path, relative to the batch folder.
+    fn write_model(&self, serial: &str, runs: &[String], model: Model) -> Result<String, Failure> {
+        let paths = runs.iter().map(|run| self.folder.path().join(run));
+        let made_from =
+            paths.map(|path| source_fingerprint(&path)).collect::<Result<_, _>>().map_err(Failure::dataset)?;
+        let file = SensorFile::new(model, Some(serial.to_owned()), made_from).map_err(Failure::usage)?;
+        let folder = self.folder.path().join(SENSORS);
+        let name = format!("{SENSORS}/{serial}.{SENSOR_FILE}");
+        let made = fs::create_dir_all(&folder).map_err(DatasetError::io("making", &folder));
+        made.map_err(Failure::dataset)?;
+        file.write(&self.folder.path().join(&name)).map_err(Failure::unwritten)?;
+        Ok(name)
+    }
+
+    /// Records the alarms of the control charts after a result, and shows them.
+    fn alarms(&mut self, serial: &str) -> Result<(), Failure> {
+        let shown = self.folder.state().monitor.shown().to_vec();
+        for (quantity, Shown { cause, sigmas }) in shown {
+            let (serial, quantity) = (serial.to_owned(), quantity.name().to_owned());
+            let what = match cause {
+                Cause::Bench => {
+                    "THE BENCH HAS CHANGED: check the mounting, the load cell and the array before the next sensor"
+                }
+                Cause::Batch => "THE SENSORS HAVE CHANGED: those since the last alarm differ from the design",
+            };
+            self.show(&filled(&format!("{what} ({quantity}: {sigmas:+.1} standard deviations)"), "  "))?;
+            self.record(&Event::Alarm(Alarm { at: now(), serial, cause, quantity, sigmas, limit: LIMIT_SIGMAS }))?;
+        }
+        Ok(())
     }
 }
 
-/// Returns the recipe that a sensor is pressed with next; `None` if its result needs no more presses. So far no result asks for
-/// more.
-fn next_recipe(_judgement: Option<&Judgement>, _last: usize, _recipes: usize) -> Option<usize> {
-    None
-}
-
 impl Outcome {
-    fn complete(judgement: Option<Judgement>, presses: (usize, usize), runs: Vec<String>, minutes: f64) -> Outcome {
-        let reasons = judgement.iter().flat_map(Judgement::all_reasons).collect();
-        Outcome { status: Status::Complete, runs, minutes, reasons, judgement, presses, failure: None, is_fatal: false }
+    fn complete(conclusion: Conclusion, runs: Vec<String>, minutes: f64) -> Outcome {
+        let Conclusion { judgement, presses, change, reasons, model, .. } = conclusion;
+        let reasons = reasons.into_iter().chain(judgement.iter().flat_map(Judgement::all_reasons)).collect();
+        let (failure, is_fatal) = (None, false);
+        let status = Status::Complete;
+        Outcome { status, runs, minutes, reasons, judgement, presses, change, model, failure, is_fatal }
     }
 
     /// Returns the end of a sensor whose run, or whose quick check, ended early.
@@ -254,7 +289,18 @@ impl Outcome {
         let reasons = ending.told().into_iter().collect();
         let is_fatal = ending.unparked.is_some() || matches!(ending.halt, Some(Halt::Record(_) | Halt::Unconfirmed(_)));
         let failure = (status != Status::Stopped).then(|| Failure::ended(ending));
-        Outcome { status, runs, minutes, reasons, judgement: None, presses: (0, 0), failure, is_fatal }
+        Outcome {
+            status,
+            runs,
+            minutes,
+            reasons,
+            judgement: None,
+            presses: (0, 0),
+            change: Vec::new(),
+            model: None,
+            failure,
+            is_fatal,
+        }
     }
 }
 

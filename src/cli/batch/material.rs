@@ -1,17 +1,19 @@
 //! The files of a batch, read and understood.
 
 use super::super::exit::Failure;
+use super::super::recorded::read_run;
 use super::super::shipped::{self, BATCHES, RECIPES, RIGS, Shipped};
 use super::super::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, unread};
 use crate::acceptance::Rule;
-use crate::batch::{self, BatchFile, Nest};
-use crate::dataset::{Fingerprint, Origins, Text};
-use crate::quantity::round;
-use crate::recipe::{self, Plan};
+use crate::batch::{self, BatchFile, Charted, Nest, PriorRuns, Quantity};
+use crate::dataset::calibration::calibration_of_run;
+use crate::dataset::{Fingerprint, Origins, Text, source_fingerprint};
+use crate::quantity::{Place, round};
+use crate::recipe::{self, Phase, Plan};
 use crate::rig::{self, RigSpec};
+use crate::solver::{ForceKnown, Prior};
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, InlineTable, Value, value};
 
@@ -19,9 +21,6 @@ use toml_edit::{DocumentMut, InlineTable, Value, value};
 pub const BATCH: &str = "batch.toml";
 pub const RIG: &str = "rig.toml";
 const ACCEPT: &str = "accept.toml";
-
-/// Largest file with a prior, bytes.
-const PRIOR_MAX_BYTES: u64 = 256 << 20;
 
 /// Digits of an origin after the decimal point, mm.
 const ORIGIN_DIGITS: i32 = 6;
@@ -38,8 +37,10 @@ pub struct Material {
     pub recipes: Vec<ReadRecipe>,
     /// The acceptance rule.
     pub rule: Option<Rule>,
-    /// The prior's file.
-    pub prior: Option<Fingerprint>,
+    /// The design's prior.
+    pub prior: Option<Prior>,
+    /// Journals of the runs that make the prior.
+    pub made_from: Vec<Fingerprint>,
     /// All texts, as the batch folder keeps them.
     pub texts: Vec<Text>,
     rig_path: PathBuf,
@@ -70,7 +71,7 @@ impl Material {
         let recipes: Vec<Result<ReadRecipe, Failure>> =
             file.recipes.iter().map(|recipe| read_recipe(path, recipe)).collect();
         let accept = file.accept.as_ref().map(|accept| read_rule(path, accept)).transpose();
-        let prior = file.prior.as_ref().map(|prior| fingerprint(path, prior)).transpose();
+        let prior = file.prior.as_ref().map(|prior| read_prior(path, prior)).transpose();
         // all are reported at once
         let (mut read, mut failures) = (Vec::new(), Vec::new());
         recipes.into_iter().for_each(|recipe| recipe.map_or_else(|why| failures.push(why), |recipe| read.push(recipe)));
@@ -95,7 +96,8 @@ impl Material {
         let rule = accept.map(|(rule, _)| rule).or_else(|| read.first().and_then(|first| first.recipe.rule().cloned()));
         let stem = rig_path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         let bench = file.bench.clone().or(stem).unwrap_or_default();
-        Ok(Material { file, rig, bench, recipes: read, rule, prior, texts, rig_path, rig_text, simulate })
+        let (prior, made_from) = prior.map_or((None, Vec::new()), |(prior, made_from)| (Some(prior), made_from));
+        Ok(Material { file, rig, bench, recipes: read, rule, prior, made_from, texts, rig_path, rig_text, simulate })
     }
 
     /// Returns the rig with its frame moved to a nest; unchanged without a nest.
@@ -113,6 +115,24 @@ impl Material {
     /// Returns the plan of a recipe on a rig; an error if it leaves the rig's travel or limits.
     pub fn plan(&self, recipe: usize, spec: &RigSpec, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipes[recipe].recipe, &spec.ground(), seed).map_err(Failure::usage)
+    }
+
+    /// Returns the normal values of the quantities that are charted; none without a prior.
+    pub fn charted(&self) -> Result<Vec<Charted>, Failure> {
+        let Some(prior) = &self.prior else { return Ok(Vec::new()) };
+        let plan = self.plan(0, &self.rig, self.file.seed)?;
+        let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
+        let places: Vec<Place> = calibration().map(|entry| entry.place).collect();
+        let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+        let (spread, repeats) = (prior.spread_of_means(), prior.repeats_of_means(&places, press_n));
+        let of = |quantity: Quantity| {
+            let [mean, sd, reference_sd] = match quantity {
+                Quantity::Gain => [1.0, spread.gain, repeats.gain],
+                Quantity::Width => [0.0, spread.width, repeats.width],
+            };
+            Charted { quantity: quantity.name().to_owned(), mean, sd, reference_sd, sensors: prior.sensors() }
+        };
+        Ok(Quantity::ALL.map(of).to_vec())
     }
 
     /// Checks every recipe at every nest.
@@ -194,22 +214,26 @@ fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
     Ok((rule, text))
 }
 
-/// Returns the fingerprint of the prior's file.
-fn fingerprint(batch: &Path, name: &str) -> Result<Fingerprint, Failure> {
-    let path = path_of(batch, name);
-    let mut bytes = Vec::new();
-    let read = File::open(&path).and_then(|file| file.take(PRIOR_MAX_BYTES + 1).read_to_end(&mut bytes));
-    read.map_err(|error| unread(&path, &error, "the batch names it in `prior`; correct the name, or remove the key"))?;
-    if bytes.len() as u64 > PRIOR_MAX_BYTES {
-        return Err(Failure::usage(miette::miette!("{}: over {PRIOR_MAX_BYTES} bytes", path.display())));
+/// Makes the prior from the run folders that a batch file names. Returns it with the fingerprints of their journals.
+fn read_prior(batch: &Path, named: &PriorRuns) -> Result<(Prior, Vec<Fingerprint>), Failure> {
+    let (mut calibrations, mut made_from, mut layout) = (Vec::new(), Vec::new(), None);
+    for name in &named.runs {
+        let path = path_of(batch, name);
+        let (run, bench) = read_run(&path)?;
+        calibrations.push(calibration_of_run(&run.presses(), ForceKnown::default()).map_err(Failure::usage)?);
+        made_from.push(source_fingerprint(&path).map_err(Failure::dataset)?);
+        layout = layout.or_else(|| bench.placed().cloned());
     }
-    Ok(Fingerprint::of(name, &bytes))
+    let prior = Prior::new(&calibrations, layout.as_ref()).map_err(|why| {
+        let help = "`runs` of `[prior]` names run folders of full calibrations of one design";
+        Failure::usage(miette::miette!(help = help, "{}: no prior: {why}", batch.display()))
+    })?;
+    Ok((prior, made_from))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::Place;
 
     #[test]
     fn the_shipped_batch_is_read_with_all_its_files() {

@@ -62,7 +62,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let session = Session { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
     let cancel = heed(First::Pause, Some("stopping"))?;
     let mut desk = if path.symlink_metadata().is_err() {
-        let first = beginning(facts(&material), &material.texts, &material.file.serials, session);
+        let first = beginning(facts(&material)?, &material.texts, &material.file.serials, session);
         let folder = BatchFolder::create(&path, &material.file.name, &first).map_err(Failure::batch)?;
         let desk = Desk { folder, material, cancel, operator, json: args.json, notifier: None };
         first.iter().try_for_each(|event| desk.publish(event))?;
@@ -80,18 +80,19 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     closed.map(|()| code)
 }
 
-fn facts(material: &Material) -> Facts {
+fn facts(material: &Material) -> Result<Facts, Failure> {
     let file = &material.file;
-    Facts {
+    Ok(Facts {
         format: BATCH_FORMAT,
         name: file.name.clone(),
         at: now(),
         design: file.design.clone(),
-        prior: material.prior.clone(),
+        prior: material.made_from.clone(),
+        charted: material.charted()?,
         reference: file.reference.clone(),
         seed: file.seed,
         simulated: material.rig.is_simulated(),
-    }
+    })
 }
 
 /// Continues a batch: checks that it is this one. Only the rig may have changed; the batch then keeps its text too.
@@ -106,7 +107,7 @@ fn go_on(desk: &mut Desk, session: Session) -> Result<(), Failure> {
         let help = "restore it, or begin another batch with another `name` or --out; `palpate batch add` adds sensors";
         return Err(Failure::usage(miette::miette!(help = help, "{path} was begun with another {changed}")));
     }
-    if state.facts.prior != material.prior {
+    if state.facts.prior != material.made_from {
         let help = "restore it, or begin another batch with another `name` or --out";
         return Err(Failure::usage(miette::miette!(help = help, "{path} was begun with another `prior`")));
     }

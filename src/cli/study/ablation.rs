@@ -1,4 +1,4 @@
-//! `palpate study ablation`: which terms a scene needs, and for what.
+//! `palpate study ablation`: the terms that a scene needs, and the results that need them.
 
 use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
@@ -9,7 +9,7 @@ use crate::study::ablation::{
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Carries the study out, writes its rows and prints what was found.
+/// Executes the study, writes its rows and prints the results.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "ablation")?;
     let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };

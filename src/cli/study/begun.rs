@@ -19,7 +19,7 @@ pub(super) struct Common {
     #[arg(long)]
     pub(super) quick: bool,
     /// Random seed for specimens, contacts and all noise
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = crate::cli::sources::seed, allow_negative_numbers = true)]
     pub(super) seed: u64,
 }
 

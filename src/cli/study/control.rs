@@ -6,7 +6,7 @@ use crate::study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figu
 use std::path::Path;
 use std::process::ExitCode;
 
-/// Carries the study out, writes its figures and prints what was found.
+/// Executes the study, writes its figures and prints the results.
 pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };

@@ -47,7 +47,7 @@ const FIRST: usize = 20;
 const DEPTH_MAX_MM: f64 = 1000.0;
 const COORDINATE_MAX_MM: f64 = 10_000.0;
 
-/// Carries the study out, writes its figures and prints what was found.
+/// Executes the study, writes its figures and prints the results.
 pub fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "curves")?;
     match &args.rig {

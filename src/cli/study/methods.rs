@@ -85,7 +85,7 @@ impl Source {
 const SIMULATED: (usize, usize) = (25, 10_000);
 const QUICK: (usize, usize) = (7, 100);
 
-/// How near each method comes against the time of a solve.
+/// Accuracy of each method, and the time of a solve.
 pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.common.output, "speed-accuracy")?;
     let trials = match args.source.trial()? {

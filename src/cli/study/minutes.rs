@@ -1,4 +1,4 @@
-//! `palpate study minutes`: what a calibration comes to against its minutes at the bench.
+//! `palpate study minutes`: the accuracy of a calibration as a function of its minutes at the bench.
 
 use super::begun::{Begun, Common, ended, number};
 use crate::cli::exit::Failure;

@@ -46,13 +46,13 @@ enum Study {
     Few(Common),
     /// Similarity of the outputs of two contacts: the paper's claims, or an array's quality; under a second
     Curves(curves::CurvesArgs),
-    /// Which physical and measurement terms a simulated scene needs, and for what; a minute
+    /// Physical and measurement terms that a simulated scene needs, and the results that need them; a minute
     Ablation(Common),
     /// The paper's protocol with ten specimens, and its numerical study, as a page; half a minute
     Validation(Common),
 }
 
-/// Carries a study out, writes its figures and prints what was found.
+/// Executes a study, writes its figures and prints the results.
 pub fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
     match &args.study {
         Study::Control(args) => control::study(args),

@@ -67,9 +67,10 @@ pub(crate) fn sample(keys: &Keys, case: usize) -> String {
     text
 }
 
-/// Returns the number of cases of the table with the most cases.
+/// Returns the number of cases of the table with the most cases. A value that may be a table has one case at least.
 pub(crate) fn most_cases(keys: &Keys) -> usize {
-    let inner = keys.walk().into_iter().filter_map(|listed| listed.key.inner()).map(|keys| keys.cases.len());
+    let cases = |key: &Key| Some(key.inner()?.cases.len().max(usize::from(matches!(key.kind, Kind::Either(_)))));
+    let inner = keys.walk().into_iter().filter_map(|listed| cases(&listed.key));
     inner.chain([keys.cases.len()]).max().unwrap_or_default()
 }
 
@@ -91,7 +92,7 @@ fn assert_takes(key: &Key, value: &str) {
     let taken = |table: &Table, kind: &Kind| match kind {
         Kind::Number(_) => table.number(key).is_some(),
         Kind::Range(_) => table.range(key).is_some(),
-        Kind::PerUnit(_) => table.per_unit(key).is_some(),
+        Kind::PerUnit(_) => table.per_unit(key, None).is_some(),
         Kind::Places(_) => table.places(key).is_some(),
         Kind::Whole(..) => table.whole(key).is_some(),
         Kind::Wholes(..) => table.wholes(key).is_some(),

@@ -9,6 +9,7 @@ mod stage;
 
 pub use firmware::{Build, Firmware};
 pub use report::{Report, parse_report};
+pub use settings::{AxisCounts, Settings};
 pub use stage::Grbl;
 
 #[cfg(test)]

@@ -47,6 +47,42 @@ pub struct Checked {
     pub home_mm: Option<[f64; 3]>,
 }
 
+/// What an axis counts between its home and its far end.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisCounts {
+    /// The axis.
+    pub axis: Axis,
+    /// Counts that are possible, mm.
+    pub range: Range,
+    /// Count after homing, mm.
+    pub home_mm: f64,
+    length_mm: f64,
+    off_mm: f64,
+}
+
+impl AxisCounts {
+    /// Returns the reason why the axis can't have the travel of the rig; `None` if it can.
+    pub fn misfit(&self, usage: &StageUse) -> Option<String> {
+        let AxisCounts { axis, range, home_mm, length_mm, off_mm } = *self;
+        let (name, key) = (axis.name(), TRAVEL_MM + axis.index() as u32);
+        let (travel, allowed) = (usage.travel.along(axis), range.widened(ROUNDING_MM));
+        if !allowed.contains(travel.min) || !allowed.contains(travel.max) {
+            return Some(format!(
+                "{name} counts from {:.3} to {:.3} mm (${key}={length_mm:.3}, home at {home_mm:.3}), but \
+                 `travel_mm.{name}` goes from {} to {} mm: change it, and the `frame` with it",
+                range.min, range.max, travel.min, travel.max
+            ));
+        }
+        (!usage.reach(axis).contains(home_mm)).then(|| {
+            format!(
+                "{name} is at {home_mm:.3} mm after homing (${PULL_OFF_MM}={off_mm:.3}), but `travel_mm.{name}` goes from \
+                 {} to {} mm: widen it to that place",
+                travel.min, travel.max
+            )
+        })
+    }
+}
+
 impl Settings {
     /// Takes the numbered settings, and FluidNC's named ones from other text that it sent.
     pub fn new(mut values: BTreeMap<u32, f64>, texts: &[String]) -> Settings {
@@ -138,45 +174,39 @@ impl Settings {
     }
 
     /// Checks that the rig's travel is within what the axes count between home and their far ends. Returns the counts at home.
-    ///
-    /// GRBL counts from minus the travel to 0, and leaves its switches by the pull-off (limits.c). A build that sets the origin
-    /// counts from 0 at home.
     fn check_travel(&self, build: &Build, usage: &StageUse) -> Result<Option<[f64; 3]>, String> {
         if build.firmware == Firmware::FluidNc {
             return Ok(None); // its configuration states what it counts at home (mpos_mm), and `$$` doesn't
         }
-        let off_mm = self.required(PULL_OFF_MM, "homing pull-off")?;
-        let mask = self.required(HOMING_DIRECTION, "homing direction")?;
         let mut home_mm = [0.0; 3];
         for axis in Axis::ALL {
-            let key = TRAVEL_MM + axis.index() as u32;
-            let length_mm = self.required(key, "travel")?;
-            let (home, counts) = match (is_set(mask, axis), build.sets_origin) {
-                (false, false) => (-off_mm, Range { min: -length_mm, max: -off_mm }),
-                (true, false) => (off_mm - length_mm, Range { min: off_mm - length_mm, max: 0.0 }),
-                (false, true) => (0.0, Range { min: -length_mm, max: 0.0 }),
-                (true, true) => (0.0, Range { min: 0.0, max: length_mm }),
-            };
-            home_mm[axis.index()] = home;
-            let (travel, allowed) = (usage.travel.along(axis), counts.widened(ROUNDING_MM));
-            if !allowed.contains(travel.min) || !allowed.contains(travel.max) {
-                let name = axis.name();
-                return Err(format!(
-                    "{name} counts from {:.3} to {:.3} mm (${key}={length_mm:.3}, home at {home:.3}), but \
-                     `travel_mm.{name}` goes from {} to {} mm: change it, and the `frame` with it",
-                    counts.min, counts.max, travel.min, travel.max
-                ));
+            let counts = self.counts(build, axis)?;
+            if let Some(told) = counts.misfit(usage) {
+                return Err(told);
             }
-            if !usage.reach(axis).contains(home) {
-                let name = axis.name();
-                return Err(format!(
-                    "{name} is at {home:.3} mm after homing (${PULL_OFF_MM}={off_mm:.3}), but `travel_mm.{name}` goes from \
-                     {} to {} mm: widen it to that place",
-                    travel.min, travel.max
-                ));
-            }
+            home_mm[axis.index()] = counts.home_mm;
         }
         Ok(Some(home_mm))
+    }
+
+    /// Returns what an axis that homes to its switch counts.
+    ///
+    /// GRBL counts from minus the travel to 0, and leaves its switches by the pull-off (limits.c). A build that sets the origin
+    /// counts from 0 at home.
+    ///
+    /// # Errors
+    /// A setting that isn't reported.
+    pub fn counts(&self, build: &Build, axis: Axis) -> Result<AxisCounts, String> {
+        let off_mm = self.required(PULL_OFF_MM, "homing pull-off")?;
+        let mask = self.required(HOMING_DIRECTION, "homing direction")?;
+        let length_mm = self.required(TRAVEL_MM + axis.index() as u32, "travel")?;
+        let (home_mm, range) = match (is_set(mask, axis), build.sets_origin) {
+            (false, false) => (-off_mm, Range { min: -length_mm, max: -off_mm }),
+            (true, false) => (off_mm - length_mm, Range { min: off_mm - length_mm, max: 0.0 }),
+            (false, true) => (0.0, Range { min: -length_mm, max: 0.0 }),
+            (true, true) => (0.0, Range { min: 0.0, max: length_mm }),
+        };
+        Ok(AxisCounts { axis, range, home_mm, length_mm, off_mm })
     }
 
     fn check_motion(&self, axis: Axis, usage: &StageUse) -> Result<Option<String>, String> {

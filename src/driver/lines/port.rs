@@ -1,4 +1,4 @@
-//! A link that is received from all the time, whether anyone asks or not.
+//! Port that receives lines or frames continuously, also when no driver waits for one.
 
 use super::framing::{Finder, Rejected};
 use super::moment::DeviceClock;

@@ -189,18 +189,23 @@ fn read_text(table: &Table) -> Option<TextLine> {
 
 fn read_frame(table: &Table) -> Option<Frame> {
     let numbers = table.texts(&frame::numbers).and_then(|parts| {
-        let numbers: Option<Vec<Vec<NumberType>>> = parts.into_iter().map(numbers_of).collect();
-        let numbers = numbers.map(|numbers| numbers.concat());
-        if numbers.as_ref().is_none_or(|numbers| numbers.is_empty() || numbers.len() as u64 > 8 * COLUMNS_MAX) {
-            let told = "`numbers` is a list of types, each with a count before it if there are several";
-            let problem = Problem::new(table.span_of(&frame::numbers), told);
-            table
-                .complain(problem.help(
-                    "such as [\"u16\", \"skip\", \"20 f32\"]; types: u8, i8, u16, i16, u32, i32, f32, f64, skip",
-                ));
+        let wrong = |told: String| {
+            let help = format!(
+                "such as [\"u16\", \"skip\", \"20 f32\"]; types: {}",
+                keys::TYPES.map(|(name, _)| name).join(", ")
+            );
+            table.complain(Problem::new(table.span_of(&frame::numbers), told).help(help));
+        };
+        if let Some(part) = parts.iter().find(|part| numbers_of(part).is_none()) {
+            wrong(format!("`numbers` has \"{part}\", expected a type, with a count before it if there are several"));
             return None;
         }
-        numbers
+        let numbers: Vec<NumberType> = parts.into_iter().filter_map(numbers_of).flatten().collect();
+        if numbers.is_empty() || numbers.len() as u64 > 8 * COLUMNS_MAX {
+            wrong(format!("`numbers` has {} numbers, expected 1 to {}", numbers.len(), 8 * COLUMNS_MAX));
+            return None;
+        }
+        Some(numbers)
     });
     let order = table.word(&frame::order, &keys::ORDERS);
     let mark = |key: &Key| {

@@ -211,7 +211,7 @@ fn mistakes_of_a_profile_are_told_at_their_lines() {
     assert_eq!(
         told("name = \"x\"\n[frame]\nnumbers = [\"3 f23\"]\nhead = \"A\"\n"),
         [
-            "p.toml:3:11: `numbers` is a list of types, each with a count before it if there are several",
+            "p.toml:3:11: `numbers` has \"3 f23\", expected a type, with a count before it if there are several",
             "p.toml:4:8: `head` is pairs of hexadecimal digits, such as \"AA 55\""
         ]
     );

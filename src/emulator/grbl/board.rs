@@ -37,7 +37,11 @@ impl Board {
     pub const HOMING: u16 = settings::HOMING;
     /// Axes that home toward minus, one bit each.
     pub const HOMING_DIRECTION: u16 = settings::HOMING_DIRECTION;
-    /// Travel of x; those of y and z follow.
+    /// Largest rate of x, mm/min; those of y and z follow, as in the next two.
+    pub const RATE: u16 = settings::RATE_MM_MIN;
+    /// Acceleration of x, mm/s^2.
+    pub const ACCELERATION: u16 = settings::ACCELERATION_MM_S2;
+    /// Travel of x, mm.
     pub const TRAVEL: u16 = settings::TRAVEL_MM;
 
     /// Returns the - and the + end of an axis, mm in the scene.

@@ -59,8 +59,8 @@ const DEBOUNCE_MS: u16 = 26;
 const PULL_OFF_MM: u16 = 27;
 // the first of three, for x
 const STEPS_PER_MM: u16 = 100;
-const RATE_MM_MIN: u16 = 110;
-const ACCELERATION_MM_S2: u16 = 120;
+pub const RATE_MM_MIN: u16 = 110;
+pub const ACCELERATION_MM_S2: u16 = 120;
 pub const TRAVEL_MM: u16 = 130;
 
 impl Default for Settings {

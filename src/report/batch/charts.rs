@@ -2,10 +2,10 @@
 
 use super::complete;
 use super::figures::figure;
+use super::limited::Limited;
 use super::order::axis;
-use super::quantity::Quantity;
 use crate::batch::chart::{Charts, LIMIT_SIGMAS, Normal};
-use crate::batch::{Alarm, Cause, Ended, History};
+use crate::batch::{Alarm, Cause, Ended, History, Quantity};
 use crate::chart::{Anchor, ChartAxis, Hue, Line, Look, Mark, Panel, Shape};
 use crate::report::frame::{Drawn, Section, capital, clock, counted, number, table, words};
 use maud::{Markup, html};
@@ -27,50 +27,49 @@ const MARKED_MOST: usize = 80;
 const NAMED_MOST: usize = 8;
 const LISTED_MOST: usize = 30;
 
-/// Name of the quantity of the mean gain in alarms.
-const GAIN: &str = "gain";
-
 const REFERENCE: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: true, line: Line::Solid };
 const SENSORS: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::Solid };
 const ALARM: Look = Look::markers(Hue::Red, Shape::Diamond);
 
-/// A quantity that is charted.
-struct Charted {
+/// A control chart.
+struct Chart {
+    /// Name of the quantity in alarms.
     key: String,
-    label: String,
-    value: Box<dyn Fn(&Ended) -> Option<f64>>,
+    title: String,
+    /// Where the normal values come from.
+    normal: String,
+    points: Vec<Point>,
 }
 
-/// A point of the charts: position on the axis of the sensors, and the statistics of reference and sensors.
+/// A point of a chart: position on the axis of the sensors, and the statistics of reference and sensors.
 struct Point {
     at: f64,
     sigmas: [f64; 2],
 }
 
-/// Draws the control charts of the mean gain and of each figure, and lists the alarms. `None` if there is neither.
+/// Draws the control charts: those of the design, which decided about alarms, and those of the rule's figures. `None` if there is
+/// neither a chart nor an alarm.
 pub fn section(history: &History) -> Option<Section> {
-    let drawn: Vec<(Charted, Vec<Point>)> = charted(history)
-        .into_iter()
-        .filter_map(|charted| points(history, &charted).map(|points| (charted, points)))
-        .collect();
-    if drawn.is_empty() && history.alarms.is_empty() {
+    let of_figures = Limited::all([history]);
+    let of_figures =
+        of_figures.iter().filter(|figure| figure.is_charted()).filter_map(|figure| of_figure(history, figure));
+    let charts: Vec<Chart> = of_design(history).into_iter().chain(of_figures).collect();
+    if charts.is_empty() && history.alarms.is_empty() {
         return None;
     }
-    let is_drawn = |alarm: &Alarm| drawn.iter().any(|(charted, _)| charted.key == alarm.quantity);
-    let figures = drawn.iter().enumerate().map(|(index, (charted, points))| {
+    let is_charted = |alarm: &Alarm| charts.iter().any(|chart| chart.key == alarm.quantity);
+    let drawn = charts.iter().enumerate().map(|(index, chart)| {
         // an alarm of a quantity without a chart is in the first chart
-        let belongs = |alarm: &Alarm| alarm.quantity == charted.key || (index == 0 && !is_drawn(alarm));
-        draw(history, charted, points, belongs)
+        draw(history, chart, |alarm| alarm.quantity == chart.key || (index == 0 && !is_charted(alarm)))
     });
-    let figures = figures.collect();
-    Some(Section::new("Control charts", &before(history), figures))
+    let drawn = drawn.collect();
+    Some(Section::new("Control charts", &before(history), drawn))
 }
 
 fn before(history: &History) -> Markup {
     html! {
         p.note {
-            "Exponentially weighted means in standard deviations of the sensors. Normal values are those of the first sensors (at most "
-            (NORMAL_MOST) "). "
+            "Exponentially weighted means in standard deviations. "
             @if history.references.is_empty() {
                 "Without a reference sensor a change of the bench can't be distinguished from a change of the sensors."
             } @else {
@@ -108,58 +107,70 @@ const fn cause(cause: Cause) -> &'static str {
     }
 }
 
-fn charted(history: &History) -> Vec<Charted> {
-    let gain = Charted {
-        key: GAIN.to_owned(),
-        label: "mean gain, relative to the design".to_owned(),
-        value: Box::new(|ended| {
-            (!ended.change.is_empty()).then(|| ended.change.iter().map(|change| change.gain).mean())
-        }),
+/// Returns the charts of the batch itself, whose normal values are those of the design.
+fn of_design(history: &History) -> Vec<Chart> {
+    let chart = |quantity: Quantity| {
+        let point = |((before, _), charted): (&(usize, Ended), &Vec<(Quantity, [f64; 2])>)| {
+            let (_, sigmas) = charted.iter().find(|(of, _)| *of == quantity)?;
+            Some(Point { at: *before as f64 + 0.5, sigmas: *sigmas })
+        };
+        let points: Vec<Point> = history.references.iter().zip(&history.charted).filter_map(point).collect();
+        let (key, normal) = (quantity.name().to_owned(), "normal values of the design".to_owned());
+        (!points.is_empty()).then(|| Chart { title: capital(&key), key, normal, points })
     };
-    let figures = Quantity::all([history]).into_iter().filter(Quantity::is_charted).map(|quantity| Charted {
-        key: quantity.key.clone(),
-        label: quantity.name().to_owned(),
-        value: Box::new(move |ended| quantity.found(ended)?.value),
-    });
-    [gain].into_iter().chain(figures).collect()
+    Quantity::ALL.into_iter().filter_map(chart).collect()
 }
 
-/// Returns the points of the charts of a quantity; `None` if there are too few sensors, or if they all have the same value.
-fn points(history: &History, charted: &Charted) -> Option<Vec<Point>> {
-    let finite = |ended: &Ended| (charted.value)(ended).filter(|value| value.is_finite());
+/// Returns the chart of a figure of the rule; `None` if there are too few sensors, or if they all have the same value.
+fn of_figure(history: &History, figure: &Limited) -> Option<Chart> {
+    let finite = |ended: &Ended| figure.found(ended)?.value.filter(|value| value.is_finite());
     let values: Vec<(usize, f64)> =
         complete(history).filter_map(|(number, ended)| Some((number, finite(ended)?))).collect();
+    let references: Vec<(usize, f64)> =
+        history.references.iter().filter_map(|(before, ended)| Some((*before, finite(ended)?))).collect();
     let first: Vec<f64> = values.iter().take(NORMAL_MOST).map(|(_, value)| *value).collect();
-    let normal = Normal { mean: (&first).mean(), sd: (&first).std_dev(), sensors: first.len() };
+    let of_reference: Vec<f64> = references.iter().take(NORMAL_MOST).map(|(_, value)| *value).collect();
+    let reference_sd =
+        Some((&of_reference).std_dev()).filter(|sd| of_reference.len() >= NORMAL_LEAST && sd.is_finite());
+    let normal = Normal {
+        mean: (&first).mean(),
+        sd: (&first).std_dev(),
+        reference_sd: reference_sd.unwrap_or_default(),
+        sensors: first.len(),
+    };
     if first.len() < NORMAL_LEAST || normal.sd.is_nan() || normal.sd <= f64::EPSILON * normal.mean.abs() {
         return None;
     }
-    let references: Vec<(usize, f64)> =
-        history.references.iter().filter_map(|(before, ended)| Some((*before, finite(ended)?))).collect();
-    let mut charts = Charts::new(normal);
-    let mut points = Vec::new();
+    let points = replayed(Charts::new(normal), values, references);
+    let told = format!("normal values of the first {}", counted(first.len(), "sensor"));
+    (!points.is_empty()).then(|| Chart { key: figure.key.clone(), title: capital(figure.name()), normal: told, points })
+}
+
+/// Returns the points of charts to which values of sensors and of the reference sensor are added, each with its number.
+fn replayed(mut charts: Charts, values: Vec<(usize, f64)>, references: Vec<(usize, f64)>) -> Vec<Point> {
     if references.is_empty() {
         // a bench that never changes
         charts.add_reference(0.0);
-        for (number, value) in values {
+        let point = |(number, value): (usize, f64)| {
             charts.add(value);
             charts.add_reference(0.0);
-            points.push(Point { at: number as f64, sigmas: charts.sigmas() });
-        }
-        return Some(points);
+            Point { at: number as f64, sigmas: charts.sigmas() }
+        };
+        return values.into_iter().map(point).collect();
     }
     let mut waiting = values.into_iter().peekable();
-    for (before, reference) in references {
+    let point = |(before, reference): (usize, f64)| {
         while let Some((_, value)) = waiting.next_if(|(number, _)| *number <= before) {
             charts.add(value);
         }
         charts.add_reference(reference);
-        points.push(Point { at: before as f64 + 0.5, sigmas: charts.sigmas() });
-    }
-    Some(points)
+        Point { at: before as f64 + 0.5, sigmas: charts.sigmas() }
+    };
+    references.into_iter().map(point).collect()
 }
 
-fn draw(history: &History, charted: &Charted, points: &[Point], belongs: impl Fn(&Alarm) -> bool) -> Drawn {
+fn draw(history: &History, chart: &Chart, belongs: impl Fn(&Alarm) -> bool) -> Drawn {
+    let points = &chart.points;
     let alarms: Vec<(f64, &Alarm)> = history
         .alarms
         .iter()
@@ -191,9 +202,9 @@ fn draw(history: &History, charted: &Charted, points: &[Point], belongs: impl Fn
         }));
     }
     let panel = Panel { x: axis(history), y: ChartAxis::linear("statistic, sd", (-most, most)), marks };
-    let mut drawn = figure(&capital(&charted.label), "control chart", panel, legend);
+    let mut drawn = figure(&chart.title, &format!("control chart; {}", chart.normal), panel, legend);
     if alarms.len() > NAMED_MOST {
         drawn.notes.push(format!("the first {NAMED_MOST} of {} alarms are named", alarms.len()));
     }
-    Drawn::plain(drawn).named(&format!("control-chart {}", charted.key))
+    Drawn::plain(drawn).named(&format!("control-chart {}", chart.key))
 }

@@ -2,7 +2,7 @@
 
 use super::complete;
 use super::headline::{Yield, a_day, alarms, listed, minutes};
-use super::quantity::{Quantity, is_exceeded, quartiles};
+use super::limited::{Limited, is_exceeded, quartiles};
 use crate::batch::{Cause, History};
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Look, Mark, Panel, Shape};
 use crate::report::figures::WIDTH_PX;
@@ -19,7 +19,7 @@ const ROOM: f64 = 0.06;
 pub fn batches_page(histories: &[History]) -> Page {
     let title = format!("{} side by side", counted(histories.len(), "batch"));
     let header = html! { h1 { (title) } p.lede { "In the given order: months, or benches." } };
-    let quantities = Quantity::all(histories);
+    let quantities = Limited::all(histories);
     let figures = [yields(histories)].into_iter().chain(quantities.iter().map(|quantity| spread(histories, quantity)));
     let figures = figures.chain([times(histories)]).flatten().collect();
     let sections = [
@@ -82,8 +82,8 @@ fn summary(histories: &[History]) -> Markup {
     }
 }
 
-fn limits(histories: &[History], quantities: &[Quantity]) -> Markup {
-    let row = |(index, history): (usize, &History), quantity: &Quantity| {
+fn limits(histories: &[History], quantities: &[Limited]) -> Markup {
+    let row = |(index, history): (usize, &History), quantity: &Limited| {
         let key = |what: &str| format!("{}.{}.{what}", index + 1, quantity.key);
         let sorted = quantity.sorted(history);
         let cell = |what: &str, value: Option<f64>| {
@@ -163,7 +163,7 @@ fn yields(histories: &[History]) -> Option<Drawn> {
     drawn(histories, "Yield", "accepted of judged, %", "strokes: 95 % interval", &rows, None)
 }
 
-fn spread(histories: &[History], quantity: &Quantity) -> Option<Drawn> {
+fn spread(histories: &[History], quantity: &Limited) -> Option<Drawn> {
     let row = |history: &History| {
         quartiles(&quantity.sorted(history)).map(|values| values.map(|value| quantity.displayed(value)))
     };

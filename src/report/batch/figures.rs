@@ -1,8 +1,8 @@
 //! Figures along the batch: each figure of the acceptance rule by sensor, and the time that a sensor takes.
 
 use super::complete;
+use super::limited::{Limited, is_exceeded, quartiles, sorted};
 use super::order::{self, Along, axis};
-use super::quantity::{Quantity, is_exceeded, quartiles, sorted};
 use crate::batch::{Found, History};
 use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Part, Scale, Shape};
 use crate::quantity::round;
@@ -46,11 +46,11 @@ pub fn figure(title: &str, subtitle: &str, panel: Panel, legend: Vec<(Look, Stri
 
 /// Draws each figure of the acceptance rule by sensor.
 pub fn section(history: &History) -> Option<Section> {
-    let drawn = Quantity::all([history]).iter().filter_map(|quantity| by_sensor(history, quantity)).collect();
+    let drawn = Limited::all([history]).iter().filter_map(|quantity| by_sensor(history, quantity)).collect();
     Section::of_figures("Figures of the acceptance rule", &html! {}, drawn)
 }
 
-fn by_sensor(history: &History, quantity: &Quantity) -> Option<Drawn> {
+fn by_sensor(history: &History, quantity: &Limited) -> Option<Drawn> {
     let found: Vec<(usize, &str, &Found)> = complete(history)
         .filter_map(|(number, ended)| Some((number, ended.serial.as_str(), quantity.found(ended)?)))
         .collect();
@@ -78,7 +78,7 @@ fn by_sensor(history: &History, quantity: &Quantity) -> Option<Drawn> {
 type Numbered = [(usize, f64)];
 
 fn marks(
-    quantity: &Quantity,
+    quantity: &Limited,
     found: &[(usize, &str, &Found)],
     (values, bounds): (&Numbered, &Numbered),
     limit: f64,
@@ -125,7 +125,7 @@ fn marks(
 
 /// Returns the range of an axis that contains the limit and the values, unless they are far beyond the limit. It begins at 0 if 0 is
 /// near, and ends at 100 % at most for a fraction.
-fn range(quantity: &Quantity, limit: f64, values: impl Iterator<Item = f64>) -> (f64, f64) {
+fn range(quantity: &Limited, limit: f64, values: impl Iterator<Item = f64>) -> (f64, f64) {
     let values = values.filter(|value| value.is_finite());
     let (least, most) = values.fold((limit, limit), |(least, most), value| (least.min(value), most.max(value)));
     let most = if limit > 0.0 { most.min(BEYOND * limit) } else { most };
@@ -135,7 +135,7 @@ fn range(quantity: &Quantity, limit: f64, values: impl Iterator<Item = f64>) -> 
     (if is_zero_near { 0.0 } else { least - room }, end)
 }
 
-fn shown(quantity: &Quantity, displayed: f64) -> String {
+fn shown(quantity: &Limited, displayed: f64) -> String {
     format!("{} {}", round(displayed, SHOWN_DIGITS), quantity.unit()).trim_end().to_owned()
 }
 

@@ -1,7 +1,7 @@
 //! The first section: yield, numbers of sensors by result, and where and when they were calibrated.
 
+use super::limited::{quartiles, sorted};
 use super::order::days;
-use super::quantity::{quartiles, sorted};
 use super::{complete, sensors};
 use crate::acceptance::bound::share_interval;
 use crate::batch::{Cause, History, Standing};
@@ -126,8 +126,8 @@ fn facts(history: &History) -> Markup {
         let count = alarms(history, cause);
         rows.push(vec![words(format!("alarms of the {name}")), number(&format!("alarms.{name}"), count as f64, 0, "")]);
     }
-    if let Some(prior) = &facts.prior {
-        rows.push(vec![words("design's prior"), words(&prior.name)]);
+    if !facts.prior.is_empty() {
+        rows.push(vec![words("design's prior"), words(counted(facts.prior.len(), "full calibration"))]);
     }
     table(&[words("batch"), words("")], &rows)
 }

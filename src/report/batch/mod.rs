@@ -8,9 +8,9 @@ mod charts;
 mod compare;
 mod figures;
 mod headline;
+mod limited;
 mod maps;
 mod order;
-mod quantity;
 mod sensors;
 mod worst;
 

@@ -1,6 +1,6 @@
 //! The axis of the sensors in the order of calibration, and values along it.
 
-use super::quantity::{quartiles, sorted};
+use super::limited::{quartiles, sorted};
 use crate::batch::History;
 use crate::chart::{ChartAxis, Scale};
 

@@ -1,6 +1,6 @@
 //! Tables of sensors: those that aren't accepted, and all.
 
-use super::quantity::Quantity;
+use super::limited::Limited;
 use crate::batch::{Ended, History, Item, Standing};
 use crate::report::frame::{clock, counted, none, number, section as under, words};
 use maud::{Markup, html};
@@ -64,7 +64,7 @@ fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {
 
 /// Returns the table of all sensors, closed until the reader opens it.
 pub fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
-    let (quantities, results) = (Quantity::all([history]), by_serial(history));
+    let (quantities, results) = (Limited::all([history]), by_serial(history));
     let items = &history.state.items;
     let body = html! {
         details {
@@ -93,8 +93,8 @@ pub fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup
     under("All sensors", &body)
 }
 
-fn row(item: &Item, ended: Option<&Ended>, quantities: &[Quantity], links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
-    let figure = |quantity: &Quantity| {
+fn row(item: &Item, ended: Option<&Ended>, quantities: &[Limited], links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
+    let figure = |quantity: &Limited| {
         let value = ended.and_then(|ended| quantity.found(ended)?.value).map(|value| quantity.displayed(value));
         let key = || format!("{}.{}", item.serial, quantity.key);
         value.map_or_else(none, |value| number(&key(), value, quantity.digits(), ""))

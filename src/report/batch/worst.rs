@@ -1,8 +1,8 @@
 //! The sensors nearest to a limit, and the outputs that deviate most from the design.
 
 use super::complete;
+use super::limited::Limited;
 use super::maps::Outputs;
-use super::quantity::Quantity;
 use crate::batch::{Ended, Found, History};
 use crate::report::frame::{none, number, percent, section as under, table, words};
 use crate::solver::UnitChange;
@@ -33,7 +33,7 @@ pub fn section(history: &History) -> Option<Markup> {
 }
 
 fn nearest(history: &History) -> Option<Markup> {
-    let quantities = Quantity::all([history]);
+    let quantities = Limited::all([history]);
     let worst = |ended: &'_ Ended| -> Option<(usize, f64)> {
         let used = quantities
             .iter()

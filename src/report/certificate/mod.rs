@@ -69,7 +69,9 @@ struct JournalHash {
 pub enum CertificateError {
     /// The run has no sensor ID.
     #[error("{run} has no sensor ID: a certificate needs the sensor's serial number")]
-    #[diagnostic(help("give --sensor ID with the run"))]
+    #[diagnostic(help(
+        "the ID is given when a run is made: palpate run RECIPE --sensor ID, or palpate import TABLE --sensor ID"
+    ))]
     NoSensor {
         /// Name of the run.
         run: String,

@@ -1,6 +1,6 @@
 //! Results of a certificate: each value with its unit, its uncertainty, and its number of readings.
 
-use crate::acceptance::bound::{coverage_factor, quantile_interval};
+use crate::acceptance::bound::{coverage_factor, quantile_interval, quantile_interval_least};
 use crate::dataset::characteristics::{Known, Repeatability, Staircases, UnitCharacteristics, characterise, repeats};
 use crate::quantity::percentile;
 use crate::report::{Judged, Subject};
@@ -97,7 +97,7 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         ("location error", Unit::Millimetre, 3, |press| Some(press.location_error_mm)),
         ("force error", Unit::Newton, 4, |press| press.force_error_n),
     ];
-    let mut rows = Vec::new();
+    let (mut rows, mut few) = (Vec::new(), String::new());
     for ((name, unit, digits, error), truth) in kinds.into_iter().zip(truths) {
         let Some(mut sizes) = evaluation.presses.iter().map(error).collect::<Option<Vec<f64>>>() else { continue };
         let n = sizes.len();
@@ -111,6 +111,12 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         rows.push(Row { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
         sizes.sort_by(f64::total_cmp);
         let interval = quantile_interval(&sizes, 0.95);
+        if interval.is_none() {
+            let least = quantile_interval_least(0.95);
+            few = format!(
+                " The 95th percentiles have no stated interval, because it needs {least} presses and there are {n}."
+            );
+        }
         let uncertainty = interval.map_or(Uncertainty::NotStated, |(low, high)| Uncertainty::Interval(low, high));
         let value = percentile(&sizes, 0.95);
         rows.push(Row { name: format!("{name}, 95th percentile"), value, unit, digits, uncertainty, n });
@@ -120,7 +126,7 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         None => format!("The uncertainty of the {what} isn't known and not included."),
     };
     let method = format!(
-        "Presses of known place and force, solved by the method {}. Intervals of percentiles are order statistics with 95 % coverage. {} {}",
+        "Presses of known place and force, solved by the method {}. Intervals of percentiles are order statistics with 95 % coverage.{few} {} {}",
         evaluation.solver,
         included("places", truths[0], "mm"),
         included("forces", truths[1], "N")

@@ -105,6 +105,10 @@ fn read_profile(table: &Table, key: &crate::document::Key, beside: Beside) -> Op
 }
 
 impl Driver for LoadCell {
+    fn shares_port(&self) -> bool {
+        true
+    }
+
     fn own_file(&self) -> Option<&OwnFile> {
         Some(&self.0.file)
     }
@@ -124,6 +128,10 @@ impl Driver for LoadCell {
 }
 
 impl Driver for Array {
+    fn shares_port(&self) -> bool {
+        true
+    }
+
     fn own_file(&self) -> Option<&OwnFile> {
         Some(&self.0.file)
     }
@@ -175,10 +183,12 @@ impl ArrayDriver for Array {
 
 impl Sender {
     fn not_emulated(&self, role: Device) -> DeviceError {
+        let section = if role == Device::LoadCell { "load_cell" } else { "array" };
         let told = format!(
-            "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": simulated are \
-             hx711 and mark-10 (load cell), and reskin, mlx90393-text and velostat-16 (array)",
-            self.file.name
+            "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
+             write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}], whose emulator has any array and any force, or one \
+             of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
+            self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
         DeviceError { device, doing, problem: DeviceProblem::Mismatch(told) }

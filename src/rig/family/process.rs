@@ -6,9 +6,11 @@ use crate::document::{Bounds, Problem, Table, keys};
 use crate::driver::process::{ProcessArray, ProcessLoadCell, ProcessStage};
 use crate::driver::{AnyArray, AnyLoadCell, AnyStage};
 use crate::emulator;
-use crate::quantity::{Axis, Range, seconds};
+use crate::quantity::seconds;
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring};
+use crate::rig::spec::{
+    ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring, outside_stock,
+};
 use crate::scene::Scene;
 use crate::wire::Link;
 use std::sync::Arc;
@@ -99,11 +101,10 @@ impl StageDriver for Program {
         true
     }
 
-    fn simulated_z_mm(&self, stage: &StageSpec) -> Range {
-        match stage.steps.is_fine() && stage.home_side == HomeSide::Away {
-            true => Range { min: -emulator::STAGE_TRAVEL_MM, max: emulator::STAGE_TRAVEL_MM },
-            false => stage.travel.along(Axis::Z),
-        }
+    fn simulated_misfit(&self, rig: &RigSpec) -> Option<String> {
+        // the emulator of a printer has the travel of its rig
+        let is_printer = !rig.stage.steps.is_fine() || rig.stage.home_side == HomeSide::Toward;
+        if is_printer { None } else { outside_stock(rig) }
     }
 }
 

@@ -1,9 +1,12 @@
 //! Whether few presses are those of a sensor of a design.
 
+use super::Prior;
 use super::posterior::estimates;
 use super::spread::Spread;
+use crate::quantity::Place;
 use crate::solver::adapt::{Fit, Map, Moved};
 use crate::solver::threshold::chi2_quantile;
+use crate::solver::{Calibration, CalibrationPoint};
 use nalgebra::Matrix4;
 use serde::{Deserialize, Serialize};
 
@@ -82,8 +85,36 @@ pub enum Deviation {
     },
 }
 
-/// Number of standard deviations from which one unit's gain, place or width isn't that of the design.
+impl Deviation {
+    /// Returns the deviation in words.
+    pub fn told(&self) -> String {
+        match *self {
+            Deviation::Dead { unit } => format!("unit {unit} reads nothing"),
+            Deviation::Gain { unit, gain } => format!("unit {unit} reads {gain:.2} times what the design reads"),
+            Deviation::Moved { unit, distance_mm } => format!("unit {unit} is {distance_mm:.2} mm away from its place"),
+            Deviation::Width { unit, width } => {
+                format!("the response of unit {unit} is {:+.0} % wider than the design's", 100.0 * width)
+            }
+            Deviation::Shape { unit, misfit } => {
+                format!("the response of unit {unit} has another shape than the design's (misfit {misfit:.1})")
+            }
+            Deviation::AllGains { gain } => format!("all units read {gain:.2} times what the design reads"),
+            Deviation::AllWidths { width } => {
+                format!("all responses are {:+.0} % wider than the design's, as with another layer", 100.0 * width)
+            }
+            Deviation::AllMoved { distance_mm } => format!("the array is {distance_mm:.2} mm away from its place"),
+            Deviation::Turned { angle_deg } => format!("the array is turned by {angle_deg:+.1} degrees"),
+            Deviation::Unlikely { misfit } => format!("the readings aren't those of the design (misfit {misfit:.1})"),
+        }
+    }
+}
+
+/// Number of standard deviations from which one unit's place or width isn't that of the design.
 const UNIT_SIGMAS: f64 = 4.5;
+/// Number of standard deviations of the design from which the logarithm of a unit's gain isn't that of the design. The second
+/// constant is the number of standard deviations of the measurement that are subtracted first.
+const GAIN_SIGMAS: f64 = 3.5;
+const GAIN_MARGIN: f64 = 2.5;
 /// Number of standard deviations of one unit from which a change of all units isn't that of the design.
 const ALL_SIGMAS: f64 = 6.0;
 /// Number of standard deviations of the common change from which few presses don't suffice.
@@ -105,13 +136,14 @@ impl Belongs {
     pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
         let own = spread.own.squares();
         let found = estimates(fit, units, &(WEAK * own.map(f64::sqrt)));
+        let (common, covariance_of_common) = common(&found, &own);
         let mut outside = Vec::new();
         for (unit, (moved, covariance)) in found.iter().enumerate() {
-            let sigmas = |index: usize| moved[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
+            // what all units have in common is checked below
+            let alone = moved - common;
+            let sigmas = |index: usize| alone[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
             let (unit, gain) = (unit + 1, 1.0 + moved[0]);
-            // a gain is a factor: 0.3 is as far from 1 as 3.3
-            let of_gain = gain.ln().abs() / (own[0] + covariance[(0, 0)] / (gain * gain)).sqrt();
-            if of_gain > UNIT_SIGMAS {
+            if is_other_gain(gain / (1.0 + common[0]), own[0].sqrt(), covariance[(0, 0)].sqrt()) {
                 outside.push(if gain < DEAD_GAIN { Deviation::Dead { unit } } else { Deviation::Gain { unit, gain } });
             }
             if sigmas(1).max(sigmas(2)) > UNIT_SIGMAS {
@@ -123,7 +155,7 @@ impl Belongs {
         }
         outside.extend(shapes(fit, units, &found));
         outside.extend(turned(units, &found, &own, fit.map));
-        let (common, covariance) = common(&found, &own);
+        let covariance = covariance_of_common;
         let per_unit = |index: usize| common[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
         let deviation = |index: usize| match index {
             0 => Deviation::AllGains { gain: 1.0 + common[0] },
@@ -160,6 +192,52 @@ impl Belongs {
     }
 }
 
+/// Ways to mount a sensor wrongly: the name, and the place on the sensor that is under a place of the specimen frame, both
+/// relative to the array's centre, as the rows of a matrix.
+const TURNS: [(&str, [[f64; 2]; 2]); 5] = [
+    ("turned by 90 degrees", [[0.0, 1.0], [-1.0, 0.0]]),
+    ("turned by 180 degrees", [[-1.0, 0.0], [0.0, -1.0]]),
+    ("turned by 270 degrees", [[0.0, -1.0], [1.0, 0.0]]),
+    ("mirrored along x", [[-1.0, 0.0], [0.0, 1.0]]),
+    ("mirrored along y", [[1.0, 0.0], [0.0, -1.0]]),
+];
+
+impl Prior {
+    /// Returns the turns and mirrors that presses of `press_n` at some places can't detect, because the design's typical sensor
+    /// then reads the same within the spread of the design.
+    pub fn undetectable(&self, places: &[Place], press_n: f64) -> Vec<&'static str> {
+        let (centre, outputs) = (mean_place(&self.map.centres), self.calibration.units());
+        let is_alike = |turn: &[[f64; 2]; 2]| {
+            let read = |place: &Place| {
+                let (x, y) = (place.x_mm - centre.x_mm, place.y_mm - centre.y_mm);
+                let [x, y] = turn.map(|[along_x, along_y]| along_x * x + along_y * y);
+                let on_sensor = Place::new(centre.x_mm + x, centre.y_mm + y);
+                (0..outputs).map(|unit| press_n * self.map.felt(unit, on_sensor, &Moved::zeros())[0]).collect()
+            };
+            let readings: Vec<Vec<f64>> = places.iter().map(read).collect();
+            let points = places.iter().zip(&readings);
+            let points = points.map(|(place, outputs)| CalibrationPoint { place: *place, force_n: press_n, outputs });
+            let turned = Calibration::new(&points.collect::<Vec<_>>());
+            turned.is_ok_and(|turned| self.belongs(&turned).is_ok_and(|belongs| belongs == Belongs::Typical))
+        };
+        TURNS.iter().filter(|(_, turn)| is_alike(turn)).map(|(name, _)| *name).collect()
+    }
+}
+
+fn mean_place(places: &[Place]) -> Place {
+    let count = places.len() as f64;
+    let sum = places.iter().fold((0.0, 0.0), |(x, y), place| (x + place.x_mm, y + place.y_mm));
+    Place::new(sum.0 / count, sum.1 / count)
+}
+
+/// Whether a gain isn't that of the design. A gain is a factor, so 0.3 is as far from 1 as 3.3. It is first moved toward 1 by what
+/// its measurement may be off.
+fn is_other_gain(gain: f64, spread: f64, measured_sd: f64) -> bool {
+    let margin = GAIN_MARGIN * measured_sd;
+    let nearest = if gain < 1.0 { (gain + margin).min(1.0) } else { (gain - margin).max(1.0) };
+    nearest.max(f64::MIN_POSITIVE).ln().abs() > GAIN_SIGMAS * spread
+}
+
 /// Returns the units whose residuals are more than noise after the best change.
 fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)]) -> Vec<Deviation> {
     let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &(Moved, Matrix4<f64>)))| {
@@ -179,9 +257,7 @@ fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)]) 
 /// Returns the angle by which the array is turned about its centre, if it is.
 fn turned(units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
     let centre = |of: &Vec<usize>| map.centres[of[0]];
-    let count = units.len() as f64;
-    let (mean_x, mean_y) =
-        units.iter().map(centre).fold((0.0, 0.0), |(x, y), place| (x + place.x_mm / count, y + place.y_mm / count));
+    let Place { x_mm: mean_x, y_mm: mean_y } = mean_place(&units.iter().map(centre).collect::<Vec<Place>>());
     let (mut information, mut toward) = (0.0, 0.0);
     for (of, (moved, covariance)) in units.iter().zip(found) {
         let (x, y) = (centre(of).x_mm - mean_x, centre(of).y_mm - mean_y);

@@ -11,8 +11,7 @@ mod posterior;
 mod spread;
 
 pub use belongs::{Belongs, Deviation};
-pub use order::cell_centres;
-pub use spread::Spread;
+pub use spread::{Deviations, Spread};
 
 use super::adapt::{Fit, Map, Moved};
 use super::field::Field;
@@ -128,6 +127,19 @@ impl Prior {
     /// Returns the number of sensors that made the prior.
     pub fn sensors(&self) -> usize {
         self.sensors
+    }
+
+    /// Returns how the means over all units differ from sensor to sensor, without the error of the design's own mean.
+    pub fn spread_of_means(&self) -> Deviations {
+        let Spread { own, common } = self.spread;
+        let units = (self.units.len() as f64).sqrt();
+        let further = (1.0 + 1.0 / self.sensors as f64).sqrt();
+        let of = |own: f64, common: f64| common.max(own / units) / further;
+        Deviations {
+            gain: of(own.gain, common.gain),
+            place_mm: of(own.place_mm, common.place_mm),
+            width: of(own.width, common.width),
+        }
     }
 
     /// Calibrates a new sensor with few presses.

@@ -2,20 +2,12 @@
 
 use super::Prior;
 use super::posterior::{Information, Posterior};
-use crate::quantity::{Place, Range};
+use super::spread::Deviations;
+use crate::quantity::Place;
 use crate::solver::Covariance;
 use crate::solver::adapt::Moved;
 use crate::solver::normal::{Normal, inverse};
 use nalgebra::Matrix4;
-
-/// Returns the centres of `columns` x `rows` equal cells of an area, row by row.
-pub fn cell_centres(x_mm: Range, y_mm: Range, columns: usize, rows: usize) -> Vec<Place> {
-    let at = |range: Range, index: usize, count: usize| {
-        range.min + (range.max - range.min) * (index as f64 + 0.5) / count as f64
-    };
-    let place = |index: usize| Place::new(at(x_mm, index % columns, columns), at(y_mm, index / columns, rows));
-    (0..columns * rows).map(place).collect()
-}
 
 /// Number of places along a side of the area where a press can be chosen. The second constant is the number of cells along a
 /// side, at whose centres expected errors are averaged.
@@ -59,6 +51,22 @@ impl Prior {
         let contacts = self.map.response.field.area().cells(CONTACTS_A_SIDE);
         let contacts: Vec<Felt> = contacts.into_iter().map(|place| self.felt_at(place)).collect();
         self.expected_mm(&informed, &contacts, contact_n)
+    }
+
+    /// Returns the standard deviations with which presses of `press_n` at some places measure the means over all units.
+    pub fn repeats_of_means(&self, places: &[Place], press_n: f64) -> Deviations {
+        let mut informed = self.nothing_known();
+        places.iter().for_each(|place| self.inform(&mut informed, &self.felt_at(*place), press_n));
+        let own = self.spread.own.squares();
+        let mut sum = Moved::zeros();
+        for of in &informed {
+            let (_, covariance) = of.with(&own);
+            // noise alone: the part of the covariance that the presses leave, not what the prior leaves out
+            let noise = covariance * of.matrix * covariance;
+            sum += noise.diagonal();
+        }
+        let count = informed.len() as f64;
+        Deviations::of(&(sum / (count * count)))
     }
 
     fn nothing_known(&self) -> Vec<Information> {

@@ -29,7 +29,7 @@ impl Deviations {
         Moved::new(gain, place_mm, place_mm, width).map(|sd| sd * sd)
     }
 
-    fn of(squares: &Moved) -> Self {
+    pub(super) fn of(squares: &Moved) -> Self {
         let place_mm = (0.5 * (squares[1] + squares[2])).sqrt();
         Deviations { gain: squares[0].sqrt(), place_mm, width: squares[3].sqrt() }
     }

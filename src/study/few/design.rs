@@ -6,9 +6,9 @@ use super::super::methods::specimen::{
 };
 use super::{PRIOR_SEEDS, broken};
 use crate::mechanics::Medium;
-use crate::quantity::{ArrayLayout, Place, Range, stream};
+use crate::quantity::{ArrayLayout, Place, Range, cell_centres, stream};
 use crate::scene::{Elastomer, SkinSpec};
-use crate::solver::{Calibration, Prior, Solver, Workspace, cell_centres};
+use crate::solver::{Calibration, Prior, Solver, Workspace};
 
 /// Poisson's ratio of the layer.
 const RUBBER: f64 = 0.49;

@@ -32,8 +32,8 @@ fn figure(noise: NoiseReference, found: &[FewRow]) -> Figure {
         ),
         height_px: 380.0,
         panels: vec![
-            panel(noise, found, "presses", |row| Some(row.presses as f64)),
-            panel(noise, found, "minutes at the bench", |row| row.minutes),
+            panel(noise, found, "presses", (1.0, 2.0), |row| Some(row.presses as f64)),
+            panel(noise, found, "minutes at the bench", (HANDLING_MIN, 1.1 * HANDLING_MIN), |row| row.minutes),
         ],
         legend: DRAWN.map(|(way, name)| (look(way), name.to_owned())).chunks(3).map(<[_]>::to_vec).collect(),
         notes: vec![
@@ -46,11 +46,17 @@ fn figure(noise: NoiseReference, found: &[FewRow]) -> Figure {
     }
 }
 
-fn panel(noise: NoiseReference, found: &[FewRow], label: &str, at: fn(&FewRow) -> Option<f64>) -> Panel {
+fn panel(
+    noise: NoiseReference,
+    found: &[FewRow],
+    label: &str,
+    within: (f64, f64),
+    at: fn(&FewRow) -> Option<f64>,
+) -> Panel {
     let rows = || found.iter().filter(|row| row.scene == noise.name());
     let point = |row: &FewRow| Some((at(row)?, row.location_error_mm));
     let drawn = || rows().filter(|row| DRAWN.iter().any(|(way, _)| *way == row.way)).filter_map(point);
-    let x = ChartAxis::log(label, drawn().map(|point| point.0), (1.0, 2.0));
+    let x = ChartAxis::log(label, drawn().map(|point| point.0), within);
     let y = ChartAxis::log("location error, mean, mm", drawn().map(|point| point.1), (0.1, 1.0));
     let of = |way| rows().filter(move |row| row.way == way).filter_map(point).collect::<Vec<_>>();
     Panel { x, y, marks: DRAWN.map(|(way, _)| Mark::Curve(look(way), of(way))).to_vec() }

@@ -57,30 +57,83 @@ fn broken(why: impl std::fmt::Display) -> StudyError {
 
 #[cfg(test)]
 mod tests {
-    use super::design::{SIDE, cells};
+    use super::design::{SIDE, cells, mean_errors};
     use super::*;
-    use crate::solver::{Belongs, Setting};
+    use crate::quantity::Place;
+    use crate::solver::{Belongs, Setting, Solver as _, fit};
     use crate::study::methods::NoiseReference;
     use crate::study::methods::specimen::grid;
 
     #[test]
-    fn noise_of_the_prior_is_that_of_one_sensor() {
+    fn the_map_of_a_sibling_is_as_sure_as_that_of_a_full_calibration() {
         for noise in NoiseReference::ALL {
             let design = Design::papers(noise);
-            let prior = design.prior().unwrap();
-            let setting = Setting::of_layout(Some(design.layout()));
-            let few = prior.sibling(&design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap(), &setting).unwrap();
-            let whole = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
-            let whole = crate::solver::fit("surrogate", &whole, &setting).unwrap();
-            use crate::quantity::Place;
-            use crate::solver::Solver as _;
+            let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
+            let presses = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
+            let sibling = prior.sibling(&presses, &setting).unwrap();
+            let whole = fit("surrogate", &presses, &setting).unwrap();
+            assert_eq!(sibling.belongs, Belongs::Typical);
             for at in [Place::new(0.0, 0.0), Place::new(3.0, 2.0), Place::new(-5.0, 1.0)] {
-                let few = few.model.fitted().expected(at, 1.0).unwrap().mean_distance_mm();
-                let whole = whole.expected(at, 1.0).unwrap().mean_distance_mm();
-                println!("{} {at:?} few {few:.4} whole {whole:.4}", noise.name());
+                let [sibling, whole] =
+                    [sibling.model.fitted(), &whole].map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
+                assert!((sibling / whole - 1.0).abs() < 0.1, "{} {at:?}: {sibling} mm, {whole} mm", noise.name());
             }
-            assert_eq!(few.belongs, Belongs::Typical);
-            let _ = cells(1, 1);
         }
+    }
+
+    #[test]
+    fn nine_presses_with_a_prior_are_nearly_a_full_calibration() {
+        let design = Design::papers(NoiseReference::T);
+        let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
+        let sensors = NEW_SEEDS..NEW_SEEDS + 10;
+        let mut sums = [0.0; 4];
+        for seed in sensors.clone() {
+            let test = design.test(seed, 300);
+            let few = |columns, rows| {
+                let presses = design.calibration(seed, &cells(columns, rows)).unwrap();
+                mean_errors(prior.sibling(&presses, &setting).unwrap().model.fitted(), &test).location_mm
+            };
+            let whole = fit("surrogate", &design.calibration(seed, &grid(SIDE)).unwrap(), &setting).unwrap();
+            let found = [few(1, 1), few(3, 3), few(5, 5), mean_errors(&whole, &test).location_mm];
+            sums.iter_mut().zip(found).for_each(|(sum, mm)| *sum += mm / 10.0);
+        }
+        let [one, nine, many, whole] = sums;
+        println!("1: {one:.3}, 9: {nine:.3}, 25: {many:.3}, 625 without a prior: {whole:.3} mm");
+        assert!(one < 1.6 * whole && nine < 1.06 * whole && many < 1.04 * whole, "{sums:?}");
+    }
+
+    #[test]
+    fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
+        let design = Design::papers(NoiseReference::T);
+        let prior = design.prior().unwrap();
+        for seed in GOOD_SEEDS..GOOD_SEEDS + 4 {
+            for kind in Stranger::ALL {
+                let readings = kind.read(&design, seed, &cells(3, 3));
+                let belongs = prior.belongs(&readings.calibration().unwrap()).unwrap();
+                let is_refused = matches!(belongs, Belongs::Outsider(_));
+                assert_eq!(is_refused, kind != Stranger::Good, "{kind:?}, sensor {seed}: {belongs:?}");
+            }
+            let thicker = design.with_layer(1.1).calibration(seed, &cells(3, 3)).unwrap();
+            assert!(matches!(prior.belongs(&thicker).unwrap(), Belongs::Beyond(_)));
+        }
+    }
+
+    #[test]
+    fn a_design_says_which_turns_its_presses_can_not_show() {
+        let design = Design::papers(NoiseReference::T);
+        let prior = design.prior().unwrap();
+        let places: Vec<Place> = cells(3, 3).iter().map(|touch| touch.place).collect();
+        assert_eq!(prior.undetectable(&places, 1.0), [""; 0]);
+        // a press in the middle can't show a turn of this array
+        let alike = prior.undetectable(&[Place::new(0.0, 0.0)], 1.0);
+        assert!(alike.contains(&"turned by 180 degrees"), "{alike:?}");
+    }
+
+    #[test]
+    fn places_that_are_chosen_lower_the_expected_error() {
+        let prior = Design::papers(NoiseReference::T).prior().unwrap();
+        let order = prior.chosen_places(4, 1.0, 0.5);
+        let expected = |count: usize| prior.expected_after_mm(&order[..count], 1.0, 0.5);
+        assert!((1..=4).all(|count| expected(count) < expected(count - 1)), "{order:?}");
     }
 }

@@ -87,7 +87,7 @@ impl Stranger {
     }
 
     /// Returns the readings of a sensor of this kind.
-    fn read(self, design: &Design, seed: u64, touches: &[Touch]) -> KnownReadings {
+    pub(super) fn read(self, design: &Design, seed: u64, touches: &[Touch]) -> KnownReadings {
         let units = design.layout().len();
         let mut rng = stream(seed, 0, "stranger");
         let unit = rng.random_range(0..units);

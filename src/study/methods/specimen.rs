@@ -164,7 +164,7 @@ impl KnownReadings {
         self.truths.iter().zip(self.outputs.chunks_exact(self.units))
     }
 
-    /// Returns the same presses as a calibration. An unknown force counts as the paper's 1 N.
+    /// Returns these presses in the form of a calibration. An unknown force counts as the paper's 1 N.
     ///
     /// # Errors
     /// A press is unsuitable for calibration.

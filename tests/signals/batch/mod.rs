@@ -3,6 +3,7 @@
 mod day;
 mod desk;
 mod notify;
+mod prior;
 
 use crate::support::{Bench, Told, shipped_text};
 use palpate::batch::{Ended, Event};

@@ -63,6 +63,7 @@ fn a_pause_is_passed_on_but_not_recorded() {
     let mut command = bench.command(&format!("{RUN} --pace 20"));
     command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far());
     let child = spawned(&mut command);
+    drop(command); // it is at the terminal too
     terminal.until(") > ");
     terminal.line("A-01");
     terminal.until("calibration");

@@ -7,7 +7,7 @@ use crate::quantity::percentile;
 
 /// A figure of the acceptance rule.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Quantity {
+pub struct Limited {
     /// Key in the acceptance rule.
     pub key: String,
     /// The figure; `None` for a key that this program doesn't know.
@@ -17,13 +17,13 @@ pub struct Quantity {
 /// Decimals of a quantity that this program doesn't know.
 const DIGITS: usize = 3;
 
-impl Quantity {
-    fn of(key: &str) -> Quantity {
-        Quantity { key: key.to_owned(), figure: Figure::ALL.into_iter().find(|figure| figure.key() == key) }
+impl Limited {
+    fn of(key: &str) -> Limited {
+        Limited { key: key.to_owned(), figure: Figure::ALL.into_iter().find(|figure| figure.key() == key) }
     }
 
     /// Returns the quantities of some batches: the known ones in the order of reports, then the others by name.
-    pub fn all<'a>(histories: impl IntoIterator<Item = &'a History>) -> Vec<Quantity> {
+    pub fn all<'a>(histories: impl IntoIterator<Item = &'a History>) -> Vec<Limited> {
         let mut keys: Vec<&str> = Vec::new();
         for found in histories.into_iter().flat_map(complete).flat_map(|(_, ended)| &ended.found) {
             if !keys.contains(&found.figure.as_str()) {
@@ -33,7 +33,7 @@ impl Quantity {
         keys.sort_by_key(|key| {
             (Figure::ALL.iter().position(|figure| figure.key() == *key).unwrap_or(usize::MAX), *key)
         });
-        keys.into_iter().map(Quantity::of).collect()
+        keys.into_iter().map(Limited::of).collect()
     }
 
     /// Returns the name with the unit, such as `location error, mean, mm`.
@@ -123,13 +123,13 @@ mod tests {
             limit,
             verdict: Verdict::Accepted,
         };
-        let used = |found: &Found| Quantity::of(&found.figure).used(found);
+        let used = |found: &Found| Limited::of(&found.figure).used(found);
         assert_eq!(used(&found("location_mean_mm", Some(0.5), None, 1.0)), Some(0.5));
         assert_eq!(used(&found("location_mean_mm", Some(0.5), Some(0.75), 1.0)), Some(0.75));
         assert_eq!(used(&found("location_within", Some(0.75), None, 0.5)), Some(0.5));
         assert_eq!(used(&found("broken_channels_most", Some(0.0), None, 0.0)), Some(0.0));
         assert_eq!(used(&found("force_mean_n", None, None, 1.0)), None);
-        assert_eq!(Quantity::of("force_mean_n").label(), "force error, mean, N");
-        assert_eq!(Quantity::of("another").label(), "another");
+        assert_eq!(Limited::of("force_mean_n").label(), "force error, mean, N");
+        assert_eq!(Limited::of("another").label(), "another");
     }
 }

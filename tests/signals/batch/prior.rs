@@ -1,0 +1,132 @@
+//! A batch with a design's prior: few presses, sensors that aren't of the design, and sensors that need more presses.
+
+use super::{events, piped, results};
+use crate::support::{Bench, exchanged, shipped_text};
+use palpate::acceptance::Verdict;
+use palpate::batch::{Ended, Event};
+
+const FULL: &str = r#"
+name = "full"
+
+[press]
+force_tolerance_n = 0.02
+strategy = "map"
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 1.0 }
+force_n = 1.0
+"#;
+
+const FEW: &str = r#"
+name = "few"
+
+[press]
+force_tolerance_n = 0.02
+strategy = "map"
+
+[[step]]
+phase = "calibration"
+cells = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], columns = 3, rows = 3 }
+force_n = 1.0
+
+[[step]]
+phase = "test"
+random = { count = 30, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.3, 1.0] }
+
+[accept]
+location_mean_mm = 0.4
+force_mean_n = 0.06
+"#;
+
+const BATCH: &str = r#"
+name = "day"
+design = "skin"
+rig = "rig.toml"
+recipes = ["few.toml", "full.toml"]
+serials = { prefix = "A-", first = 1, last = 9 }
+reference = { serial = "REF", every = 2 }
+
+[prior]
+runs = ["full/1", "full/2", "full/3"]
+"#;
+
+const LAYER: &str = "elastomer = { depth_mm = 5.0 }";
+
+/// The rig of the batch, with another line for the layer.
+fn rig(layer: &str) -> String {
+    exchanged(&shipped_text("rigs/batch.toml"), LAYER, layer)
+}
+
+fn bench() -> Bench {
+    let bench =
+        Bench::with([("b.toml", BATCH), ("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
+    for seed in 1..=3 {
+        bench.palpate_ends(0, &format!("run full.toml --rig rig.toml --seed {seed} --out full/{seed}"));
+    }
+    bench
+}
+
+fn result(bench: &Bench, serial: &str) -> Ended {
+    let all = events(bench, "runs/day");
+    (*results(&all, serial).last().expect("a result")).clone()
+}
+
+#[test]
+fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a_full_grid() {
+    let bench = bench();
+    let told = bench.palpate_ends(0, "batch check b.toml");
+    assert!(told.out.contains("prior of 3 sensors"), "{}", told.out);
+
+    let told = piped(&bench, "batch run b.toml", &["REF", "A-1", "A-2", "REF", "A-3"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    for serial in ["A-1", "A-2", "A-3"] {
+        let ended = result(&bench, serial);
+        assert_eq!(ended.verdict, Some(Verdict::Accepted), "{ended:?}");
+        assert_eq!((ended.runs.len(), ended.calibration_presses, ended.change.len()), (1, 9, 9));
+        let model = ended.model.expect("a sensor file");
+        assert!(bench.path(&format!("runs/day/{model}")).is_file());
+    }
+    let reference = result(&bench, "REF");
+    assert!(reference.verdict.is_none() && reference.model.is_none() && reference.change.len() == 9);
+
+    // a layer that is 10 % thicker: the next recipe, by which it is calibrated without the prior
+    bench.write("rig.toml", &rig("elastomer = { depth_mm = 5.5 }"));
+    let told = piped(&bench, "batch run b.toml", &["A-4"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    let ended = result(&bench, "A-4");
+    assert_eq!((ended.runs.len(), ended.calibration_presses), (2, 178), "{ended:?}");
+    assert_eq!(ended.verdict, Some(Verdict::Accepted), "{ended:?}");
+    assert!(ended.reasons[0].starts_with("calibrated without the prior: all responses are +"), "{:?}", ended.reasons);
+
+    // another layer, and a dead unit
+    for (serial, more, reason) in [
+        ("A-5", "elastomer = { depth_mm = 6.5 }", "refused: "),
+        (
+            "A-6",
+            "elastomer = { depth_mm = 5.0 }\ntaxel_faults = [{ unit = 3, kind = \"dead\" }]",
+            "refused: unit 3 reads nothing",
+        ),
+    ] {
+        bench.write("rig.toml", &rig(more));
+        let told = piped(&bench, "batch run b.toml", &["later", serial]);
+        assert_eq!(told.code, Some(0), "{}", told.err);
+        let ended = result(&bench, serial);
+        assert_eq!(ended.verdict, Some(Verdict::NotAccepted), "{ended:?}");
+        assert!(ended.reasons[0].starts_with(reason), "{:?}", ended.reasons);
+        assert!(ended.model.is_none() && ended.runs.len() == 1);
+    }
+    let alarms = events(&bench, "runs/day").into_iter().filter(|event| matches!(event, Event::Alarm(_))).count();
+    println!("{alarms} alarms");
+}
+
+#[test]
+fn a_prior_needs_full_calibrations_of_some_sensors() {
+    let bench = Bench::with([("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
+    bench.write("b.toml", &BATCH.replace(", \"full/2\", \"full/3\"", ""));
+    let told = bench.palpate_ends(2, "batch check b.toml");
+    assert!(told.err.contains("`runs` names 1 run folders, expected 3 to 100"), "{}", told.err);
+    bench.write("b.toml", BATCH);
+    let told = bench.palpate_ends(2, "batch check b.toml");
+    assert!(told.err.contains("full/1"), "{}", told.err);
+}
