@@ -80,6 +80,17 @@ pub fn share_lower(count: usize, n: usize) -> f64 {
     Beta::new(count as f64, (n - count + 1) as f64).map_or(0.0, |beta| beta.inverse_cdf(1.0 - CONFIDENCE))
 }
 
+/// Returns the two-sided 95 % interval of the fraction of a population with a property that `count` of `n` have (Clopper and Pearson
+/// 1934); 0 to 1. Without data, the interval is everything.
+pub fn share_interval(count: usize, n: usize) -> (f64, f64) {
+    let tail = 0.5 * (1.0 - CONFIDENCE);
+    let quantile =
+        |a: usize, b: usize, q: f64| Beta::new(a as f64, b as f64).map_or(q.round(), |beta| beta.inverse_cdf(q));
+    let lower = if count == 0 { 0.0 } else { quantile(count, n - count + 1, tail) };
+    let upper = if count >= n { 1.0 } else { quantile(count + 1, n - count, 1.0 - tail) };
+    (lower, upper)
+}
+
 /// Returns the upper bound of a standard deviation with `freedom` degrees of freedom, as a multiple of this standard deviation.
 /// Assumes a normal distribution.
 pub fn sd_upper_factor(freedom: f64) -> Option<f64> {
@@ -179,6 +190,18 @@ mod tests {
         assert!((share_lower(93, 100) - 0.872_3).abs() < 5e-4, "{}", share_lower(93, 100));
         assert_eq!(share_lower(0, 10), 0.0);
         assert_eq!(share_lower(0, 0), 0.0);
+    }
+
+    /// All of 10: 0.025^(1/10). 95 of 100: 0.88717 and 0.98356 (R's `binom.test`).
+    #[test]
+    fn intervals_of_shares_are_exact() {
+        let is_near = |(lower, upper): (f64, f64), known: (f64, f64)| {
+            assert!((lower - known.0).abs() < 1e-5 && (upper - known.1).abs() < 1e-5, "{lower} {upper} {known:?}");
+        };
+        is_near(share_interval(10, 10), (0.025f64.powf(0.1), 1.0));
+        is_near(share_interval(0, 10), (0.0, 1.0 - 0.025f64.powf(0.1)));
+        is_near(share_interval(95, 100), (0.887_17, 0.983_56));
+        is_near(share_interval(0, 0), (0.0, 1.0));
     }
 
     #[test]

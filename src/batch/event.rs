@@ -65,6 +65,19 @@ pub enum Event {
     },
     /// A control chart shows a change.
     Alarm(Alarm),
+    /// A person paused the run of a sensor: the stage is parked between two presses. It is published, but not recorded, because nothing
+    /// about the sensor follows from it.
+    Paused {
+        /// Time of the event.
+        at: String,
+        /// Serial number.
+        serial: String,
+    },
+    /// The program ended its work on the batch. A program that was killed leaves no such record.
+    Closed {
+        /// Time of the event.
+        at: String,
+    },
 }
 
 /// Format of the batch journals that this program writes and reads.

@@ -129,10 +129,16 @@ impl BatchFolder {
 /// # Errors
 /// There is no batch, or its journal is damaged.
 pub fn read_state(path: &Path) -> Result<State, BatchError> {
-    check_batch(path)?;
     let mut state = State::default();
-    Journal::<Event>::read(&path.join(JOURNAL), |_, event| state.take_in(event))?;
+    read_events(path, |event| state.take_in(event))?;
     Ok(state)
+}
+
+/// Passes each event of a batch's journal to `accept`, which may refuse it as damage.
+pub(super) fn read_events(path: &Path, mut accept: impl FnMut(&Event) -> Result<(), String>) -> Result<(), BatchError> {
+    check_batch(path)?;
+    Journal::<Event>::read(&path.join(JOURNAL), |_, event| accept(event))?;
+    Ok(())
 }
 
 fn check_batch(path: &Path) -> Result<(), BatchError> {

@@ -164,6 +164,7 @@ impl State {
             Event::Noted { serial, note, .. } => self.item_mut(serial)?.note = Some(note.clone()),
             Event::Refused { .. } => self.refused += 1,
             Event::Alarm(_) => self.alarms += 1,
+            Event::Paused { .. } | Event::Closed { .. } => {}
         }
         Ok(())
     }

@@ -20,6 +20,8 @@ pub enum Scale {
     Count,
     /// By their logarithm.
     Log,
+    /// Evenly, with only these values shown. Text after a line end is shown below.
+    At(Vec<(f64, String)>),
     /// By their logarithm, with only these values shown. Text after a line end is shown below.
     LogAt(Vec<(f64, String)>),
     /// By named rows; row i is at i.
@@ -67,7 +69,7 @@ impl ChartAxis {
         let (min, max) = self.range;
         match self.scale {
             Scale::Log | Scale::LogAt(_) => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
-            Scale::Linear | Scale::Count | Scale::Rows(_) => (value - min) / (max - min),
+            Scale::Linear | Scale::Count | Scale::At(_) | Scale::Rows(_) => (value - min) / (max - min),
         }
     }
 
@@ -78,7 +80,7 @@ impl ChartAxis {
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
         match &self.scale {
             Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
-            Scale::LogAt(ticks) => ticks.clone(),
+            Scale::At(ticks) | Scale::LogAt(ticks) => ticks.clone(),
             Scale::Linear | Scale::Count => {
                 self.even_ticks(if self.scale == Scale::Count { 1.0 } else { 0.0 }, length_px, taken_px)
             }

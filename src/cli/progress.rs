@@ -29,7 +29,7 @@ const TICK: Duration = Duration::from_millis(250);
 
 /// Shows a run as it goes: a bar on a terminal, plain lines elsewhere, and on standard output the acknowledgements if
 /// asked for.
-pub struct Progress {
+pub struct Progress<'a> {
     bar: ProgressBar,
     on_terminal: bool,
     json: bool,
@@ -40,6 +40,7 @@ pub struct Progress {
     planned: u64,
     percent_told: u64,
     shown: Arc<Mutex<Shown>>,
+    at_pause: Box<dyn Fn() + 'a>,
 }
 
 /// Data on the bar's line in addition to the count.
@@ -53,7 +54,7 @@ struct Shown {
     timed: bool,
 }
 
-impl Progress {
+impl<'a> Progress<'a> {
     /// Progress of a plan of which some entries are done already.
     pub fn new(plan: &Plan, done: usize, json: bool, cancel: Cancel) -> Self {
         let on_terminal = std::io::stderr().is_terminal();
@@ -69,7 +70,25 @@ impl Progress {
             bar.enable_steady_tick(TICK); // a rest of minutes shows too
         }
         let done = done as u64;
-        Progress { bar, on_terminal, json, cancel, unheard: None, phase: None, done, planned, percent_told: 0, shown }
+        let at_pause = Box::new(|| {});
+        Progress {
+            bar,
+            on_terminal,
+            json,
+            cancel,
+            unheard: None,
+            phase: None,
+            done,
+            planned,
+            percent_told: 0,
+            shown,
+            at_pause,
+        }
+    }
+
+    /// The same, with what is called at every pause.
+    pub fn pausing(self, at_pause: impl Fn() + 'a) -> Self {
+        Progress { at_pause: Box::new(at_pause), ..self }
     }
 
     /// What is called for every force.
@@ -102,7 +121,7 @@ impl Progress {
     }
 }
 
-impl Listener for Progress {
+impl Listener for Progress<'_> {
     fn ready(&mut self, devices: &[Identity]) {
         for device in devices {
             // what stands in brackets is for the manifest: serial numbers don't fit a line
@@ -154,6 +173,7 @@ impl Listener for Progress {
     fn paused(&mut self) -> bool {
         let is_attended = is_attended();
         if is_attended {
+            (self.at_pause)();
             forget_typed();
             self.line(&format!(
                 "paused after {} of {} presses, stage parked: Enter continues, Ctrl-C ends",

@@ -136,7 +136,7 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, Str
 
 /// Checks that the path is free, or contains a page of this program of the same kind, which may be replaced. No other file is
 /// replaced. Only a regular file is read, because a pipe may never end.
-fn check_free(out: &Path) -> Result<(), Failure> {
+pub(super) fn check_free(out: &Path) -> Result<(), Failure> {
     let is_ours = || {
         let is_file = fs::metadata(out).is_ok_and(|at| at.is_file());
         is_file

@@ -94,7 +94,7 @@ pub fn walked(
     folder: &mut RunFolder,
     pace: Option<f64>,
     cancel: &Cancel,
-    progress: &mut Progress,
+    progress: &mut Progress<'_>,
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
     let ending = runtime(spec.is_simulated())?.block_on(async {

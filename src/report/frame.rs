@@ -82,7 +82,7 @@ pub fn words(words: impl Display) -> Markup {
 pub fn counted(count: usize, what: &str) -> String {
     let ending = match count {
         1 => "",
-        _ if what.ends_with('s') => "es",
+        _ if what.ends_with('s') || what.ends_with("ch") => "es",
         _ => "s",
     };
     format!("{count} {what}{ending}")

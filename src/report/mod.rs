@@ -2,10 +2,12 @@
 //!
 //! [`page`] is about one [`Subject`]: a sensor with all its recorded data. Verdict and tables come first, then the figures. After
 //! these come the control of the force and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
+//! [`batch_page`] is about a batch, and [`batches_page`] compares batches.
 //! Every number of an evaluation is in a `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure
 //! can be saved with its numbers ([`Drawn`]). The paper is cited only if its numbers are shown next to this program's
 //! ([`is_beside_paper`]).
 
+mod batch;
 mod beside_paper;
 pub mod certificate;
 mod comparison;
@@ -21,6 +23,7 @@ mod table_1;
 mod uncertainty;
 mod verdict;
 
+pub use batch::{Link, batch_page, batches_page};
 pub use beside_paper::is_beside_paper;
 pub use comparison::{Compared, ToCompare, comparison};
 pub use frame::{Drawn, MARK, Page, counted};

@@ -3,7 +3,9 @@
 //!
 //! The screenshots are left in the folder that is printed, for a person to look at.
 
+use crate::batch::MONTH;
 use crate::sensors::skins;
+use crate::support::batches::{self, Drawn};
 use crate::support::skips::skipped;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use serde_json::Value;
@@ -44,9 +46,15 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
         skins.palpate_ends(0, &format!("report {skin} --out {skin}.html"));
         bench.write(&format!("{skin}.html"), &skins.read(&format!("{skin}.html")));
     }
+    batches::write(&bench.path("june"), &MONTH, &shipped_text("rigs/batch.toml"));
+    let july = Drawn { name: "july", sensors: 500, drift: 0.0, seed: 2, ..MONTH };
+    batches::write(&bench.path("july"), &july, &shipped_text("rigs/batch.toml"));
+    bench.palpate_ends(0, "batch report june --out june.html");
+    bench.palpate_ends(0, "batch report july --out july.html");
+    bench.palpate_ends(0, "batch report --compare june july --out months.html");
 
     let mut wrong: Vec<String> = Vec::new();
-    for page in ["paper", "magnetic", "fifteen", "small", "batch", "tripped"] {
+    for page in ["paper", "magnetic", "fifteen", "small", "batch", "tripped", "june", "july", "months"] {
         let path = bench.path(&format!("{page}.html"));
         for width in WIDTHS {
             let seen = browser.look(&path, width);

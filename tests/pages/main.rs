@@ -4,6 +4,7 @@
 mod support;
 
 mod ablation;
+mod batch;
 mod browser;
 mod certificate;
 mod curves;

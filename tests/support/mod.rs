@@ -3,6 +3,7 @@
 
 pub mod alone;
 pub mod bad_line;
+pub mod batches;
 pub mod interrupted;
 pub mod mutation;
 pub mod phases;

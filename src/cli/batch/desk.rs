@@ -1,10 +1,12 @@
 //! The person at the bench: serial numbers and commands that are typed, and what is answered.
 
-use super::super::exit::Failure;
+use super::super::exit::{CANCELLED, Failure};
 use super::super::provenance::now;
+use super::super::session::MannerArgs;
 use super::super::summary::{print, tell};
+use super::item::Flow;
 use super::material::Material;
-use super::notify::notify;
+use super::notify::Notifier;
 use super::status::{counted, described};
 use super::typed::{Typed, next_line};
 use crate::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
@@ -12,6 +14,7 @@ use crate::document::printable;
 use crate::run::Cancel;
 use miette::IntoDiagnostic;
 use std::io::{self, IsTerminal};
+use std::process::ExitCode;
 
 /// Largest number of characters of a typed text that is recorded.
 const TYPED_MOST: usize = 200;
@@ -38,6 +41,8 @@ pub struct Desk {
     pub operator: Option<String>,
     /// Whether events are printed as JSON lines on standard output.
     pub json: bool,
+    /// The program that gets events.
+    pub notifier: Option<Notifier>,
 }
 
 /// A sensor on the bench that isn't calibrated yet.
@@ -52,7 +57,7 @@ pub struct Placed {
 }
 
 /// What a person wants next.
-pub enum Wanted {
+enum Wanted {
     /// To calibrate these sensors.
     Run(Vec<Placed>),
     /// To end.
@@ -82,8 +87,13 @@ impl Desk {
             let line = serde_json::to_string(event).into_diagnostic().map_err(Failure::unwritten)?;
             print(&format!("{line}\n"))?;
         }
-        notify(&self.material.file.notify, event);
+        self.notifier.iter().for_each(|notifier| notifier.pass(event));
         Ok(())
+    }
+
+    /// Publishes that the run of a sensor is paused. A line that can't be printed stops no run.
+    pub fn pauses(&self, serial: &str) {
+        _ = self.publish(&Event::Paused { at: now(), serial: serial.to_owned() });
     }
 
     /// Shows a result: on standard output, unless that is for events.
@@ -97,7 +107,7 @@ impl Desk {
     }
 
     /// Reports where the batch is: what is done, and what was interrupted.
-    pub fn greet(&self) -> Result<(), Failure> {
+    fn greet(&self) -> Result<(), Failure> {
         let state = self.folder.state();
         tell(&format!("{}: {}\n", self.folder.path().display(), counted(state)))?;
         let interrupted = state.items.iter().chain(&state.reference);
@@ -111,8 +121,25 @@ impl Desk {
         Ok(())
     }
 
+    /// Asks for sensors and calibrates them, until a person ends.
+    pub fn work(&mut self, manner: &MannerArgs) -> Result<ExitCode, Failure> {
+        self.greet()?;
+        loop {
+            let tray = match self.ask()? {
+                Wanted::Run(tray) => tray,
+                Wanted::End => break,
+                Wanted::Cancelled => return Ok(ExitCode::from(CANCELLED)),
+            };
+            if self.calibrate(&tray, manner)? == Flow::Cancelled {
+                return Ok(ExitCode::from(CANCELLED));
+            }
+        }
+        self.greet()?;
+        Ok(ExitCode::SUCCESS)
+    }
+
     /// Asks for the sensors that are calibrated next: one, or one for each nest.
-    pub fn ask(&mut self) -> Result<Wanted, Failure> {
+    fn ask(&mut self) -> Result<Wanted, Failure> {
         let nests: Vec<Option<Nest>> = self.material.nests().map(Option::<&Nest>::cloned).collect();
         let mut tray: Vec<Placed> = Vec::new();
         for nest in nests {

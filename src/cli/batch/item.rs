@@ -179,7 +179,8 @@ impl Desk {
         loop {
             let mut folder = self.new_run(sensor, recipe, &plan, &name, manner)?;
             runs.push(name);
-            let mut progress = Progress::new(&plan, 0, false, self.cancel.clone());
+            let paused = || self.pauses(&sensor.placed.serial);
+            let mut progress = Progress::new(&plan, 0, false, self.cancel.clone()).pausing(paused);
             let (ending, finished) =
                 walked(&plan, &sensor.rig.spec, &mut folder, manner.pace, &self.cancel, &mut progress)?;
             seconds += ending.t_s;

@@ -7,6 +7,7 @@ mod item;
 mod marks;
 mod material;
 mod notify;
+mod report;
 mod run;
 mod status;
 mod typed;
@@ -20,6 +21,7 @@ Examples:
   palpate batch run batch
   printf 'REF-1\\nA-01\\nA-02\\n' | palpate batch run batch --out runs/piped
   palpate batch status runs/first-batch
+  palpate batch report runs/first-batch
   palpate batch retry runs/first-batch A-02";
 
 /// Calibrate a batch of sensors, one after another, with a person or a scanner that types serial numbers
@@ -35,6 +37,7 @@ enum Command {
     Check(check::CheckArgs),
     Run(run::RunArgs),
     Status(status::StatusArgs),
+    Report(report::ReportArgs),
     Add(marks::AddArgs),
     Retry(marks::RetryArgs),
     Skip(marks::SkipArgs),
@@ -47,6 +50,7 @@ pub fn batch(args: &BatchArgs) -> Result<ExitCode, Failure> {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Status(args) => status::status(args),
+        Command::Report(args) => report::report(args),
         Command::Add(args) => marks::add(args),
         Command::Retry(args) => marks::retry(args),
         Command::Skip(args) => marks::skip(args),

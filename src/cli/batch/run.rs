@@ -1,14 +1,14 @@
 //! `palpate batch run`.
 
-use super::super::exit::{CANCELLED, Failure};
+use super::super::exit::Failure;
 use super::super::labels::label;
 use super::super::provenance::now;
 use super::super::session::MannerArgs;
 use super::super::signals::{First, heed};
 use super::super::summary::tell;
-use super::desk::{Desk, Wanted};
-use super::item::Flow;
+use super::desk::Desk;
 use super::material::{Material, RIG};
+use super::notify::Notifier;
 use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -64,28 +64,20 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let mut desk = if path.symlink_metadata().is_err() {
         let first = beginning(facts(&material)?, &material.texts, &material.file.serials, session);
         let folder = BatchFolder::create(&path, &material.file.name, &first).map_err(Failure::batch)?;
-        let desk = Desk { folder, material, cancel, operator, json: args.json };
+        let desk = Desk { folder, material, cancel, operator, json: args.json, notifier: None };
         first.iter().try_for_each(|event| desk.publish(event))?;
         desk
     } else {
         let folder = BatchFolder::open(&path).map_err(Failure::batch)?;
-        let mut desk = Desk { folder, material, cancel, operator, json: args.json };
+        let mut desk = Desk { folder, material, cancel, operator, json: args.json, notifier: None };
         go_on(&mut desk, session)?;
         desk
     };
-    desk.greet()?;
-    loop {
-        let tray = match desk.ask()? {
-            Wanted::Run(tray) => tray,
-            Wanted::End => break,
-            Wanted::Cancelled => return Ok(ExitCode::from(CANCELLED)),
-        };
-        if desk.calibrate(&tray, &args.manner)? == Flow::Cancelled {
-            return Ok(ExitCode::from(CANCELLED));
-        }
-    }
-    desk.greet()?;
-    Ok(ExitCode::SUCCESS)
+    desk.notifier = Notifier::start(&desk.material.file.notify);
+    let ended = desk.work(&args.manner);
+    let closed = desk.record(&Event::Closed { at: now() });
+    let code = ended?;
+    closed.map(|()| code)
 }
 
 fn facts(material: &Material) -> Result<Facts, Failure> {

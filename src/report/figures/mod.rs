@@ -10,6 +10,7 @@ mod size;
 pub use errors::{dependences, distributions};
 pub use expected::expected;
 pub use locations::locations;
+pub use map::{Axes, cell, half_cell_mm};
 pub use size::{SQUARE_PX, WIDTH_PX};
 
 use super::Subject;

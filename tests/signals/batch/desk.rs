@@ -36,12 +36,14 @@ fn every_event_is_a_line_of_json_and_in_the_journal() {
         Event::Text(text) => format!("text {}", text.name),
         Event::Added { serials, .. } => format!("added {}", serials.len()),
         Event::Session(session) => format!("session {}", session.bench),
+        Event::Closed { .. } => "closed".to_owned(),
         other => format!("{other:?}"),
     };
     let said: Vec<String> = lines.iter().map(names).collect();
     let first = ["batch day", "text batch.toml", "text rig.toml", "text recipe-1.toml", "added 30", "session rig"];
     assert_eq!(said[..first.len()], first);
-    assert_eq!(said[first.len()..], ["refused B-1", "began runs/A-01", "ended A-01", "noted clean", "refused A-01"]);
+    let then = ["refused B-1", "began runs/A-01", "ended A-01", "noted clean", "refused A-01", "closed"];
+    assert_eq!(said[first.len()..], then);
     assert!(told.err.contains("B-1 isn't in this batch: check it, or add it with `palpate batch add`; nothing moves"));
     assert!(told.err.contains("A-01 ACCEPTED") || told.err.contains("A-01 NOT ACCEPTED"), "{}", told.err);
 }

@@ -2,6 +2,7 @@
 
 mod day;
 mod desk;
+mod notify;
 mod prior;
 
 use crate::support::{Bench, Told, shipped_text};

@@ -1,0 +1,82 @@
+//! `[notify]`: what a receiver gets, and that a dead, slow or missing one changes nothing of a batch.
+
+use super::{bench, events, piped};
+use crate::support::Bench;
+use crate::terminal::{Terminal, signal, spawned, wait};
+use palpate::batch::Event;
+use palpate::dataset::Status;
+
+const RUN: &str = "batch run b.toml --out day";
+
+fn receiver(script: &str) -> String {
+    format!("[notify]\ncommand = [\"sh\", \"-c\", \"{script}\"]\n")
+}
+
+fn got(bench: &Bench) -> Vec<Event> {
+    bench.read("got").lines().map(|line| serde_json::from_str(line).expect(line)).collect()
+}
+
+#[test]
+fn a_receiver_gets_each_verdict_and_the_end_as_the_journal_has_them() {
+    let bench = bench(&receiver("cat > got"));
+    let told = piped(&bench, RUN, &["B-1", "A-01", ".note clean", "A-02"]);
+    assert_eq!((told.code, told.err.contains("notify")), (Some(0), false), "{}", told.err);
+    let is_passed = |event: &Event| matches!(event, Event::Ended(_) | Event::Closed { .. });
+    let expected: Vec<Event> = events(&bench, "day").into_iter().filter(is_passed).collect();
+    assert_eq!(expected.len(), 3);
+    assert_eq!(got(&bench), expected);
+}
+
+#[test]
+fn a_receiver_that_fails_changes_no_result() {
+    for (script, said) in [
+        ("exit 3", "notify: sh didn't get "),
+        ("read line; exit 0", "notify: sh didn't get "),
+        ("cat > /dev/null; exit 4", "notify: sh didn't get 0 of 3 events; it ended with exit status: 4"),
+    ] {
+        let bench = bench(&receiver(script));
+        let told = piped(&bench, RUN, &["A-01", "A-02"]);
+        assert_eq!(told.code, Some(0), "{}", told.err);
+        // a receiver that dies may die after its last line was written
+        assert!(told.err.contains(said) || script.starts_with("read"), "{script}: {}", told.err);
+        assert!(told.err.matches("notify:").count() <= 1, "{}", told.err);
+        let complete = |event: &Event| matches!(event, Event::Ended(ended) if ended.status == Status::Complete);
+        assert_eq!(events(&bench, "day").iter().filter(|event| complete(event)).count(), 2);
+    }
+}
+
+#[test]
+fn a_missing_program_is_reported_once_and_the_batch_continues() {
+    let bench = bench("[notify]\ncommand = [\"no-such-program-anywhere\"]\n");
+    let told = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert_eq!(told.err.matches("notify:").count(), 1, "{}", told.err);
+    let words = "no-such-program-anywhere can't be started";
+    assert!(told.running().contains(words), "{}", told.err);
+    assert!(matches!(events(&bench, "day").last(), Some(Event::Closed { .. })));
+}
+
+#[test]
+fn a_pause_is_passed_on_but_not_recorded() {
+    let bench = bench(&receiver("cat > got"));
+    let mut terminal = Terminal::open();
+    let mut command = bench.command(&format!("{RUN} --pace 20"));
+    command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far());
+    let child = spawned(&mut command);
+    drop(command); // it is at the terminal too
+    terminal.until(") > ");
+    terminal.line("A-01");
+    terminal.until("calibration");
+    signal(&child, "INT");
+    terminal.until("paused after ");
+    terminal.until("Enter continues");
+    terminal.enter();
+    terminal.until("A-02");
+    terminal.line(".end");
+    let said = terminal.until_end();
+    assert_eq!(wait(child), Some(0), "{said}");
+    let passed = got(&bench);
+    assert!(matches!(&passed[0], Event::Paused { serial, .. } if serial == "A-01"), "{passed:?}");
+    assert!(matches!(&passed[1..], [Event::Ended(_), Event::Closed { .. }]), "{passed:?}");
+    assert!(!events(&bench, "day").iter().any(|event| matches!(event, Event::Paused { .. })));
+}
