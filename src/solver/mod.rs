@@ -29,6 +29,7 @@
 //! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
+//! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
 
 mod adapt;
 mod adapted;
