@@ -1,7 +1,7 @@
 //! Whether few presses are those of a sensor of a design.
 
 use super::Prior;
-use super::posterior::estimates;
+use super::posterior::{Estimate, estimates};
 use super::spread::Spread;
 use crate::quantity::Place;
 use crate::solver::adapt::{Fit, Map, Moved};
@@ -239,8 +239,8 @@ fn is_other_gain(gain: f64, spread: f64, measured_sd: f64) -> bool {
 }
 
 /// Returns the units whose residuals are more than noise after the best change.
-fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)]) -> Vec<Deviation> {
-    let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &(Moved, Matrix4<f64>)))| {
+fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[Estimate]) -> Vec<Deviation> {
+    let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &Estimate))| {
         let rows = fit.rows(of, moved, *moved);
         let squares: f64 = rows.iter().map(|row| row.left * row.left / row.variance).sum();
         let used: f64 = rows.iter().map(|row| row.slopes.dot(&(covariance * row.slopes)) / row.variance).sum();
@@ -255,7 +255,7 @@ fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)]) 
 }
 
 /// Returns the angle by which the array is turned about its centre, if it is.
-fn turned(units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
+fn turned(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
     let centre = |of: &Vec<usize>| map.centres[of[0]];
     let Place { x_mm: mean_x, y_mm: mean_y } = mean_place(&units.iter().map(centre).collect::<Vec<Place>>());
     let (mut information, mut toward) = (0.0, 0.0);
@@ -282,7 +282,7 @@ fn turned(units: &[Vec<usize>], found: &[(Moved, Matrix4<f64>)], own: &Moved, ma
 }
 
 /// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.
-fn common(found: &[(Moved, Matrix4<f64>)], own: &Moved) -> (Moved, Matrix4<f64>) {
+fn common(found: &[Estimate], own: &Moved) -> Estimate {
     let own = Matrix4::from_diagonal(own);
     let (mut information, mut toward) = (Matrix4::zeros(), Moved::zeros());
     for (moved, covariance) in found {

@@ -11,6 +11,9 @@ pub(super) struct Posterior {
     pub covariances: Vec<Matrix4<f64>>,
 }
 
+/// A change and its covariance.
+pub(super) type Estimate = (Moved, Matrix4<f64>);
+
 /// Number of rounds in which the map is linearised.
 const ROUNDS: usize = 4;
 
@@ -46,7 +49,7 @@ impl Information {
     }
 
     /// Returns the estimate and its covariance if changes about 0 have these variances.
-    pub fn with(&self, variances: &Moved) -> (Moved, Matrix4<f64>) {
+    pub fn with(&self, variances: &Moved) -> Estimate {
         let variances = Matrix4::from_diagonal(variances);
         let covariance = variances * inverse(Matrix4::identity() + self.matrix * variances);
         (covariance * self.vector, covariance)
@@ -113,7 +116,7 @@ pub(super) fn informed(map: &Map<'_>, sensor: &Calibration, units: &[Vec<usize>]
 }
 
 /// Returns the change of each unit and its covariance, if changes about 0 have these standard deviations.
-pub(super) fn estimates(fit: &Fit<'_>, units: &[Vec<usize>], sd: &Moved) -> Vec<(Moved, Matrix4<f64>)> {
+pub(super) fn estimates(fit: &Fit<'_>, units: &[Vec<usize>], sd: &Moved) -> Vec<Estimate> {
     let variances = sd.component_mul(sd);
     let of_unit = |of: &Vec<usize>| {
         let mut found = (Moved::zeros(), Matrix4::zeros());
