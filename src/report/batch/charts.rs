@@ -110,11 +110,11 @@ const fn cause(cause: Cause) -> &'static str {
 /// Returns the charts of the batch itself, whose normal values are those of the design.
 fn of_design(history: &History) -> Vec<Chart> {
     let chart = |quantity: Quantity| {
-        let point = |((before, _), charted): (&(usize, Ended), &Vec<(Quantity, [f64; 2])>)| {
+        let points = history.references.iter().zip(&history.charted).filter_map(|((before, _), charted)| {
             let (_, sigmas) = charted.iter().find(|(of, _)| *of == quantity)?;
             Some(Point { at: *before as f64 + 0.5, sigmas: *sigmas })
-        };
-        let points: Vec<Point> = history.references.iter().zip(&history.charted).filter_map(point).collect();
+        });
+        let points: Vec<Point> = points.collect();
         let (key, normal) = (quantity.name().to_owned(), "normal values of the design".to_owned());
         (!points.is_empty()).then(|| Chart { title: capital(&key), key, normal, points })
     };
