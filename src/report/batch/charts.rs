@@ -1,12 +1,12 @@
 //! Control charts of a batch, drawn after the fact, and the alarms of its journal.
 
 use super::complete;
-use super::figures::figure;
+use super::figures::{figure, named};
 use super::limited::Limited;
 use super::order::axis;
 use crate::batch::chart::{Charts, LIMIT_SIGMAS, Normal};
 use crate::batch::{Alarm, Cause, Ended, History, Quantity};
-use crate::chart::{Anchor, ChartAxis, Hue, Line, Look, Mark, Panel, Shape};
+use crate::chart::{ChartAxis, Hue, Line, Look, Mark, Panel, Shape};
 use crate::report::frame::{Drawn, Section, capital, clock, counted, number, table, words};
 use maud::{Markup, html};
 use statrs::statistics::Statistics as _;
@@ -110,11 +110,11 @@ const fn cause(cause: Cause) -> &'static str {
 /// Returns the charts of the batch itself, whose normal values are those of the design.
 fn of_design(history: &History) -> Vec<Chart> {
     let chart = |quantity: Quantity| {
-        let point = |((before, _), charted): (&(usize, Ended), &Vec<(Quantity, [f64; 2])>)| {
+        let points = history.references.iter().zip(&history.charted).filter_map(|((before, _), charted)| {
             let (_, sigmas) = charted.iter().find(|(of, _)| *of == quantity)?;
             Some(Point { at: *before as f64 + 0.5, sigmas: *sigmas })
-        };
-        let points: Vec<Point> = history.references.iter().zip(&history.charted).filter_map(point).collect();
+        });
+        let points: Vec<Point> = points.collect();
         let (key, normal) = (quantity.name().to_owned(), "normal values of the design".to_owned());
         (!points.is_empty()).then(|| Chart { title: capital(&key), key, normal, points })
     };
@@ -197,9 +197,9 @@ fn draw(history: &History, chart: &Chart, belongs: impl Fn(&Alarm) -> bool) -> D
     if !alarms.is_empty() {
         marks.push(Mark::Curve(ALARM, alarms.iter().map(|(at, alarm)| (*at, alarm.sigmas)).collect()));
         legend.push((ALARM, "alarm of the journal".to_owned()));
-        marks.extend(alarms.iter().take(NAMED_MOST).map(|(at, alarm)| {
-            Mark::Words((*at, alarm.sigmas), (8.0, 4.0), Anchor::Start, cause(alarm.cause).to_owned())
-        }));
+        let last = history.results.len() as f64;
+        let named = |(at, alarm): &(f64, &Alarm)| named((*at, alarm.sigmas), last, cause(alarm.cause));
+        marks.extend(alarms.iter().take(NAMED_MOST).map(named));
     }
     let panel = Panel { x: axis(history), y: ChartAxis::linear("statistic, sd", (-most, most)), marks };
     let mut drawn = figure(&chart.title, &format!("control chart; {}", chart.normal), panel, legend);

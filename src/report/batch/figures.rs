@@ -14,7 +14,7 @@ use maud::html;
 const HEIGHT_PX: f64 = 230.0;
 
 /// Largest number of sensors that are named in a figure: those farthest beyond the limit.
-const NAMED_MOST: usize = 8;
+const NAMED_MOST: usize = 5;
 
 /// Largest value that is drawn, relative to the limit. Values beyond it are at the edge.
 const BEYOND: f64 = 3.0;
@@ -23,7 +23,7 @@ const BEYOND: f64 = 3.0;
 const ROOM: f64 = 0.08;
 
 /// Distance of the least value from 0, relative to the range of the values, up to which the axis begins at 0.
-const ZERO_NEAR: f64 = 1.0;
+const ZERO_NEAR: f64 = 0.5;
 
 const VALUE: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
 /// Digits of a limit after the decimal point.
@@ -114,13 +114,18 @@ fn marks(
     let used = |found: &Found| quantity.used(found).unwrap_or_default();
     exceeded.sort_by(|(.., one), (.., other)| used(other).total_cmp(&used(one)));
     let last = found.last().map_or(0, |(number, ..)| *number);
-    let named = exceeded.into_iter().take(NAMED_MOST).filter_map(|(number, serial, found)| {
-        // there is room toward the middle
-        let (right_px, anchor) = if 2 * number > last { (-7.0, Anchor::End) } else { (7.0, Anchor::Start) };
-        Some(Mark::Words(at(*number, found)?, (right_px, 4.0), anchor, (*serial).to_owned()))
-    });
-    marks.extend(named);
+    let words = exceeded
+        .into_iter()
+        .take(NAMED_MOST)
+        .filter_map(|(number, serial, found)| Some(named(at(*number, found)?, last as f64, serial)));
+    marks.extend(words);
     (marks, legend)
+}
+
+/// Returns words next to a point, on the side where there is room: toward the middle of an axis from 0 to `last`.
+pub fn named(at: (f64, f64), last: f64, words: &str) -> Mark {
+    let (right_px, anchor) = if 2.0 * at.0 > last { (-8.0, Anchor::End) } else { (8.0, Anchor::Start) };
+    Mark::Words(at, (right_px, 4.0), anchor, words.to_owned())
 }
 
 /// Returns the range of an axis that contains the limit and the values, unless they are far beyond the limit. It begins at 0 if 0 is

@@ -8,6 +8,8 @@
     const node = walker.currentNode;
     const parent = node.parentElement;
     const text = node.textContent.trim();
+    const closed = parent.closest("details:not([open])");
+    if (closed && !parent.closest("summary")) continue; // not shown, but it has boxes
     if (!text || ["script", "style", "title"].includes(parent.tagName.toLowerCase())) continue;
     const svg = parent.ownerSVGElement;
     const range = document.createRange();
