@@ -12,7 +12,7 @@ pub const KEPT_MOST: usize = 200_000;
 /// Largest number of names of benches and of operators that are kept.
 const NAMES_MOST: usize = 100;
 
-/// History of a batch. Its size is bounded by the numbers of sensors and of outputs, and by [`KEPT_MOST`].
+/// History of a batch. Its size is bounded by the numbers of sensors and of outputs, and by `KEPT_MOST`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// State after all events.

@@ -56,15 +56,15 @@ fn found(strange: &[StrangerRow]) -> String {
 fn decided(judged: &[VerdictRow]) -> String {
     let mut text = format!(
         "{:<7}{:<9}{:>8}{:>9}{:>6}{:>10}{:>12}{:>9}{:>10}\n",
-        "noise", "rule", "presses", "sensors", "bad", "accepted", "turned away", "refused", "undecided"
+        "noise", "rule", "presses", "sensors", "bad", "accepted", "rejected", "refused", "undecided"
     );
     for row in judged {
         let VerdictRow { scene, rule, presses, sensors, bad, .. } = row;
         let _ = writeln!(
             text,
             "{scene:<7}{rule:<9}{presses:>8}{sensors:>9}{bad:>6}{:>10}{:>12}{:>9}{:>10}",
-            row.accepted_wrongly, row.turned_away_wrongly, row.refused_wrongly, row.not_decided
+            row.accepted_wrongly, row.rejected_wrongly, row.refused_wrongly, row.not_decided
         );
     }
-    text + "accepted: though bad; turned away, refused: though good\n\n"
+    text + "accepted: though bad; rejected, refused: though good\n\n"
 }

@@ -73,8 +73,8 @@ pub enum Deviation {
         /// The distance, mm.
         distance_mm: f64,
     },
-    /// The array is turned about its centre.
-    Turned {
+    /// The array is rotated about its centre.
+    Rotated {
         /// The angle, degrees counterclockwise.
         angle_deg: f64,
     },
@@ -103,7 +103,7 @@ impl Deviation {
                 format!("all responses are {:+.0} % wider than the design's, as with another layer", 100.0 * width)
             }
             Deviation::AllMoved { distance_mm } => format!("the array is {distance_mm:.2} mm away from its place"),
-            Deviation::Turned { angle_deg } => format!("the array is turned by {angle_deg:+.1} degrees"),
+            Deviation::Rotated { angle_deg } => format!("the array is rotated by {angle_deg:+.1} degrees"),
             Deviation::Unlikely { misfit } => format!("the readings aren't those of the design (misfit {misfit:.1})"),
         }
     }
@@ -119,8 +119,8 @@ const GAIN_MARGIN: f64 = 2.5;
 const ALL_SIGMAS: f64 = 6.0;
 /// Number of standard deviations of the common change from which few presses don't suffice.
 const BEYOND_SIGMAS: f64 = 4.0;
-/// Number of standard deviations from which an array is turned.
-const TURNED_SIGMAS: f64 = 4.5;
+/// Number of standard deviations from which an array is rotated.
+const ROTATED_SIGMAS: f64 = 4.5;
 /// Gain relative to the design below which a unit is dead.
 const DEAD_GAIN: f64 = 0.1;
 /// Factor by which the search may leave the design's spread.
@@ -154,7 +154,7 @@ impl Belongs {
             }
         }
         outside.extend(shapes(fit, units, &found));
-        outside.extend(turned(units, &found, &own, fit.map));
+        outside.extend(rotated(units, &found, &own, fit.map));
         let covariance = covariance_of_common;
         let per_unit = |index: usize| common[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
         let deviation = |index: usize| match index {
@@ -194,16 +194,16 @@ impl Belongs {
 
 /// Ways to mount a sensor wrongly: the name, and the place on the sensor that is under a place of the specimen frame, both
 /// relative to the array's centre, as the rows of a matrix.
-const TURNS: [(&str, [[f64; 2]; 2]); 5] = [
-    ("turned by 90 degrees", [[0.0, 1.0], [-1.0, 0.0]]),
-    ("turned by 180 degrees", [[-1.0, 0.0], [0.0, -1.0]]),
-    ("turned by 270 degrees", [[0.0, -1.0], [1.0, 0.0]]),
+const ROTATIONS: [(&str, [[f64; 2]; 2]); 5] = [
+    ("rotated by 90 degrees", [[0.0, 1.0], [-1.0, 0.0]]),
+    ("rotated by 180 degrees", [[-1.0, 0.0], [0.0, -1.0]]),
+    ("rotated by 270 degrees", [[0.0, -1.0], [1.0, 0.0]]),
     ("mirrored along x", [[-1.0, 0.0], [0.0, 1.0]]),
     ("mirrored along y", [[1.0, 0.0], [0.0, -1.0]]),
 ];
 
 impl Prior {
-    /// Returns the turns and mirrors that presses of `press_n` at some places can't detect, because the design's typical sensor
+    /// Returns the rotations and mirrors that presses of `press_n` at some places can't detect, because the design's typical sensor
     /// then reads the same within the spread of the design.
     pub fn undetectable(&self, places: &[Place], press_n: f64) -> Vec<&'static str> {
         let (centre, outputs) = (mean_place(&self.map.centres), self.calibration.units());
@@ -220,7 +220,7 @@ impl Prior {
             let turned = Calibration::new(&points.collect::<Vec<_>>());
             turned.is_ok_and(|turned| self.belongs(&turned).is_ok_and(|belongs| belongs == Belongs::Typical))
         };
-        TURNS.iter().filter(|(_, turn)| is_alike(turn)).map(|(name, _)| *name).collect()
+        ROTATIONS.iter().filter(|(_, turn)| is_alike(turn)).map(|(name, _)| *name).collect()
     }
 }
 
@@ -254,8 +254,8 @@ fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[Estimate]) -> Vec<Deviat
     units.iter().zip(found).enumerate().filter_map(misfit).collect()
 }
 
-/// Returns the angle by which the array is turned about its centre, if it is.
-fn turned(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
+/// Returns the angle by which the array is rotated about its centre, if it is.
+fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
     let centre = |of: &Vec<usize>| map.centres[of[0]];
     let Place { x_mm: mean_x, y_mm: mean_y } = mean_place(&units.iter().map(centre).collect::<Vec<Place>>());
     let (mut information, mut toward) = (0.0, 0.0);
@@ -265,7 +265,7 @@ fn turned(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) 
         if square == 0.0 {
             continue;
         }
-        // a turn by a small angle moves a unit by the angle times its distance; the map is displaced the other way
+        // a rotation by a small angle moves a unit by the angle times its distance; the map is displaced the other way
         let along = [y, -x];
         let shown = moved[1] * along[0] + moved[2] * along[1];
         let variance = square * own[1]
@@ -277,8 +277,8 @@ fn turned(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) 
         toward += weight * shown;
     }
     let angle = toward / information;
-    let is_turned = information > 0.0 && angle.abs() * information.sqrt() > TURNED_SIGMAS;
-    is_turned.then_some(Deviation::Turned { angle_deg: angle.to_degrees() })
+    let is_rotated = information > 0.0 && angle.abs() * information.sqrt() > ROTATED_SIGMAS;
+    is_rotated.then_some(Deviation::Rotated { angle_deg: angle.to_degrees() })
 }
 
 /// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.

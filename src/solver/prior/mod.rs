@@ -1,4 +1,4 @@
-//! The prior of a design: what full calibrations of some sensors tell about the next one, so that few presses calibrate it.
+//! The prior of a design: what full calibrations of some sensors show about the next one, so that few presses calibrate it.
 //!
 //! Every sensor of a design reads like the design's mean map, with the gain, place and width of each unit changed: the model of
 //! [`Change`]. A [`Prior`] knows the mean map, and how much sensors differ (`spread`). The change of a new sensor is the mean of a
@@ -24,7 +24,7 @@ use nalgebra::Matrix4;
 use posterior::{Posterior, informed};
 use std::borrow::Cow;
 
-/// What full calibrations of some sensors tell about the next sensor of their design.
+/// What full calibrations of some sensors show about the next sensor of their design.
 pub struct Prior {
     /// Presses of all sensors, as the design's typical sensor would have read them.
     calibration: Calibration,

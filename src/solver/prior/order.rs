@@ -81,7 +81,7 @@ impl Prior {
         Felt { place, outputs: (0..self.calibration.units()).map(of).collect() }
     }
 
-    /// Adds what a press tells.
+    /// Adds what a press shows.
     fn inform(&self, informed: &mut [Information], press: &Felt, press_n: f64) {
         let noise = &self.map.response.noise;
         for (unit, of) in informed.iter_mut().zip(&self.units) {

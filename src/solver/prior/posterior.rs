@@ -24,7 +24,7 @@ const COMMON: [f64; 3] = [1.0, 4.0, 16.0];
 const ZEROS: Matrix4<f64> =
     Matrix4::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
 
-/// What the presses tell about one unit.
+/// What the presses show about one unit.
 #[derive(Clone, Copy)]
 pub(super) struct Information {
     /// Sum of the squares of the slopes, divided by the variances.

@@ -119,14 +119,14 @@ mod tests {
     }
 
     #[test]
-    fn a_design_says_which_turns_its_presses_can_not_show() {
+    fn a_design_says_which_rotations_its_presses_can_not_show() {
         let design = Design::papers(NoiseReference::T);
         let prior = design.prior().unwrap();
         let places: Vec<Place> = cells(3, 3).iter().map(|touch| touch.place).collect();
         assert_eq!(prior.undetectable(&places, 1.0), [""; 0]);
-        // a press in the middle can't show a turn of this array
+        // a press in the middle can't show a rotation of this array
         let alike = prior.undetectable(&[Place::new(0.0, 0.0)], 1.0);
-        assert!(alike.contains(&"turned by 180 degrees"), "{alike:?}");
+        assert!(alike.contains(&"rotated by 180 degrees"), "{alike:?}");
     }
 
     #[test]

@@ -26,8 +26,8 @@ pub enum Stranger {
     WeakUnit,
     /// All units read three times what they should.
     AllGains,
-    /// The sensor is turned by this angle, degrees.
-    Turned(f64),
+    /// The sensor is rotated by this angle, degrees.
+    Rotated(f64),
     /// The sensor is mirrored at its middle line.
     Mirrored,
     /// Two channels are swapped.
@@ -64,9 +64,9 @@ impl Stranger {
         Stranger::DeadUnit,
         Stranger::WeakUnit,
         Stranger::AllGains,
-        Stranger::Turned(3.0),
-        Stranger::Turned(10.0),
-        Stranger::Turned(180.0),
+        Stranger::Rotated(3.0),
+        Stranger::Rotated(10.0),
+        Stranger::Rotated(180.0),
         Stranger::Mirrored,
         Stranger::Swapped,
     ];
@@ -80,7 +80,7 @@ impl Stranger {
             Stranger::DeadUnit => "a dead unit".to_owned(),
             Stranger::WeakUnit => "one unit x 0.3".to_owned(),
             Stranger::AllGains => "all gains x 3".to_owned(),
-            Stranger::Turned(deg) => format!("turned by {deg} degrees"),
+            Stranger::Rotated(deg) => format!("rotated by {deg} degrees"),
             Stranger::Mirrored => "mirrored".to_owned(),
             Stranger::Swapped => "two channels swapped".to_owned(),
         }
@@ -96,7 +96,7 @@ impl Stranger {
             let design = design.with(|skin| skin.faults.push(TaxelFault { unit: unit + 1, kind }));
             read(&design, touches)
         };
-        // what is turned with the sensor is seen from the sensor: the place turns the other way
+        // what is rotated with the sensor is seen from the sensor: the place rotates the other way
         let seen = |from: &dyn Fn(Place) -> Place| {
             let seen: Vec<Touch> = touches.iter().map(|touch| Touch { place: from(touch.place), ..*touch }).collect();
             let mut readings = read(design, &seen);
@@ -114,7 +114,7 @@ impl Stranger {
                 readings.outputs.iter_mut().for_each(|output| *output *= 3.0);
                 readings
             }
-            Stranger::Turned(deg) => {
+            Stranger::Rotated(deg) => {
                 let (sin, cos) = deg.to_radians().sin_cos();
                 seen(&|at| Place::new(cos * at.x_mm + sin * at.y_mm, cos * at.y_mm - sin * at.x_mm))
             }

@@ -28,7 +28,7 @@ pub struct VerdictRow {
     /// Number of these that are accepted.
     pub accepted_wrongly: usize,
     /// Number of sensors within the limit that are not accepted.
-    pub turned_away_wrongly: usize,
+    pub rejected_wrongly: usize,
     /// Number of sensors within the limit that are refused as strangers.
     pub refused_wrongly: usize,
     /// Number of sensors that are not decided.
@@ -75,7 +75,7 @@ pub fn verdicts(size: FewSize, told: Told<'_>) -> Result<Vec<VerdictRow>, StudyE
                     sensors: size.judged,
                     bad: count(&|judged| judged.is_bad),
                     accepted_wrongly: count(&|judged| judged.is_bad && judged.verdict == Verdict::Accepted),
-                    turned_away_wrongly: count(&|judged| !judged.is_bad && judged.verdict == Verdict::NotAccepted),
+                    rejected_wrongly: count(&|judged| !judged.is_bad && judged.verdict == Verdict::NotAccepted),
                     refused_wrongly: count(&|judged| !judged.is_bad && judged.is_refused),
                     not_decided: count(&|judged| judged.verdict == Verdict::NotDecided),
                 });
