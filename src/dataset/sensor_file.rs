@@ -207,6 +207,9 @@ pub fn is_sensor_file(path: &Path) -> bool {
 pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     let io = |why| SensorFileError::Io { doing: "reading", path: path.to_owned(), why };
     let damaged = |why: &str| SensorFileError::Damaged { path: path.to_owned(), why: why.to_owned() };
+    if path.is_dir() {
+        return Err(SensorFileError::NoSensorFile { path: path.to_owned() });
+    }
     let bytes = read(path).map_err(io)?;
     let mut rest = bytes.as_slice();
     if !rest.starts_with(KIND.as_bytes()) {

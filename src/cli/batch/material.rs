@@ -12,7 +12,7 @@ use crate::quantity::{Place, round};
 use crate::recipe::{self, Phase, Plan};
 use crate::rig::{self, RigSpec};
 use crate::solver::{ForceKnown, Prior};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::io;
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, InlineTable, Value, value};
@@ -97,6 +97,12 @@ impl Material {
         let stem = rig_path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         let bench = file.bench.clone().or(stem).unwrap_or_default();
         let (prior, made_from) = prior.map_or((None, Vec::new()), |(prior, made_from)| (Some(prior), made_from));
+        let outputs = rig.array.layout.len();
+        if let Some(prior) = prior.as_ref().filter(|prior| prior.outputs() != outputs) {
+            let problem =
+                format!("the rig's array has {outputs} outputs, the sensors of the prior {}", prior.outputs());
+            return Err(no_prior(path, &problem, "name the rig and the full calibrations of one design"));
+        }
         Ok(Material { file, rig, bench, recipes: read, rule, prior, made_from, texts, rig_path, rig_text, simulate })
     }
 
@@ -185,7 +191,9 @@ fn path_of(batch: &Path, name: &str) -> PathBuf {
 fn text_of(batch: &Path, name: &str, shipped: &[Shipped], folder: &str) -> Result<(PathBuf, String), Failure> {
     let path = path_of(batch, name);
     let is_there = path.symlink_metadata().is_ok_and(|found| !found.is_dir());
-    if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| !is_there) {
+    // a path is never a shipped file: the same text would mean another file from another folder
+    let is_name = !name.contains(['/', '\\']);
+    if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| is_name && !is_there) {
         return Ok((PathBuf::from(format!("{}.toml", shipped.name)), shipped.text.to_owned()));
     }
     let help = || format!("the batch names it; give an existing file or a shipped one: {}", shipped::names(shipped));
@@ -217,18 +225,35 @@ fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
 /// Makes the prior from the run folders that a batch file names. Returns it with the fingerprints of their journals.
 fn read_prior(batch: &Path, named: &PriorRuns) -> Result<(Prior, Vec<Fingerprint>), Failure> {
     let (mut calibrations, mut made_from, mut layout) = (Vec::new(), Vec::new(), None);
+    let mut sensors = HashSet::new();
     for name in &named.runs {
         let path = path_of(batch, name);
+        if !path.is_dir() {
+            let help = "a path in a batch file is relative to the batch file";
+            let problem = format!("`prior.runs` names {name}, but {} is not a folder", path.display());
+            return Err(no_prior(batch, &problem, help));
+        }
         let (run, bench) = read_run(&path)?;
-        calibrations.push(calibration_of_run(&run.presses(), ForceKnown::default()).map_err(Failure::usage)?);
-        made_from.push(source_fingerprint(&path).map_err(Failure::dataset)?);
+        let presses = run.presses();
+        let journal = source_fingerprint(&path).map_err(Failure::dataset)?;
+        let sensor = run.manifest.facts.labels.sensor;
+        let is_again = made_from.iter().any(|made: &Fingerprint| made.sha256 == journal.sha256);
+        if is_again || sensor.as_ref().is_some_and(|sensor| sensors.contains(sensor)) {
+            let problem = format!("`prior.runs` names the sensor of {name} twice");
+            return Err(no_prior(batch, &problem, "name one run folder for each sensor"));
+        }
+        sensors.extend(sensor);
+        calibrations.push(calibration_of_run(&presses, ForceKnown::default()).map_err(Failure::usage)?);
+        made_from.push(journal);
         layout = layout.or_else(|| bench.placed().cloned());
     }
-    let prior = Prior::new(&calibrations, layout.as_ref()).map_err(|why| {
-        let help = "`runs` of `[prior]` names run folders of full calibrations of one design";
-        Failure::usage(miette::miette!(help = help, "{}: no prior: {why}", batch.display()))
-    })?;
+    let help = "`prior.runs` names run folders of full calibrations of different sensors of one design";
+    let prior = Prior::new(&calibrations, layout.as_ref()).map_err(|why| no_prior(batch, &why.to_string(), help))?;
     Ok((prior, made_from))
+}
+
+fn no_prior(batch: &Path, problem: &str, help: &str) -> Failure {
+    Failure::usage(miette::miette!(help = help.to_owned(), "{}: no prior: {problem}", batch.display()))
 }
 
 #[cfg(test)]

@@ -66,6 +66,11 @@ pub enum PriorError {
         /// Number of outputs of the first sensor, or of the design.
         expected: usize,
     },
+    /// The sensors don't differ.
+    #[error(
+        "the sensors don't differ at all, as if one sensor was calibrated again and again; give simulated ones different seeds"
+    )]
+    SameSensor,
     /// The forces of some presses are unknown.
     #[error("the forces of the presses must be known: without them, a change of the gain can't be seen")]
     NoForces,
@@ -76,6 +81,9 @@ pub enum PriorError {
 
 /// Least number of calibrated sensors for a prior. Fewer don't show how sensors differ.
 pub const SENSORS_LEAST: usize = 3;
+
+/// Least standard deviation of the gain from sensor to sensor. Below it the calibrations are of one sensor.
+const LEAST_SPREAD: f64 = 1e-6;
 
 /// Number of rounds in which the sensors are compared with their mean, which each round improves.
 const ROUNDS: usize = 2;
@@ -114,14 +122,23 @@ impl Prior {
                 .map(|(sensor, moved)| map.unchanged(sensor, &each_output(moved, &units, outputs)))
                 .collect();
         }
+        let spread = Spread::of(&found);
+        if spread.own.gain < LEAST_SPREAD {
+            return Err(PriorError::SameSensor);
+        }
         let calibration = Calibration::joined(&aligned);
         let map = Map::of(&calibration, layout)?;
-        Ok(Prior { calibration, map, spread: Spread::of(&found), units, sensors })
+        Ok(Prior { calibration, map, spread, units, sensors })
     }
 
     /// Returns how the sensors of the design differ.
     pub fn spread(&self) -> &Spread {
         &self.spread
+    }
+
+    /// Returns the number of outputs of a sensor.
+    pub fn outputs(&self) -> usize {
+        self.calibration.units()
     }
 
     /// Returns the number of sensors that made the prior.

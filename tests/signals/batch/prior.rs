@@ -128,5 +128,14 @@ fn a_prior_needs_full_calibrations_of_some_sensors() {
     assert!(told.err.contains("`runs` names 1 run folders, expected 3 to 100"), "{}", told.err);
     bench.write("b.toml", BATCH);
     let told = bench.palpate_ends(2, "batch check b.toml");
-    assert!(told.err.contains("full/1"), "{}", told.err);
+    assert!(told.err.contains("`prior.runs` names full/1, but full/1 is not a folder"), "{}", told.err);
+    bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/1");
+    bench.write("b.toml", &BATCH.replace("\"full/2\", \"full/3\"", "\"full/1\", \"full/1\""));
+    let told = bench.palpate_ends(2, "batch check b.toml");
+    assert!(told.err.contains("names the sensor of full/1 twice"), "{}", told.err);
+    bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/2");
+    bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/3");
+    bench.write("b.toml", BATCH);
+    let told = bench.palpate_ends(2, "batch check b.toml");
+    assert!(told.err.contains("twice") || told.err.contains("don't differ"), "{}", told.err);
 }
