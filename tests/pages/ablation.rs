@@ -148,6 +148,9 @@ const ALLOWED: [(&str, &str); 11] = [
     ("surface.tilt_mm", "the loop's own test bench: a slope is what its strategy map has to learn"),
 ];
 
+/// What the scene of a batch may carry too: its sensors differ, and its prior is about how they do.
+const OF_BATCH: [&str; 3] = ["taxels.gain_spread_percent", "taxels.place_spread_mm", "taxels.depth_spread_percent"];
+
 #[test]
 fn no_shipped_scene_carries_a_term_that_nothing_needs() {
     let mut scenes = 0;
@@ -156,10 +159,12 @@ fn no_shipped_scene_carries_a_term_that_nothing_needs() {
         let rig: toml::Table = fs::read_to_string(&path).expect("a text").parse().expect("TOML");
         let Some(scene) = rig.get("scene").and_then(toml::Value::as_table) else { continue };
         scenes += 1;
-        let waste = unjustified(scene);
+        let is_batch = path.file_name().is_some_and(|name| name == "batch.toml");
+        let waste: Vec<String> =
+            unjustified(scene).into_iter().filter(|term| !(is_batch && OF_BATCH.contains(&term.as_str()))).collect();
         assert!(waste.is_empty(), "{}: nothing needs {waste:?}", path.display());
     }
-    assert_eq!(scenes, 4, "rigs with a scene");
+    assert_eq!(scenes, 5, "rigs with a scene");
 }
 
 #[test]

@@ -74,9 +74,9 @@ struct Trial {
 pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     let origin = Instant::now();
     let stage = match subject {
-        Subject::Esp301 => r#""esp301""#,
+        // a GRBL gets a board of its own below; a simulated rig's counts otherwise
+        Subject::Esp301 | Subject::Grbl => r#""esp301""#,
         Subject::Xps => r#"{ xps = "XYZ" }"#,
-        Subject::Grbl => r#""grbl""#,
         _ => r#"{ process = ["x"] }"#,
     };
     let cell = if subject == Subject::ProcessStage { r#"{ process = ["x"] }"# } else { r#"{ modbus = "labjack-t7" }"# };
