@@ -125,32 +125,25 @@ impl<'a> Older<'a> {
 impl Map<'_> {
     /// Returns presses of the map's array as the array would have read them after a change.
     pub fn changed(&self, calibration: &Calibration, change: &Change) -> Calibration {
-        let row = |point: CalibrationPoint<'_>| {
-            let of_unit = |(unit, change): (usize, &UnitChange)| {
-                let [there, here] = self.there_and_here(unit, point.place, change);
-                change.gain * (point.outputs[unit] + point.force_n * (there - here))
-            };
-            change.units.iter().enumerate().map(of_unit).collect::<Vec<f64>>()
-        };
-        calibration.with_outputs(calibration.points().flat_map(row).collect())
+        self.each(calibration, change, |output, gain, moved| gain * (output + moved))
     }
 
     /// Returns presses of the changed array as the array would have read them before the change.
     pub fn unchanged(&self, calibration: &Calibration, change: &Change) -> Calibration {
+        self.each(calibration, change, |output, gain, moved| output / gain - moved)
+    }
+
+    /// Returns presses with new outputs: a function of the output, of the gain, and of what the displacement adds to the output.
+    fn each(&self, calibration: &Calibration, change: &Change, new: impl Fn(f64, f64, f64) -> f64) -> Calibration {
         let row = |point: CalibrationPoint<'_>| {
             let of_unit = |(unit, change): (usize, &UnitChange)| {
-                let [there, here] = self.there_and_here(unit, point.place, change);
-                point.outputs[unit] / change.gain - point.force_n * (there - here)
+                let [there, ..] = self.felt(unit, point.place, &change.moved());
+                let [here, ..] = self.response.field.channel(unit, point.place);
+                new(point.outputs[unit], change.gain, point.force_n * (there - here))
             };
             change.units.iter().enumerate().map(of_unit).collect::<Vec<f64>>()
         };
         calibration.with_outputs(calibration.points().flat_map(row).collect())
-    }
-
-    fn there_and_here(&self, unit: usize, place: Place, change: &UnitChange) -> [f64; 2] {
-        let [there, ..] = self.felt(unit, place, &change.moved());
-        let [here, ..] = self.response.field.channel(unit, place);
-        [there, here]
     }
 
     /// Returns the response of a displaced unit to 1 N at a place, and its derivatives with respect to the displacement along x

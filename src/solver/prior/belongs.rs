@@ -114,7 +114,7 @@ const UNIT_SIGMAS: f64 = 4.5;
 /// Number of standard deviations of the design from which the logarithm of a unit's gain isn't that of the design. The second
 /// constant is the number of standard deviations of the measurement that are subtracted first.
 const GAIN_SIGMAS: f64 = 3.5;
-const GAIN_MARGIN: f64 = 2.5;
+const GAIN_MARGIN: f64 = 1.5;
 /// Number of standard deviations of one unit from which a change of all units isn't that of the design.
 const ALL_SIGMAS: f64 = 6.0;
 /// Number of standard deviations of the common change from which few presses don't suffice.
