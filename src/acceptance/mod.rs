@@ -9,4 +9,4 @@ mod judge;
 mod rule;
 
 pub use judge::{Check, Errors, Judgement, Measured, Verdict, Worst, judge};
-pub use rule::{Decision, Figure, Limit, Rule};
+pub use rule::{Decision, Figure, Limit, Rule, limit_used};

@@ -210,3 +210,9 @@ impl Figure {
 
 /// Value from which an exponent is shown.
 const LARGE: f64 = 1e5;
+
+/// Returns the part of a limit that a figure's value uses; a fraction uses it by what it lacks. Above 1 the limit is exceeded.
+pub fn limit_used(is_share: bool, value: f64, limit: f64) -> f64 {
+    let part = if is_share { (1.0 - value) / (1.0 - limit) } else { value / limit };
+    if part.is_nan() { 0.0 } else { part }
+}

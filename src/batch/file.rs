@@ -2,6 +2,7 @@
 
 use super::keys::{nest, notify, offset_mm, prior, reference, root, serials, typical};
 use super::{KEYS, Reference, SERIALS_MAX, check_serial};
+use crate::dataset::{LABEL_MOST, is_label};
 use crate::document::{self, Key, Problem, Problems, Table};
 use crate::quantity::Place;
 use crate::solver::SENSORS_LEAST;
@@ -12,9 +13,6 @@ const RECIPES_MAX: usize = 10;
 const NESTS_MAX: usize = 100;
 const COMMAND_MAX: usize = 100;
 const PRIOR_RUNS_MAX: usize = 100;
-
-/// Largest number of characters of a name that is shown in tables and titles.
-const LABEL_MOST: usize = 200;
 
 /// A parsed batch file. File names are as written: relative to the batch file, or names of shipped files.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,8 +143,7 @@ fn read_name(table: &Table, key: &Key) -> Option<String> {
 /// Reads a text that can be printed anywhere.
 fn label(table: &Table, key: &Key) -> Option<String> {
     let text = table.text(key)?;
-    let is_fit = !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control);
-    match is_fit {
+    match is_label(text) {
         true => Some(text.to_owned()),
         false => {
             let problem = format!("`{}` has no, too many or unprintable characters", key.name);

@@ -1,6 +1,6 @@
 //! Labels that a person gives to a run: the sensor, its design and batch, the mounting, the operator, a note.
 
-use crate::dataset::Labels;
+use crate::dataset::{LABEL_MOST, Labels, is_label};
 
 /// The labels of a run, all of them stored in the manifest.
 #[derive(Debug, clap::Args)]
@@ -35,12 +35,8 @@ impl LabelArgs {
     }
 }
 
-/// Largest number of characters of a label, which is shown in tables and titles.
-const LABEL_MOST: usize = 200;
-
 /// Checks that a text can be printed anywhere.
 pub fn label(text: &str) -> Result<String, String> {
-    let is_fit = !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control);
     let expected = || format!("expected 1 to {LABEL_MOST} printable characters");
-    is_fit.then(|| text.to_owned()).ok_or_else(expected)
+    is_label(text).then(|| text.to_owned()).ok_or_else(expected)
 }

@@ -65,7 +65,10 @@ pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
 pub use presses::Presses;
 pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
-pub use session::{Durability, End, FORMAT, Imported, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text};
+pub use session::{
+    Durability, End, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text,
+    is_label,
+};
 pub use table::{parse_table, read_table};
 pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
 pub use verify::{Verified, verify};

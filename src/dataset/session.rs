@@ -79,6 +79,14 @@ pub struct Labels {
     pub note: Option<String>,
 }
 
+/// Largest number of characters of a label, which is shown in tables and titles.
+pub const LABEL_MOST: usize = 200;
+
+/// Whether a text can be a label: it isn't empty or too long, and can be printed anywhere.
+pub fn is_label(text: &str) -> bool {
+    !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control)
+}
+
 /// Ending of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -146,6 +146,14 @@ impl Map<'_> {
         calibration.with_outputs(calibration.points().flat_map(row).collect())
     }
 
+    /// Returns the response of a displaced unit to 1 N at a place, without its gain, and the derivatives of the output with respect
+    /// to its change.
+    pub fn slopes(&self, unit: usize, place: Place, moved: &Moved) -> (f64, Moved) {
+        let [value, along_x, along_y, wider] = self.felt(unit, place, moved);
+        let gain = 1.0 + moved[0];
+        (value, Moved::new(value, gain * along_x, gain * along_y, gain * wider))
+    }
+
     /// Returns the response of a displaced unit to 1 N at a place, and its derivatives with respect to the displacement along x
     /// and y and to the width. Outside the area the map is continued linearly.
     pub fn felt(&self, unit: usize, place: Place, moved: &Moved) -> [f64; 4] {
@@ -208,9 +216,8 @@ impl Fit<'_> {
             response.leverage.value(point.place, &mut leverage);
             let force_n = if self.forces_are_known { point.force_n } else { self.force_n(&point, at) };
             for &unit in units {
-                let [value, along_x, along_y, wider] = self.map.felt(unit, point.place, at);
-                let gain = 1.0 + at[0];
-                let slopes = force_n * Moved::new(value, gain * along_x, gain * along_y, gain * wider);
+                let (value, slopes) = self.map.slopes(unit, point.place, at);
+                let (gain, slopes) = (1.0 + at[0], force_n * slopes);
                 let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(at - about));
                 let variance = response.variance(unit, force_n, gain * value, leverage[unit]);
                 rows.push(Row { slopes, left, variance });

@@ -4,7 +4,7 @@ use super::super::exit::Failure;
 use super::super::session::MannerArgs;
 use super::super::summary::{duration, print};
 use super::super::tables::filled;
-use super::material::Material;
+use super::material::{Material, calibrated};
 use crate::acceptance::{Decision, Rule};
 use crate::batch::{Chance, DRAWS, Test, chance};
 use crate::quantity::Place;
@@ -92,9 +92,7 @@ fn described(material: &Material, plan: &Plan) -> String {
 /// Describes the design's prior, and the error that it expects after the first recipe.
 fn prior_text(material: &Material, plan: &Plan) -> String {
     let Some(prior) = &material.prior else { return String::new() };
-    let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
-    let places: Vec<Place> = calibration().map(|entry| entry.place).collect();
-    let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+    let (places, press_n) = calibrated(plan);
     let own = prior.spread().own;
     format!(
         "prior of {} sensors; standard deviations of a unit from sensor to sensor:\n  gain {:.1} %, place {:.3} mm, width {:.1} %\n  \

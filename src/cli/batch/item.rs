@@ -9,7 +9,7 @@ use super::super::tables::filled;
 use super::big::big;
 use super::desk::{Desk, Placed};
 use super::material::{Material, NestRig};
-use crate::acceptance::{Check, Judgement, Verdict};
+use crate::acceptance::{Check, Judgement, Verdict, limit_used};
 use crate::batch::chart::{LIMIT_SIGMAS, Shown};
 use crate::batch::{
     Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
@@ -319,7 +319,9 @@ fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> Str
         let _ = writeln!(text, "{} {}", item.serial, item.standing.name().to_uppercase());
     }
     if let Some(judgement) = judgement {
-        let worst = judgement.checks.iter().filter_map(|check| Some((check, used(check)?)));
+        let worst = judgement.checks.iter().filter_map(|check| {
+            Some((check, limit_used(check.kind.is_share(), check.bound.or(check.value)?, check.limit)))
+        });
         if let Some((check, _)) = worst.max_by(|one, other| one.1.total_cmp(&other.1)) {
             let (name, unit) = (check.kind.full_name(check.reach), check.kind.unit());
             let line =
@@ -337,11 +339,4 @@ fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> Str
         let _ = writeln!(text, "  to calibrate it again: .repeat {0}, then {0}", item.serial);
     }
     text
-}
-
-/// Returns the part of a limit that a figure uses; a fraction is used by what it lacks.
-fn used(check: &Check) -> Option<f64> {
-    let value = check.bound.or(check.value)?;
-    let part = if check.kind.is_share() { (1.0 - value) / (1.0 - check.limit) } else { value / check.limit };
-    Some(if part.is_nan() { 0.0 } else { part })
 }

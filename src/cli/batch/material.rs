@@ -127,9 +127,7 @@ impl Material {
     pub fn charted(&self) -> Result<Vec<Charted>, Failure> {
         let Some(prior) = &self.prior else { return Ok(Vec::new()) };
         let plan = self.plan(0, &self.rig, self.file.seed)?;
-        let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
-        let places: Vec<Place> = calibration().map(|entry| entry.place).collect();
-        let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+        let (places, press_n) = calibrated(&plan);
         let (spread, repeats) = (prior.spread_of_means(), prior.repeats_of_means(&places, press_n));
         let of = |quantity: Quantity| {
             let [mean, sd, reference_sd] = match quantity {
@@ -220,6 +218,13 @@ fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
         bounded(&path).map_err(|error| unread(&path, &error, "the batch names it in `accept`; correct the name"))?;
     let rule = recipe::parse_rule(&path.display().to_string(), &text).map_err(Failure::usage)?;
     Ok((rule, text))
+}
+
+/// Returns the places of a plan's calibration, and its largest force, N.
+pub fn calibrated(plan: &Plan) -> (Vec<Place>, f64) {
+    let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
+    let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
+    (calibration().map(|entry| entry.place).collect(), press_n)
 }
 
 /// Makes the prior from the run folders that a batch file names. Returns it with the fingerprints of their journals.

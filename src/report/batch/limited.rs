@@ -1,7 +1,7 @@
 //! A figure of the acceptance rule, as the events of a batch name it.
 
 use super::complete;
-use crate::acceptance::{Figure, Verdict};
+use crate::acceptance::{Figure, Verdict, limit_used};
 use crate::batch::{Ended, Found, History};
 use crate::quantity::percentile;
 
@@ -82,9 +82,7 @@ impl Limited {
     /// Returns the part of the limit that a figure uses, by its bound if it has one. A fraction is used by what it lacks. Above 1 the
     /// limit is exceeded.
     pub fn used(&self, found: &Found) -> Option<f64> {
-        let value = found.bound.or(found.value)?;
-        let part = if self.is_share() { (1.0 - value) / (1.0 - found.limit) } else { value / found.limit };
-        Some(if part.is_nan() { 0.0 } else { part })
+        Some(limit_used(self.is_share(), found.bound.or(found.value)?, found.limit))
     }
 
     /// Returns the values of a batch, in the figure's unit, sorted.

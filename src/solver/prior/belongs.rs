@@ -155,32 +155,18 @@ impl Belongs {
         }
         outside.extend(shapes(fit, units, &found));
         outside.extend(rotated(units, &found, &own, fit.map));
-        let covariance = covariance_of_common;
-        let per_unit = |index: usize| common[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
-        let deviation = |index: usize| match index {
-            0 => Deviation::AllGains { gain: 1.0 + common[0] },
-            1 | 2 => Deviation::AllMoved { distance_mm: common[1].hypot(common[2]) },
-            _ => Deviation::AllWidths { width: common[3] },
+        let in_common = |known: &Moved, limit: f64| {
+            let is_beyond = |index: usize| {
+                common[index].abs() / (known[index] + covariance_of_common[(index, index)]).sqrt() > limit
+            };
+            let gains = is_beyond(0).then_some(Deviation::AllGains { gain: 1.0 + common[0] });
+            let distance_mm = common[1].hypot(common[2]);
+            let moved = (is_beyond(1) || is_beyond(2)).then_some(Deviation::AllMoved { distance_mm });
+            let widths = is_beyond(3).then_some(Deviation::AllWidths { width: common[3] });
+            [gains, moved, widths].into_iter().flatten().collect::<Vec<Deviation>>()
         };
-        outside.extend(
-            [0, 1, 3]
-                .into_iter()
-                .filter(|&index| {
-                    let also = if index == 1 { per_unit(2) } else { 0.0 };
-                    per_unit(index).max(also) > ALL_SIGMAS
-                })
-                .map(deviation),
-        );
-        let known = spread.common.squares();
-        let sigmas = |index: usize| common[index].abs() / (known[index] + covariance[(index, index)]).sqrt();
-        let beyond: Vec<Deviation> = [0, 1, 3]
-            .into_iter()
-            .filter(|&index| {
-                let also = if index == 1 { sigmas(2) } else { 0.0 };
-                sigmas(index).max(also) > BEYOND_SIGMAS
-            })
-            .map(deviation)
-            .collect();
+        outside.extend(in_common(&own, ALL_SIGMAS));
+        let beyond = in_common(&spread.common.squares(), BEYOND_SIGMAS);
         if outside.is_empty() && beyond.is_empty() {
             outside.extend(unlikely(fit, units, spread));
         }

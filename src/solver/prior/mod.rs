@@ -209,20 +209,18 @@ impl Prior {
             let mut known = vec![0.0; outputs];
             typical.leverage.value(*place, &mut known);
             let of = |(output, moved): (usize, &Moved)| {
-                let [value, along_x, along_y, wider] = self.map.felt(output, *place, moved);
-                let gain = 1.0 + moved[0];
-                let slopes = Moved::new(value, gain * along_x, gain * along_y, gain * wider);
+                let (value, slopes) = self.map.slopes(output, *place, moved);
                 let variance = slopes.dot(&(covariances[unit_of[output]] * slopes));
                 let force_n = typical.force_n;
                 known[output].max(0.0) + variance * force_n * force_n / typical.noise.variance(output, force_n * value)
             };
             moved.iter().enumerate().map(of).collect::<Vec<f64>>()
         };
-        let grain = |field: &Field| field.step_mm();
-        let area = typical.field.area();
-        let field = Field::new(area, grain(&typical.field), outputs, |places| places.iter().flat_map(value).collect());
-        let leverage =
-            Field::new(area, grain(&typical.leverage), outputs, |places| places.iter().flat_map(leverage).collect());
+        let tabulated = |like: &Field, row: &dyn Fn(&Place) -> Vec<f64>| {
+            Field::new(like.area(), like.step_mm(), outputs, |places| places.iter().flat_map(row).collect())
+        };
+        let field = tabulated(&typical.field, &value);
+        let leverage = tabulated(&typical.leverage, &leverage);
         Response { field, leverage, ..typical.clone() }.known_within()
     }
 }

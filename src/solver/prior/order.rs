@@ -46,8 +46,7 @@ impl Prior {
 
     /// Returns the expected mean location error of contacts of `contact_n`, mm, after presses of `press_n` at some places.
     pub fn expected_after_mm(&self, places: &[Place], press_n: f64, contact_n: f64) -> f64 {
-        let mut informed = self.nothing_known();
-        places.iter().for_each(|place| self.inform(&mut informed, &self.felt_at(*place), press_n));
+        let informed = self.informed_by(places, press_n);
         let contacts = self.map.response.field.area().cells(CONTACTS_A_SIDE);
         let contacts: Vec<Felt> = contacts.into_iter().map(|place| self.felt_at(place)).collect();
         self.expected_mm(&informed, &contacts, contact_n)
@@ -55,8 +54,7 @@ impl Prior {
 
     /// Returns the standard deviations with which presses of `press_n` at some places measure the means over all units.
     pub fn repeats_of_means(&self, places: &[Place], press_n: f64) -> Deviations {
-        let mut informed = self.nothing_known();
-        places.iter().for_each(|place| self.inform(&mut informed, &self.felt_at(*place), press_n));
+        let informed = self.informed_by(places, press_n);
         let own = self.spread.own.squares();
         let mut sum = Moved::zeros();
         for of in &informed {
@@ -73,11 +71,14 @@ impl Prior {
         vec![Information::NONE; self.units.len()]
     }
 
+    fn informed_by(&self, places: &[Place], press_n: f64) -> Vec<Information> {
+        let mut informed = self.nothing_known();
+        places.iter().for_each(|place| self.inform(&mut informed, &self.felt_at(*place), press_n));
+        informed
+    }
+
     fn felt_at(&self, place: Place) -> Felt {
-        let of = |output: usize| {
-            let [value, along_x, along_y, wider] = self.map.felt(output, place, &Moved::zeros());
-            (value, Moved::new(value, along_x, along_y, wider))
-        };
+        let of = |output: usize| self.map.slopes(output, place, &Moved::zeros());
         Felt { place, outputs: (0..self.calibration.units()).map(of).collect() }
     }
 

@@ -8,7 +8,7 @@ use super::{PRIOR_SEEDS, broken};
 use crate::mechanics::Medium;
 use crate::quantity::{ArrayLayout, Place, Range, cell_centres, stream};
 use crate::scene::{Elastomer, SkinSpec};
-use crate::solver::{Calibration, Prior, Solver, Workspace};
+use crate::solver::{Calibration, MeanErrors, Prior, Solver, Workspace};
 
 /// Poisson's ratio of the layer.
 const RUBBER: f64 = 0.49;
@@ -25,15 +25,6 @@ pub const SIDE: usize = 25;
 #[derive(Clone)]
 pub struct Design {
     specimen: Specimen,
-}
-
-/// Mean errors of a method on known contacts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Errors {
-    /// Location, mm.
-    pub location_mm: f64,
-    /// Force, N.
-    pub force_n: f64,
 }
 
 impl Design {
@@ -101,9 +92,9 @@ pub fn cells(columns: usize, rows: usize) -> Vec<Touch> {
 }
 
 /// Returns the mean errors of a method, over the contacts that it solves.
-pub fn mean_errors(solver: &dyn Solver, test: &KnownReadings) -> Errors {
+pub fn mean_errors(solver: &dyn Solver, test: &KnownReadings) -> MeanErrors {
     let mut workspace = Workspace::default();
-    let (mut sum, mut count) = (Errors::default(), 0.0f64);
+    let (mut sum, mut count) = (MeanErrors::default(), 0.0f64);
     for (truth, outputs) in test.iter() {
         if let Ok(solved) = solver.solve(outputs, &mut workspace) {
             sum.location_mm += solved.place.distance_mm(truth.place);
@@ -112,5 +103,5 @@ pub fn mean_errors(solver: &dyn Solver, test: &KnownReadings) -> Errors {
         }
     }
     let count = count.max(1.0);
-    Errors { location_mm: sum.location_mm / count, force_n: sum.force_n / count }
+    MeanErrors { location_mm: sum.location_mm / count, force_n: sum.force_n / count }
 }

@@ -5,12 +5,12 @@ use super::super::condition::{WINDOW_S, last_s};
 use super::super::methods::specimen::{CALIBRATION_N, FORCES_N, NoiseReference, Touch, grid};
 use super::super::minutes::{HANDLING_MIN, TOLERANCE_N};
 use super::super::{StudyError, Told, carried_out};
-use super::design::{Design, Errors, SENSORS, SIDE, cells, mean_errors, presses_at};
+use super::design::{Design, SENSORS, SIDE, cells, mean_errors, presses_at};
 use super::{FewSize, NEW_SEEDS, broken};
 use crate::control::Strategy;
 use crate::dataset::round;
 use crate::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
-use crate::solver::{BEST, Belongs, Prior, Setting, fit};
+use crate::solver::{BEST, Belongs, MeanErrors, Prior, Setting, fit};
 use serde::Serialize;
 
 /// How a new sensor is calibrated.
@@ -85,7 +85,7 @@ struct Job {
 
 /// The result of one sensor.
 struct Tried {
-    errors: Errors,
+    errors: MeanErrors,
     expected_mm: Option<f64>,
     is_typical: Option<bool>,
 }
