@@ -72,7 +72,7 @@ impl Charts {
     /// Whether the sensors since the latest measurement of the reference look unusual.
     pub fn is_reference_due(&self) -> bool {
         let chart = self.open.iter().fold(self.sensors, |chart, value| chart.with(value - self.latest));
-        chart.sigmas(self.of_mean()).abs() > SUSPECT_SIGMAS
+        chart.is_changed(self.of_mean(), SUSPECT_SIGMAS)
     }
 
     /// Adds a measurement of the reference. Returns the change that the charts then show.
@@ -90,11 +90,12 @@ impl Charts {
         self.latest = now;
         self.reference = self.reference.with(now / self.bench_share());
         // the first measurement deviates as much as the others
-        let [bench, batch] = [self.reference.sigmas(1.0), self.sensors.sigmas(self.of_mean())];
-        match () {
-            () if bench.abs() > LIMIT_SIGMAS => Some(Shown { cause: Cause::Bench, sigmas: bench }),
-            () if batch.abs() > LIMIT_SIGMAS => Some(Shown { cause: Cause::Batch, sigmas: batch }),
-            () => None,
+        let [bench, batch] = self.sigmas();
+        if self.reference.is_changed(1.0, LIMIT_SIGMAS) {
+            Some(Shown { cause: Cause::Bench, sigmas: bench })
+        } else {
+            let is_changed = self.sensors.is_changed(self.of_mean(), LIMIT_SIGMAS);
+            is_changed.then_some(Shown { cause: Cause::Batch, sigmas: batch })
         }
     }
 

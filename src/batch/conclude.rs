@@ -1,12 +1,13 @@
 //! What the presses of a sensor amount to: verdict, change, and whether more presses are needed.
 
+use super::design::judge_with;
 use crate::acceptance::{Judgement, Rule, Verdict};
 use crate::dataset::calibration::calibration_of_run;
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::dataset::{Evidence, Presses, Recorded};
 use crate::recipe::Phase;
 use crate::rig::RigSpec;
-use crate::solver::{Belongs, Deviation, ForceKnown, Model, Prior, Setting, Sibling, Solver as _, UnitChange};
+use crate::solver::{Belongs, Deviation, ForceKnown, Model, Prior, Setting, Sibling, UnitChange};
 
 /// What decides about a sensor.
 #[derive(Clone, Copy)]
@@ -29,6 +30,8 @@ pub struct Conclusion {
     pub presses: (usize, usize),
     /// Difference from the design; empty without a prior.
     pub change: Vec<UnitChange>,
+    /// Whether the sensor isn't one of the design.
+    pub is_refused: bool,
     /// What a person should know.
     pub reasons: Vec<String>,
     /// Whether a further recipe should be pressed, if there is one.
@@ -73,6 +76,7 @@ impl Conclusion {
             judgement: None,
             presses: (0, 0),
             change: Vec::new(),
+            is_refused: false,
             reasons: Vec::new(),
             needs_more: false,
             model: None,
@@ -87,15 +91,12 @@ impl Conclusion {
         trial: &Result<Trial<'_>, EvaluateError>,
         is_last: bool,
     ) {
-        let Sibling { model, change, belongs, expected_mm } = sibling;
+        let Sibling { model, change, belongs, expected_mm, least_mm } = sibling;
         self.change = change.units;
-        let by_model = |rule: &Rule| {
-            let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(model.fitted()).ok());
-            let rule = Rule { method: model.fitted().name().to_owned(), ..rule.clone() };
-            evidence.judge(&rule, trial, evaluation.as_slice())
-        };
+        let by_model = |rule: &Rule| judge_with(rule, evidence, trial, model.fitted());
         match belongs {
             Belongs::Outsider(deviations) => {
+                self.is_refused = true;
                 self.judgement = basis.rule.map(|rule| Judgement {
                     verdict: Verdict::NotAccepted,
                     reasons: vec![told("refused", &deviations)],
@@ -115,13 +116,28 @@ impl Conclusion {
                 self.reasons.push(told("calibrated without the prior", &deviations));
             }
             Belongs::Typical => {
-                self.needs_more = basis.enough_mm.is_some_and(|enough_mm| expected_mm > enough_mm) && !is_last;
+                if let Some(enough_mm) = basis.enough_mm.filter(|enough_mm| expected_mm > *enough_mm && !is_last) {
+                    let reason = format!("expected error {expected_mm:.3} mm, above the {enough_mm} mm of `enough_mm`");
+                    let most_useful = expected_mm > WORTHWHILE * least_mm;
+                    self.needs_more = most_useful;
+                    self.reasons.push(match most_useful {
+                        true => format!("more presses are needed: {reason}"),
+                        false => format!("{reason}; with any number of presses it stays at {least_mm:.3} mm"),
+                    });
+                }
                 self.judgement = basis.rule.map(by_model);
-                self.model = Some(model);
+                let test = trial.as_ref().ok().and_then(Trial::tested);
+                self.model = Some(match test {
+                    Some(test) => model.with_half_widths_of(&test),
+                    None => model,
+                });
             }
         }
     }
 }
+
+/// Ratio of the expected error to the least possible one from which more presses are worth their time.
+const WORTHWHILE: f64 = 1.05;
 
 fn told(what: &str, deviations: &[Deviation]) -> String {
     let all: Vec<String> = deviations.iter().map(Deviation::told).collect();

@@ -203,6 +203,9 @@ pub struct Ended {
     /// Difference between the sensor and its design, one value for each unit; empty without a prior.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub change: Vec<UnitChange>,
+    /// Whether the sensor was refused, because it isn't one of the design.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub refused: bool,
     /// File of the calibrated sensor, relative to the batch folder; `None` if none was written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,

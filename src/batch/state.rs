@@ -281,6 +281,7 @@ pub(super) mod tests {
             test_presses: 20,
             minutes: 3.5,
             change: Vec::new(),
+            refused: false,
             model: None,
         })
     }

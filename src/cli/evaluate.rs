@@ -5,14 +5,15 @@ use super::exit::Failure;
 use super::method::{load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
 use super::summary::print;
-use super::tables::{characteristics_table, evaluation_table, solvers_table};
+use super::tables::{characteristics_table, evaluation_table, filled, solvers_table};
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
 use crate::acceptance::Rule;
+use crate::batch::ByDesign;
 use crate::dataset::Evidence;
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
 use crate::report::is_beside_paper;
-use crate::solver::{BEST, Evaluation, SOLVERS};
+use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver as _};
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 use std::error::Error;
@@ -102,7 +103,11 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let trial = Trial::of_run(&presses, bench.placed());
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
             let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
-            report(args, trial, shown, rule.map(|rule| (rule, evidence)))
+            let design = match args.solver.as_str() {
+                BEST => ByDesign::of_runs(&[run]).map_err(Failure::usage)?,
+                _ => None,
+            };
+            report(args, trial, shown, rule.map(|rule| (rule, evidence)), design.as_ref())
         }
         (None, Some(calibration), Some(test)) => {
             let mapping = args.columns.mapping()?;
@@ -111,7 +116,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let evidence = Evidence { presses: &calibration, layout: None, runs: Vec::new(), u_place_mm: None };
             let layout = mapping.layout_of(calibration.channels);
             let trial = Trial::of_tables(&calibration, &test).map(|trial| trial.with_layout(layout.as_ref()));
-            report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)))
+            report(args, trial, Shown::default(), args.accept.rule()?.map(|rule| (rule, evidence)), None)
         }
         _ => {
             let help = "name a run folder, `palpate evaluate runs/paper`, or a table of calibration presses and one of test presses, \
@@ -138,15 +143,24 @@ fn report(
     trial: Result<Trial<'_>, EvaluateError>,
     Shown { is_only_characterised, is_beside_paper, characteristics }: Shown,
     asked: Option<(Rule, Evidence<'_>)>,
+    design: Option<&ByDesign>,
 ) -> Result<ExitCode, Failure> {
     let trial = match trial {
         // with a rule the verdict says what is missing
         Err(why) if !is_only_characterised && asked.is_none() => return Err(Failure::usage(why)),
         trial => trial.map(|trial| trial.with_load(load(args.constant_load))),
     };
-    let outcomes = trial.as_ref().map_or_else(|_| Ok(Vec::new()), |trial| outcomes(args, trial))?;
+    let model = design.and_then(|design| design.model.as_ref());
+    let outcomes = match (&trial, model) {
+        (Err(_), _) => Vec::new(),
+        (Ok(trial), Some(model)) => solved_by(model.fitted(), trial)?,
+        (Ok(trial), None) => outcomes(args, trial)?,
+    };
     let known: Vec<Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.clone().ok()).collect();
-    let judgement = asked.map(|(rule, evidence)| evidence.judge(&rule, &trial, &known));
+    let judgement = asked.map(|(rule, evidence)| match design {
+        Some(design) => design.judge(&rule, &evidence, &trial),
+        None => evidence.judge(&rule, &trial, &known),
+    });
     let text = if args.json {
         let objects = outcomes.iter().map(json).collect::<Result<String, _>>()?;
         objects + &judgement.as_ref().map(object).transpose()?.unwrap_or_default()
@@ -156,9 +170,10 @@ fn report(
             [(_, Ok(evaluation))] => Some(evaluation_table(std::slice::from_ref(evaluation), is_beside_paper)),
             outcomes => Some(solvers_table(outcomes, is_beside_paper)),
         };
-        let verdict = match &judgement {
-            Some(judgement) => Some(verdict_table(judgement)),
-            None => (!is_only_characterised).then(|| NO_RULE.to_owned()),
+        let verdict = match (&judgement, design) {
+            (Some(judgement), _) => Some(verdict_table(judgement)),
+            (None, Some(design)) => Some(filled(&format!("{}\n{NO_RULE}", design.note()), "  ")),
+            (None, None) => (!is_only_characterised).then(|| NO_RULE.to_owned()),
         };
         [evaluated, characteristics, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
     };
@@ -167,6 +182,12 @@ fn report(
         [(solver, Err(reason))] => Err(Failure::not_accepted(miette::miette!("{solver}: {reason}"))),
         _ => Ok(verdict_code(judgement.as_ref())),
     }
+}
+
+/// Returns the evaluation of a method that was fitted with the prior of the sensor's design.
+fn solved_by<'a>(fitted: &'a Fitted, trial: &Trial<'_>) -> Result<Outcomes<'a>, Failure> {
+    let evaluation = trial.evaluate_with(fitted).map_err(Failure::usage)?;
+    Ok(vec![(fitted.name(), Ok(evaluation))])
 }
 
 /// Returns the evaluations of the requested solvers.

@@ -7,6 +7,7 @@ use super::recorded::read_run;
 use super::summary::{print, tell};
 use super::verdict::{AcceptArgs, rule_of, verdict_code};
 use crate::acceptance::Verdict;
+use crate::batch::ByDesign;
 use crate::dataset::{Recorded, check_run, files};
 use crate::report::{Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page};
 use crate::rig::Bench;
@@ -110,8 +111,10 @@ pub(super) fn judged(
     accept: &AcceptArgs,
 ) -> Result<(Subject, Judged), Failure> {
     let rule = accept.rule_of(runs.iter().map(|(run, _)| run))?;
+    let paths: Vec<&Path> = runs.iter().map(|(run, _)| run.path.as_path()).collect();
+    let design = ByDesign::of_runs(&paths).map_err(Failure::usage)?;
     let subject = Subject::of(runs, same_sensor).map_err(failure)?;
-    let judged = Judged::of(&subject, rule.as_ref());
+    let judged = Judged::of(&subject, rule.as_ref(), design);
     Ok((subject, judged))
 }
 

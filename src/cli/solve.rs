@@ -41,6 +41,9 @@ A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are
 kept.
 
+If more contacts than expected don't fit the calibration, a line on standard
+error asks once to calibrate the sensor again.
+
 An invalid line ends the program. With --keep-going, its answer is
 unsolved, with the line number and the problem (error), and the next line is
 solved. Every answer then has its line; CSV always has the columns line, id, t_s
@@ -131,6 +134,13 @@ fn told(card: &Card) -> String {
     format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
 }
 
+fn calibrate_again(line: u64) -> String {
+    format!(
+        "{SOURCE}, line {line}: too many of the last contacts don't fit the calibration; if each was at one place only, calibrate \
+         the sensor again"
+    )
+}
+
 /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
 fn answer(
     answers: &mut Answers,
@@ -163,6 +173,9 @@ fn answer(
                 for Broken { unit, fault } in answer.broken {
                     let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
                     writeln!(io::stderr(), "{SOURCE}, line {line}: output {unit} {does}, excluded from here on")?;
+                }
+                if answer.is_out_of_date {
+                    io::stderr().write_all(filled(&calibrate_again(answer.reading.line), "  ").as_bytes())?;
                 }
             }
             Ok(None) => {}

@@ -19,6 +19,8 @@ pub struct Answer<'a> {
     pub solved: Result<Solution, Unsolved>,
     /// Units that are excluded from the next line on.
     pub broken: &'a [Broken],
+    /// Whether this reading shows that the sensor should be calibrated again. Stated once.
+    pub is_out_of_date: bool,
 }
 
 /// Reason why a line has no contact.
@@ -49,13 +51,14 @@ impl Answers {
     /// # Errors
     /// The header is invalid, so no further line has an answer.
     pub fn answer(&mut self, line: &[u8]) -> Result<Option<Answer<'_>>, ReadingError> {
-        let known = self.session.broken().len();
+        let (known, was_out_of_date) = (self.session.broken().len(), self.session.is_out_of_date());
         let solved = match self.readings.read(line)? {
             Held::Nothing => return Ok(None),
             Held::Bad(error) => Err(Unsolved::Bad(error)),
             Held::Reading => self.session.solve(&self.readings.reading().outputs).map_err(Unsolved::from),
         };
         let broken = &self.session.broken()[known..];
-        Ok(Some(Answer { reading: self.readings.reading(), solved, broken }))
+        let is_out_of_date = self.session.is_out_of_date() && !was_out_of_date;
+        Ok(Some(Answer { reading: self.readings.reading(), solved, broken, is_out_of_date }))
     }
 }

@@ -6,8 +6,8 @@ use crate::acceptance::Measured;
 use crate::quantity::{ArrayLayout, Place};
 use crate::recipe::Phase;
 use crate::solver::{
-    ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver, TestPress,
-    Workspace, evaluate,
+    Calibration, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver,
+    TestPress, Workspace, evaluate,
 };
 use miette::Diagnostic;
 use std::collections::HashSet;
@@ -140,6 +140,11 @@ impl<'a> Trial<'a> {
     /// Solves the test with a method that was fitted to this calibration and to other data. Forces are those of the load cell.
     pub fn evaluate_with(&self, fitted: &Fitted) -> Result<Evaluation, EvaluateError> {
         self.evaluated(fitted, &LOAD_CELL)
+    }
+
+    /// Returns the test presses with the load cell's forces; `None` without forces.
+    pub fn tested(&self) -> Option<Calibration> {
+        self.test.calibration(&LOAD_CELL, self.load).ok()
     }
 
     /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and measures its time.

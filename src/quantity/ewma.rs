@@ -29,6 +29,12 @@ impl Ewma {
         if self.variance == 0.0 { 0.0 } else { self.mean / (self.variance + of_reference).sqrt() }
     }
 
+    /// Whether the values no longer agree with their reference, which has the variance `of_reference`: the rule by which a bench, a
+    /// batch or a sensor is calibrated again.
+    pub fn is_changed(&self, of_reference: f64, limit_sigmas: f64) -> bool {
+        self.sigmas(of_reference).abs() > limit_sigmas
+    }
+
     /// Returns the weighted mean.
     pub fn mean(&self) -> f64 {
         self.mean

@@ -2,6 +2,7 @@
 
 use super::Subject;
 use crate::acceptance::{Judgement, Rule};
+use crate::batch::ByDesign;
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::parallel::in_parallel;
 use crate::recipe::Phase;
@@ -27,15 +28,23 @@ pub struct Judged {
 
 impl Judged {
     /// Evaluates a sensor's presses and judges them by a rule.
-    pub fn of(subject: &Subject, rule: Option<&Rule>) -> Judged {
+    ///
+    /// With a batch's conclusion by the design's prior, its model takes the place of the rule's method.
+    pub fn of(subject: &Subject, rule: Option<&Rule>, design: Option<ByDesign>) -> Judged {
         let trial = Trial::of_run(&subject.presses, subject.placed());
         let second = rule.map_or(BEST, |rule| rule.method.as_str());
         let second = if second == PAPERS { BEST } else { second };
+        let judge = |design: &ByDesign| rule.map(|rule| design.judge(rule, &subject.evidence(), &trial));
+        let by_design = design.as_ref().map(judge);
         let (evaluations, expecting, why_not) = match &trial {
-            Ok(trial) => evaluated(trial, second, subject),
+            Ok(trial) => match design.and_then(|design| design.model) {
+                Some(model) => evaluated_with(trial, model.into_fitted()),
+                None => evaluated(trial, second, subject),
+            },
             Err(why) => (Vec::new(), None, Some(why.told())),
         };
-        let judgement = rule.map(|rule| subject.evidence().judge(rule, &trial, &evaluations));
+        let alone = || rule.map(|rule| subject.evidence().judge(rule, &trial, &evaluations));
+        let judgement = by_design.unwrap_or_else(alone);
         let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
         Judged { evaluations, expecting, why_not, u_force_n, judgement }
     }
@@ -47,6 +56,13 @@ impl Judged {
             Some(method) => self.evaluations.iter().find(|evaluation| evaluation.solver == method),
         }
     }
+}
+
+/// Returns the evaluations by the paper's method alone and by a method that knows the design's prior.
+fn evaluated_with(trial: &Trial<'_>, fitted: Fitted) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
+    let both = [trial.evaluate(PAPERS), trial.evaluate_with(&fitted)];
+    let why_not = both.iter().find_map(|evaluated| evaluated.as_ref().err().map(EvaluateError::told));
+    (both.into_iter().flatten().collect(), Some(fitted), why_not)
 }
 
 /// Returns the evaluations by both methods, and the fitted method that states expected errors.

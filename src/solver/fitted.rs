@@ -3,7 +3,7 @@
 use super::appraised::Appraised;
 use super::forward::Forward;
 use super::pearson::check;
-use super::{Broken, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{Broken, Calibration, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +69,14 @@ impl Fitted {
 
     pub(super) fn chosen(self, choice: Choice) -> Self {
         Fitted { choice: Some(choice), ..self }
+    }
+
+    /// Returns an inverted map with half-widths from presses to which it wasn't fitted.
+    pub(super) fn with_half_widths_of(mut self, test: &Calibration) -> Self {
+        if let Answering::Forward(forward) = &mut self.solver {
+            forward.learn_half_widths(test);
+        }
+        self
     }
 
     /// Multiplies the stated errors of location and of force, in addition to earlier factors.

@@ -9,7 +9,8 @@ use super::starts::Starts;
 use super::threshold::{Unexplained, WEAK_SHARE, chi2_quantile, upper};
 use super::widths::Widths;
 use super::{
-    Calibration, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace,
+    Calibration, CalibrationPoint, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver,
+    Verdict, Workspace,
 };
 use crate::quantity::Place;
 use serde::{Deserialize, Serialize};
@@ -138,11 +139,22 @@ impl Forward {
         if let Some(least) = upper(loudness, WEAK_SHARE * setting.false_alarms) {
             self.limits.no_contact = self.limits.no_contact.min(-least);
         }
-        self.widths = Widths::of(trials, |trial| {
-            let located = trial.answer.as_ref().ok()?;
-            Some((located.scale_mm, located.scale_n))
-        });
+        self.widths = half_widths(trials);
         self
+    }
+
+    /// Learns the half-widths from presses to which the map wasn't fitted.
+    pub fn learn_half_widths(&mut self, test: &Calibration) {
+        let mut workspace = Workspace::default();
+        let mut solved = |point: CalibrationPoint<'_>| HeldPress {
+            place: point.place,
+            force_n: point.force_n,
+            is_inside: true,
+            loudness: self.response.loudness(point.outputs),
+            answer: self.locate(point.outputs, &mut workspace),
+        };
+        let trials: Vec<HeldPress> = test.points().map(&mut solved).collect();
+        self.widths = half_widths(&trials);
     }
 
     /// Returns the expected mean location error of contacts of one force in the area, mm.
@@ -272,6 +284,13 @@ impl Locate for Forward {
         let (scale_mm, scale_n) = scales(covariance);
         Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n })
     }
+}
+
+fn half_widths(trials: &[HeldPress]) -> Option<Widths> {
+    Widths::of(trials, |trial| {
+        let located = trial.answer.as_ref().ok()?;
+        Some((located.scale_mm, located.scale_n))
+    })
 }
 
 /// Scales of the errors of location, mm, and of force, N; NaN if they are unknown.

@@ -72,6 +72,24 @@ impl Model {
         Model { fitted, layout, load, common_offset, false_alarms, forces_n, validity, calibration }
     }
 
+    /// Returns the model with half-widths from presses that it wasn't fitted to. Other methods than an inverted map stay as they
+    /// are.
+    #[must_use]
+    pub fn with_half_widths_of(self, test: &Calibration) -> Self {
+        Model { fitted: self.fitted.with_half_widths_of(test), ..self }
+    }
+
+    /// Returns the model of a sensor that gave `own` presses to a fit with a prior.
+    pub(super) fn with_own_presses(mut self, own: &Calibration) -> Self {
+        (self.validity.presses, self.validity.places) = (own.len(), own.by_place().len());
+        self
+    }
+
+    /// Returns the method.
+    pub fn into_fitted(self) -> Fitted {
+        self.fitted
+    }
+
     /// Returns the method.
     pub fn fitted(&self) -> &Fitted {
         &self.fitted

@@ -1,6 +1,7 @@
 //! Solves one reading after another, without broken units.
 
 use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver, Verdict, Workspace};
+use crate::quantity::Ewma;
 
 /// Solves one reading after another. If a unit breaks, it is excluded from then on.
 ///
@@ -10,6 +11,8 @@ use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver
 /// For each reading, a forward method reports which unit contradicts all others, if one does. These verdicts are added up for
 /// each unit by a cumulative sum test (Page 1954). A broken unit is named by at least every second contact, a good unit by at
 /// most one of fifty. All readings of the same contact count once.
+///
+/// A control chart shows whether more contacts than expected don't fit the calibration: see [`Session::is_out_of_date`].
 pub struct Session {
     model: Model,
     /// Fits for readings with missing outputs.
@@ -18,6 +21,9 @@ pub struct Session {
     evidence: Vec<f64>,
     /// Last contact that counted.
     witness: Option<Solution>,
+    /// Contacts that don't fit the calibration, compared with the false-alarm rate.
+    unfit: Ewma,
+    is_out_of_date: bool,
     workspace: Workspace,
 }
 
@@ -58,6 +64,13 @@ const NAMED_IF_GOOD: f64 = 0.02;
 const ENOUGH: f64 = 13.8;
 /// Least distance of two different contacts, in sd.
 const APART_SD: f64 = 3.0;
+/// Weight of the newest contact in the chart: the chart's mean is that of some 100 contacts.
+const NEWEST_WEIGHT: f64 = 0.02;
+/// Variance of the fraction of good contacts that don't fit, relative to the binomial variance of one contact. Presses of a
+/// calibration give this fraction only approximately.
+const OF_RATE: f64 = 0.02;
+/// Limit of the chart. At a false-alarm rate of 1 % it is reached when 13 % of some 100 contacts don't fit, or the first six.
+const LIMIT_SIGMAS: f64 = 7.0;
 
 impl Session {
     /// Creates a session for a model.
@@ -67,6 +80,8 @@ impl Session {
             model,
             partial: Vec::new(),
             witness: None,
+            unfit: Ewma::new(NEWEST_WEIGHT),
+            is_out_of_date: false,
             workspace: Workspace::default(),
         }
     }
@@ -79,6 +94,12 @@ impl Session {
     /// Returns the excluded units, in the order in which they were found.
     pub fn broken(&self) -> &[Broken] {
         self.model.fitted().broken()
+    }
+
+    /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
+    /// at once don't fit either.
+    pub fn is_out_of_date(&self) -> bool {
+        self.is_out_of_date
     }
 
     /// Solves the next reading; a missing output is NaN.
@@ -138,11 +159,19 @@ impl Session {
             };
             *evidence = (*evidence + ratio.ln()).max(0.0);
         }
+        if solution.misfit.is_some() && solution.verdict != Verdict::OutsideArea {
+            let is_unfit = f64::from(u8::from(solution.verdict != Verdict::Ok));
+            let rate = self.model.setting().false_alarms;
+            self.unfit = self.unfit.with((is_unfit - rate) / (rate * (1.0 - rate)).sqrt());
+            self.is_out_of_date |= self.unfit.is_changed(OF_RATE, LIMIT_SIGMAS);
+        }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
             // an array that has too few units left, or a model without presses, continues with the units it has
             if let Some(Ok(fitted)) = self.model.fit_without(&[unit], Fault::Contradicts) {
                 self.model.replace(fitted);
                 self.partial.clear();
+                // the unit was the reason
+                self.unfit = Ewma::new(NEWEST_WEIGHT);
             }
             self.evidence.fill(0.0);
         }

@@ -315,6 +315,36 @@ fn a_dead_centre_is_found_and_left_out() {
 }
 
 #[test]
+fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not() {
+    // contacts until the report; the layer has worn, or the gains of three of nine units have aged
+    let until = |spec: &SkinSpec, seed: u64, depth_mm: f64, aged: f64, contacts: usize| {
+        let mut bench = Bench::new(spec, seed);
+        let layout = bench.layout.clone();
+        let calibration = bench.calibration(25);
+        let mut session =
+            Session::new(Model::fit("surrogate", calibration, &Setting::of_layout(Some(&layout))).unwrap());
+        let worn = SkinSpec { elastomer: Some(Elastomer::half_space(depth_mm)), ..spec.clone() };
+        bench.skin = Skin::new(&worn, &layout, 2.0, seed);
+        (1..=contacts).find(|_| {
+            let mut outputs = bench.random().outputs;
+            outputs[..3].iter_mut().for_each(|output| *output *= aged);
+            session.solve(&outputs).unwrap();
+            session.is_out_of_date()
+        })
+    };
+    for (name, spec) in [("T", scene_t()), ("Q", scene_q())] {
+        let false_alarms = (1..=10).filter(|seed| until(&spec, *seed, 5.0, 1.0, 4000).is_some()).count();
+        let [worn, aged] = [(4.5, 1.0), (5.0, 0.9)]
+            .map(|(depth_mm, aged)| (1..=10).map(|seed| until(&spec, seed, depth_mm, aged, 2000)).collect::<Vec<_>>());
+        println!("{name}: false alarms in 10 x 4000 contacts: {false_alarms}; worn {worn:?}; aged {aged:?}");
+        assert_eq!(false_alarms, 0);
+        assert!(worn.iter().all(|until| until.is_some_and(|until| until <= 100)), "{worn:?}");
+        // 10 % of a gain are within the noise of T
+        assert!(name == "T" || aged.iter().all(|until| until.is_some_and(|until| until <= 100)), "{aged:?}");
+    }
+}
+
+#[test]
 fn an_offset_that_all_units_share_can_be_eliminated() {
     // computed apart: 0.248 and 0.054 mm with the offset eliminated, 0.51 to 0.54 and 0.46 to 0.49 mm without
     for (spec, most_mm) in [(scene_t(), 0.26), (scene_q(), 0.06)] {

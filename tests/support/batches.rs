@@ -175,6 +175,7 @@ fn ended(serial: &str, number: usize, values: [f64; 2], drawn: &Drawn, normal: &
         test_presses: 20,
         minutes: 9.0 + 0.5 * normal().abs(),
         change,
+        refused: false,
         model: None,
     }
 }

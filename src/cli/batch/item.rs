@@ -59,6 +59,7 @@ struct Outcome {
     judgement: Option<Judgement>,
     presses: (usize, usize),
     change: Vec<UnitChange>,
+    is_refused: bool,
     model: Option<Model>,
     /// Failure to report to the person.
     failure: Option<Failure>,
@@ -142,6 +143,7 @@ impl Desk {
             test_presses: outcome.presses.1,
             minutes: outcome.minutes,
             change: outcome.change,
+            refused: outcome.is_refused,
             model,
         };
         self.record(&Event::Ended(ended))?;
@@ -276,11 +278,11 @@ impl Desk {
 
 impl Outcome {
     fn complete(conclusion: Conclusion, runs: Vec<String>, minutes: f64) -> Outcome {
-        let Conclusion { judgement, presses, change, reasons, model, .. } = conclusion;
+        let Conclusion { judgement, presses, change, is_refused, reasons, model, .. } = conclusion;
         let reasons = reasons.into_iter().chain(judgement.iter().flat_map(Judgement::all_reasons)).collect();
         let (failure, is_fatal) = (None, false);
         let status = Status::Complete;
-        Outcome { status, runs, minutes, reasons, judgement, presses, change, model, failure, is_fatal }
+        Outcome { status, runs, minutes, reasons, judgement, presses, change, is_refused, model, failure, is_fatal }
     }
 
     /// Returns the end of a sensor whose run, or whose quick check, ended early.
@@ -297,6 +299,7 @@ impl Outcome {
             judgement: None,
             presses: (0, 0),
             change: Vec::new(),
+            is_refused: false,
             model: None,
             failure,
             is_fatal,

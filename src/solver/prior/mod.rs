@@ -45,6 +45,8 @@ pub struct Sibling {
     pub belongs: Belongs,
     /// Expected mean location error for contacts in the calibrated area, mm.
     pub expected_mm: f64,
+    /// Expected mean location error if the change were known exactly, mm. More presses can't reduce the error below it.
+    pub least_mm: f64,
 }
 
 /// Reason why calibrations don't make a prior, or presses can't be used with it.
@@ -171,9 +173,11 @@ impl Prior {
         let response = self.response(&change, &posterior.covariances);
         let calibration = self.map.changed(&self.calibration, &change);
         let forward = Forward::new(MapKind::Smooth, response, &calibration, setting);
-        let expected_mm = forward.expected_mean_mm(new.typical_force_n());
-        let model = Model::of_forward(forward, calibration, setting);
-        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm })
+        let known = self.response(&change, &vec![Matrix4::zeros(); self.units.len()]);
+        let known = Forward::new(MapKind::Smooth, known, &calibration, setting);
+        let [expected_mm, least_mm] = [&forward, &known].map(|forward| forward.expected_mean_mm(new.typical_force_n()));
+        let model = Model::of_forward(forward, calibration, setting).with_own_presses(new);
+        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm, least_mm })
     }
 
     /// Checks whether presses are those of a sensor of the design.

@@ -87,6 +87,21 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
         let model = ended.model.expect("a sensor file");
         assert!(bench.path(&format!("runs/day/{model}")).is_file());
     }
+    // `evaluate`, `report` and `certificate` repeat the batch's verdict
+    let ended = result(&bench, "A-1");
+    let location_mm = ended.found.iter().find(|found| found.figure == "location_mean_mm").and_then(|found| found.value);
+    let location = format!("{:.3}", location_mm.expect("a location error"));
+    let told = bench.palpate_ends(0, "evaluate runs/day/runs/A-1");
+    assert!(told.out.contains("calibrated with the prior of its design"), "{}", told.out);
+    assert!(told.out.contains(&location), "{location}: {}", told.out);
+    let told = bench.palpate_ends(0, "report runs/day/runs/A-1");
+    assert!(told.out.contains(&format!("accepted, {location} mm")), "{}", told.out);
+    assert!(!bench.palpate("evaluate runs/day/runs/A-1 --solver pearson").out.contains("the prior of its design"));
+    // the half-widths come from the sensor's own test
+    let readings = bench.read("runs/day/runs/A-1/presses.csv");
+    let lines: Vec<&str> = readings.lines().collect();
+    let told = piped(&bench, "solve --model runs/day/sensors/A-1.palpate --json --quiet", &lines);
+    assert_eq!(told.out.matches("\"half68_mm\":0.").count(), lines.len() - 1, "{}", told.out);
     let reference = result(&bench, "REF");
     assert!(reference.verdict.is_none() && reference.model.is_none() && reference.change.len() == 9);
 
@@ -114,7 +129,9 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
         let ended = result(&bench, serial);
         assert_eq!(ended.verdict, Some(Verdict::NotAccepted), "{ended:?}");
         assert!(ended.reasons[0].starts_with(reason), "{:?}", ended.reasons);
-        assert!(ended.model.is_none() && ended.runs.len() == 1);
+        assert!(ended.model.is_none() && ended.runs.len() == 1 && ended.refused);
+        let told = bench.palpate_ends(1, &format!("evaluate runs/day/runs/{serial}"));
+        assert!(told.out.contains("NOT ACCEPTED") && told.out.contains("refused: "), "{}", told.out);
     }
     let alarms = events(&bench, "runs/day").into_iter().filter(|event| matches!(event, Event::Alarm(_))).count();
     println!("{alarms} alarms");

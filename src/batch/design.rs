@@ -1,0 +1,91 @@
+//! A run of few presses, understood with the prior of its design, as the batch understood it.
+
+use super::folder::{BatchError, RUNS, read_events};
+use super::{Ended, Event};
+use crate::acceptance::{Judgement, Rule, Verdict};
+use crate::dataset::evaluate::{EvaluateError, Trial};
+use crate::dataset::sensor_file::{SensorFileError, read_sensor_file};
+use crate::dataset::{Evidence, JOURNAL};
+use crate::solver::{Fitted, Model, Solver as _};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What a batch concluded about a sensor by the prior of its design.
+pub struct ByDesign {
+    /// The calibrated sensor; `None` for a sensor that is refused, or calibrated without the prior.
+    pub model: Option<Model>,
+    /// Sensor file of the batch, or the batch folder.
+    pub source: PathBuf,
+    /// Reasons for which the sensor was refused.
+    refused: Option<Vec<String>>,
+}
+
+impl ByDesign {
+    /// Returns the conclusion about the sensor of some runs. `None` if they aren't in a batch folder, if the batch has no prior, or
+    /// if the last conclusion is about other runs.
+    ///
+    /// # Errors
+    /// The sensor file can't be read.
+    pub fn of_runs(runs: &[&Path]) -> Result<Option<Self>, SensorFileError> {
+        let Some((batch, ended)) = ended(runs) else { return Ok(None) };
+        if ended.change.is_empty() {
+            return Ok(None);
+        }
+        let refused = ended.refused.then_some(ended.reasons);
+        let file = ended.model.map(|file| batch.join(file));
+        let model = file.as_deref().map(read_sensor_file).transpose()?.map(|(_, model)| model);
+        let is_known = model.is_some() || refused.is_some();
+        Ok(is_known.then(|| ByDesign { model, source: file.unwrap_or(batch), refused }))
+    }
+
+    /// Returns the verdict by a rule.
+    pub fn judge(&self, rule: &Rule, evidence: &Evidence<'_>, trial: &Result<Trial<'_>, EvaluateError>) -> Judgement {
+        let mut judgement = match &self.model {
+            Some(model) => judge_with(rule, evidence, trial, model.fitted()),
+            None => evidence.judge(rule, trial, &[]),
+        };
+        if let Some(refused) = &self.refused {
+            judgement = Judgement { verdict: Verdict::NotAccepted, reasons: refused.clone(), ..judgement };
+        }
+        judgement.notes.push(self.note());
+        judgement
+    }
+
+    /// Describes where the conclusion comes from.
+    pub fn note(&self) -> String {
+        let does = if self.model.is_some() { "calibrated with" } else { "compared with" };
+        format!("{does} the prior of its design: {}", self.source.display())
+    }
+}
+
+/// Returns the verdict of a sensor that a method solves which was fitted to more than its own presses.
+pub(super) fn judge_with(
+    rule: &Rule,
+    evidence: &Evidence<'_>,
+    trial: &Result<Trial<'_>, EvaluateError>,
+    fitted: &Fitted,
+) -> Judgement {
+    let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(fitted).ok());
+    let rule = Rule { method: fitted.name().to_owned(), ..rule.clone() };
+    evidence.judge(&rule, trial, evaluation.as_slice())
+}
+
+/// Returns the folder of the batch that some runs belong to, and the last event about exactly these runs.
+fn ended(runs: &[&Path]) -> Option<(PathBuf, Ended)> {
+    let paths: Vec<PathBuf> = runs.iter().map(fs::canonicalize).collect::<Result<_, _>>().ok()?;
+    let folder = paths.first()?.parent().filter(|folder| folder.file_name().is_some_and(|name| name == RUNS))?;
+    let batch = folder.parent().filter(|batch| batch.join(JOURNAL).is_file())?;
+    let mut last = None;
+    let read: Result<(), BatchError> = read_events(batch, |event| {
+        if let Event::Ended(ended) = event
+            && !ended.reference
+            && ended.runs.iter().map(|run| batch.join(run)).eq(paths.iter().cloned())
+        {
+            last = Some(ended.clone());
+        }
+        Ok(())
+    });
+    // the folder above may be something else
+    read.ok()?;
+    Some((batch.to_owned(), last?))
+}
