@@ -13,7 +13,7 @@ pub const NOT_ACCEPTED: u8 = 1;
 /// Exit code of an invalid recipe, rig or command line. Nothing was moved.
 pub const USAGE: u8 = 2;
 /// Exit code of a device that failed.
-const DEVICE: u8 = 3;
+pub const DEVICE: u8 = 3;
 /// Exit code of a broken safety rule.
 const TRIP: u8 = 4;
 /// Exit code of a record that couldn't be kept.

@@ -4,8 +4,12 @@
 //! The options of a command are given in its own words, such as `--solver` and `pearson`, and are checked as on the command
 //! line.
 
+pub mod events;
+
+pub use super::solutions::{NUMBERS, UNSOLVED, numbers};
+
 use super::columns::ColumnsArgs;
-use super::exit::{Failure, USAGE};
+use super::exit::{DEVICE, Failure, USAGE};
 use super::fit::place;
 use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, left_out};
 use super::recorded::{noted_presses, noted_run};
@@ -14,7 +18,7 @@ use super::session::walked;
 use crate::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
 use crate::dataset::{Fingerprint, Presses, Recorded, RunFolder, Status};
 use crate::recipe::Plan;
-use crate::rig::RigSpec;
+use crate::rig::{Bench, RigSpec};
 use crate::run::{Cancel, Ending, Halt, Listener};
 use crate::solver::Model;
 use clap::Parser;
@@ -34,6 +38,13 @@ impl From<Failure> for Refusal {
     fn from(failure: Failure) -> Self {
         let (code, text) = failure.plain();
         Refusal { code, text }
+    }
+}
+
+impl Refusal {
+    /// A fault of the program itself.
+    fn of_panic() -> Self {
+        Refusal { code: DEVICE, text: "the run died: move the stage clear of the specimen by hand".to_owned() }
     }
 }
 
@@ -121,13 +132,12 @@ pub fn write_sensor(
     Ok(place(&file, path)?)
 }
 
-/// Reads a run, and the lines that a command prints about its files.
+/// Reads a run with its bench, and the lines that a command prints about its files.
 ///
 /// # Errors
 /// The path isn't a run, or its journal is damaged.
-pub fn read_run(path: &Path) -> Result<(Recorded, Vec<String>), Refusal> {
-    let (recorded, _, notes) = noted_run(path)?;
-    Ok((recorded, notes))
+pub fn read_run(path: &Path) -> Result<(Recorded, Bench, Vec<String>), Refusal> {
+    Ok(noted_run(path)?)
 }
 
 /// Reads a table of presses, and the lines that a command prints about it. The words are the table and `--columns`.
@@ -229,7 +239,7 @@ mod tests {
         let status = begun.walk(&Cancel::default(), &|_| forces.set(forces.get() + 1), &mut Counted(&presses)).unwrap();
         assert_eq!((status, presses.get() as usize), (Status::Complete, planned));
         assert!(forces.get() > 1000);
-        let (recorded, notes) = read_run(Path::new(out)).ok().unwrap();
+        let (recorded, _, notes) = read_run(Path::new(out)).ok().unwrap();
         assert_eq!((recorded.contacts.len(), notes.len()), (planned, 0));
         let fitted = fit(words(&[out, "--solver", "pearson"])).ok().unwrap();
         let file = folder.path().join("a.palpate");
