@@ -4,6 +4,7 @@ use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
 use crate::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
+use crate::export::{self, BenchError};
 use crate::recipe::Phase;
 use crate::rig::{Bench, RigSpec};
 use std::path::Path;
@@ -26,10 +27,10 @@ pub fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> 
 
 /// Returns the bench of a run, as recorded in its journal.
 pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
-    let Some(imported) = &facts.imported else { return Ok(Bench::of_rig(rig_of(run, texts)?)) };
-    let path = run.join("columns.toml").display().to_string();
-    let columns = Mapping::parse(&path, texts.columns()).map_err(Failure::usage)?;
-    Ok(Bench::of_import(columns.array, imported.outputs as usize))
+    export::bench_of(run, facts, texts).map_err(|error| match error {
+        BenchError::Problems(problems) => Failure::usage(problems),
+        error => Failure::usage(error),
+    })
 }
 
 /// Returns the rig of a run, as recorded in its journal.
