@@ -6,7 +6,7 @@ use arrow_array::{
 };
 use arrow_schema::{ArrowError, Field, Schema};
 use numpy::ndarray::Array2;
-use numpy::{PyArray1, PyArray2, PyArrayMethods as _};
+use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::{PyAttributeError, PyKeyError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -131,7 +131,7 @@ impl Column {
     fn field(&self, array: &ArrayRef) -> Field {
         let about = [(UNIT, &self.unit), (DEFINITION, &self.definition)];
         let about = about.into_iter().filter(|(_, text)| !text.is_empty());
-        let metadata = about.map(|(key, text)| (key.to_owned(), text.clone())).collect();
+        let metadata = about.map(|(key, text)| (key.to_owned(), text.clone())).collect::<HashMap<_, _>>();
         Field::new(&self.name, array.data_type().clone(), true).with_metadata(metadata)
     }
 }

@@ -3,6 +3,7 @@
 //! It contains the program as a library, and starts no other. What a function does is documented for Python, and in
 //! `palpate.pyi` with types.
 
+mod contact;
 mod events;
 mod frame;
 mod model;
@@ -20,11 +21,13 @@ use pyo3::prelude::*;
 #[pymodule(name = "palpate")]
 mod package {
     #[pymodule_export]
+    use super::contact::Contact;
+    #[pymodule_export]
     use super::events::{Events, run, simulate};
     #[pymodule_export]
     use super::frame::Frame;
     #[pymodule_export]
-    use super::model::{Contact, Model, Session, fit};
+    use super::model::{Model, Session, fit};
     #[pymodule_export]
     use super::refused::{DeviceError, Error, RecordError, TripError, UsageError};
     #[pymodule_export]

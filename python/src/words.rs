@@ -63,4 +63,12 @@ impl Place<'_> {
             Place::Run(run) => run.get().path(),
         }
     }
+
+    /// Returns what the columns of a loaded table contain, if it was stated.
+    pub fn columns(&self) -> Option<&str> {
+        match self {
+            Place::Path(_) => None,
+            Place::Run(run) => run.get().columns(),
+        }
+    }
 }

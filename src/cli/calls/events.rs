@@ -59,13 +59,27 @@ pub struct Events {
     is_over: bool,
 }
 
-/// The thread of a run, and how it is stopped.
+/// The thread of a run.
 pub struct Walker {
     cancel: Cancel,
+    /// Bits of the latest force, N.
+    force: Arc<AtomicU64>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Walker {
+    /// Returns the latest reading of the load cell, N, relative to its zero.
+    pub fn force_n(&self) -> f64 {
+        f64::from_bits(self.force.load(Ordering::Relaxed))
+    }
+
+    /// Stops the run as the first Ctrl-C does: after the press under way. At once while the rig is being prepared.
+    pub fn stop(&self) {
+        if !self.cancel.pause() && !self.cancel.pausing() {
+            self.cancel.ask();
+        }
+    }
+
     /// Stops the run as a second Ctrl-C does, and returns when the stage is parked.
     pub fn park(&self) {
         self.cancel.ask();
@@ -92,8 +106,6 @@ pub enum Next {
 struct Queue {
     state: Mutex<State>,
     changed: Condvar,
-    /// Bits of the latest force, N.
-    force: AtomicU64,
 }
 
 #[derive(Default)]
@@ -117,9 +129,10 @@ impl Events {
     pub fn start(begun: Begun) -> Result<Events, Refusal> {
         let (path, planned) = (begun.path().to_owned(), begun.planned());
         let (cancel, queue) = (Cancel::default(), Arc::new(Queue::default()));
-        let (asked, heard) = (cancel.clone(), queue.clone());
+        let (force, asked, heard) = (Arc::new(AtomicU64::default()), cancel.clone(), queue.clone());
+        let latest = force.clone();
         let walk = move || {
-            let shown = |force_n: f64| heard.force.store(force_n.to_bits(), Ordering::Relaxed);
+            let shown = |force_n: f64| latest.store(force_n.to_bits(), Ordering::Relaxed);
             let walked = catch_unwind(AssertUnwindSafe(|| begun.walk(&asked, &shown, &mut Heard(&heard))));
             let end = walked.unwrap_or_else(|_| Err(Refusal::of_panic()));
             locked(&heard.state).end = Some(end);
@@ -127,7 +140,7 @@ impl Events {
         };
         let thread = thread::Builder::new().name("run".to_owned()).spawn(walk);
         let thread = thread.map_err(|why| Failure::usage(miette::miette!("no thread for the run: {why}")))?;
-        let walker = Arc::new(Walker { cancel, thread: Mutex::new(Some(thread)) });
+        let walker = Arc::new(Walker { cancel, force, thread: Mutex::new(Some(thread)) });
         Ok(Events { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false })
     }
 
@@ -144,18 +157,6 @@ impl Events {
     /// Returns the thread of the run.
     pub fn walker(&self) -> &Arc<Walker> {
         &self.walker
-    }
-
-    /// Returns the latest reading of the load cell, N, relative to its zero.
-    pub fn force_n(&self) -> f64 {
-        f64::from_bits(self.queue.force.load(Ordering::Relaxed))
-    }
-
-    /// Stops the run as the first Ctrl-C does: after the press under way. At once while the rig is being prepared.
-    pub fn stop(&self) {
-        if !self.walker.cancel.pause() && !self.walker.cancel.pausing() {
-            self.walker.cancel.ask();
-        }
     }
 
     /// Waits for the next event for at most this time.
@@ -370,7 +371,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut events = started(&folder, &random(20_000));
         while !matches!(events.next(LONG), Next::Event(Event::Pressed(_))) {}
-        events.stop();
+        events.walker().stop();
         let (_, others, end) = drained(&mut events);
         assert_eq!((others.last(), end), (Some(&Event::Ended(Status::Stopped)), Next::Over));
     }
