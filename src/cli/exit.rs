@@ -11,9 +11,9 @@ use std::process::ExitCode;
 /// Done, but not accepted by the rule, or not decided.
 pub const NOT_ACCEPTED: u8 = 1;
 /// Exit code of an invalid recipe, rig or command line. Nothing was moved.
-const USAGE: u8 = 2;
+pub const USAGE: u8 = 2;
 /// Exit code of a device that failed.
-const DEVICE: u8 = 3;
+pub const DEVICE: u8 = 3;
 /// Exit code of a broken safety rule.
 const TRIP: u8 = 4;
 /// Exit code of a record that couldn't be kept.
@@ -26,22 +26,30 @@ pub const CANCELLED: u8 = 130;
 pub struct Failure {
     code: u8,
     report: Report,
+    /// Where the stage is, if a walk left it.
+    stage: Option<&'static str>,
+    /// A failure that is reported first; the exit code isn't about it.
+    before: Option<Box<Failure>>,
 }
 
 impl Failure {
+    fn new(code: u8, report: impl Into<Report>) -> Failure {
+        Failure { code, report: report.into(), stage: None, before: None }
+    }
+
     /// Bad input; nothing was moved.
     pub fn usage(report: impl Into<Report>) -> Failure {
-        Failure { code: USAGE, report: report.into() }
+        Failure::new(USAGE, report)
     }
 
     /// The command ended, but its measurements can't be evaluated.
     pub fn not_accepted(report: impl Into<Report>) -> Failure {
-        Failure { code: NOT_ACCEPTED, report: report.into() }
+        Failure::new(NOT_ACCEPTED, report)
     }
 
     /// A result couldn't be written.
     pub fn unwritten(report: impl Into<Report>) -> Failure {
-        Failure { code: RECORD, report: report.into() }
+        Failure::new(RECORD, report)
     }
 
     /// The record couldn't be made or read.
@@ -68,7 +76,7 @@ impl Failure {
             }
             DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
         };
-        Failure { code, report: error.into() }
+        Failure::new(code, error)
     }
 
     /// The folder of a new run couldn't be made.
@@ -77,7 +85,7 @@ impl Failure {
             DatasetError::Io { doing, path, why } if why.kind() != ErrorKind::InvalidInput => {
                 let help = "nothing was pressed: choose another --out, or free disk space and correct the permissions";
                 let report = miette::miette!(help = help, "{doing} {}: {why}", path.display());
-                Failure { code: RECORD, report }
+                Failure::new(RECORD, report)
             }
             error => Failure::dataset(error),
         }
@@ -85,7 +93,7 @@ impl Failure {
 
     /// What was measured couldn't be finished: something has moved by then.
     pub fn unfinished(error: DatasetError) -> Failure {
-        Failure { code: RECORD, report: error.into() }
+        Failure::new(RECORD, error)
     }
 
     /// The record of a batch couldn't be made or read.
@@ -99,42 +107,48 @@ impl Failure {
     /// A run that ended early.
     pub fn halted(halt: Halt) -> Failure {
         match halt {
-            Halt::Cancelled => Failure { code: CANCELLED, report: miette::miette!("cancelled") },
+            Halt::Cancelled => Failure::new(CANCELLED, miette::miette!("cancelled")),
             Halt::Tripped(trip) => {
                 let help = "find the cause before going on";
-                Failure { code: TRIP, report: miette::miette!(help = help, "safety trip: {trip}") }
+                Failure::new(TRIP, miette::miette!(help = help, "safety trip: {trip}"))
             }
-            Halt::Device(error) => Failure { code: DEVICE, report: error.into() },
-            Halt::Record(error) => Failure { code: RECORD, report: error.into() },
-            Halt::Unconfirmed(why) => Failure { code: USAGE, report: miette::miette!("{why}") },
+            Halt::Device(error) => Failure::new(DEVICE, error),
+            Halt::Record(error) => Failure::new(RECORD, error),
+            Halt::Unconfirmed(why) => Failure::new(USAGE, miette::miette!("{why}")),
         }
     }
 
     /// The load cell can't be trusted.
     pub fn untrusted(report: impl Into<Report>) -> Failure {
-        Failure { code: TRIP, report: report.into() }
+        Failure::new(TRIP, report)
     }
 
     /// A walk that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
         let Ending { halt, unparked, .. } = ending;
-        match (&halt, &unparked) {
-            (_, Some(_)) => say("the stage could not be parked: move it clear of the specimen by hand"),
-            (Some(Halt::Record(_)), None) => say("the stage is parked"),
-            _ => {}
-        }
-        match (halt, unparked) {
-            (Some(halt), Some(unparked)) => {
-                _ = Failure::halted(unparked).report(); // said even if it is not what the exit code is about
-                Failure::halted(halt)
-            }
-            (Some(halt), None) | (None, Some(halt)) => Failure::halted(halt),
-            (None, None) => Failure::halted(Halt::Cancelled), // never: such a walk didn't end early
-        }
+        let stage = match (&halt, &unparked) {
+            (_, Some(_)) => Some("the stage could not be parked: move it clear of the specimen by hand"),
+            (Some(Halt::Record(_)), None) => Some("the stage is parked"),
+            _ => None,
+        };
+        let (halt, unparked) = match (halt, unparked) {
+            (Some(halt), unparked) => (halt, unparked),
+            (None, Some(unparked)) => (unparked, None),
+            (None, None) => (Halt::Cancelled, None), // never: such a walk didn't end early
+        };
+        let before = unparked.map(|why| Box::new(Failure::halted(why)));
+        Failure { stage, before, ..Failure::halted(halt) }
+    }
+
+    /// The same, after another failure.
+    pub fn after(self, before: Failure) -> Failure {
+        Failure { before: Some(Box::new(before)), ..self }
     }
 
     /// Prints the failure, and returns its exit code.
     pub fn report(self) -> ExitCode {
+        self.stage.into_iter().for_each(say);
+        self.before.into_iter().for_each(|before| _ = before.report());
         match self.report.downcast::<Problems>() {
             Ok(problems) => {
                 // the count last, where the eye is when the printing ends
@@ -146,6 +160,32 @@ impl Failure {
         }
         ExitCode::from(self.code)
     }
+
+    /// Returns the exit code, and what [`report`](Self::report) prints as plain lines without graphics.
+    pub fn plain(self) -> (u8, String) {
+        let mut lines: Vec<String> = self.stage.into_iter().map(str::to_owned).collect();
+        lines.extend(self.before.map(|before| before.plain().1));
+        lines.push(match self.report.downcast_ref::<Problems>() {
+            Some(problems) => {
+                let line = |(line, help): (String, Option<&str>)| line + &helped(help);
+                let listed: Vec<String> = problems.told().map(line).collect();
+                format!("{}\n{problems}; nothing was done", listed.join("\n"))
+            }
+            None => plain(&self.report),
+        });
+        (self.code, lines.join("\n"))
+    }
+}
+
+/// Returns a report with its causes in one line, and its advice in another.
+fn plain(report: &Report) -> String {
+    let causes: Vec<String> = report.chain().map(ToString::to_string).collect();
+    let help = report.help().map(|help| help.to_string());
+    causes.join(": ") + &helped(help.as_deref())
+}
+
+fn helped(help: Option<&str>) -> String {
+    help.map_or_else(String::new, |help| format!("\nhelp: {help}"))
 }
 
 /// Prints a text. If the terminal has been closed, nothing is shown, but the exit code is still returned.

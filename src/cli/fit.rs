@@ -49,12 +49,17 @@ pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     write(&file, &args.out)
 }
 
-/// Writes a sensor file, and prints its content.
-pub fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
+/// Writes a sensor file.
+pub fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
     file.write(out).map_err(|error| match error {
         SensorFileError::Taken { .. } => Failure::usage(error),
         error => Failure::unwritten(error),
-    })?;
+    })
+}
+
+/// Writes a sensor file, and prints its content.
+pub fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
+    place(file, out)?;
     let kept = if file.card.keeps_presses { "" } else { ", without its presses" };
     let kb = file.card.bytes.div_ceil(1000);
     print(&format!("{}: {}, {kb} kB{kept}\n", out.display(), file.card.method))?;

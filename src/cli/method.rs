@@ -2,7 +2,7 @@
 
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
-use super::recorded::{read_presses, read_run};
+use super::recorded::{noted_presses, noted_run};
 use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
@@ -61,25 +61,34 @@ pub struct Source {
     pub sensor: Option<String>,
     /// Its forces are relative, not in newtons.
     pub is_relative: bool,
+    /// What a person should know about its files.
+    pub notes: Vec<String>,
 }
 
 impl Source {
-    /// Reads a run folder or a table of presses.
+    /// Reads a run folder or a table of presses, and prints the notes.
     pub fn read(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
+        let source = Source::noted(path, method)?;
+        source.notes.iter().try_for_each(|note| tell(note))?;
+        Ok(source)
+    }
+
+    /// Reads a run folder or a table of presses.
+    pub fn noted(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
         let load = method.load();
         let path = path.to_owned();
         if path.is_dir() {
-            let (recorded, bench) = read_run(&path)?;
+            let (recorded, bench, notes) = noted_run(&path)?;
             let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
             let (layout, sensor) = (bench.placed().cloned(), recorded.manifest.facts.labels.sensor.clone());
-            return Ok(Source { path, calibration, layout, sensor, is_relative: false });
+            return Ok(Source { path, calibration, layout, sensor, is_relative: false, notes });
         }
         let mapping = method.mapping()?;
-        let table = read_presses(&path, &mapping)?;
+        let (table, notes) = noted_presses(&path, &mapping)?;
         let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
         let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
         let layout = mapping.layout_of(table.channels);
-        Ok(Source { path, calibration, layout, sensor: None, is_relative })
+        Ok(Source { path, calibration, layout, sensor: None, is_relative, notes })
     }
 
     /// Reads a sensor file too, which keeps its presses.
@@ -94,7 +103,8 @@ impl Source {
         };
         let (calibration, layout) = (calibration.clone(), model.setting().layout.cloned());
         let is_relative = card.valid.force_n.is_none();
-        Ok(Source { path: path.to_owned(), calibration, layout, sensor: card.sensor, is_relative })
+        let (path, notes) = (path.to_owned(), Vec::new());
+        Ok(Source { path, calibration, layout, sensor: card.sensor, is_relative, notes })
     }
 
     /// The journal or the file by its content.
@@ -167,10 +177,15 @@ pub fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> St
 
 /// Says which units of a calibration are left out of account.
 pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
-    for Broken { unit, fault } in fitted.broken() {
-        tell(&format!("{}: output {} {}, excluded\n", path.display(), unit + 1, fault.told()))?;
-    }
-    Ok(())
+    left_out(path, fitted).try_for_each(|line| tell(&line))
+}
+
+/// A line for each unit of a calibration that is left out of account.
+pub fn left_out(path: &Path, fitted: &Fitted) -> impl Iterator<Item = String> {
+    let line = |Broken { unit, fault }: &Broken| {
+        format!("{}: output {} {}, excluded\n", path.display(), unit + 1, fault.told())
+    };
+    fitted.broken().iter().map(line)
 }
 
 fn share(text: &str) -> Result<f64, String> {

@@ -7,6 +7,7 @@
 mod adapt;
 mod align;
 mod batch;
+pub mod calls;
 mod certificate;
 mod check;
 mod check_weight;

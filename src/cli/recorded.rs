@@ -4,26 +4,33 @@ use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
 use crate::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
+use crate::export::{self, BenchError};
 use crate::recipe::Phase;
 use crate::rig::{Bench, RigSpec};
 use std::path::Path;
 
-/// Returns the content of a run's journal, and the bench on which it was made.
+/// Returns the content of a run's journal, and the bench on which it was made. Prints the notes.
 pub fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
-    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
-    for warning in recorded.warnings().map_err(Failure::dataset)? {
-        tell(&format!("warning: {warning}\n"))?;
-    }
-    let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
+    let (recorded, bench, notes) = noted_run(run)?;
+    notes.iter().try_for_each(|note| tell(note))?;
     Ok((recorded, bench))
+}
+
+/// Returns the content of a run's journal, the bench on which it was made, and a line for each file that differs.
+pub fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> {
+    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
+    let warnings = recorded.warnings().map_err(Failure::dataset)?.into_iter();
+    let notes = warnings.map(|warning| format!("warning: {warning}\n")).collect();
+    let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
+    Ok((recorded, bench, notes))
 }
 
 /// Returns the bench of a run, as recorded in its journal.
 pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
-    let Some(imported) = &facts.imported else { return Ok(Bench::of_rig(rig_of(run, texts)?)) };
-    let path = run.join("columns.toml").display().to_string();
-    let columns = Mapping::parse(&path, texts.columns()).map_err(Failure::usage)?;
-    Ok(Bench::of_import(columns.array, imported.outputs as usize))
+    export::bench_of(run, facts, texts).map_err(|error| match error {
+        BenchError::Problems(problems) => Failure::usage(problems),
+        error => Failure::usage(error),
+    })
 }
 
 /// Returns the rig of a run, as recorded in its journal.
@@ -36,23 +43,27 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 
-/// Returns the presses of a table that is named by its path. The table isn't compared with a journal.
+/// Returns the presses of a table that is named by its path, and prints the notes.
 pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure> {
-    let presses = read_table(table, mapping).map_err(Failure::usage)?;
-    warn_of_table(table)?;
-    for detected in &presses.detected {
-        tell(&format!("note: {}: {detected}\n", table.display()))?;
-    }
-    for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
-        tell(&format!(
-            "warning: {}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)\n",
-            table.display()
-        ))?;
-    }
-    if presses.unused.len() > LOOKALIKES_MAX {
-        tell(&format!("warning: and {} more such columns\n", presses.unused.len() - LOOKALIKES_MAX))?;
-    }
+    let (presses, notes) = noted_presses(table, mapping)?;
+    notes.iter().try_for_each(|note| tell(note))?;
     Ok(presses)
+}
+
+/// Returns the presses of a table that is named by its path, and a line for each fact that a person should know about it.
+pub fn noted_presses(table: &Path, mapping: &Mapping) -> Result<(Presses, Vec<String>), Failure> {
+    let presses = read_table(table, mapping).map_err(Failure::usage)?;
+    let name = table.display();
+    let mut notes: Vec<String> = difference(table).into_iter().collect();
+    notes.extend(presses.detected.iter().map(|detected| format!("note: {name}: {detected}\n")));
+    notes.extend(presses.unused.iter().take(LOOKALIKES_MAX).map(|Lookalike { column, looks_like, read_from }| {
+        format!(
+            "warning: {name}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)\n"
+        )
+    }));
+    let more = presses.unused.len().saturating_sub(LOOKALIKES_MAX);
+    notes.extend((more > 0).then(|| format!("warning: and {more} more such columns\n")));
+    Ok((presses, notes))
 }
 
 /// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
@@ -88,18 +99,13 @@ pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failur
 /// Largest number of columns that are named one by one in a warning.
 const LOOKALIKES_MAX: usize = 8;
 
-/// Prints a line if a table, named by its path, differs from the journal next to it. The table is still read.
-fn warn_of_table(table: &Path) -> Result<(), Failure> {
+/// Returns a line if a table, named by its path, differs from the journal next to it. The table is still read.
+fn difference(table: &Path) -> Option<String> {
     let folder = table.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let is_a_runs = table.file_name().is_some_and(|name| name == "presses.csv");
     // a journal that can't be read is for `palpate verify` to report
-    let Some(recorded) = is_a_runs.then(|| Recorded::read(folder).ok()).flatten() else { return Ok(()) };
-    match recorded.table_problem("presses.csv") {
-        Ok(Some(problem)) => tell(&format!(
-            "warning: {} {problem}; it is read as it is (name the folder {} to read the journal)\n",
-            table.display(),
-            folder.display()
-        )),
-        _ => Ok(()),
-    }
+    let recorded = is_a_runs.then(|| Recorded::read(folder).ok()).flatten()?;
+    let problem = recorded.table_problem("presses.csv").ok().flatten()?;
+    let (table, folder) = (table.display(), folder.display());
+    Some(format!("warning: {table} {problem}; it is read as it is (name the folder {folder} to read the journal)\n"))
 }

@@ -6,6 +6,7 @@ use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
 use crate::dataset::{RunFacts, RunFolder};
+use crate::recipe::Plan;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -34,11 +35,27 @@ pub struct RunArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    session: SessionArgs,
+    pub session: SessionArgs,
+}
+
+/// A run whose folder is made. Nothing has moved.
+pub struct Begun {
+    /// Recipe and rig.
+    pub sources: Sources,
+    /// The presses.
+    pub plan: Plan,
+    /// The folder.
+    pub folder: RunFolder,
 }
 
 /// Makes the run's folder and walks its plan.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+    let Begun { sources, plan, mut folder } = begin(args)?;
+    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
+}
+
+/// Makes the run's folder.
+pub fn begin(args: &RunArgs) -> Result<Begun, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     args.session.manner.check(&sources.rig)?;
@@ -50,7 +67,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     };
     let session = session(args.session.manner.durability);
     let layout = &sources.rig.array.layout;
-    let mut folder =
+    let folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::unmade)?;
-    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
+    Ok(Begun { sources, plan, folder })
 }

@@ -10,7 +10,7 @@ use super::which_way::ConfirmArgs;
 use crate::dataset::{DatasetError, Durability, RunFolder};
 use crate::recipe::{Plan, Recipe};
 use crate::rig::RigSpec;
-use crate::run::{Cancel, Ending, Halt, Walk, keep_pace, walk};
+use crate::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -66,7 +66,9 @@ pub fn carry_out(
     let spec = &args.manner.confirm.of(spec.clone());
     let cancel = heed(First::Pause, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(plan, folder.manifest().presses_done as usize, args.json, cancel.clone());
-    let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, &mut progress)?;
+    let shown = progress.gauge();
+    let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, (&*shown, &mut progress))?;
+    progress.end();
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
     let shown = show(&match &finished {
         Ok(()) => summary::ended(folder, virtual_time),
@@ -88,23 +90,23 @@ pub fn carry_out(
 }
 
 /// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
+/// `heard` is called for every force, N, and for every event.
 pub fn walked(
     plan: &Plan,
     spec: &RigSpec,
     folder: &mut RunFolder,
     pace: Option<f64>,
     cancel: &Cancel,
-    progress: &mut Progress<'_>,
+    heard: (&dyn Fn(f64), &mut dyn Listener),
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
     let ending = runtime(spec.is_simulated())?.block_on(async {
         if let Some(pace) = pace {
             tokio::spawn(keep_pace(pace));
         }
-        let shown = progress.gauge();
-        walk(Walk { plan, spec, ledger: folder, cancel, shown: &*shown }, progress).await
+        let (shown, listener) = heard;
+        walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
     });
-    progress.end();
     let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
     Ok((ending, finished))
 }

@@ -1,7 +1,7 @@
 //! Solutions written as lines.
 
 use crate::dataset::readings::Reading;
-use crate::dataset::round;
+use crate::quantity::{Place, round};
 use crate::solver::{Covariance, HalfWidths, Solution, Verdict};
 use serde::Serialize;
 use serde_json::Value;
@@ -13,7 +13,7 @@ const BUFFER_BYTES: usize = 64 << 10;
 /// Number of decimals in the output, the same as in a run's tables. It is far finer than the resolution of any array.
 const DECIMALS: i32 = 6;
 /// Verdict on a reading without an answer.
-const UNSOLVED: &str = "unsolved";
+pub const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
 pub struct Solutions<W: Write> {
@@ -99,30 +99,71 @@ impl<W: Write> Solutions<W> {
     }
 }
 
+/// Columns of numbers in an answer, in their order.
+pub const NUMBERS: [&str; 13] = [
+    "x_mm",
+    "y_mm",
+    "force_n",
+    "sd_x_mm",
+    "sd_y_mm",
+    "sd_force_n",
+    "half68_mm",
+    "half95_mm",
+    "half68_n",
+    "half95_n",
+    "other_x_mm",
+    "other_y_mm",
+    "misfit",
+];
+
+/// Returns the numbers of an answer as they are printed, in the order of [`NUMBERS`]; NaN if a number is unknown.
+pub fn numbers(solution: &Solution) -> [f64; NUMBERS.len()] {
+    let Solution { place, force_n, covariance, half_widths, other, misfit, .. } = solution;
+    let sd = |of: fn(&Covariance) -> f64| covariance.as_ref().map_or(f64::NAN, of);
+    let half = |of: fn(&HalfWidths) -> f64| half_widths.as_ref().map_or(f64::NAN, of);
+    let other = |of: fn(&Place) -> f64| other.as_ref().map_or(f64::NAN, of);
+    let numbers = [
+        place.x_mm,
+        place.y_mm,
+        *force_n,
+        sd(Covariance::x_mm),
+        sd(Covariance::y_mm),
+        sd(Covariance::force_n),
+        half(|half| half.half68_mm),
+        half(|half| half.half95_mm),
+        half(|half| half.half68_n),
+        half(|half| half.half95_n),
+        other(|place| place.x_mm),
+        other(|place| place.y_mm),
+        misfit.unwrap_or(f64::NAN),
+    ];
+    numbers.map(|number| round(number, DECIMALS)).map(|number| if number.is_finite() { number } else { f64::NAN })
+}
+
 impl<'a> Line<'a> {
     fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>) -> Self {
         let found = solved.as_ref().ok();
-        let number = |of: &dyn Fn(&Solution) -> f64| found.map(of).and_then(finite);
-        let sd = |of: fn(&Covariance) -> f64| found.and_then(|s| s.covariance.as_ref()).map(of).and_then(finite);
-        let half = |of: fn(&HalfWidths) -> f64| found.and_then(|s| s.half_widths.as_ref()).map(of).and_then(finite);
-        let other = found.and_then(|s| s.other);
+        let numbers = found.map_or([f64::NAN; NUMBERS.len()], numbers);
+        let known = numbers.map(|number| Some(number).filter(|number| number.is_finite()));
+        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, ..] = known;
+        let [.., half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit] = known;
         Line {
             line: None,
             id: reading.id.as_ref(),
             t_s: reading.t_s.as_ref(),
-            x_mm: number(&|s| s.place.x_mm),
-            y_mm: number(&|s| s.place.y_mm),
-            force_n: number(&|s| s.force_n),
-            sd_x_mm: sd(Covariance::x_mm),
-            sd_y_mm: sd(Covariance::y_mm),
-            sd_force_n: sd(Covariance::force_n),
-            half68_mm: half(|half| half.half68_mm),
-            half95_mm: half(|half| half.half95_mm),
-            half68_n: half(|half| half.half68_n),
-            half95_n: half(|half| half.half95_n),
-            other_x_mm: other.map(|place| place.x_mm).and_then(finite),
-            other_y_mm: other.map(|place| place.y_mm).and_then(finite),
-            misfit: found.and_then(|s| s.misfit).and_then(finite),
+            x_mm,
+            y_mm,
+            force_n,
+            sd_x_mm,
+            sd_y_mm,
+            sd_force_n,
+            half68_mm,
+            half95_mm,
+            half68_n,
+            half95_n,
+            other_x_mm,
+            other_y_mm,
+            misfit,
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
                 Verdict::ChannelFault(unit) => Some(unit + 1),
@@ -131,12 +172,6 @@ impl<'a> Line<'a> {
             error: solved.as_ref().err().map(ToString::to_string),
         }
     }
-}
-
-/// Returns a finite number; `None` for a number that isn't finite, which means that it is unknown.
-fn finite(value: f64) -> Option<f64> {
-    let rounded = round(value, DECIMALS);
-    rounded.is_finite().then_some(rounded)
 }
 
 /// Returns the stream's own error.
@@ -150,7 +185,6 @@ fn io_error(error: csv::Error) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantity::Place;
     use crate::solver::SolveError;
 
     const NO_WIDTHS: &str =

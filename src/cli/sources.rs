@@ -96,10 +96,7 @@ impl Sources {
         let (ReadRecipe { recipe, text: recipe_text, rule }, (rig_text, spec)) = match (recipe, spec) {
             (Ok(recipe), Ok(spec)) => (recipe, spec),
             (Err(failure), Ok(_)) | (Ok(_), Err(failure)) => return Err(failure),
-            (Err(recipe), Err(rig)) => {
-                recipe.report(); // both are reported at once
-                return Err(rig);
-            }
+            (Err(recipe), Err(rig)) => return Err(rig.after(recipe)), // both are reported at once
         };
         let recipe = match rig.strategy {
             Some(strategy) => recipe.with_strategy(strategy),

@@ -42,14 +42,24 @@ pub struct ConfirmArgs {
 }
 
 impl ConfirmArgs {
-    /// The rig, with whom it asks which way z goes.
+    /// The rig, with whom it asks which way z goes: a person at the terminal, if there is one.
     pub fn of(&self, spec: RigSpec) -> RigSpec {
+        self.with(spec, is_attended())
+    }
+
+    /// The rig, which asks no person.
+    pub fn of_absent(&self, spec: RigSpec) -> RigSpec {
+        self.with(spec, false)
+    }
+
+    fn with(&self, spec: RigSpec, is_attended: bool) -> RigSpec {
         let has = |what| self.confirmed.contains(&what);
         let person = Person {
             confirmed: has(Confirmed::Down),
             at_zero: has(Confirmed::Home),
             clear: has(Confirmed::Clear),
             kept: kept_path(),
+            is_attended,
         };
         RigSpec { which_way: Some(Arc::new(person)), ..spec }
     }
@@ -66,6 +76,8 @@ struct Person {
     clear: bool,
     /// Returns the file with the confirmed directions; `None` if the system names no folder for it.
     kept: Option<PathBuf>,
+    /// Whether there is a terminal at which the person can be asked.
+    is_attended: bool,
 }
 
 impl WhichWay for Person {
@@ -81,7 +93,7 @@ impl WhichWay for Person {
 
     fn announce(&self, stage: &Identity, way_mm: f64, search: HomeSearch) -> Result<(), String> {
         let Identity { identity, link, .. } = stage;
-        if !is_attended() {
+        if !self.is_attended {
             return Err(format!(
                 "the direction of z isn't confirmed on this stage ({identity} at {link}), and there is no terminal to ask at: \
                  nothing was moved. Run `palpate doctor` at a terminal once, or add --confirmed down if `frame.down` is right"
@@ -115,7 +127,7 @@ impl WhichWay for Person {
         if self.clear {
             return Ok(());
         }
-        if !is_attended() {
+        if !self.is_attended {
             return Err(format!(
                 "this stage ({identity} at {link}) homes z toward the specimen, it isn't confirmed that nothing is in the way, and \
                  there is no terminal to ask at: nothing was moved. Take the indenter off or the specimen away, then add \
@@ -131,7 +143,7 @@ impl WhichWay for Person {
     }
 
     fn confirm_back(&self, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
-        if self.clear || !is_attended() {
+        if self.clear || !self.is_attended {
             return Ok(());
         }
         let told =
@@ -145,7 +157,7 @@ impl WhichWay for Person {
         if self.at_zero {
             return Ok(());
         }
-        if !is_attended() {
+        if !self.is_attended {
             return Err(format!(
                 "the zero of this stage ({identity} at {link}) isn't confirmed, and there is no terminal to ask at: nothing \
                  was moved. It has no switches, and opening its port loses its position: bring it to the zero of \
@@ -228,6 +240,7 @@ mod tests {
             at_zero: false,
             clear: false,
             kept: Some(folder.path().join("state/confirmed-down.txt")),
+            is_attended: false,
         };
         let (here, there) = (stage("serial:///dev/ttyUSB0"), stage("serial:///dev/ttyUSB1"));
         assert!(!person(false).is_known(&here, Down::Minus));

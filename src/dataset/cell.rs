@@ -19,11 +19,25 @@ pub enum Value<'a> {
     Nothing,
 }
 
+/// Type of the values of a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Integers.
+    Count,
+    /// Numbers.
+    Number,
+    /// Words.
+    Text,
+}
+
 /// Index of a row's unexpected cell in a column, and the expected content.
 pub(super) type Misread = (usize, &'static str);
 
 /// Content of a column.
 pub(super) trait Cell: Sized {
+    /// Type of its values.
+    const KIND: Kind;
+
     /// Reads the cells of one row, trimmed: one cell, or one for each channel.
     ///
     /// # Errors
@@ -73,6 +87,8 @@ fn number(text: &str) -> Option<f64> {
 const NUMBER: &str = "a finite number";
 
 impl Cell for u64 {
+    const KIND: Kind = Kind::Count;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         only(cells).parse().map_err(|_| (0, "a whole number from 0"))
     }
@@ -83,6 +99,8 @@ impl Cell for u64 {
 }
 
 impl Cell for f64 {
+    const KIND: Kind = Kind::Number;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         number(only(cells)).ok_or((0, NUMBER))
     }
@@ -98,6 +116,8 @@ impl Cell for f64 {
 
 /// Number that not every table has. If the table has the column, each cell is a number.
 impl Cell for Option<f64> {
+    const KIND: Kind = Kind::Number;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         f64::read(cells).map(Some)
     }
@@ -112,6 +132,8 @@ impl Cell for Option<f64> {
 }
 
 impl Cell for Option<Phase> {
+    const KIND: Kind = Kind::Text;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         let named = Phase::ALL.into_iter().find(|phase| phase.name() == only(cells));
         named.map(Some).ok_or((0, "characterisation, calibration, test or teach"))
@@ -123,6 +145,8 @@ impl Cell for Option<Phase> {
 }
 
 impl Cell for Vec<f64> {
+    const KIND: Kind = Kind::Number;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         cells.iter().enumerate().map(|(index, cell)| number(cell).ok_or((index, NUMBER))).collect()
     }
@@ -138,6 +162,8 @@ impl Cell for Vec<f64> {
 
 /// Flags, separated by blanks. An empty cell and 0 mean no flags. An unknown word is a flag too.
 impl Cell for Vec<Flag> {
+    const KIND: Kind = Kind::Text;
+
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         let words = only(cells).split_whitespace();
         let named = |word: &str| Flag::ALL.into_iter().find(|flag| flag.name() == word).unwrap_or(Flag::Other);

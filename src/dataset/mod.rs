@@ -46,7 +46,7 @@ mod views;
 
 pub(crate) use crate::quantity::round;
 pub use acceptance::Evidence;
-pub use cell::Value;
+pub use cell::{Kind, Value};
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
 pub use flag::Flag;
@@ -72,4 +72,4 @@ pub use session::{
 pub use table::{parse_table, read_table};
 pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
 pub use verify::{Verified, verify};
-pub use views::TABLES;
+pub use views::{CHARACTERISTIC_COLUMNS, Characteristic, TABLES};

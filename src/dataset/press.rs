@@ -3,7 +3,7 @@
 //! A new column requires one line in the list below, and code that measures it.
 
 use super::Flag;
-use super::cell::{Cell, Misread, Value};
+use super::cell::{Cell, Kind, Misread, Value};
 use crate::quantity::Place;
 use crate::recipe::Phase;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
@@ -28,6 +28,10 @@ pub struct Column {
     pub name: &'static str,
     /// Tables that have the column.
     pub presence: Presence,
+    /// What the column contains, in a sentence.
+    pub definition: &'static str,
+    /// Type of its values.
+    pub kind: Kind,
     pub(super) write: Write,
     pub(super) read: Read,
     round: fn(&mut Press),
@@ -42,17 +46,19 @@ type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
 pub const OUTPUTS: &str = "outputs";
 
 /// Declares the columns in the order of `presses.csv`: `name: type, presence, decimals` (the number of decimals that an
-/// instrument resolves).
+/// instrument resolves). The comment of a column is its definition in exported files.
 macro_rules! columns {
-    ($($(#[$meta:meta])* $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
+    ($($(#[doc = $doc:literal])* $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
         /// One level of one press: a row of `presses.csv`. `None` means that the source table doesn't contain the value.
         #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
-        pub struct Press { $($(#[$meta])* pub $name: $kind,)* }
+        pub struct Press { $($(#[doc = $doc])* pub $name: $kind,)* }
 
         /// Columns in the order in which they are written.
         pub const COLUMNS: &[Column] = &[$(Column {
             name: stringify!($name),
             presence: Presence::$presence,
+            definition: concat!($($doc),*).trim_ascii(),
+            kind: <$kind as Cell>::KIND,
             write: |press, out| press.$name.write(out),
             read: |press, cells| Cell::read(cells).map(|value| press.$name = value),
             round: |press| press.$name.round_to($decimals),
@@ -95,6 +101,11 @@ columns! {
 }
 
 impl Column {
+    /// Passes the values of a press in the column on, one for each cell.
+    pub fn write(&self, press: &Press, out: &mut dyn FnMut(Value<'_>)) {
+        (self.write)(press, out);
+    }
+
     /// Returns the column's names in a header for an array with `channels` channels.
     pub fn names(&self, channels: usize) -> Vec<String> {
         match self.name {

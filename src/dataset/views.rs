@@ -108,19 +108,75 @@ fn write_matrix<'a>(
     Ok(())
 }
 
-/// Function that returns the value of a unit for a column of `characteristics.csv`.
-type Characteristic = fn(&UnitCharacteristics) -> Option<f64>;
-const CHARACTERISTIC_COLUMNS: [(&str, Characteristic); 10] = [
-    ("repeatability_loading_percent", |unit| unit.repeatability_loading_percent),
-    ("repeatability_unloading_percent", |unit| unit.repeatability_unloading_percent),
-    ("hysteresis_percent", |unit| unit.hysteresis_percent),
-    ("hysteresis_of_reading_percent", |unit| unit.hysteresis_of_reading_percent),
-    ("linearity_percent", |unit| unit.linearity_percent),
-    ("zero_return_percent", |unit| unit.zero_return_percent),
-    ("repeatability_loading_least_percent", |unit| Some(unit.repeatability_loading_interval_percent?.0)),
-    ("repeatability_loading_most_percent", |unit| Some(unit.repeatability_loading_interval_percent?.1)),
-    ("repeatability_unloading_least_percent", |unit| Some(unit.repeatability_unloading_interval_percent?.0)),
-    ("repeatability_unloading_most_percent", |unit| Some(unit.repeatability_unloading_interval_percent?.1)),
+/// One column of `characteristics.csv`.
+#[derive(Clone, Copy)]
+pub struct Characteristic {
+    /// Name in the header.
+    pub name: &'static str,
+    /// What the column contains, in a sentence.
+    pub definition: &'static str,
+    of: fn(&UnitCharacteristics) -> Option<f64>,
+}
+
+impl Characteristic {
+    /// Returns the value of a unit, rounded as in the table; `None` if the readings don't determine it.
+    pub fn of(&self, unit: &UnitCharacteristics) -> Option<f64> {
+        (self.of)(unit).map(|value| round(value, 4))
+    }
+}
+
+/// Columns of `characteristics.csv` after the unit and its channel.
+pub const CHARACTERISTIC_COLUMNS: [Characteristic; 10] = [
+    Characteristic {
+        name: "repeatability_loading_percent",
+        definition: "Three standard deviations of repeated loading outputs.",
+        of: |unit| unit.repeatability_loading_percent,
+    },
+    Characteristic {
+        name: "repeatability_unloading_percent",
+        definition: "Three standard deviations of repeated unloading outputs.",
+        of: |unit| unit.repeatability_unloading_percent,
+    },
+    Characteristic {
+        name: "hysteresis_percent",
+        definition: "Largest difference between unloading and loading.",
+        of: |unit| unit.hysteresis_percent,
+    },
+    Characteristic {
+        name: "hysteresis_of_reading_percent",
+        definition: "Largest difference between unloading and loading, relative to the mean reading at the same force.",
+        of: |unit| unit.hysteresis_of_reading_percent,
+    },
+    Characteristic {
+        name: "linearity_percent",
+        definition: "Largest deviation of loading outputs from a straight line.",
+        of: |unit| unit.linearity_percent,
+    },
+    Characteristic {
+        name: "zero_return_percent",
+        definition: "Output in air after the load minus output in air before the load.",
+        of: |unit| unit.zero_return_percent,
+    },
+    Characteristic {
+        name: "repeatability_loading_least_percent",
+        definition: "Lower end of the 95 % interval of the repeatability while loading.",
+        of: |unit| Some(unit.repeatability_loading_interval_percent?.0),
+    },
+    Characteristic {
+        name: "repeatability_loading_most_percent",
+        definition: "Upper end of the 95 % interval of the repeatability while loading.",
+        of: |unit| Some(unit.repeatability_loading_interval_percent?.1),
+    },
+    Characteristic {
+        name: "repeatability_unloading_least_percent",
+        definition: "Lower end of the 95 % interval of the repeatability while unloading.",
+        of: |unit| Some(unit.repeatability_unloading_interval_percent?.0),
+    },
+    Characteristic {
+        name: "repeatability_unloading_most_percent",
+        definition: "Upper end of the 95 % interval of the repeatability while unloading.",
+        of: |unit| Some(unit.repeatability_unloading_interval_percent?.1),
+    },
 ];
 
 fn characteristics(staircases: &Staircases) -> String {
@@ -128,12 +184,15 @@ fn characteristics(staircases: &Staircases) -> String {
     // a unit with one channel needs no column for it
     let has_channels = units.iter().any(|unit| unit.channel.is_some());
     let channel_head = if has_channels { "channel," } else { "" };
-    let mut text = format!("unit,{channel_head}{}\n", CHARACTERISTIC_COLUMNS.map(|(name, _)| name).join(","));
-    let cell = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{:.4}", round(value, 4)));
+    let mut text = format!("unit,{channel_head}{}\n", CHARACTERISTIC_COLUMNS.map(|column| column.name).join(","));
+    let cell = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.4}"));
     for unit in units {
         let channel = if has_channels { format!("{},", unit.channel.unwrap_or(1)) } else { String::new() };
-        text +=
-            &format!("{},{channel}{}\n", unit.unit, CHARACTERISTIC_COLUMNS.map(|(_, of)| cell(of(&unit))).join(","));
+        text += &format!(
+            "{},{channel}{}\n",
+            unit.unit,
+            CHARACTERISTIC_COLUMNS.map(|column| cell(column.of(&unit))).join(",")
+        );
     }
     text
 }

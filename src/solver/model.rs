@@ -138,24 +138,24 @@ impl Model {
         Ok(postcard::from_bytes(bytes)?)
     }
 
-    /// Returns the same method, fitted without these units and the units already left out. `None` without the calibration.
-    pub(super) fn fit_without(&self, units: &[usize], fault: Fault) -> Option<Result<Fitted, FitError>> {
+    /// Returns the method of `fitted`, a fit to this model's calibration, fitted without these units and the units already left
+    /// out. `None` without the calibration.
+    pub(super) fn fit_without(
+        &self,
+        fitted: &Fitted,
+        units: &[usize],
+        fault: Fault,
+    ) -> Option<Result<Fitted, FitError>> {
         let calibration = self.calibration.clone()?;
-        let mut broken = self.fitted.broken().to_vec();
+        let mut broken = fitted.broken().to_vec();
         broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
-        let name = self.fitted.name();
-        let fitted = Prepared::without(calibration, &self.setting(), broken).and_then(|prepared| prepared.fit(name));
-        Some(fitted.map(|fitted| fitted.widened_as(&self.fitted)))
+        let prepared = Prepared::without(calibration, &self.setting(), broken);
+        Some(prepared.and_then(|prepared| prepared.fit(fitted.name())).map(|new| new.widened_as(fitted)))
     }
 
     /// Multiplies the stated errors of location and of force.
     pub(super) fn widen(&mut self, location: f64, force: f64) {
         self.fitted.widen(location, force);
-    }
-
-    /// Replaces the present fit.
-    pub(super) fn replace(&mut self, fitted: Fitted) {
-        self.fitted = fitted;
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver, Verdict, Workspace};
 use crate::quantity::Ewma;
+use std::sync::Arc;
 
 /// Solves one reading after another. If a unit breaks, it is excluded from then on.
 ///
@@ -13,8 +14,12 @@ use crate::quantity::Ewma;
 /// most one of fifty. All readings of the same contact count once.
 ///
 /// A control chart shows whether more contacts than expected don't fit the calibration: see [`Session::is_out_of_date`].
+///
+/// Sessions share a model: each holds only what it learned from its own readings.
 pub struct Session {
-    model: Model,
+    model: Arc<Model>,
+    /// The method, fitted without the units that broke in this session; `None` if no unit broke.
+    reduced: Option<Fitted>,
     /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
     /// Logarithm of the odds that each unit is broken; at least 0.
@@ -32,6 +37,8 @@ struct Partial {
     /// Missing units, in order.
     missing: Vec<usize>,
     fitted: Result<Fitted, FitError>,
+    /// Whether a reading since the last restart needed it.
+    is_used: bool,
 }
 
 /// Reason why a reading has no answer.
@@ -74,10 +81,12 @@ const LIMIT_SIGMAS: f64 = 7.0;
 
 impl Session {
     /// Creates a session for a model.
-    pub fn new(model: Model) -> Self {
+    pub fn new(model: impl Into<Arc<Model>>) -> Self {
+        let model = model.into();
         Session {
             evidence: vec![0.0; model.validity().units],
             model,
+            reduced: None,
             partial: Vec::new(),
             witness: None,
             unfit: Ewma::new(NEWEST_WEIGHT),
@@ -86,14 +95,31 @@ impl Session {
         }
     }
 
-    /// Returns the model, without the units that were found broken.
+    /// Returns the model, with the units that broke in this session.
     pub fn model(&self) -> &Model {
         &self.model
     }
 
     /// Returns the excluded units, in the order in which they were found.
     pub fn broken(&self) -> &[Broken] {
-        self.model.fitted().broken()
+        self.fitted().broken()
+    }
+
+    /// Forgets all readings, so that the next answers are those of a new session. Fits for missing outputs are kept, unless a
+    /// unit broke.
+    pub fn restart(&mut self) {
+        if self.reduced.take().is_some() {
+            self.partial.clear();
+        }
+        self.partial.iter_mut().for_each(|partial| partial.is_used = false);
+        self.evidence.fill(0.0);
+        self.witness = None;
+        (self.unfit, self.is_out_of_date) = (Ewma::new(NEWEST_WEIGHT), false);
+    }
+
+    /// The method, without the units that broke.
+    fn fitted(&self) -> &Fitted {
+        self.reduced.as_ref().unwrap_or(self.model.fitted())
     }
 
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
@@ -115,7 +141,7 @@ impl Session {
         let is_missing = |unit: &usize| outputs[*unit].is_nan() && !is_left_out(*unit);
         let missing: Vec<usize> = (0..found).filter(is_missing).collect();
         let fitted = if missing.is_empty() {
-            self.model.fitted()
+            self.reduced.as_ref().unwrap_or(self.model.fitted())
         } else {
             let index = self.partial(&missing)?;
             self.partial[index].fitted.as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
@@ -128,16 +154,19 @@ impl Session {
     /// Returns the index of the fit without these units. Makes this fit if it doesn't exist yet.
     fn partial(&mut self, missing: &[usize]) -> Result<usize, Unanswered> {
         if let Some(index) = self.partial.iter().position(|partial| partial.missing == missing) {
+            self.partial[index].is_used = true;
             return Ok(index);
         }
         if missing.len() + self.broken().len() >= self.evidence.len() {
             return Err(Unanswered::NoOutputs);
         }
         if self.partial.len() == MOST_PARTIAL {
-            return Err(Unanswered::TooMany);
+            // a fit from before a restart leaves its place
+            let unused = self.partial.iter().position(|partial| !partial.is_used).ok_or(Unanswered::TooMany)?;
+            self.partial.remove(unused);
         }
-        let fitted = self.model.fit_without(missing, Fault::Missing).ok_or(Unanswered::NoPresses)?;
-        self.partial.push(Partial { missing: missing.to_vec(), fitted });
+        let fitted = self.model.fit_without(self.fitted(), missing, Fault::Missing).ok_or(Unanswered::NoPresses)?;
+        self.partial.push(Partial { missing: missing.to_vec(), fitted, is_used: true });
         Ok(self.partial.len() - 1)
     }
 
@@ -167,8 +196,8 @@ impl Session {
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
             // an array that has too few units left, or a model without presses, continues with the units it has
-            if let Some(Ok(fitted)) = self.model.fit_without(&[unit], Fault::Contradicts) {
-                self.model.replace(fitted);
+            if let Some(Ok(fitted)) = self.model.fit_without(self.fitted(), &[unit], Fault::Contradicts) {
+                self.reduced = Some(fitted);
                 self.partial.clear();
                 // the unit was the reason
                 self.unfit = Ewma::new(NEWEST_WEIGHT);

@@ -9,7 +9,7 @@ const FLOORS: [&[&str]; 7] = [
     &["acceptance", "control", "device", "document", "scene", "solver", "wire"],
     &["driver", "emulator", "recipe"],
     &["dataset", "rig"],
-    &["batch", "run"],
+    &["batch", "export", "run"],
     &["report", "study"],
     &["cli"],
 ];

@@ -98,6 +98,11 @@ fn so_many_fits_are_kept_and_no_more() {
     assert_eq!(session.solve(&skins.without(&pairs[MOST_PARTIAL])), Err(Unanswered::TooMany));
     assert!(session.solve(&skins.without(&pairs[0])).is_ok(), "a fit that is kept still solves");
     assert!(session.solve(&skins.reading).is_ok());
+    session.restart();
+    for pair in &pairs[MOST_PARTIAL..2 * MOST_PARTIAL] {
+        assert!(session.solve(&skins.without(pair)).is_ok(), "fits from before a restart leave their place");
+    }
+    assert_eq!(session.solve(&skins.without(&pairs[0])), Err(Unanswered::TooMany));
 }
 
 #[test]

@@ -13,6 +13,7 @@ use palpate::solver::{
     BEST, Calibration, CalibrationPoint, Fitted, Model, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
 };
 use rand::RngExt;
+use std::sync::Arc;
 
 /// Mean location error that no unbiased estimator can go below, mm, computed apart by another program.
 const BOUND_T_MM: f64 = 0.2288;
@@ -285,8 +286,8 @@ fn a_dead_centre_is_found_and_left_out() {
     let setting = Setting::of_layout(Some(&bench.layout));
     let layout = bench.layout.clone();
     let alone = fit("surrogate", &calibration, &setting).unwrap();
-    let mut session =
-        Session::new(Model::fit("surrogate", calibration.clone(), &Setting::of_layout(Some(&layout))).unwrap());
+    let model = Arc::new(Model::fit("surrogate", calibration.clone(), &Setting::of_layout(Some(&layout))).unwrap());
+    let (mut session, mut other) = (Session::new(model.clone()), Session::new(model));
     let mut workspace = Workspace::default();
     for _ in 0..300 {
         session.solve(&bench.random().outputs).unwrap();
@@ -312,6 +313,11 @@ fn a_dead_centre_is_found_and_left_out() {
     assert_eq!(session.broken().iter().map(|broken| broken.unit).collect::<Vec<_>>(), [4]);
     assert!(readings_until.unwrap() <= 50);
     assert!(after.mean(after.location_mm) <= 0.42);
+    let reading = bench.random().outputs;
+    assert_eq!(other.broken(), [], "another session of the model knows nothing of it");
+    assert_ne!(session.solve(&reading), other.solve(&reading));
+    session.restart();
+    assert_eq!((session.broken(), session.solve(&reading)), (other.broken(), other.solve(&reading)));
 }
 
 #[test]

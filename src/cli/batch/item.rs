@@ -183,8 +183,10 @@ impl Desk {
             runs.push(name);
             let paused = || self.pauses(&sensor.placed.serial);
             let mut progress = Progress::new(&plan, 0, false, self.cancel.clone()).pausing(paused);
-            let (ending, finished) =
-                walked(&plan, &sensor.rig.spec, &mut folder, manner.pace, &self.cancel, &mut progress)?;
+            let (shown, spec) = (progress.gauge(), &sensor.rig.spec);
+            let walked = walked(&plan, spec, &mut folder, manner.pace, &self.cancel, (&*shown, &mut progress));
+            progress.end();
+            let (ending, finished) = walked?;
             seconds += ending.t_s;
             finished.map_err(Failure::unfinished)?;
             let minutes = seconds / SECONDS_PER_MINUTE;

@@ -1,0 +1,156 @@
+//! Solved contacts: one, or a batch as a frame.
+
+use super::frame::{Cells, Column, Frame};
+use palpate::cli::calls::{NUMBERS, UNSOLVED, numbers};
+use palpate::solver::{Solution, Unanswered, Verdict};
+use pyo3::prelude::*;
+use std::collections::HashMap;
+
+/// Unit and definition of each number, in the order of [`NUMBERS`].
+const ABOUT: [(&str, &str); NUMBERS.len()] = [
+    ("mm", "x of the contact, specimen frame."),
+    ("mm", "y of the contact, specimen frame."),
+    ("N", "Force of the contact."),
+    ("mm", "Standard deviation of x."),
+    ("mm", "Standard deviation of y."),
+    ("N", "Standard deviation of the force."),
+    ("mm", "Half-width that contains 68 % of the location errors."),
+    ("mm", "Half-width that contains 95 % of the location errors."),
+    ("N", "Half-width that contains 68 % of the force errors."),
+    ("N", "Half-width that contains 95 % of the force errors."),
+    ("mm", "x of another place that fits nearly as well."),
+    ("mm", "y of another place that fits nearly as well."),
+    ("", "Misfit between the reading and one contact; above 1: not a single contact."),
+];
+
+/// The contact behind one reading. An unknown number is NaN.
+#[pyclass(frozen, get_all, module = "palpate")]
+pub struct Contact {
+    /// x of the contact, specimen frame, mm.
+    x_mm: f64,
+    /// y of the contact, specimen frame, mm.
+    y_mm: f64,
+    /// Force of the contact, N.
+    force_n: f64,
+    /// Standard deviation of x, mm.
+    sd_x_mm: f64,
+    /// Standard deviation of y, mm.
+    sd_y_mm: f64,
+    /// Standard deviation of the force, N.
+    sd_force_n: f64,
+    /// Half-width that contains 68 % of the location errors, mm.
+    half68_mm: f64,
+    /// Half-width that contains 95 % of the location errors, mm.
+    half95_mm: f64,
+    /// Half-width that contains 68 % of the force errors, N.
+    half68_n: f64,
+    /// Half-width that contains 95 % of the force errors, N.
+    half95_n: f64,
+    /// x of another place that fits nearly as well, mm.
+    other_x_mm: f64,
+    /// y of another place that fits nearly as well, mm.
+    other_y_mm: f64,
+    /// Misfit between the reading and one contact; above 1: not a single contact.
+    misfit: f64,
+    /// `ok`, `weak-signal`, `outside-area`, `not-one-contact`, `channel-fault`, or `unsolved`.
+    verdict: &'static str,
+    /// The output that contradicts the others, counted from 1, if the verdict is `channel-fault`.
+    unit: Option<usize>,
+    /// Why there is no contact, if the verdict is `unsolved`.
+    error: Option<String>,
+}
+
+impl Contact {
+    /// Takes the answer to a reading.
+    pub fn of(solved: &Result<Solution, Unanswered>) -> Contact {
+        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved);
+        let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit] = rest;
+        Contact {
+            x_mm,
+            y_mm,
+            force_n,
+            sd_x_mm,
+            sd_y_mm,
+            sd_force_n,
+            half68_mm,
+            half95_mm,
+            half68_n,
+            half95_n,
+            other_x_mm,
+            other_y_mm,
+            misfit,
+            verdict: verdict(solved),
+            unit: unit(solved),
+            error: solved.as_ref().err().map(ToString::to_string),
+        }
+    }
+}
+
+#[pymethods]
+impl Contact {
+    fn __repr__(&self) -> String {
+        let Contact { x_mm, y_mm, force_n, verdict, .. } = self;
+        format!("<palpate.Contact x {x_mm:.3} mm, y {y_mm:.3} mm, {force_n:.3} N, {verdict}>")
+    }
+}
+
+/// Answers to a batch of readings, column by column.
+pub struct Contacts {
+    numbers: [Vec<f64>; NUMBERS.len()],
+    verdicts: Vec<&'static str>,
+    units: Vec<i64>,
+    /// Rows without an answer, and why.
+    errors: Vec<(usize, String)>,
+}
+
+impl Contacts {
+    /// Creates room for the answers to so many readings.
+    pub fn new(rows: usize) -> Contacts {
+        Contacts {
+            numbers: std::array::from_fn(|_| Vec::with_capacity(rows)),
+            verdicts: Vec::with_capacity(rows),
+            units: Vec::with_capacity(rows),
+            errors: Vec::new(),
+        }
+    }
+
+    /// Adds the answer to the next reading.
+    pub fn add(&mut self, solved: &Result<Solution, Unanswered>) {
+        self.numbers.iter_mut().zip(shown(solved)).for_each(|(column, number)| column.push(number));
+        self.errors.extend(solved.as_ref().err().map(|error| (self.verdicts.len(), error.to_string())));
+        self.verdicts.push(verdict(solved));
+        self.units.push(unit(solved).map_or(0, |unit| unit as i64));
+    }
+
+    /// Returns a frame with the columns of `palpate solve`.
+    pub fn frame(self) -> Frame {
+        let rows = self.verdicts.len();
+        let mut errors = vec![None; rows];
+        self.errors.iter().for_each(|(row, error)| errors[*row] = Some(error.as_str()));
+        let numbers = NUMBERS.into_iter().zip(ABOUT).zip(self.numbers);
+        let mut columns: Vec<Column> = numbers
+            .map(|((name, (unit, about)), values)| Column::new(name, unit, about, Cells::numbers(values)))
+            .collect();
+        let verdicts = Cells::texts(self.verdicts.into_iter().map(Some));
+        columns.push(Column::new("verdict", "", "Whether the contact is credible.", verdicts));
+        let about = "The output that contradicts the others, counted from 1.";
+        columns.push(Column::new("unit", "", about, Cells::ordinals(self.units)));
+        columns.push(Column::new("error", "", "Why there is no contact.", Cells::texts(errors.into_iter())));
+        Frame::new("contacts", rows, columns, HashMap::new())
+    }
+}
+
+fn shown(solved: &Result<Solution, Unanswered>) -> [f64; NUMBERS.len()] {
+    solved.as_ref().map_or([f64::NAN; NUMBERS.len()], numbers)
+}
+
+fn verdict(solved: &Result<Solution, Unanswered>) -> &'static str {
+    solved.as_ref().map_or(UNSOLVED, |solution| solution.verdict.word())
+}
+
+fn unit(solved: &Result<Solution, Unanswered>) -> Option<usize> {
+    match solved.as_ref().map(|solution| solution.verdict) {
+        Ok(Verdict::ChannelFault(unit)) => Some(unit + 1),
+        _ => None,
+    }
+}

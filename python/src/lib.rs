@@ -1,0 +1,44 @@
+//! The Python package of palpate: runs on a rig, their presses as arrays, and the place and force of unknown contacts.
+//!
+//! It contains the program as a library, and starts no other. What a function does is documented for Python, and in
+//! `palpate.pyi` with types.
+
+mod contact;
+mod events;
+mod frame;
+mod model;
+mod readings;
+mod refused;
+mod run;
+mod words;
+
+use pyo3::prelude::*;
+
+/// Calibrates tactile sensors: runs on a rig, their presses as arrays, and the place and force of unknown contacts.
+///
+/// Places are in mm, forces in N, times in s; names end with the unit. The functions take the options of the commands of the
+/// same name.
+#[pymodule(name = "palpate")]
+mod package {
+    #[pymodule_export]
+    use super::contact::Contact;
+    #[pymodule_export]
+    use super::events::{Events, run, simulate};
+    #[pymodule_export]
+    use super::frame::Frame;
+    #[pymodule_export]
+    use super::model::{Model, Session, fit};
+    #[pymodule_export]
+    use super::refused::{DeviceError, Error, RecordError, TripError, UsageError};
+    #[pymodule_export]
+    use super::run::{Run, load};
+
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        super::refused::number(module)?;
+        super::events::park_at_exit(module.py())
+    }
+}

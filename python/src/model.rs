@@ -1,0 +1,215 @@
+//! `palpate.fit`, models and sessions: place and force of unknown contacts.
+
+use super::contact::{Contact, Contacts};
+use super::readings::Readings;
+use super::refused::{raised, warn};
+use super::words::{Place, Words};
+use palpate::cli::calls::{self, Sensor};
+use palpate::dataset::Fingerprint;
+use palpate::solver::{self, Solver as _};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Largest number of idle sessions that a model keeps, so that calls of many threads find their memory ready.
+const IDLE_MAX: usize = 16;
+
+/// A calibrated sensor: a method that is fitted to presses.
+#[pyclass(frozen, module = "palpate")]
+pub struct Model {
+    model: Arc<solver::Model>,
+    sensor: Option<String>,
+    made_from: Vec<Fingerprint>,
+    /// Sessions that no call uses. They keep their working memory and their fits for missing outputs.
+    idle: Mutex<Vec<solver::Session>>,
+}
+
+/// One reading after another of one sensor. An output that breaks is excluded from then on.
+#[pyclass(frozen, module = "palpate")]
+pub struct Session {
+    session: Mutex<solver::Session>,
+    outputs: usize,
+}
+
+/// Fits a method to a run or a table of presses, like `palpate fit`.
+///
+/// `run` is a run folder, a table, or a `Run`. `solver` is the name of a method; `best` selects by cross-validation.
+/// `constant_load`: every contact has the force of the calibration. `common_offset`: solve also for an offset that all outputs
+/// share. `false_alarms`: accepted share of single contacts with a wrong verdict (0.01). `forces_n`: the expected forces
+/// (least, most), N, if the calibration has one force. `columns`: what the columns of a table contain.
+///
+/// Forces are those of the load cell. Raises `UsageError` for bad input. Other threads continue meanwhile.
+#[pyfunction]
+#[pyo3(signature = (
+    run, solver="best", *, constant_load=false, common_offset=false, false_alarms=None, forces_n=None, columns=None
+))]
+#[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
+pub fn fit(
+    py: Python<'_>,
+    run: Place<'_>,
+    solver: &str,
+    constant_load: bool,
+    common_offset: bool,
+    false_alarms: Option<f64>,
+    forces_n: Option<(f64, f64)>,
+    columns: Option<String>,
+) -> PyResult<Model> {
+    let columns = columns.or_else(|| run.columns().map(str::to_owned));
+    let words = Words::default()
+        .option("solver", Some(solver))
+        .flag("constant-load", constant_load)
+        .flag("common-offset", common_offset)
+        .number("false-alarms", false_alarms)
+        .pair("forces-n", forces_n)
+        .option("columns", columns)
+        .about(run.path());
+    Model::of(py, py.detach(|| calls::fit(words)))
+}
+
+impl Model {
+    fn of(py: Python<'_>, sensor: Result<Sensor, calls::Refusal>) -> PyResult<Self> {
+        let Sensor { model, sensor, made_from, notes } = sensor.map_err(raised)?;
+        warn(py, &notes)?;
+        Ok(Model { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
+    }
+
+    /// Runs with a session that knows no reading.
+    fn with_session(&self, solve: &mut dyn FnMut(&mut solver::Session)) {
+        let idle = locked(&self.idle).pop();
+        let mut session = idle.unwrap_or_else(|| solver::Session::new(self.model.clone()));
+        solve(&mut session);
+        session.restart();
+        let mut idle = locked(&self.idle);
+        if idle.len() < IDLE_MAX {
+            idle.push(session);
+        }
+    }
+}
+
+#[pymethods]
+impl Model {
+    /// Loads a sensor file, which `save` or `palpate fit` wrote.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Model> {
+        Model::of(py, py.detach(|| calls::read_sensor(&path)))
+    }
+
+    /// Writes the model to a sensor file. Replaces a sensor file, but nothing else.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let (sensor, made_from) = (self.sensor.clone(), self.made_from.clone());
+        py.detach(|| calls::write_sensor(&self.model, sensor, made_from, &path)).map_err(raised)
+    }
+
+    /// Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
+    ///
+    /// Readings are the outputs minus those in air, in the unit of the calibration. One reading gives a `Contact`, a batch a
+    /// `Frame` with a row for each reading. The numbers are those of `palpate solve`, to the last bit. Each call is a session of
+    /// its own: an output that breaks within a batch is excluded from the rest of the batch. Other threads continue meanwhile.
+    fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        solved(py, readings, self.outputs(), |solve| self.with_session(solve))
+    }
+
+    /// Begins a session: one reading after another, where an output that breaks is excluded from then on, as in `palpate solve`.
+    fn session(&self) -> Session {
+        Session { session: Mutex::new(solver::Session::new(self.model.clone())), outputs: self.outputs() }
+    }
+
+    /// Name of the method.
+    #[getter]
+    fn solver(&self) -> &str {
+        self.model.fitted().name()
+    }
+
+    /// ID of the sensor; None if its run has none.
+    #[getter]
+    fn sensor(&self) -> Option<&str> {
+        self.sensor.as_deref()
+    }
+
+    /// Number of outputs of a reading.
+    #[getter]
+    fn outputs(&self) -> usize {
+        self.model.validity().units
+    }
+
+    /// Outputs that are excluded, counted from 1.
+    #[getter]
+    fn broken(&self) -> Vec<usize> {
+        self.model.fitted().broken().iter().map(|broken| broken.unit + 1).collect()
+    }
+
+    /// Smallest and largest x of the calibration, mm.
+    #[getter]
+    fn x_mm(&self) -> (f64, f64) {
+        self.model.validity().x_mm.into()
+    }
+
+    /// Smallest and largest y of the calibration, mm.
+    #[getter]
+    fn y_mm(&self) -> (f64, f64) {
+        self.model.validity().y_mm.into()
+    }
+
+    /// Smallest and largest force of the calibration, N; None if forces are relative.
+    #[getter]
+    fn force_n(&self) -> Option<(f64, f64)> {
+        self.model.validity().force_n.map(Into::into)
+    }
+
+    fn __repr__(&self) -> String {
+        let validity = self.model.validity();
+        format!("<palpate.Model {}: {} presses of {} outputs>", self.solver(), validity.presses, validity.units)
+    }
+}
+
+#[pymethods]
+impl Session {
+    /// Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does.
+    fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        solved(py, readings, self.outputs, |solve| solve(&mut locked(&self.session)))
+    }
+
+    /// Outputs that are excluded, counted from 1.
+    #[getter]
+    fn broken(&self, py: Python<'_>) -> Vec<usize> {
+        let broken = || locked(&self.session).broken().iter().map(|broken| broken.unit + 1).collect();
+        py.detach(broken)
+    }
+}
+
+/// Solves readings with a session, without the interpreter's lock.
+fn solved<'py>(
+    py: Python<'py>,
+    given: &Bound<'py, PyAny>,
+    units: usize,
+    session: impl FnOnce(&mut dyn FnMut(&mut solver::Session)) + Send,
+) -> PyResult<Bound<'py, PyAny>> {
+    let readings = Readings::of(given)?;
+    if readings.outputs != units {
+        let found = readings.outputs;
+        return Err(PyValueError::new_err(format!("the reading has {found} outputs, the calibration has {units}")));
+    }
+    let numbers = readings.numbers()?;
+    match readings.rows {
+        None => {
+            let mut contact = None;
+            py.detach(|| session(&mut |session| contact = Some(Contact::of(&session.solve(numbers)))));
+            Ok(contact.into_pyobject(py)?.into_any())
+        }
+        Some(rows) => {
+            let mut contacts = Contacts::new(rows);
+            py.detach(|| {
+                // a reading without outputs is refused above: no array has none
+                session(&mut |session| {
+                    numbers.chunks_exact(units).for_each(|reading| contacts.add(&session.solve(reading)));
+                });
+            });
+            Ok(contacts.frame().into_pyobject(py)?.into_any())
+        }
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

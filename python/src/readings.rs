@@ -1,0 +1,51 @@
+//! Readings as Python gives them: one, or a batch, of anything that numpy makes an array of numbers from.
+
+use numpy::{PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
+use pyo3::exceptions::PyValueError;
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Readings of an array of sensors, row-major.
+pub struct Readings<'py> {
+    array: PyReadonlyArrayDyn<'py, f64>,
+    /// Number of rows; `None` for one reading.
+    pub rows: Option<usize>,
+    /// Number of outputs of each reading.
+    pub outputs: usize,
+}
+
+impl<'py> Readings<'py> {
+    /// Takes an array of shape (outputs,) or (rows, outputs). Other types are converted by `numpy.asarray`.
+    pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
+        if let Some(array) = given.cast::<PyArrayDyn<f64>>().ok().filter(|array| array.is_c_contiguous()) {
+            return Readings::of_array(array);
+        }
+        let py = given.py();
+        let kwargs = PyDict::new(py);
+        kwargs.set_item(intern!(py, "dtype"), "float64")?;
+        kwargs.set_item(intern!(py, "order"), "C")?;
+        let array = py.import(intern!(py, "numpy"))?.call_method("asarray", (given,), Some(&kwargs))?;
+        Readings::of_array(array.cast::<PyArrayDyn<f64>>()?)
+    }
+
+    fn of_array(array: &Bound<'py, PyArrayDyn<f64>>) -> PyResult<Self> {
+        let (rows, outputs) = match *array.shape() {
+            [outputs] => (None, outputs),
+            [rows, outputs] => (Some(rows), outputs),
+            _ => {
+                let dimensions = array.ndim();
+                let text = format!(
+                    "readings have {dimensions} dimensions; expected one reading, shape (outputs,), or a batch, shape (rows, outputs)"
+                );
+                return Err(PyValueError::new_err(text));
+            }
+        };
+        Ok(Readings { array: array.try_readonly()?, rows, outputs })
+    }
+
+    /// Returns the numbers, one reading after the other.
+    pub fn numbers(&self) -> PyResult<&[f64]> {
+        Ok(self.array.as_slice()?)
+    }
+}
