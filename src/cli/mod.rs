@@ -32,6 +32,7 @@ mod report;
 mod resume;
 mod rig_file;
 mod run;
+mod serve;
 mod session;
 mod shell;
 mod shipped;
@@ -39,6 +40,7 @@ mod signals;
 mod solutions;
 mod solve;
 mod sources;
+mod stream;
 mod study;
 mod summary;
 mod tables;
@@ -87,6 +89,7 @@ enum Command {
     Fit(fit::FitArgs),
     Adapt(adapt::AdaptArgs),
     Solve(solve::SolveArgs),
+    Serve(serve::ServeArgs),
     Report(report::ReportArgs),
     Certificate(certificate::CertificateArgs),
     Batch(batch::BatchArgs),
@@ -129,6 +132,7 @@ pub fn main() -> ExitCode {
         Command::Fit(args) => fit::fit(args),
         Command::Adapt(args) => adapt::adapt(args),
         Command::Solve(args) => solve::solve(args),
+        Command::Serve(args) => serve::serve(args),
         Command::Report(args) => report::report(args),
         Command::Certificate(args) => certificate::certificate(args),
         Command::Batch(args) => batch::batch(args),

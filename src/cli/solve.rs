@@ -3,16 +3,15 @@
 use super::exit::Failure;
 use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, fitted_to, tell_left_out};
 use super::solutions::Solutions;
+use super::stream::Stream;
 use super::summary::tell;
-use super::tables::filled;
-use crate::dataset::answers::{Answer, Answers, Unsolved};
-use crate::dataset::readings::{Format, Lines, ReadingError, Readings};
+use crate::dataset::answers::Answers;
+use crate::dataset::readings::{Format, Lines, Readings};
 use crate::dataset::sensor_file::{Card, read_sensor_file};
-use crate::solver::{Broken, Session};
+use crate::solver::{Model, Session};
 use miette::{IntoDiagnostic, WrapErr};
-use std::collections::HashSet;
-use std::io::{self, Read, Write};
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Name of the input in messages.
@@ -78,9 +77,6 @@ pub struct SolveArgs {
     method: MethodArgs,
 }
 
-/// Largest number of different reasons for readings without an answer that are printed.
-const REASONS_MAX: usize = 10;
-
 /// Options that a sensor file has already fixed.
 const FITTED_BEFORE: [&str; 6] =
     ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
@@ -88,14 +84,7 @@ const FITTED_BEFORE: [&str; 6] =
 /// Fits the method or reads it, then answers each reading when it arrives.
 pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let model = match (&args.model, &args.calibration) {
-        (Some(file), _) => {
-            let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
-            if !args.quiet {
-                tell(&told(&card))?;
-            }
-            tell_left_out(file, model.fitted())?;
-            model
-        }
+        (Some(file), _) => told_sensor_file(file, args.quiet)?,
         (None, Some(calibration)) => {
             let source = Source::read(calibration, &args.method)?;
             let model = args.method.fit(&source)?;
@@ -112,16 +101,31 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
         }
     };
     let readings = Readings::new(SOURCE, model.validity().units, args.input, args.method.mapping()?);
-    let mut answers = Answers::new(readings, Session::new(model));
-    let is_told = !(args.quiet || args.json || args.keep_going);
+    let stream = Stream {
+        source: SOURCE,
+        keep_going: args.keep_going,
+        reasons_are_told: !(args.quiet || args.json || args.keep_going),
+        is_refused: |_| false,
+    };
     let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
-    match answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions, args.keep_going, is_told) {
+    let mut answers = Answers::new(readings, Session::new(model));
+    match stream.answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),
         Ok(Err(error)) => Err(Failure::usage(error)),
         // a reader that has seen enough is no error
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(ExitCode::SUCCESS),
         Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
     }
+}
+
+/// Reads a sensor file, and prints what it is.
+pub fn told_sensor_file(file: &Path, quiet: bool) -> Result<Model, Failure> {
+    let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
+    if !quiet {
+        tell(&told(&card))?;
+    }
+    tell_left_out(file, model.fitted())?;
+    Ok(model)
 }
 
 /// Describes a sensor file with its own data.
@@ -132,59 +136,4 @@ fn told(card: &Card) -> String {
         _ => "",
     };
     format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
-}
-
-fn calibrate_again(line: u64) -> String {
-    format!(
-        "{SOURCE}, line {line}: too many of the last contacts don't fit the calibration; if each was at one place only, calibrate \
-         the sensor again"
-    )
-}
-
-/// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
-fn answer(
-    answers: &mut Answers,
-    lines: &mut Lines<impl Read>,
-    solutions: &mut Solutions<impl Write>,
-    keep_going: bool,
-    is_told: bool,
-) -> io::Result<Result<(), ReadingError>> {
-    let mut reasons = HashSet::new();
-    let end = loop {
-        let answer = match lines.read_next() {
-            Ok(Some(line)) => answers.answer(line),
-            Ok(None) => break Ok(()),
-            Err(error) => break Err(error),
-        };
-        match answer {
-            Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !keep_going => break Err(error),
-            Ok(Some(answer)) => {
-                solutions.write(answer.reading, &answer.solved)?;
-                // CSV has no column for it
-                if let Err(why) = &answer.solved
-                    && is_told
-                    && reasons.len() < REASONS_MAX
-                    && reasons.insert(why.to_string())
-                {
-                    let line = answer.reading.line;
-                    let told = filled(&format!("{SOURCE}, line {line}: unsolved, {why} (reported once)"), "  ");
-                    io::stderr().write_all(told.as_bytes())?;
-                }
-                for Broken { unit, fault } in answer.broken {
-                    let (line, unit, does) = (answer.reading.line, unit + 1, fault.told());
-                    writeln!(io::stderr(), "{SOURCE}, line {line}: output {unit} {does}, excluded from here on")?;
-                }
-                if answer.is_out_of_date {
-                    io::stderr().write_all(filled(&calibrate_again(answer.reading.line), "  ").as_bytes())?;
-                }
-            }
-            Ok(None) => {}
-            Err(error) => break Err(error),
-        }
-        if lines.is_drained() {
-            solutions.flush()?;
-        }
-    };
-    solutions.flush()?;
-    Ok(end)
 }

@@ -6,7 +6,7 @@ use super::noise::{Noise, Residual};
 use super::response::Response;
 use super::threshold::{WEAK_SHARE, chi2_quantile, upper};
 use super::widths::{FEWEST_TRIALS, Widths};
-use super::{Covariance, Locate, Located, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{Covariance, Locate, Located, Pearson, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 use serde::{Deserialize, Serialize};
 
 /// Method that gives only location and force, with its errors on presses held out of its calibration.
@@ -39,6 +39,23 @@ impl Appraised {
     /// Returns a method with the results of its trials, or without results if there are few trials.
     pub fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
+    }
+
+    /// Returns the method if it is the paper's.
+    pub fn pearson(&self) -> Option<&Pearson> {
+        match &self.method {
+            Method::Pearson(pearson) => Some(pearson),
+            _ => None,
+        }
+    }
+
+    /// Returns the variance of each unit's additive noise, the limit of a weak signal, and both parts of the largest residue.
+    pub fn silence(&self) -> (Vec<f64>, f64, [f64; 2]) {
+        let Some(Experience { silence, no_contact, residue, most_residue, .. }) = &self.experience else {
+            return (Vec::new(), 0.0, [f64::INFINITY, 0.0]);
+        };
+        let parts = residue.parts().map(|part| part[0] * most_residue);
+        (silence.iter().map(|precision| 1.0 / precision).collect(), *no_contact, parts)
     }
 
     /// Returns a method with unknown errors.

@@ -104,6 +104,11 @@ impl Field {
         self.channels
     }
 
+    /// Returns the lengths of a cell, mm, and the numbers of cells along x and y, and the coefficients.
+    pub fn table(&self) -> ([f64; 2], [usize; 2], &[f64]) {
+        ([self.x.step, self.y.step], [self.x.cells, self.y.cells], &self.coefficients)
+    }
+
     /// Returns the values at a place.
     pub fn value(&self, place: Place, value: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));

@@ -103,6 +103,15 @@ impl Fitted {
         Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
     }
 
+    pub(super) fn answering(&self) -> &Answering {
+        &self.solver
+    }
+
+    /// Returns the units that the method uses, in its order.
+    pub(super) fn kept(&self) -> Vec<usize> {
+        self.kept.clone().unwrap_or_else(|| (0..self.units).collect())
+    }
+
     /// Returns how the method was chosen; `None` if it was requested by name.
     pub fn choice(&self) -> Option<&Choice> {
         self.choice.as_ref()

@@ -165,6 +165,33 @@ impl Forward {
         errors.iter().sum::<f64>() / errors.len() as f64
     }
 
+    pub fn response(&self) -> &Response {
+        &self.response
+    }
+
+    pub fn starts(&self) -> &Starts {
+        &self.starts
+    }
+
+    pub fn load(&self) -> ForceKnown {
+        self.load
+    }
+
+    pub fn loudest(&self) -> &[f64] {
+        &self.loudest
+    }
+
+    pub fn no_contact(&self) -> f64 {
+        self.limits.no_contact
+    }
+
+    /// Returns the largest sums of squares of one contact and of one contact without a unit, the largest reduction by a place
+    /// outside the area, and the largest leverage.
+    pub fn limits(&self) -> ([f64; 2], f64, f64) {
+        let Limits { one_contact, without_a_unit, inside, known, .. } = self.limits;
+        ([one_contact, without_a_unit], inside, known)
+    }
+
     /// Returns the best fit, and another place that fits nearly as well.
     fn estimate(
         &self,

@@ -44,6 +44,7 @@ mod descent;
 mod evaluation;
 mod extra_trees;
 mod field;
+mod fits;
 mod fitted;
 mod forward;
 mod gaussian_process;
@@ -71,6 +72,7 @@ mod sought;
 mod spots;
 mod starts;
 mod surrogate;
+pub mod tables;
 mod threshold;
 mod tridiagonal;
 mod view;
@@ -86,6 +88,7 @@ pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, Unsolved, Verdicts, Within, evaluate,
 };
+pub use fits::{Fits, MOST_FITS};
 pub use fitted::{Candidate, Choice, Fitted};
 pub use knn::{NEIGHBOURS, PearsonKnn};
 pub use model::{Model, ModelError, Validity};

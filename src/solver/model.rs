@@ -3,7 +3,7 @@
 use super::field::Area;
 use super::fitted::Answering;
 use super::forward::Forward;
-use super::{Broken, Calibration, Fault, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
+use super::{Broken, Calibration, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
 use crate::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
@@ -138,19 +138,14 @@ impl Model {
         Ok(postcard::from_bytes(bytes)?)
     }
 
-    /// Returns the method of `fitted`, a fit to this model's calibration, fitted without these units and the units already left
-    /// out. `None` without the calibration.
-    pub(super) fn fit_without(
-        &self,
-        fitted: &Fitted,
-        units: &[usize],
-        fault: Fault,
-    ) -> Option<Result<Fitted, FitError>> {
+    /// Returns the same method, fitted without these units and the units already left out. `None` without the calibration.
+    pub(super) fn fit_without(&self, units: &[Broken]) -> Option<Result<Fitted, FitError>> {
         let calibration = self.calibration.clone()?;
-        let mut broken = fitted.broken().to_vec();
-        broken.extend(units.iter().map(|&unit| Broken { unit, fault }));
-        let prepared = Prepared::without(calibration, &self.setting(), broken);
-        Some(prepared.and_then(|prepared| prepared.fit(fitted.name())).map(|new| new.widened_as(fitted)))
+        let broken = [self.fitted.broken(), units].concat();
+        let fitted = Prepared::without(calibration, &self.setting(), broken)
+            .and_then(|prepared| prepared.fit(self.fitted.name()))
+            .map(|fitted| fitted.widened_as(&self.fitted));
+        Some(fitted)
     }
 
     /// Multiplies the stated errors of location and of force.

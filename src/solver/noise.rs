@@ -39,6 +39,11 @@ impl Noise {
         Noise { additive, proportional }
     }
 
+    /// Returns the additive and the proportional parts of all units.
+    pub fn parts(&self) -> [Vec<f64>; 2] {
+        [self.additive.clone(), self.proportional.clone()]
+    }
+
     /// Returns the variance of a unit's output when `output` is the expected value.
     #[inline]
     pub fn variance(&self, unit: usize, output: f64) -> f64 {

@@ -1,6 +1,7 @@
 //! The paper's method: the largest Pearson correlation.
 
 use super::scan::{Scan, dot, to_length_one, to_order_one};
+use super::tables::Points;
 use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
 use crate::quantity::{ArrayLayout, Place};
 use serde::{Deserialize, Serialize};
@@ -82,6 +83,19 @@ impl Pearson {
     /// Returns the place of a contact and its force, N: the paper's steps 3 and 4, without the uncertainty.
     pub fn contact(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<(Place, f64), SolveError> {
         self.locate(outputs, workspace).map(|located| (located.place, located.force_n))
+    }
+
+    /// Returns the points as tables, with the largest residue of one contact.
+    pub(super) fn points(&self, most_residue: [f64; 2]) -> Points {
+        Points {
+            places: self.candidates.iter().map(|candidate| candidate.place).collect(),
+            forces_n: self.candidates.iter().map(|candidate| candidate.force_n).collect(),
+            closest: self.candidates.iter().map(|candidate| candidate.closest).collect(),
+            rows: self.outputs.clone(),
+            directions: self.scan.rows().to_vec(),
+            force_rule: self.force_rule,
+            most_residue,
+        }
     }
 
     fn force_n(&self, row: usize, outputs: &[f64]) -> f64 {

@@ -84,6 +84,11 @@ impl Scan {
         Scan { arch: Arch::new(), units, panels: panels(units, &rows), rows }
     }
 
+    /// Returns all rows, row-major.
+    pub fn rows(&self) -> &[f64] {
+        &self.rows
+    }
+
     /// Returns a row as given.
     pub fn row(&self, row: usize) -> &[f64] {
         &self.rows[row * self.units..][..self.units]

@@ -1,6 +1,9 @@
 //! Solves one reading after another, without broken units.
 
-use super::{Broken, Fault, FitError, Fitted, Model, Solution, SolveError, Solver, Verdict, Workspace};
+use super::fits::Unmade;
+use super::{
+    Broken, Fault, FitError, Fits, Fitted, MOST_FITS, Model, Solution, SolveError, Solver, Verdict, Workspace,
+};
 use crate::quantity::Ewma;
 use std::sync::Arc;
 
@@ -15,11 +18,13 @@ use std::sync::Arc;
 ///
 /// A control chart shows whether more contacts than expected don't fit the calibration: see [`Session::is_out_of_date`].
 ///
-/// Sessions share a model: each holds only what it learned from its own readings.
+/// Sessions share a model and its fits: each holds only what it learned from its own readings.
 pub struct Session {
-    model: Arc<Model>,
-    /// The method, fitted without the units that broke in this session; `None` if no unit broke.
-    reduced: Option<Fitted>,
+    fits: Arc<Fits>,
+    /// Units that broke in this session.
+    broke: Vec<Broken>,
+    /// The method, fitted without the units that broke; `None` if no unit broke. It is never an error.
+    reduced: Option<Arc<Result<Fitted, FitError>>>,
     /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
     /// Logarithm of the odds that each unit is broken; at least 0.
@@ -36,9 +41,7 @@ pub struct Session {
 struct Partial {
     /// Missing units, in order.
     missing: Vec<usize>,
-    fitted: Result<Fitted, FitError>,
-    /// Whether a reading since the last restart needed it.
-    is_used: bool,
+    fitted: Arc<Result<Fitted, FitError>>,
 }
 
 /// Reason why a reading has no answer.
@@ -59,6 +62,9 @@ pub enum Unanswered {
     /// Other sets of units were missing before, too many for another fit.
     #[error("outputs are missing in more than {MOST_PARTIAL} combinations, the largest number of fits")]
     TooMany,
+    /// Other sessions of the same model use too many fits.
+    #[error("other sessions of this sensor use {MOST_FITS} fits without broken or missing outputs, the largest number")]
+    TooManyInAll,
 }
 
 /// Largest number of fits that are kept for readings with missing outputs. Each set of missing units requires one.
@@ -82,10 +88,15 @@ const LIMIT_SIGMAS: f64 = 7.0;
 impl Session {
     /// Creates a session for a model.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
-        let model = model.into();
+        Session::sharing(Arc::new(Fits::new(model)))
+    }
+
+    /// Creates a session that shares the fits of a model with other sessions.
+    pub fn sharing(fits: Arc<Fits>) -> Self {
         Session {
-            evidence: vec![0.0; model.validity().units],
-            model,
+            evidence: vec![0.0; fits.model().validity().units],
+            fits,
+            broke: Vec::new(),
             reduced: None,
             partial: Vec::new(),
             witness: None,
@@ -97,7 +108,7 @@ impl Session {
 
     /// Returns the model, with the units that broke in this session.
     pub fn model(&self) -> &Model {
-        &self.model
+        self.fits.model()
     }
 
     /// Returns the excluded units, in the order in which they were found.
@@ -105,21 +116,16 @@ impl Session {
         self.fitted().broken()
     }
 
-    /// Forgets all readings, so that the next answers are those of a new session. Fits for missing outputs are kept, unless a
-    /// unit broke.
+    /// Forgets all readings, so that the next answers are those of a new session.
     pub fn restart(&mut self) {
-        if self.reduced.take().is_some() {
-            self.partial.clear();
-        }
-        self.partial.iter_mut().for_each(|partial| partial.is_used = false);
-        self.evidence.fill(0.0);
-        self.witness = None;
-        (self.unfit, self.is_out_of_date) = (Ewma::new(NEWEST_WEIGHT), false);
+        let workspace = std::mem::take(&mut self.workspace);
+        *self = Session { workspace, ..Session::sharing(self.fits.clone()) };
     }
 
     /// The method, without the units that broke.
     fn fitted(&self) -> &Fitted {
-        self.reduced.as_ref().unwrap_or(self.model.fitted())
+        let reduced = self.reduced.as_deref().and_then(|fitted| fitted.as_ref().ok());
+        reduced.unwrap_or(self.fits.model().fitted())
     }
 
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
@@ -140,34 +146,43 @@ impl Session {
         let is_left_out = |unit: usize| self.broken().iter().any(|broken| broken.unit == unit);
         let is_missing = |unit: &usize| outputs[*unit].is_nan() && !is_left_out(*unit);
         let missing: Vec<usize> = (0..found).filter(is_missing).collect();
+        let fits; // keeps the fit while the workspace is used
         let fitted = if missing.is_empty() {
-            self.reduced.as_ref().unwrap_or(self.model.fitted())
+            match &self.reduced {
+                Some(reduced) => {
+                    fits = reduced.clone();
+                    fits.as_ref().as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
+                }
+                None => self.fits.model().fitted(),
+            }
         } else {
-            let index = self.partial(&missing)?;
-            self.partial[index].fitted.as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
+            fits = self.partial(&missing)?;
+            fits.as_ref().as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
         };
         let solution = fitted.solve(outputs, &mut self.workspace)?;
         self.weigh(&solution, &missing);
         Ok(solution)
     }
 
-    /// Returns the index of the fit without these units. Makes this fit if it doesn't exist yet.
-    fn partial(&mut self, missing: &[usize]) -> Result<usize, Unanswered> {
-        if let Some(index) = self.partial.iter().position(|partial| partial.missing == missing) {
-            self.partial[index].is_used = true;
-            return Ok(index);
+    /// Returns the fit without these units.
+    fn partial(&mut self, missing: &[usize]) -> Result<Arc<Result<Fitted, FitError>>, Unanswered> {
+        if let Some(partial) = self.partial.iter().find(|partial| partial.missing == missing) {
+            return Ok(partial.fitted.clone());
         }
         if missing.len() + self.broken().len() >= self.evidence.len() {
             return Err(Unanswered::NoOutputs);
         }
         if self.partial.len() == MOST_PARTIAL {
-            // a fit from before a restart leaves its place
-            let unused = self.partial.iter().position(|partial| !partial.is_used).ok_or(Unanswered::TooMany)?;
-            self.partial.remove(unused);
+            return Err(Unanswered::TooMany);
         }
-        let fitted = self.model.fit_without(self.fitted(), missing, Fault::Missing).ok_or(Unanswered::NoPresses)?;
-        self.partial.push(Partial { missing: missing.to_vec(), fitted, is_used: true });
-        Ok(self.partial.len() - 1)
+        let without = missing.iter().map(|&unit| Broken { unit, fault: Fault::Missing });
+        let without: Vec<Broken> = self.broke.iter().copied().chain(without).collect();
+        let fitted = self.fits.without(&without).map_err(|why| match why {
+            Unmade::NoPresses => Unanswered::NoPresses,
+            Unmade::TooMany => Unanswered::TooManyInAll,
+        })?;
+        self.partial.push(Partial { missing: missing.to_vec(), fitted: fitted.clone() });
+        Ok(fitted)
     }
 
     /// Counts the solution as evidence for or against each unit. Leaves out a unit if the evidence against it is sufficient.
@@ -190,14 +205,17 @@ impl Session {
         }
         if solution.misfit.is_some() && solution.verdict != Verdict::OutsideArea {
             let is_unfit = f64::from(u8::from(solution.verdict != Verdict::Ok));
-            let rate = self.model.setting().false_alarms;
+            let rate = self.model().setting().false_alarms;
             self.unfit = self.unfit.with((is_unfit - rate) / (rate * (1.0 - rate)).sqrt());
             self.is_out_of_date |= self.unfit.is_changed(OF_RATE, LIMIT_SIGMAS);
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
+            let without = [self.broke.as_slice(), &[Broken { unit, fault: Fault::Contradicts }]].concat();
             // an array that has too few units left, or a model without presses, continues with the units it has
-            if let Some(Ok(fitted)) = self.model.fit_without(self.fitted(), &[unit], Fault::Contradicts) {
-                self.reduced = Some(fitted);
+            if let Ok(fitted) = self.fits.without(&without)
+                && fitted.is_ok()
+            {
+                (self.broke, self.reduced) = (without, Some(fitted));
                 self.partial.clear();
                 // the unit was the reason
                 self.unfit = Ewma::new(NEWEST_WEIGHT);

@@ -18,7 +18,7 @@ pub(super) struct Starts {
 }
 
 /// Number of places along each side of the area.
-const STARTS_A_SIDE: usize = 25;
+pub(super) const STARTS_A_SIDE: usize = 25;
 
 /// Largest number of places from which the best fit is searched for.
 const MOST_STARTS: usize = 6;
@@ -68,6 +68,21 @@ impl Starts {
                 starts.insert(rank, (score, self.places[row]));
             }
         }
+    }
+
+    /// Whether a common offset is eliminated.
+    pub fn common_offset(&self) -> bool {
+        self.common_offset
+    }
+
+    /// Returns the noise of each unit under the calibration's force.
+    pub fn sd(&self) -> &[f64] {
+        &self.sd
+    }
+
+    /// Returns the direction at each place, row-major, places x units.
+    pub fn directions(&self) -> &[f64] {
+        self.directions.rows()
     }
 
     /// Returns the smallest distance between two starts, mm.

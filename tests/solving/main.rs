@@ -11,6 +11,7 @@ mod missing;
 mod paper;
 mod real_skins;
 mod sensor_file;
+mod serve;
 mod skin;
 mod solve;
 mod solvers;

@@ -1,0 +1,86 @@
+//! Answers the lines of a stream until it ends: standard input of `solve`, or a connection of `serve`.
+
+use super::solutions::Solutions;
+use super::tables::filled;
+use crate::dataset::answers::{Answer, Answers, Unsolved};
+use crate::dataset::readings::{Lines, ReadingError};
+use crate::solver::Broken;
+use std::collections::HashSet;
+use std::io::{self, Read, Write};
+
+/// Largest number of different reasons for readings without an answer that are printed.
+const REASONS_MAX: usize = 10;
+
+/// How the lines of a stream are answered.
+pub struct Stream<'a> {
+    /// Name of the stream in messages.
+    pub source: &'a str,
+    /// Whether an invalid line is answered with its problem. Otherwise it ends the stream.
+    pub keep_going: bool,
+    /// Whether each reason of a reading without an answer is printed once.
+    pub reasons_are_told: bool,
+    /// Whether a line isn't for this program, so that the stream ends without an answer.
+    pub is_refused: fn(&[u8]) -> bool,
+}
+
+impl Stream<'_> {
+    /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
+    pub fn answer(
+        &self,
+        answers: &mut Answers,
+        lines: &mut Lines<impl Read>,
+        solutions: &mut Solutions<impl Write>,
+    ) -> io::Result<Result<(), ReadingError>> {
+        let mut reasons = HashSet::new();
+        let end = loop {
+            let answer = match lines.read_next() {
+                Ok(Some(line)) if (self.is_refused)(line) => break Ok(()),
+                Ok(Some(line)) => answers.answer(line),
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error),
+            };
+            match answer {
+                Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !self.keep_going => break Err(error),
+                Ok(Some(answer)) => {
+                    solutions.write(answer.reading, &answer.solved)?;
+                    self.tell(&answer, &mut reasons)?;
+                }
+                Ok(None) => {}
+                Err(error) => break Err(error),
+            }
+            if lines.is_drained() {
+                solutions.flush()?;
+            }
+        };
+        solutions.flush()?;
+        Ok(end)
+    }
+
+    /// Prints what an answer has no column for.
+    fn tell(&self, answer: &Answer<'_>, reasons: &mut HashSet<String>) -> io::Result<()> {
+        let at = || format!("{}, line {}", self.source, answer.reading.line);
+        if let Err(why) = &answer.solved
+            && self.reasons_are_told
+            && reasons.len() < REASONS_MAX
+            && reasons.insert(why.to_string())
+        {
+            say(&format!("{}: unsolved, {why} (reported once)", at()))?;
+        }
+        for Broken { unit, fault } in answer.broken {
+            let (unit, does) = (unit + 1, fault.told());
+            writeln!(io::stderr(), "{}: output {unit} {does}, excluded from here on", at())?;
+        }
+        if answer.is_out_of_date {
+            say(&format!(
+                "{}: too many of the last contacts don't fit the calibration; if each was at one place only, calibrate the sensor \
+                 again",
+                at()
+            ))?;
+        }
+        Ok(())
+    }
+}
+
+fn say(text: &str) -> io::Result<()> {
+    io::stderr().write_all(filled(text, "  ").as_bytes())
+}
