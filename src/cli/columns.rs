@@ -11,6 +11,9 @@ pub struct ColumnsArgs {
     /// What the columns of tables hold: a columns file, or a short form such as x_mm=X,y_mm=Y,outputs=ch0..ch15
     #[arg(long, value_name = "COLUMNS")]
     columns: Option<String>,
+    /// Sheet of .xlsx files [default: the first]
+    #[arg(long, value_name = "NAME")]
+    sheet: Option<String>,
 }
 
 /// A columns file as it was read.
@@ -49,11 +52,12 @@ impl ColumnsArgs {
             false => (given.clone(), read(path)?),
         };
         let mapping = Mapping::parse(&name, &text).map_err(Failure::usage)?;
-        Ok(Some(ReadColumns { name, text, mapping }))
+        Ok(Some(ReadColumns { name, text, mapping: mapping.of_sheet(self.sheet.clone()) }))
     }
 
     /// Returns the meaning of the columns; without the option, that of the program's own names.
     pub fn mapping(&self) -> Result<Mapping, Failure> {
-        Ok(self.read()?.map(|read| read.mapping).unwrap_or_default())
+        let own = || Mapping::default().of_sheet(self.sheet.clone());
+        Ok(self.read()?.map_or_else(own, |read| read.mapping))
     }
 }

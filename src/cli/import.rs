@@ -21,8 +21,10 @@ const EXAMPLES: &str = "\
 Examples:
   palpate import grid.csv --test random.csv --columns columns.toml --sensor A-017
   palpate import grid.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch15
+  palpate import grid.xlsx --sheet Data
   palpate report runs/grid
 
+Tables are CSV; with the feature `files` also .xlsx, .npz, .mat (v5) and .parquet.
 The run folder states that its presses were imported, with the SHA-256 of the
 tables and of the columns file; pages and certificates repeat it. A row with a
 blank cell or NaN is excluded when --columns is given. `palpate init --from tables`
@@ -52,7 +54,7 @@ pub struct ImportArgs {
 pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let started = Instant::now();
     let columns = args.columns.read()?;
-    let mapping = columns.as_ref().map(|columns| columns.mapping.clone()).unwrap_or_default();
+    let mapping = args.columns.mapping()?;
     let paths = [(Some(&args.calibration), Phase::Calibration), (args.test.as_ref(), Phase::Test)];
     let given = || paths.into_iter().filter_map(|(path, phase)| Some((path?, phase)));
     let tables: Vec<(Presses, Phase)> =

@@ -17,6 +17,7 @@ mod drivers;
 mod emulate;
 mod evaluate;
 mod exit;
+mod export;
 mod figure_files;
 mod fit;
 mod import;
@@ -85,6 +86,7 @@ enum Command {
     Verify(verify::VerifyArgs),
     Rebuild(rebuild::RebuildArgs),
     Import(import::ImportArgs),
+    Export(export::ExportArgs),
     Evaluate(evaluate::EvaluateArgs),
     Fit(fit::FitArgs),
     Adapt(adapt::AdaptArgs),
@@ -128,6 +130,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => verify::verify_run(args),
         Command::Rebuild(args) => rebuild::rebuild(args),
         Command::Import(args) => import::import(args),
+        Command::Export(args) => export::export(args),
         Command::Evaluate(args) => evaluate::evaluate(args),
         Command::Fit(args) => fit::fit(args),
         Command::Adapt(args) => adapt::adapt(args),

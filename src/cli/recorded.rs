@@ -27,10 +27,15 @@ pub fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> 
 
 /// Returns the bench of a run, as recorded in its journal.
 pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
-    export::bench_of(run, facts, texts).map_err(|error| match error {
+    export::bench_of(run, facts, texts).map_err(unknown_bench)
+}
+
+/// The bench of a run couldn't be read.
+pub fn unknown_bench(error: BenchError) -> Failure {
+    match error {
         BenchError::Problems(problems) => Failure::usage(problems),
         error => Failure::usage(error),
-    })
+    }
 }
 
 /// Returns the rig of a run, as recorded in its journal.

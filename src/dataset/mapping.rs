@@ -92,6 +92,8 @@ pub struct Mapping {
     /// Whether a person gave the mapping. Rows with missing values are then excluded, and a run's own columns aren't searched
     /// for.
     pub(super) is_given: bool,
+    /// Sheet of a workbook. `None`: the first.
+    pub sheet: Option<String>,
     /// Date of the measurement, as year-month-day.
     pub measured: Option<String>,
     /// Positions of the array's units, and the unit of the outputs.
@@ -135,6 +137,14 @@ impl Scale {
     }
 }
 
+impl Mapping {
+    /// Returns the mapping for a sheet of a workbook; `None` for the first.
+    #[must_use]
+    pub fn of_sheet(self, sheet: Option<String>) -> Mapping {
+        Mapping { sheet, ..self }
+    }
+}
+
 impl Default for Mapping {
     fn default() -> Self {
         Mapping {
@@ -149,6 +159,7 @@ impl Default for Mapping {
             decimal: None,
             has_header: true,
             is_given: false,
+            sheet: None,
             measured: None,
             array: None,
         }
@@ -256,6 +267,7 @@ fn read(table: &Table) -> Option<Mapping> {
         decimal: decimal?,
         has_header,
         is_given: true,
+        sheet: None,
         measured: measured?,
         array,
     })

@@ -21,6 +21,7 @@ mod fingerprint;
 mod flag;
 mod folder;
 mod foreseen;
+mod formats;
 mod header;
 mod index;
 mod journal;

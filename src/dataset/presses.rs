@@ -28,6 +28,11 @@ impl Presses {
         Presses::new(source, presses, Vec::new())
     }
 
+    /// Takes presses of a run in any order.
+    pub fn of_presses(source: &str, presses: Vec<Press>) -> Presses {
+        Presses::new(source, presses, Vec::new())
+    }
+
     /// Creates a list of presses. If they come from a table, `lines` are their lines.
     pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());

@@ -50,28 +50,51 @@ impl Recorded {
     /// # Errors
     /// The path isn't a run. Or its journal is damaged, contains fewer presses than the other files of the run, or can't be read.
     pub fn read(path: &Path) -> Result<Recorded, DatasetError> {
+        let mut contacts = Vec::new();
+        let read = Recorded::read_each(path, |_, _, contact| -> Result<(), DatasetError> {
+            contacts.push(contact);
+            Ok(())
+        });
+        Ok(Recorded { contacts, ..read? })
+    }
+
+    /// Reads a run's journal and passes each contact on, with the manifest so far and the texts. The returned run has no
+    /// contacts, so its memory doesn't grow with them.
+    ///
+    /// # Errors
+    /// The same as for [`read`](Self::read), and those of `accept`.
+    pub fn read_each<E: From<DatasetError>>(
+        path: &Path,
+        mut accept: impl FnMut(&Manifest, &Texts, Contact) -> Result<(), E>,
+    ) -> Result<Recorded, E> {
         check_run(path)?;
         let mut known = Known::of(None);
-        let (mut zeros, mut trips, mut retouches, mut contacts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        let mut records = Journal::records(&path.join(JOURNAL))?;
+        let mut texts = None;
+        let (mut zeros, mut trips, mut retouches) = (Vec::new(), Vec::new(), Vec::new());
+        let mut records = Journal::records(&path.join(JOURNAL)).map_err(DatasetError::from)?;
         while let Some(next) = records.next() {
-            let (offset, record) = next?;
-            known.take_in(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
+            let (offset, record) = next.map_err(DatasetError::from)?;
+            let taken = known.take_in(offset, &record);
+            taken.map_err(|problem| DatasetError::from(records.damaged(offset, problem)))?;
             match record {
                 Record::Zero { t_s, offset_n, .. } => zeros.push((t_s, offset_n)),
                 Record::Trip { t_s, press, trip, .. } => trips.push((t_s, press, trip)),
                 Record::Retouch(retouch) => retouches.push(retouch),
-                Record::Contact(contact) => contacts.push(contact),
+                Record::Contact(contact) => {
+                    let texts = texts.get_or_insert_with(|| Texts::of(&known.texts));
+                    accept(&known.manifest, texts, contact)?;
+                }
                 _ => {}
             }
         }
         // the tables of a run under way grow while they would be read
         let lost = if is_held(path) { Vec::new() } else { lost(path, &known)? };
         if !lost.is_empty() {
-            return Err(DatasetError::Lost { path: path.to_owned(), lost });
+            return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
         }
         let has_ended = known.end.is_some();
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });
+        let contacts = Vec::new();
         Ok(Recorded { path: path.to_owned(), manifest, texts, zeros, trips, retouches, contacts, has_ended })
     }
 

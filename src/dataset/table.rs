@@ -7,6 +7,7 @@
 //! decided by [`calibration`](super::calibration).
 
 use super::dialect::{Dialect, is_comment};
+use super::formats;
 use super::header::Header;
 use super::lookalike::lookalikes;
 use super::mapping::Mapping;
@@ -26,11 +27,16 @@ const HELP: &str =
 /// Name of the column that marks presses to exclude. A blank cell is a value there.
 const FLAGS: &str = "flags";
 
-/// Reads a table with at least one press and at least one channel; every number must be finite.
+/// Reads a table with at least one press and at least one channel; every number must be finite. The extensions .xlsx, .npz, .mat
+/// and .parquet are read as such; any other file is text.
 ///
 /// # Errors
 /// The problem, with file, line and column.
 pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
+    if let Some(kind) = formats::Kind::of(path).filter(|_| path.exists()) {
+        let (file, text) = formats::text(path, kind, mapping)?;
+        return parse_table(&file, text.as_bytes(), &formats::mapping(kind, mapping));
+    }
     let file = path.display().to_string();
     match File::open(path) {
         Ok(input) => parse_table(&file, input, mapping),

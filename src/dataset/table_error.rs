@@ -24,6 +24,16 @@ pub enum TableError {
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
     #[diagnostic(help("remove columns that aren't needed, or average repeated presses first"))]
     TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
+    /// A file of another program isn't what its extension states.
+    #[error("{file}: {problem}")]
+    #[diagnostic(help("save the table again, or save it as CSV"))]
+    Malformed { file: String, problem: String },
+    /// This program was built without the reader of the file.
+    #[error("{file}: reading .{extension} needs the feature `files`, which this program was built without")]
+    #[diagnostic(help(
+        "save the table as CSV, or install palpate with `cargo install --path . --features files` in its repository"
+    ))]
+    NotBuilt { file: String, extension: String },
     /// The file isn't text.
     #[error("{file}, line {line}: not UTF-8 text")]
     #[diagnostic(help("save the table as CSV in UTF-8"))]

@@ -4,7 +4,7 @@
 
 use crate::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use crate::dataset::{
-    CHARACTERISTIC_COLUMNS, COLUMNS, Contact, Kind, OUTPUTS, Press, PressTruth, Recorded, Value, output_name,
+    CHARACTERISTIC_COLUMNS, COLUMNS, Contact, Kind, OUTPUTS, Press, PressTruth, Presses, Recorded, Value, output_name,
 };
 use crate::quantity::ArrayLayout;
 use crate::recipe::Phase;
@@ -100,7 +100,12 @@ pub fn matrix(run: &Recorded, bench: &Bench, phase: Phase) -> Frame {
 
 /// Returns the characteristics of each unit, as in `characteristics.csv`; `None` if the run has no staircases.
 pub fn characteristics(run: &Recorded, layout: &ArrayLayout) -> Option<Frame> {
-    let units = characterise(&Staircases::of_run(&run.presses(), layout)?, Repeatability::default());
+    characteristics_of(&run.presses(), layout)
+}
+
+/// Returns the same from the presses of a characterisation.
+pub fn characteristics_of(presses: &Presses, layout: &ArrayLayout) -> Option<Frame> {
+    let units = characterise(&Staircases::of_run(presses, layout)?, Repeatability::default());
     let count = |of: fn(&UnitCharacteristics) -> usize| Values::I64(units.iter().map(|unit| of(unit) as i64).collect());
     let mut columns = vec![Column::new("unit", "Number of the unit, from 1.", count(|unit| unit.unit))];
     if units.iter().any(|unit| unit.channel.is_some()) {

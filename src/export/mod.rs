@@ -2,7 +2,20 @@
 //!
 //! A [`Frame`](frame::Frame) is a table in memory. It needs no other library. Files except CSV need the feature `files`.
 
+#[cfg(feature = "files")]
+pub mod arrow;
 mod bench;
+mod csv;
+mod format;
 pub mod frame;
+#[cfg(feature = "files")]
+pub mod lake;
+#[cfg(feature = "files")]
+mod mat;
+#[cfg(feature = "files")]
+mod npz;
+#[cfg(feature = "files")]
+mod rows;
 
 pub use bench::{BenchError, bench_of};
+pub use format::{Format, NotBuilt, write_file, write_tables};

@@ -1,0 +1,181 @@
+//! `palpate export`: the tables of runs as files of other programs, or as a lake.
+
+use super::exit::Failure;
+use super::recorded::read_run;
+use super::summary::print;
+use super::verdict::AcceptArgs;
+use crate::dataset::{DatasetError, make_folder};
+use crate::export::{self, Format, frame};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate export runs/paper --format csv
+  palpate export runs/paper --format npz --out paper.npz
+  palpate export runs/a runs/b --format parquet --out tables
+  palpate export runs/* --lake lake
+
+Tables: presses, calibration_matrix, test_matrix, characteristics, truth (of a
+simulated run). Each column has its unit and its definition, each file the
+manifest of the run. csv, parquet and arrow: a folder with a file for each table.
+npz and mat: one file for each run. Nothing is overwritten.
+A lake has a Parquet file for each run and table, in folders by design, batch and
+sensor. A run that was exported before replaces its files.
+
+All formats except csv, and the lake, need the feature `files`.
+
+Exit code: 0 written, 2 bad input, 5 a file could not be written.";
+
+/// Write the tables of runs as files of other programs
+#[derive(Debug, clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct ExportArgs {
+    /// The run folders
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// Format of the files
+    #[arg(long, value_name = "NAME", required_unless_present = "lake")]
+    format: Option<Format>,
+    /// Output file of one run as npz or mat; otherwise a new folder [default: NAME.npz, NAME-csv, ...]
+    #[arg(long, value_name = "PATH", conflicts_with = "lake")]
+    out: Option<PathBuf>,
+    /// Add the runs to the lake in this folder
+    #[arg(long, value_name = "DIR", conflicts_with = "format")]
+    lake: Option<PathBuf>,
+    #[command(flatten)]
+    accept: AcceptArgs,
+}
+
+/// Writes the files of all runs, or none.
+pub fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
+    match (&args.lake, args.format) {
+        (Some(lake), _) => into_lake(lake, args),
+        (None, format) => as_files(format.unwrap_or(Format::Csv), args),
+    }
+}
+
+fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
+    format.check().map_err(Failure::usage)?;
+    let names = names(&args.runs)?;
+    let out = args.out.clone().unwrap_or_else(|| default_out(&names, format));
+    check_free(&out)?;
+    if let ([run], true) = (args.runs.as_slice(), format.is_one_file()) {
+        let name = out.file_name().unwrap_or_default().to_string_lossy();
+        let draft = out.with_file_name(format!(".{name}.{}.new", std::process::id()));
+        let written = tables(run, format, &draft).and_then(|()| {
+            check_free(&out)?;
+            fs::rename(&draft, &out).map_err(|why| unwritten(DatasetError::io("renaming to", &out)(why)))
+        });
+        if written.is_err() {
+            let _ = fs::remove_file(&draft); // the first error is the one to report
+        }
+        written?;
+        print(&format!("{}\n", out.display()))?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut failed = None;
+    let made = make_folder(Some(&out), &names[0], |draft| {
+        for (run, name) in args.runs.iter().zip(&names) {
+            let place = match (args.runs.len(), format.is_one_file()) {
+                (1, _) => draft.to_owned(),
+                (_, true) => draft.join(format!("{name}.{}", format.name())),
+                (_, false) => draft.join(name),
+            };
+            if let Err(failure) = tables(run, format, &place) {
+                failed = Some(failure);
+                return Err(DatasetError::NoRun { path: run.clone() });
+            }
+        }
+        Ok(())
+    });
+    match (made, failed) {
+        (_, Some(failure)) => return Err(failure),
+        (Err(error), None) => return Err(unwritten(error)),
+        (Ok(_), None) => {}
+    }
+    print(&format!("{}\n", out.display()))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the tables of a run to a file, or to a folder that may exist.
+fn tables(run: &Path, format: Format, place: &Path) -> Result<(), Failure> {
+    let (recorded, bench) = read_run(run)?;
+    let (frames, manifest) = (frame::all(&recorded, &bench), &recorded.manifest);
+    let written = match format.is_one_file() {
+        true => export::write_file(frames, manifest, format, place),
+        false => fs::create_dir_all(place).and_then(|()| export::write_tables(frames, manifest, format, place)),
+    };
+    written.map_err(|why| unwritten(DatasetError::io("writing", place)(why)))
+}
+
+#[cfg(feature = "files")]
+fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
+    use crate::export::lake::{Lake, LakeError};
+    let failed = |error: LakeError| match error {
+        LakeError::Dataset(error) => unwritten(error),
+        LakeError::Bench(error) => super::recorded::unknown_bench(error),
+        error => Failure::usage(error),
+    };
+    let mut lake = Lake::open(folder).map_err(failed)?;
+    for run in &args.runs {
+        let mut staged = lake.stage(run).map_err(failed)?;
+        if let Some(rule) = args.accept.rule_of([staged.run()])? {
+            staged.judge(&rule).map_err(failed)?;
+        }
+        let told = lake.publish(staged).map_err(failed)?;
+        print(&format!("{}: {told}\n", run.display()))?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(not(feature = "files"))]
+fn into_lake(_: &Path, _: &ExportArgs) -> Result<ExitCode, Failure> {
+    Err(Failure::usage(export::NotBuilt { what: "a lake".to_owned() }))
+}
+
+/// Names of the runs' folders, which name their files. No two are the same.
+fn names(runs: &[PathBuf]) -> Result<Vec<String>, Failure> {
+    let name = |run: &PathBuf| {
+        let whole = run.canonicalize().unwrap_or_else(|_| run.clone()); // a run that isn't there is reported when it is read
+        whole.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    };
+    let names: Vec<String> = runs.iter().map(name).collect();
+    let twice = names.iter().enumerate().find(|(index, name)| names[..*index].contains(name));
+    match twice {
+        None => Ok(names),
+        Some((_, name)) => {
+            let help = "export them one by one, each with its own --out";
+            Err(Failure::usage(miette::miette!(help = help, "two runs have the name {name}")))
+        }
+    }
+}
+
+fn default_out(names: &[String], format: Format) -> PathBuf {
+    let name = if let [name] = names { name.as_str() } else { "export" };
+    match (names.len(), format.is_one_file()) {
+        (1, true) => format!("{name}.{}", format.name()).into(),
+        _ => format!("{name}-{}", format.name()).into(),
+    }
+}
+
+fn check_free(out: &Path) -> Result<(), Failure> {
+    if out.symlink_metadata().is_err() {
+        return Ok(());
+    }
+    let help = "choose another --out, or move it away: an export overwrites nothing";
+    Err(Failure::usage(miette::miette!(help = help, "{} already exists", out.display())))
+}
+
+/// An export that couldn't be written.
+fn unwritten(error: DatasetError) -> Failure {
+    match error {
+        DatasetError::Io { doing, path, why } => {
+            let help =
+                "nothing was exported of this run: free disk space and check the permissions, or choose another folder";
+            Failure::unwritten(miette::miette!(help = help, "{doing} {}: {why}", path.display()))
+        }
+        error => Failure::dataset(error),
+    }
+}
