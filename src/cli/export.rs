@@ -4,7 +4,8 @@ use super::exit::Failure;
 use super::recorded::read_run;
 use super::summary::print;
 use super::verdict::AcceptArgs;
-use crate::dataset::{DatasetError, make_folder};
+use crate::dataset::sensor_file::read_sensor_file;
+use crate::dataset::{DatasetError, files, make_folder};
 use crate::export::{self, Format, frame};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,6 +17,7 @@ Examples:
   palpate export runs/paper --format npz --out paper.npz
   palpate export runs/a runs/b --format parquet --out tables
   palpate export runs/* --lake lake
+  palpate export --model sensor.palpate --format c --out sensor.c
 
 Tables: presses, calibration_matrix, test_matrix, characteristics, truth (of a
 simulated run). Each column has its unit and its definition, each file the
@@ -24,7 +26,11 @@ npz and mat: one file for each run. Nothing is overwritten.
 A lake has a Parquet file for each run and table, in folders by design, batch and
 sensor. A run that was exported before replaces its files.
 
-All formats except csv, and the lake, need the feature `files`.
+c: a sensor file of `palpate fit` as one C99 file, for a controller: tables and
+one function, single precision, no heap. Methods: pearson, pearson-lsq, surrogate,
+physics.
+
+Parquet, arrow, npz, mat and the lake need the feature `files`.
 
 Exit code: 0 written, 2 bad input, 5 a file could not be written.";
 
@@ -33,8 +39,11 @@ Exit code: 0 written, 2 bad input, 5 a file could not be written.";
 #[command(after_help = EXAMPLES)]
 pub struct ExportArgs {
     /// The run folders
-    #[arg(required = true)]
+    #[arg(required_unless_present = "model")]
     runs: Vec<PathBuf>,
+    /// The sensor file that becomes C
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "lake"])]
+    model: Option<PathBuf>,
     /// Format of the files
     #[arg(long, value_name = "NAME", required_unless_present = "lake")]
     format: Option<Format>,
@@ -50,10 +59,28 @@ pub struct ExportArgs {
 
 /// Writes the files of all runs, or none.
 pub fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
-    match (&args.lake, args.format) {
-        (Some(lake), _) => into_lake(lake, args),
-        (None, format) => as_files(format.unwrap_or(Format::Csv), args),
+    match (&args.model, &args.lake, args.format) {
+        (Some(model), _, Some(Format::C)) => as_c(model, args.out.as_deref()),
+        (Some(_), ..) => Err(Failure::usage(miette::miette!(help = C, "a sensor file has no other format than c"))),
+        (None, _, Some(Format::C)) => Err(Failure::usage(miette::miette!(help = C, "C needs a fitted sensor"))),
+        (None, Some(lake), _) => into_lake(lake, args),
+        (None, None, format) => as_files(format.unwrap_or(Format::Csv), args),
     }
+}
+
+const C: &str = "palpate export --model sensor.palpate --format c --out sensor.c";
+
+/// Writes the C file of a sensor file.
+fn as_c(model: &Path, out: Option<&Path>) -> Result<ExitCode, Failure> {
+    let out = out.map_or_else(|| model.with_extension("c"), Path::to_owned);
+    check_free(&out)?;
+    let (card, fitted) = read_sensor_file(model).map_err(Failure::usage)?;
+    let name = model.file_name().unwrap_or_default().to_string_lossy();
+    let title = card.sensor.map_or_else(|| name.into_owned(), |sensor| format!("sensor {sensor}"));
+    let text = export::c_file(&fitted, &title).map_err(Failure::usage)?;
+    files::place(&out, &text).map_err(|why| unwritten(DatasetError::io("writing", &out)(why)))?;
+    print(&format!("{}: {:.0} kB\n", out.display(), text.len() as f64 / 1000.0))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {

@@ -21,6 +21,8 @@ pub enum Format {
     Npz,
     /// All tables in one MAT file (v5) for MATLAB, Octave and scipy
     Mat,
+    /// A sensor file as C99, for a controller
+    C,
 }
 
 /// This program was built without a feature.
@@ -43,6 +45,7 @@ impl Format {
             Format::Arrow => "arrow",
             Format::Npz => "npz",
             Format::Mat => "mat",
+            Format::C => "c",
         }
     }
 
@@ -56,7 +59,7 @@ impl Format {
     /// # Errors
     /// It was built without.
     pub fn check(self) -> Result<(), NotBuilt> {
-        match self == Format::Csv || cfg!(feature = "files") {
+        match matches!(self, Format::Csv | Format::C) || cfg!(feature = "files") {
             true => Ok(()),
             false => Err(NotBuilt { what: format!("the format {}", self.name()) }),
         }

@@ -5,6 +5,7 @@
 #[cfg(feature = "files")]
 pub mod arrow;
 mod bench;
+mod c;
 mod csv;
 mod format;
 pub mod frame;
@@ -18,4 +19,5 @@ mod npz;
 mod rows;
 
 pub use bench::{BenchError, bench_of};
+pub use c::{NoC, c_file};
 pub use format::{Format, NotBuilt, write_file, write_tables};

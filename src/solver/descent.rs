@@ -35,13 +35,13 @@ pub(super) struct Estimate {
 }
 
 /// Largest number of steps from a start. Two to four are usually enough.
-const MOST_STEPS: usize = 12;
+pub(super) const MOST_STEPS: usize = 12;
 /// Longest step, as a fraction of the area's longer side.
-const LONGEST_STEP: f64 = 0.1;
+pub(super) const LONGEST_STEP: f64 = 0.1;
 /// Number of times that a step without improvement is halved.
-const MOST_HALVINGS: usize = 4;
+pub(super) const MOST_HALVINGS: usize = 4;
 /// Expected decrease of the sum of squares below which a step is the last. Its effect is a thirtieth of the error from noise.
-const LAST_GAIN: f64 = 1e-3;
+pub(super) const LAST_GAIN: f64 = 1e-3;
 
 impl Descent<'_> {
     /// Returns the best fit near a place; `None` if nothing can be fitted.

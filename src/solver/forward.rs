@@ -72,7 +72,7 @@ struct Limits {
 
 /// Distance in sd for the broken-unit test of unexplained readings. A unit looks broken if its reading is this close to silence,
 /// or this far above the loudest reading.
-const BROKEN_SD: f64 = 3.0;
+pub(super) const BROKEN_SD: f64 = 3.0;
 
 /// Largest excess of the sum of squares at which another place counts as nearly as likely: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;

@@ -21,7 +21,7 @@ pub(super) struct Starts {
 pub(super) const STARTS_A_SIDE: usize = 25;
 
 /// Largest number of places from which the best fit is searched for.
-const MOST_STARTS: usize = 6;
+pub(super) const MOST_STARTS: usize = 6;
 
 impl Starts {
     pub fn new(response: &Response, common_offset: bool) -> Self {

@@ -4,6 +4,7 @@ use super::field::Field;
 use super::fitted::Answering;
 use super::forward::Forward;
 use super::{ForceKnown, ForceRule, Model, Solver as _};
+use super::{descent, forward, starts};
 use crate::quantity::Place;
 
 /// Everything that a method needs to solve a reading.
@@ -83,6 +84,25 @@ pub struct Map {
     pub inside: f64,
     /// Largest mean leverage at which the map is known; infinite if it is known everywhere.
     pub known: f64,
+    /// Bounds of the search.
+    pub search: Search,
+}
+
+/// Bounds of the search for the best fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Search {
+    /// Largest number of starts.
+    pub most_starts: usize,
+    /// Largest number of steps from a start.
+    pub most_steps: usize,
+    /// Largest number of halvings of a step.
+    pub most_halvings: usize,
+    /// Longest step, as a fraction of the area's longer side.
+    pub longest_step: f64,
+    /// Expected decrease of the sum of squares below which a step is the last.
+    pub last_gain: f64,
+    /// Output below which a unit looks dead, and excess above which it looks wrong, in standard deviations of its noise.
+    pub broken_sd: f64,
 }
 
 /// Uniform cubic B-splines over a rectangle.
@@ -129,13 +149,21 @@ fn map(forward: &Forward) -> Map {
         is_constant_load: forward.load() == ForceKnown::Constant,
         common_offset: starts.common_offset(),
         starts: starts.places.clone(),
-        starts_a_side: super::starts::STARTS_A_SIDE,
+        starts_a_side: starts::STARTS_A_SIDE,
         sd: starts.sd().to_vec(),
         directions: starts.directions().to_vec(),
         loudest: forward.loudest().to_vec(),
         most,
         inside,
         known,
+        search: Search {
+            most_starts: starts::MOST_STARTS,
+            most_steps: descent::MOST_STEPS,
+            most_halvings: descent::MOST_HALVINGS,
+            longest_step: descent::LONGEST_STEP,
+            last_gain: descent::LAST_GAIN,
+            broken_sd: forward::BROKEN_SD,
+        },
     }
 }
 

@@ -5,6 +5,7 @@ mod support;
 
 mod acceptance;
 mod adapt;
+mod c_file;
 mod evaluate;
 mod golden;
 mod missing;

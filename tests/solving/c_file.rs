@@ -1,0 +1,187 @@
+//! A sensor as a C file: compiled by the system's compiler, it answers as this library does.
+
+use crate::support::skins::{scene_q, scene_t};
+use palpate::export::c_file;
+use palpate::quantity::{ArrayLayout, Place, Stream, percentile, stream};
+use palpate::scene::{Skin, SkinSpec};
+use palpate::solver::{
+    Calibration, CalibrationPoint, ForceKnown, Model, Setting, Solution, SolveError, Solver as _, Verdict, Workspace,
+};
+use rand::RngExt;
+use std::fs::{self, File};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Reads readings, a line each, and prints place, force, misfit, verdict and output.
+const MAIN: &str = r#"
+#define PALPATE_DECLARATIONS
+#include "sensor.c"
+#include <stdio.h>
+
+int main(void)
+{
+    float outputs[PALPATE_OUTPUTS];
+    struct palpate_contact contact;
+    for (;;) {
+        int i;
+        for (i = 0; i < PALPATE_OUTPUTS; i++) {
+            if (scanf("%f", &outputs[i]) != 1) return 0;
+        }
+        if (palpate_solve(outputs, &contact) != contact.verdict) return 1;
+        printf("%.9g %.9g %.9g %.9g %d %d\n", contact.x_mm, contact.y_mm, contact.force_n, contact.misfit,
+               contact.verdict, contact.output);
+    }
+}
+"#;
+
+/// Answer of the C program.
+struct Answer {
+    place: Place,
+    force_n: f64,
+    misfit: f64,
+    verdict: i32,
+    output: usize,
+}
+
+/// Compiles a model and solves readings with it; `None` without a compiler.
+fn answers(folder: &Path, model: &Model, readings: &[Vec<f64>]) -> Option<Vec<Answer>> {
+    fs::write(folder.join("sensor.c"), c_file(model, "a test */ int x;").unwrap()).unwrap();
+    fs::write(folder.join("main.c"), MAIN).unwrap();
+    let flags =
+        ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "sensor.c", "main.c", "-o", "solve", "-lm"];
+    let compiled = Command::new("cc").args(flags).current_dir(folder).output().ok()?;
+    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+    let text: String =
+        readings.iter().map(|row| row.iter().map(|v| format!("{:e} ", *v as f32)).collect::<String>() + "\n").collect();
+    fs::write(folder.join("readings"), text).unwrap();
+    let input = File::open(folder.join("readings")).unwrap();
+    let solved = Command::new(folder.join("solve")).stdin(Stdio::from(input)).output().unwrap();
+    assert!(solved.status.success());
+    let lines = String::from_utf8(solved.stdout).unwrap();
+    let answer = |line: &str| {
+        let numbers: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
+        let [x_mm, y_mm, force_n, misfit, verdict, output] = numbers[..] else { panic!("{line}") };
+        Answer { place: Place::new(x_mm, y_mm), force_n, misfit, verdict: verdict as i32, output: output as usize }
+    };
+    Some(lines.lines().map(answer).collect())
+}
+
+fn pressed(skin: &mut Skin, rng: &mut Stream, place: Place, force_n: f64) -> Vec<f64> {
+    let mut outputs = vec![0.0; skin.len()];
+    skin.draw_contact(rng);
+    skin.outputs(force_n, place, &mut outputs);
+    outputs
+}
+
+/// A calibration of 625 places, and readings of random contacts. `unit` multiplies all outputs, as another unit does.
+fn skin(spec: &SkinSpec, unit: f64, count: usize) -> (ArrayLayout, Calibration, Vec<Vec<f64>>) {
+    let layout = ArrayLayout::grid(3, 3, 4.5);
+    let (mut skin, mut rng) = (Skin::new(spec, &layout, 2.0, 5), stream(5, 1, "contacts"));
+    let at = |index: usize| -6.0 + 0.5 * index as f64;
+    let places: Vec<Place> = (0..625).map(|index| Place::new(at(index % 25), at(index / 25))).collect();
+    let mut read = |place, force_n, rng: &mut Stream| -> Vec<f64> {
+        pressed(&mut skin, rng, place, force_n).iter().map(|output| unit * output).collect()
+    };
+    let rows: Vec<Vec<f64>> = places.iter().map(|place| read(*place, 1.0, &mut rng)).collect();
+    let points: Vec<CalibrationPoint<'_>> = (places.iter().zip(&rows))
+        .map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs })
+        .collect();
+    let readings = (0..count).map(|_| {
+        let [x_mm, y_mm] = [(); 2].map(|()| rng.random_range(-6.0..6.0));
+        let force_n = rng.random_range(0.1..1.0);
+        read(Place::new(x_mm, y_mm), force_n, &mut rng)
+    });
+    let readings = readings.collect();
+    (layout, Calibration::new(&points).unwrap(), readings)
+}
+
+fn number(verdict: Verdict) -> (i32, usize) {
+    match verdict {
+        Verdict::Ok => (0, 0),
+        Verdict::WeakSignal => (1, 0),
+        Verdict::OutsideArea => (2, 0),
+        Verdict::NotOneContact => (3, 0),
+        Verdict::ChannelFault(unit) => (4, unit + 1),
+    }
+}
+
+#[test]
+fn the_compiled_file_answers_as_the_library() {
+    const READINGS: usize = 10_000;
+    let folder = tempfile::tempdir().unwrap();
+    let counts = 1e5; // of a converter
+    let cases = [
+        ("T", scene_t(), 1.0, Setting::default()),
+        ("Q", scene_q(), counts, Setting::default()),
+        ("Q, constant load", scene_q(), 1.0, Setting { load: ForceKnown::Constant, ..Setting::default() }),
+        ("T, common offset", scene_t(), 1e-6, Setting { common_offset: true, ..Setting::default() }),
+    ];
+    for (case, spec, unit, setting) in cases {
+        let (layout, calibration, readings) = skin(&spec, unit, READINGS);
+        for method in ["pearson", "pearson-lsq", "surrogate", "physics"] {
+            let setting = Setting { layout: Some(&layout), ..setting };
+            let model = Model::fit(method, calibration.clone(), &setting).unwrap();
+            let mut workspace = Workspace::default();
+            let ours: Vec<Result<Solution, SolveError>> =
+                readings.iter().map(|reading| model.fitted().solve(reading, &mut workspace)).collect();
+            let Some(theirs) = answers(folder.path(), &model, &readings) else {
+                println!("skipped: no C compiler (cc)");
+                return;
+            };
+            let (mut apart_um, mut apart_mn, mut flips, mut verdicts) = (Vec::new(), Vec::new(), 0, 0);
+            for (ours, theirs) in ours.iter().map(|ours| ours.as_ref().unwrap()).zip(&theirs) {
+                apart_um.push(1e3 * ours.place.distance_mm(theirs.place));
+                apart_mn.push(1e3 * (ours.force_n - theirs.force_n).abs());
+                flips += usize::from(ours.place.distance_mm(theirs.place) > 0.1);
+                verdicts += usize::from(number(ours.verdict) != (theirs.verdict, theirs.output));
+            }
+            assert_eq!(theirs.len(), READINGS);
+            assert!(theirs.iter().all(|answer| answer.misfit.is_finite()));
+            [&mut apart_um, &mut apart_mn].into_iter().for_each(|apart| apart.sort_by(f64::total_cmp));
+            let [um, mn] = [&apart_um, &apart_mn].map(|apart| percentile(apart, 0.99));
+            println!(
+                "{case}, {method}: 99 % within {um:.4} um and {mn:.4} mN; {flips} of {READINGS} elsewhere, {verdicts} other verdicts"
+            );
+            assert!(um <= 1.0 && mn <= 0.1, "{case}, {method}: {um} um, {mn} mN");
+            assert!(flips <= READINGS / 500 && verdicts <= READINGS / 500, "{case}, {method}: {flips} {verdicts}");
+        }
+    }
+}
+
+#[test]
+fn what_is_no_contact_is_said_and_an_output_that_is_left_out_counts_for_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (layout, calibration, readings) = skin(&scene_t(), 1.0, 50);
+    // unit 3 is dead in the calibration
+    let rows: Vec<(Place, f64, Vec<f64>)> = (calibration.points())
+        .map(|point| {
+            let mut outputs = point.outputs.to_vec();
+            outputs[2] = 0.5;
+            (point.place, point.force_n, outputs)
+        })
+        .collect();
+    let points: Vec<CalibrationPoint<'_>> = (rows.iter())
+        .map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs })
+        .collect();
+    let dead = Calibration::new(&points).unwrap();
+    let setting = Setting::of_layout(Some(&layout));
+    for method in ["pearson", "surrogate"] {
+        let model = Model::fit(method, dead.clone(), &setting).unwrap();
+        let nothing = vec![0.0; 9];
+        let not_a_number = vec![f64::NAN; 9];
+        let all: Vec<Vec<f64>> = [nothing, not_a_number].into_iter().chain(readings.clone()).collect();
+        let Some(theirs) = answers(folder.path(), &model, &all) else {
+            println!("skipped: no C compiler (cc)");
+            return;
+        };
+        assert_eq!(theirs[..2].iter().map(|answer| answer.verdict).collect::<Vec<i32>>(), [5, 5], "{method}");
+        let mut workspace = Workspace::default();
+        for (reading, theirs) in readings.iter().zip(&theirs[2..]) {
+            let ours = model.fitted().solve(reading, &mut workspace).unwrap();
+            assert!(ours.place.distance_mm(theirs.place) < 0.01, "{method}");
+        }
+    }
+    let other = Model::fit("whitened", calibration, &setting).unwrap();
+    let refusal = c_file(&other, "x").unwrap_err().to_string();
+    assert_eq!(refusal, "`whitened` can't be exported as C: only pearson, pearson-lsq, surrogate and physics can");
+}
