@@ -159,12 +159,11 @@ impl Session {
             Verdict::ChannelFault(unit) => Some(unit),
             _ => None,
         };
+        let odds_if_named = (NAMED_IF_BROKEN / NAMED_IF_GOOD).ln();
+        let odds_if_not = ((1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD)).ln();
         for (unit, evidence) in self.evidence.iter_mut().enumerate().filter(|(unit, _)| !missing.contains(unit)) {
-            let ratio = match named == Some(unit) {
-                true => NAMED_IF_BROKEN / NAMED_IF_GOOD,
-                false => (1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD),
-            };
-            *evidence = (*evidence + ratio.ln()).max(0.0);
+            let odds = if named == Some(unit) { odds_if_named } else { odds_if_not };
+            *evidence = (*evidence + odds).max(0.0);
         }
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
             // an array that has too few units left, or a model without presses, continues with the units it has
