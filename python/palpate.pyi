@@ -39,8 +39,8 @@ class Frame:
     """A table: columns of one length, each with its unit and its definition.
 
     `frame["x_mm"]` and `frame.x_mm` are a column as a numpy array, shape (rows,), which can't be written to. A missing number is
-    NaN. pandas, polars, pyarrow and DuckDB take the frame without a copy of its numbers, for example
-    `pandas.DataFrame.from_arrow(frame)` and `polars.DataFrame(frame)`. A missing value is null there.
+    NaN. The frame gives its memory to polars, pyarrow and pandas without a copy, for example `polars.DataFrame(frame)` and
+    `pandas.DataFrame.from_arrow(frame)`. A missing value is null there.
     """
 
     @property

@@ -66,7 +66,9 @@ def test_a_frame_is_taken_without_a_copy(run):
     first, second = pa.table(run.presses), pa.table(run.presses)
     assert address(first) == address(second)
     polars = pl.DataFrame(run.presses)["out_1"]
-    assert polars._get_buffer_info()[0] == address(first)
+    assert polars.to_numpy(allow_copy=False).__array_interface__["data"][0] == address(first)
+    pandas = pa.table(run.presses).to_pandas(types_mapper=pd.ArrowDtype)["out_1"]
+    assert address(pa.table({"out_1": pandas.array.__arrow_array__()})) == address(first)
     del first, second
     assert polars.sum() == pytest.approx(run.presses.out_1.sum())
 
@@ -77,7 +79,8 @@ def test_a_table_is_one_too(tmp_path):
     (tmp_path / "grid.csv").write_text("X;Y;ch0;ch1\n0;0;0,5;1\n1;0;0,25;2\n")
     table = palpate.load(tmp_path / "grid.csv", columns="x_mm=X,y_mm=Y,outputs=ch0..ch1")
     np.testing.assert_array_equal(table.presses.outputs, [[0.5, 1], [0.25, 2]])
-    assert palpate.fit(table, "pearson").outputs == 2
+    with pytest.warns(UserWarning, match="no force_n in the calibration"):
+        assert palpate.fit(table, "pearson").outputs == 2
 
 
 def test_what_is_no_run_is_refused_in_the_words_of_the_command(tmp_path):
