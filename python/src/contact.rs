@@ -97,11 +97,17 @@ impl Contact {
 /// Answers to a batch of readings, column by column.
 pub struct Contacts {
     numbers: [Vec<f64>; NUMBERS.len()],
-    verdicts: Vec<&'static str>,
+    /// Positions in [`VERDICTS`].
+    verdicts: Vec<i32>,
     units: Vec<i64>,
-    /// Rows without an answer, and why.
-    errors: Vec<(usize, String)>,
+    /// Different reasons for rows without an answer, after `None`, and which of them each row has.
+    errors: Vec<Option<String>>,
+    error: Vec<i32>,
 }
+
+/// All verdicts of a solution, in the order of their positions, and that of a reading without a solution.
+const VERDICTS: [Verdict; 5] =
+    [Verdict::Ok, Verdict::WeakSignal, Verdict::OutsideArea, Verdict::NotOneContact, Verdict::ChannelFault(0)];
 
 impl Contacts {
     /// Creates room for the answers to so many readings.
@@ -110,32 +116,51 @@ impl Contacts {
             numbers: std::array::from_fn(|_| Vec::with_capacity(rows)),
             verdicts: Vec::with_capacity(rows),
             units: Vec::with_capacity(rows),
-            errors: Vec::new(),
+            errors: vec![None],
+            error: Vec::with_capacity(rows),
         }
     }
 
     /// Adds the answer to the next reading.
     pub fn add(&mut self, solved: &Result<Solution, Unanswered>) {
         self.numbers.iter_mut().zip(shown(solved)).for_each(|(column, number)| column.push(number));
-        self.errors.extend(solved.as_ref().err().map(|error| (self.verdicts.len(), error.to_string())));
-        self.verdicts.push(verdict(solved));
-        self.units.push(unit(solved).map_or(0, |unit| unit as i64));
+        let (verdict, unit) = match solved.as_ref().map(|solution| solution.verdict) {
+            Ok(Verdict::Ok) => (0, 0),
+            Ok(Verdict::WeakSignal) => (1, 0),
+            Ok(Verdict::OutsideArea) => (2, 0),
+            Ok(Verdict::NotOneContact) => (3, 0),
+            Ok(Verdict::ChannelFault(unit)) => (4, unit as i64 + 1),
+            Err(_) => (5, 0),
+        };
+        self.verdicts.push(verdict);
+        self.units.push(unit);
+        let error = solved.as_ref().err().map_or(0, |error| self.position(error.to_string()));
+        self.error.push(error);
+    }
+
+    /// Returns the position of a reason, which is added if it is new.
+    fn position(&mut self, error: String) -> i32 {
+        let error = Some(error);
+        let known = self.errors.iter().position(|known| *known == error);
+        known.unwrap_or_else(|| {
+            self.errors.push(error);
+            self.errors.len() - 1
+        }) as i32
     }
 
     /// Returns a frame with the columns of `palpate solve`.
     pub fn frame(self) -> Frame {
         let rows = self.verdicts.len();
-        let mut errors = vec![None; rows];
-        self.errors.iter().for_each(|(row, error)| errors[*row] = Some(error.as_str()));
         let numbers = NUMBERS.into_iter().zip(ABOUT).zip(self.numbers);
         let mut columns: Vec<Column> = numbers
-            .map(|((name, (unit, about)), values)| Column::new(name, unit, about, Cells::numbers(values)))
+            .map(|((name, (unit, about)), values)| Column::new(name, unit, about, Cells::F64(values.into())))
             .collect();
-        let verdicts = Cells::texts(self.verdicts.into_iter().map(Some));
+        let words = VERDICTS.into_iter().map(Verdict::word).chain([UNSOLVED]);
+        let verdicts = Cells::Text(words.map(|word| Some(word.to_owned())).collect(), self.verdicts);
         columns.push(Column::new("verdict", "", "Whether the contact is credible.", verdicts));
         let about = "The output that contradicts the others, counted from 1.";
-        columns.push(Column::new("unit", "", about, Cells::ordinals(self.units)));
-        columns.push(Column::new("error", "", "Why there is no contact.", Cells::texts(errors.into_iter())));
+        columns.push(Column::new("unit", "", about, Cells::Ordinal(self.units.into())));
+        columns.push(Column::new("error", "", "Why there is no contact.", Cells::Text(self.errors, self.error)));
         Frame::new("contacts", rows, columns, HashMap::new())
     }
 }

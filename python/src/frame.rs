@@ -4,6 +4,7 @@ use arrow_array::ffi_stream::FFI_ArrowArrayStream;
 use arrow_array::{
     Array, ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, RecordBatchIterator, StringArray,
 };
+use arrow_buffer::ScalarBuffer;
 use arrow_schema::{ArrowError, Field, Schema};
 use numpy::ndarray::Array2;
 use numpy::{PyArray1, PyArray2};
@@ -22,8 +23,8 @@ const DEFINITION: &str = "definition";
 /// A table: columns of one length, each with its unit and its definition.
 ///
 /// `frame["x_mm"]` and `frame.x_mm` are a column as a numpy array, shape (rows,), which can't be written to. A missing number is
-/// NaN. pandas, polars, pyarrow and DuckDB take the frame without a copy of its numbers (Arrow's PyCapsule interface), for example
-/// `pandas.DataFrame.from_arrow(frame)` and `polars.DataFrame(frame)`. A missing value is null there.
+/// NaN. The frame gives its memory to polars, pyarrow and pandas without a copy (Arrow's PyCapsule interface), for example
+/// `polars.DataFrame(frame)` and `pandas.DataFrame.from_arrow(frame)`. A missing value is null there.
 #[pyclass(frozen, mapping, module = "palpate")]
 pub struct Frame {
     name: String,
@@ -44,9 +45,11 @@ pub struct Column {
 /// Values of a column.
 pub enum Cells {
     /// Numbers. A missing one is NaN, and null in Arrow.
-    F64(Float64Array),
-    /// Integers. A missing one is 0, and null in Arrow.
-    I64(Int64Array),
+    F64(ScalarBuffer<f64>),
+    /// Integers, none of which is missing.
+    I64(ScalarBuffer<i64>),
+    /// Counts from 1. A missing one is 0, and null in Arrow.
+    Ordinal(ScalarBuffer<i64>),
     /// Texts: the different ones, and which of them each row has.
     Text(Vec<Option<String>>, Vec<i32>),
     /// Truth values.
@@ -54,24 +57,6 @@ pub enum Cells {
 }
 
 impl Cells {
-    /// Takes numbers; NaN is missing.
-    pub fn numbers(values: Vec<f64>) -> Cells {
-        let is_sparse = values.iter().any(|value| value.is_nan());
-        let known = is_sparse.then(|| values.iter().map(|value| !value.is_nan()).collect());
-        Cells::F64(Float64Array::new(values.into(), known))
-    }
-
-    /// Takes integers, none of which is missing.
-    pub fn integers(values: Vec<i64>) -> Cells {
-        Cells::I64(Int64Array::new(values.into(), None))
-    }
-
-    /// Takes counts from 1; 0 is missing.
-    pub fn ordinals(values: Vec<i64>) -> Cells {
-        let known = values.iter().map(|value| *value != 0).collect();
-        Cells::I64(Int64Array::new(values.into(), Some(known)))
-    }
-
     /// Takes texts.
     pub fn texts<'a>(values: impl Iterator<Item = Option<&'a str>>) -> Cells {
         let (mut words, mut known) = (Vec::new(), HashMap::new());
@@ -87,8 +72,16 @@ impl Cells {
 
     fn arrow(&self) -> ArrayRef {
         match self {
-            Cells::F64(array) => Arc::new(array.clone()),
-            Cells::I64(array) => Arc::new(array.clone()),
+            Cells::F64(values) => {
+                let is_sparse = values.iter().any(|value| value.is_nan());
+                let known = is_sparse.then(|| values.iter().map(|value| !value.is_nan()).collect());
+                Arc::new(Float64Array::new(values.clone(), known))
+            }
+            Cells::I64(values) => Arc::new(Int64Array::new(values.clone(), None)),
+            Cells::Ordinal(values) => {
+                let known = values.iter().map(|value| *value != 0).collect();
+                Arc::new(Int64Array::new(values.clone(), Some(known)))
+            }
             Cells::Bool(array) => Arc::new(array.clone()),
             Cells::Text(words, codes) => {
                 let word = |code: &i32| words.get(*code as usize).and_then(Option::as_deref);
@@ -99,8 +92,8 @@ impl Cells {
 
     fn numpy(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         let array = match self {
-            Cells::F64(array) => PyArray1::from_slice(py, array.values()).into_any(),
-            Cells::I64(array) => PyArray1::from_slice(py, array.values()).into_any(),
+            Cells::F64(values) => PyArray1::from_slice(py, values).into_any(),
+            Cells::I64(values) | Cells::Ordinal(values) => PyArray1::from_slice(py, values).into_any(),
             Cells::Bool(array) => PyArray1::from_iter(py, array.values().iter()).into_any(),
             // the texts are made once, and numpy refers to them or copies them
             Cells::Text(words, codes) => {
@@ -197,13 +190,13 @@ impl Frame {
     #[getter]
     fn outputs<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         let outputs = self.columns.iter().filter(|column| column.name.starts_with("out_"));
-        let outputs: Vec<&Float64Array> = outputs
+        let outputs: Vec<&[f64]> = outputs
             .filter_map(|column| match &column.cells {
-                Cells::F64(array) => Some(array),
+                Cells::F64(values) => Some(&**values),
                 _ => None,
             })
             .collect();
-        let at = |(row, output): (usize, usize)| outputs[output].values()[row];
+        let at = |(row, output): (usize, usize)| outputs[output][row];
         PyArray2::from_owned_array(py, Array2::from_shape_fn((self.rows, outputs.len()), at))
     }
 

@@ -151,8 +151,8 @@ fn frames_of_table(table: &Path, columns: Option<&str>) -> Result<Read, calls::R
 fn framed(frame: frame::Frame, metadata: &HashMap<String, String>) -> Frame {
     let column = |frame::Column { name, unit, definition, values }| {
         let cells = match values {
-            Values::F64(values) => Cells::numbers(values),
-            Values::I64(values) => Cells::integers(values),
+            Values::F64(values) => Cells::F64(values.into()),
+            Values::I64(values) => Cells::I64(values.into()),
             Values::Text(values) => Cells::texts(values.iter().map(|value| value.as_deref())),
             Values::Bool(values) => Cells::Bool(values.into()),
         };

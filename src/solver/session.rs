@@ -196,12 +196,11 @@ impl Session {
             Verdict::ChannelFault(unit) => Some(unit),
             _ => None,
         };
+        let odds_if_named = (NAMED_IF_BROKEN / NAMED_IF_GOOD).ln();
+        let odds_if_not = ((1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD)).ln();
         for (unit, evidence) in self.evidence.iter_mut().enumerate().filter(|(unit, _)| !missing.contains(unit)) {
-            let ratio = match named == Some(unit) {
-                true => NAMED_IF_BROKEN / NAMED_IF_GOOD,
-                false => (1.0 - NAMED_IF_BROKEN) / (1.0 - NAMED_IF_GOOD),
-            };
-            *evidence = (*evidence + ratio.ln()).max(0.0);
+            let odds = if named == Some(unit) { odds_if_named } else { odds_if_not };
+            *evidence = (*evidence + odds).max(0.0);
         }
         if solution.misfit.is_some() && solution.verdict != Verdict::OutsideArea {
             let is_unfit = f64::from(u8::from(solution.verdict != Verdict::Ok));
@@ -225,9 +224,25 @@ impl Session {
     }
 }
 
+/// Whether x, y or the force alone shows that two solutions don't belong to one contact. Most readings of other contacts end
+/// here, without roots.
+fn is_far(a: &Solution, b: &Solution, of_a: &[[f64; 3]; 3], of_b: &[[f64; 3]; 3]) -> bool {
+    /// Rounding must not decide: in doubt the distance is computed.
+    const MARGIN: f64 = 1.0 + 1e-9;
+    let variance_mm2 = of_a[0][0] + of_a[1][1] + of_b[0][0] + of_b[1][1];
+    let variance_n2 = of_a[2][2] + of_b[2][2];
+    let apart = |difference: f64, variance: f64| difference * difference > MARGIN * APART_SD * APART_SD * variance;
+    apart(a.place.x_mm - b.place.x_mm, variance_mm2)
+        || apart(a.place.y_mm - b.place.y_mm, variance_mm2)
+        || apart(a.force_n - b.force_n, variance_n2)
+}
+
 /// Whether two solutions may belong to one contact.
 fn is_same(a: &Solution, b: &Solution) -> bool {
     let (Some(sd_a), Some(sd_b)) = (a.covariance, b.covariance) else { return false };
+    if is_far(a, b, &sd_a.0, &sd_b.0) {
+        return false;
+    }
     let location_sd_mm = sd_a.x_mm().hypot(sd_a.y_mm()).hypot(sd_b.x_mm()).hypot(sd_b.y_mm());
     let force_sd_n = sd_a.force_n().hypot(sd_b.force_n());
     a.place.distance_mm(b.place) < APART_SD * location_sd_mm && (a.force_n - b.force_n).abs() < APART_SD * force_sd_n
