@@ -1,6 +1,6 @@
 //! Events of a batch: the records of its journal, the lines of `--json`, and what a program of the user's is notified of.
 
-use crate::acceptance::Verdict;
+use crate::acceptance::{Check, Judgement, Verdict};
 use crate::dataset::{Fingerprint, Logged, Status, Text};
 use crate::solver::UnitChange;
 use serde::{Deserialize, Serialize};
@@ -172,7 +172,7 @@ pub struct Began {
 }
 
 /// The result of a sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ended {
     /// Time of the event.
     pub at: String,
@@ -209,6 +209,29 @@ pub struct Ended {
     /// File of the calibrated sensor, relative to the batch folder; `None` if none was written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<String>,
+}
+
+impl Ended {
+    /// Returns the same with a verdict.
+    #[must_use]
+    pub fn judged(self, judgement: &Judgement) -> Self {
+        Ended {
+            verdict: Some(judgement.verdict),
+            reasons: self.reasons.into_iter().chain(judgement.all_reasons()).collect(),
+            found: judgement.checks.iter().map(Found::of).collect(),
+            calibration_presses: judgement.calibration_presses,
+            test_presses: judgement.test_presses,
+            ..self
+        }
+    }
+}
+
+impl Found {
+    /// Returns what a check found.
+    pub fn of(check: &Check) -> Self {
+        let Check { figure, value, bound, limit, verdict, .. } = check;
+        Found { figure: (*figure).to_owned(), value: *value, bound: *bound, limit: *limit, verdict: *verdict }
+    }
 }
 
 /// A figure of a sensor and its limit.

@@ -1,8 +1,9 @@
 //! A batch file: which sensors are calibrated, with which rig and recipes, and how they are judged.
 
-use super::keys::{nest, notify, offset_mm, prior, reference, root, serials, typical};
+use super::keys::{nest, offset_mm, prior, reference, root, serials, typical};
 use super::{KEYS, Reference, SERIALS_MAX, check_serial};
 use crate::dataset::{LABEL_MOST, is_label};
+use crate::document::notify::read_command;
 use crate::document::{self, Key, Problem, Problems, Table};
 use crate::quantity::Place;
 use crate::solver::SENSORS_LEAST;
@@ -11,7 +12,6 @@ use std::collections::HashSet;
 /// Largest numbers of recipes, nests and words of a command.
 const RECIPES_MAX: usize = 10;
 const NESTS_MAX: usize = 100;
-const COMMAND_MAX: usize = 100;
 const PRIOR_RUNS_MAX: usize = 100;
 
 /// A parsed batch file. File names are as written: relative to the batch file, or names of shipped files.
@@ -255,15 +255,6 @@ fn read_nests(table: &Table) -> Option<Vec<Nest>> {
         Some(Nest { name, offset: offset? })
     }));
     if tables.is_empty() && table.has(&root::nest) { None } else { nests }
-}
-
-fn read_command(table: &Table) -> Option<Vec<String>> {
-    let command = table.texts(&notify::command)?;
-    if command.is_empty() || command.len() > COMMAND_MAX || command[0].trim().is_empty() {
-        let problem = format!("`command` must have 1 to {COMMAND_MAX} words, the first of which is the program");
-        return complain(table, &notify::command, problem, "remove [notify], or name a program");
-    }
-    Some(command.into_iter().map(str::to_owned).collect())
 }
 
 fn complain<T>(table: &Table, key: &Key, problem: String, help: &str) -> Option<T> {

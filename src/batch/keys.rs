@@ -1,6 +1,7 @@
 //! Keys of a batch file, table by table.
 
 use super::SERIALS_MAX;
+use crate::document::notify::NOTIFY;
 use crate::document::{Bounds, keys};
 
 /// Longest wait of the sensors on the bench before they are pressed, s.
@@ -33,7 +34,7 @@ keys! {
         reference: Table(&reference::KEYS), Allowed, "reference sensor, which shows whether the bench has changed";
         nest: Tables(&nest::KEYS), Allowed, "places of a tray, calibrated one after another; without them, one sensor at a time";
         typical: Table(&typical::KEYS), Allowed, "errors of a typical sensor, from which the chance of no decision is computed";
-        notify: Table(&notify::KEYS), Allowed, "program that is started for events";
+        notify: Table(&NOTIFY), Allowed, "program that is started for events";
     }
 }
 
@@ -86,12 +87,5 @@ keys! {
     typical {
         location_mean_mm: Number(above(0.0, 1000.0, "mm")), Allowed, "mean location error", "0.8";
         force_mean_n: Number(above(0.0, 100.0, "N")), Allowed, "mean force error", "0.08";
-    }
-}
-
-keys! {
-    /// `[notify]`
-    notify {
-        command: Texts, Refused, "the program and its arguments", "[\"notify-send\", \"palpate\"]";
     }
 }

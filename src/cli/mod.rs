@@ -24,6 +24,7 @@ mod import;
 mod init;
 mod labels;
 mod method;
+mod notify;
 mod ports;
 mod progress;
 mod provenance;

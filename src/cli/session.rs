@@ -1,12 +1,14 @@
 //! Executes a run: shows its progress, sets its pace and stops it.
 
 use super::exit::{CANCELLED, Failure};
+use super::notify::Notifier;
 use super::progress::Progress;
 use super::provenance::now;
 use super::signals::{First, heed};
 use super::summary;
 use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
+use crate::batch::{Ended, Event};
 use crate::dataset::{DatasetError, Durability, RunFolder};
 use crate::recipe::{Plan, Recipe};
 use crate::rig::RigSpec;
@@ -65,7 +67,12 @@ pub fn carry_out(
     let virtual_time = spec.is_simulated();
     let spec = &args.manner.confirm.of(spec.clone());
     let cancel = heed(First::Pause, Some("stopping: the stage is stopped and parked"))?;
-    let mut progress = Progress::new(plan, folder.manifest().presses_done as usize, args.json, cancel.clone());
+    let notifier = Notifier::start(&spec.notify);
+    let notify = |event: Event| notifier.iter().for_each(|notifier| notifier.pass(&event));
+    let serial = folder.manifest().facts.labels.sensor.clone().unwrap_or_default();
+    let paused = || notify(Event::Paused { at: now(), serial: serial.clone() });
+    let done = folder.manifest().presses_done as usize;
+    let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused);
     let shown = progress.gauge();
     let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, (&*shown, &mut progress))?;
     progress.end();
@@ -74,6 +81,18 @@ pub fn carry_out(
         Ok(()) => summary::ended(folder, virtual_time),
         Err(_) => summary::unfinished(folder),
     });
+    let mut ended = Ended {
+        at: now(),
+        serial: serial.clone(),
+        runs: vec![folder.path().display().to_string()],
+        status: ending.status(),
+        reasons: ending.told().into_iter().collect(),
+        minutes: ending.t_s / 60.0,
+        ..Ended::default()
+    };
+    if ending.halt.is_some() || ending.unparked.is_some() {
+        notify(Event::Ended(ended.clone()));
+    }
     match ending {
         Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
             finished.map_err(Failure::unfinished)?;
@@ -85,6 +104,10 @@ pub fn carry_out(
     progress.heard()?;
     shown?; // an error of the rig is reported first
     let results = summary::results(folder, spec, recipe)?;
+    if let Some(judgement) = &results.judgement {
+        ended = ended.judged(judgement);
+    }
+    notify(Event::Ended(ended));
     show(&results.text())?;
     Ok(verdict_code(results.judgement.as_ref()))
 }

@@ -7,6 +7,7 @@
 mod difference;
 mod key;
 pub(crate) mod layout;
+pub(crate) mod notify;
 mod problem;
 mod reference;
 mod schema;

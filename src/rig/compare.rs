@@ -20,7 +20,8 @@ pub struct Difference {
 /// Consequence of a difference between two rigs for a run that was begun on the first and continues on the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Consequence {
-    /// The same device has another address: a link between real devices, or the command of a program.
+    /// The same device has another address: a link between real devices, or the command of a program. Or another program is
+    /// notified.
     Link,
     /// A limit of the specimen became stricter: a smaller force, a smaller depth, or a larger stiffness.
     Tighter,
@@ -51,6 +52,7 @@ fn verdict(change: &Change) -> Consequence {
     match change.path.split('.').collect::<Vec<_>>()[..] {
         // in a rig where any link is simulated all are: none becomes real, or the other way round
         [_, "link"] if !before.into_iter().chain(now).any(is_simulated) => Consequence::Link,
+        ["notify", ..] => Consequence::Link,
         [_, "driver", "process"] if before.is_some() && now.is_some() => Consequence::Link,
         _ => match numbers {
             Some((before, now)) if is_limit(&limits::force_n) && now < before => Consequence::Tighter,

@@ -5,6 +5,7 @@ use super::scene_keys::{ROTATION, scene};
 use super::spec::{Home, HomeSide};
 use crate::control::FIRST_APPROACH_MM_S;
 use crate::document::layout::{CHANNELS_MAX, GRID};
+use crate::document::notify::NOTIFY;
 use crate::document::{Bounds, keys, words};
 use crate::quantity::{COVERAGE, Down};
 
@@ -44,6 +45,7 @@ keys! {
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";
         scene: Table(&scene::KEYS), Allowed,
             "the simulated scene; what isn't given isn't modelled; without this table, the paper's scene";
+        notify: Table(&NOTIFY), Allowed, "a program that gets each verdict, trip, pause and end as a JSON line";
     }
 }
 

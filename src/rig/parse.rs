@@ -12,6 +12,7 @@ use super::spec::{Driver, Home, HomeSide};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
 use crate::control::SEARCH_ROOM_MM;
 use crate::document::layout::{LayoutKeys, read_unit};
+use crate::document::notify::read_command;
 use crate::document::{self, Key, Problem, Problems, Span, Table};
 use crate::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
 use crate::scene::SKIN_CHANNELS_MAX;
@@ -45,6 +46,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             Some(table) => read_scene(&table, units),
             None => paper_scene(units.unwrap_or_default()).ok(), // a test shows that the shipped text is sound
         };
+        let notify = document::optional(table.table(&root::notify), read_command);
         let spec = RigSpec {
             stage: stage?,
             load_cell: load_cell?,
@@ -55,6 +57,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             u_origin_mm,
             scene: scene?,
             full_scale_n: None,
+            notify: notify?.unwrap_or_default(),
             which_way: None,
         };
         check_links(&spec, table);

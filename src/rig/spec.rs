@@ -50,6 +50,8 @@ pub struct RigSpec {
     /// Largest force for which a simulated sensor and its load cell are designed, N; `None` for the force limit. A run that
     /// continues with a tighter limit keeps the sensor with which it began.
     pub full_scale_n: Option<f64>,
+    /// Command of the program that is notified of events; empty without one.
+    pub notify: Vec<String>,
     /// Source of the direction of z, asked before a rig that isn't simulated moves. If `None`, the rig doesn't move.
     pub which_way: Option<Arc<dyn WhichWay>>,
 }

@@ -1,12 +1,12 @@
 //! The person at the bench: serial numbers and commands that are typed, and what is answered.
 
 use super::super::exit::{CANCELLED, Failure};
+use super::super::notify::Notifier;
 use super::super::provenance::now;
 use super::super::session::MannerArgs;
 use super::super::summary::{print, tell};
 use super::item::Flow;
 use super::material::Material;
-use super::notify::Notifier;
 use super::status::{counted, described};
 use super::typed::{Typed, next_line};
 use crate::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};

@@ -9,7 +9,7 @@ use super::super::tables::filled;
 use super::big::big;
 use super::desk::{Desk, Placed};
 use super::material::{Material, NestRig};
-use crate::acceptance::{Check, Judgement, Verdict, limit_used};
+use crate::acceptance::{Judgement, Verdict, limit_used};
 use crate::batch::chart::{LIMIT_SIGMAS, Shown};
 use crate::batch::{
     Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
@@ -138,7 +138,7 @@ impl Desk {
             verdict: judgement.as_ref().map(|judgement| judgement.verdict).filter(|_| !is_reference),
             // a reference sensor isn't judged
             reasons: if is_reference && judgement.is_some() { Vec::new() } else { outcome.reasons },
-            found: judgement.iter().flat_map(|judgement| &judgement.checks).map(found).collect(),
+            found: judgement.iter().flat_map(|judgement| &judgement.checks).map(Found::of).collect(),
             calibration_presses: outcome.presses.0,
             test_presses: outcome.presses.1,
             minutes: outcome.minutes,
@@ -307,11 +307,6 @@ impl Outcome {
             is_fatal,
         }
     }
-}
-
-fn found(check: &Check) -> Found {
-    let Check { figure, value, bound, limit, verdict, .. } = check;
-    Found { figure: (*figure).to_owned(), value: *value, bound: *bound, limit: *limit, verdict: *verdict }
 }
 
 /// Returns a sensor's result for the person: large on a screen, and the figure that is nearest to its limit, or farthest beyond it.

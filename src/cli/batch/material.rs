@@ -123,6 +123,11 @@ impl Material {
         Plan::new(&self.recipes[recipe].recipe, &spec.ground(), seed).map_err(Failure::usage)
     }
 
+    /// Returns the command that is notified of events: that of the batch file, or else that of the rig.
+    pub fn notified(&self) -> &[String] {
+        if self.file.notify.is_empty() { &self.rig.notify } else { &self.file.notify }
+    }
+
     /// Returns the normal values of the quantities that are charted; none without a prior.
     pub fn charted(&self) -> Result<Vec<Charted>, Failure> {
         let Some(prior) = &self.prior else { return Ok(Vec::new()) };

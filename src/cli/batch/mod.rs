@@ -6,7 +6,6 @@ mod desk;
 mod item;
 mod marks;
 mod material;
-mod notify;
 mod report;
 mod run;
 mod status;

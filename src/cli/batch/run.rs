@@ -2,13 +2,13 @@
 
 use super::super::exit::Failure;
 use super::super::labels::label;
+use super::super::notify::Notifier;
 use super::super::provenance::now;
 use super::super::session::MannerArgs;
 use super::super::signals::{First, heed};
 use super::super::summary::tell;
 use super::desk::Desk;
 use super::material::{Material, RIG};
-use super::notify::Notifier;
 use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -73,7 +73,7 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
         go_on(&mut desk, session)?;
         desk
     };
-    desk.notifier = Notifier::start(&desk.material.file.notify);
+    desk.notifier = Notifier::start(desk.material.notified());
     let ended = desk.work(&args.manner);
     let closed = desk.record(&Event::Closed { at: now() });
     let code = ended?;

@@ -80,3 +80,31 @@ fn a_pause_is_passed_on_but_not_recorded() {
     assert!(matches!(&passed[1..], [Event::Ended(_), Event::Closed { .. }]), "{passed:?}");
     assert!(!events(&bench, "day").iter().any(|event| matches!(event, Event::Paused { .. })));
 }
+
+#[test]
+fn the_receiver_of_a_rig_gets_the_end_of_each_run_and_of_a_batch() {
+    let receiver = receiver("cat >> got");
+    let fault = "\n[[scene.fault]]\nkind = \"hard-contact\"\nfrom_s = 30.0\nvalue = 60.0\n";
+    let bench = bench("");
+    let rig = bench.read("rig.toml");
+    bench.write("rig.toml", &format!("{rig}\n{receiver}"));
+    let told = bench.palpate("run r.toml --rig rig.toml --sensor A-7 --out good");
+    assert!(matches!(told.code, Some(0 | 1)), "{}", told.err);
+    bench.write("hard.toml", &format!("{rig}\n{receiver}{fault}"));
+    bench.palpate_ends(4, "run r.toml --rig hard.toml --out hard");
+    let ended: Vec<Event> = got(&bench);
+    let [Event::Ended(good), Event::Ended(hard)] = ended.as_slice() else { panic!("{ended:?}") };
+    assert_eq!(
+        (good.serial.as_str(), good.status, good.runs.as_slice()),
+        ("A-7", Status::Complete, &["good".to_owned()][..])
+    );
+    assert!(good.verdict.is_some() && good.calibration_presses == 9, "{good:?}");
+    assert_eq!((hard.status, hard.verdict), (Status::Tripped, None));
+    assert!(hard.reasons[0].contains("contact") || hard.reasons[0].contains("force"), "{hard:?}");
+    // another program may be notified after a pause
+    bench.write("changed.toml", &rig);
+    assert_ne!(bench.palpate("resume good --rig changed.toml").code, Some(3));
+    let told = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(told.code, Some(0), "{}", told.err);
+    assert!(got(&bench).iter().skip(2).any(|event| matches!(event, Event::Ended(ended) if ended.serial == "A-01")));
+}

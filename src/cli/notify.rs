@@ -1,9 +1,9 @@
-//! The program of the user's that is started for a session and gets events: `[notify]` of the batch file.
+//! The program of the user's that is started for a session and gets events: `[notify]` of the rig or of the batch file.
 //!
-//! It gets one JSON line for each verdict (or other end of a sensor), pause, alarm, and end of the session on its standard input. A
+//! It gets one JSON line for each verdict (or other end of a run), pause, alarm, and end of the session on its standard input. A
 //! receiver that is dead, slow or missing changes nothing of a run: lines pass a bounded queue to a thread of their own.
 
-use super::super::summary::tell;
+use super::summary::tell;
 use crate::batch::Event;
 use crate::report::counted;
 use std::io::{self, Write};
@@ -48,7 +48,7 @@ impl Notifier {
             thread::Builder::new().name("notify".to_owned()).spawn(deliver)
         });
         if let Err(why) = started {
-            say(&format!("notify: {program} can't be started: {why}; the batch continues without notifications\n"));
+            say(&format!("notify: {program} can't be started: {why}; there are no notifications\n"));
             return None;
         }
         let (program, lines) = (program.clone(), Some(lines));
@@ -90,9 +90,9 @@ impl Drop for Notifier {
 
 fn started(program: &str, arguments: &[String]) -> io::Result<(Child, ChildStdin)> {
     let mut command = Command::new(program);
-    // the outputs are those of the batch: a receiver that is left running doesn't keep them open
+    // the outputs are those of the session: a receiver that is left running doesn't keep them open
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-    // Ctrl-C at the bench is for the batch
+    // Ctrl-C at the bench is for the session
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let mut child = command.spawn()?;
