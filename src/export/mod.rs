@@ -19,3 +19,5 @@ mod rows;
 
 pub use bench::{BenchError, bench_of};
 pub use format::{Format, NotBuilt, write_file, write_tables};
+#[cfg(feature = "files")]
+pub use rows::of_run;
