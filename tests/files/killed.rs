@@ -64,14 +64,21 @@ fn a_killed_writer_leaves_whole_runs() {
     let wholes: BTreeSet<i64> = visible(&lake).iter().map(|(_, rows)| *rows).collect();
     assert!(parts.len() == 1 && wholes.len() == 1 && parts != wholes, "{parts:?} {wholes:?}");
     let allowed: BTreeSet<i64> = &parts | &wholes;
-    let (mut passes, mut unfinished, mut changes) = (0u64, 0, BTreeSet::new());
+    let spawned = |runs: &str| {
+        let mut command = bench.command(&format!("export {runs} --lake lake"));
+        command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    // the moment of a kill is a number of looks of the reader; a writer that isn't killed shows how many there are
+    let (mut whole, mut writer) = (0, spawned("runs/a runs/b"));
+    while writer.try_wait().unwrap().is_none() {
+        visible(&lake);
+        whole += 1;
+    }
+    let (mut passes, mut unfinished, mut changes) = (0, 0, BTreeSet::new());
     for kill in 0..kills {
         let runs = if kill % 2 == 0 { "part-a part-b" } else { "runs/a runs/b" };
-        let mut command = bench.command(&format!("export {runs} --lake lake"));
-        let mut writer = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-        // the moment of the kill is a number of looks of the reader, so every moment of a writer is tried
-        let mut looks = 0;
-        while looks < kill && writer.try_wait().unwrap().is_none() {
+        let (mut writer, mut looks) = (spawned(runs), 0);
+        while looks <= whole * kill / kills && writer.try_wait().unwrap().is_none() {
             let seen = visible(&lake);
             assert!(seen.iter().all(|(_, rows)| allowed.contains(rows)), "{seen:?} of {allowed:?}");
             changes.insert(seen.iter().map(|(_, rows)| *rows).collect::<Vec<_>>());
@@ -80,7 +87,7 @@ fn a_killed_writer_leaves_whole_runs() {
         unfinished += usize::from(writer.try_wait().unwrap().is_none());
         writer.kill().unwrap();
         writer.wait().unwrap();
-        passes += looks as u64;
+        passes += looks;
         let seen = visible(&lake);
         assert_eq!(seen.len(), 2, "{seen:?}");
         assert!(seen.iter().all(|(_, rows)| allowed.contains(rows)), "{seen:?} of {allowed:?}");

@@ -79,7 +79,7 @@ fn a_run_is_there_once_wherever_its_folder_is_and_follows_its_labels() {
 fn a_verdict_needs_a_rule_and_an_import_has_none() {
     let bench = bench([("runs/a", "")]);
     bench.palpate_ends(0, "export runs/a --format csv --out csv");
-    bench.palpate_ends(0, "import csv/presses.csv --out imported");
+    bench.palpate_ends(0, "import csv/calibration_matrix.csv --test csv/test_matrix.csv --out imported");
     bench.palpate_ends(0, "export imported --lake lake");
     assert!(!bench.has("lake/verdicts") && bench.has("lake/presses"));
     bench.write("rule.toml", "method = \"pearson\"\nlocation_mean_mm = 5.0\n");

@@ -129,9 +129,9 @@ fn a_press_in_the_lake_costs_little_and_a_sensor_is_found_without_a_scan() {
     let Some(python) = Python::with("one sensor's maps in a lake", "import duckdb") else { return };
     let told = said(python.script("lake_speed.py", [home.path()]));
     println!("{told}");
-    let [all_s, one_s]: [f64; 2] =
-        told.split_whitespace().take(2).map(|seconds| seconds.parse().unwrap()).collect::<Vec<_>>().try_into().unwrap();
-    assert!(100.0 * one_s < all_s, "{one_s} s for a sensor, {all_s} s for all");
+    let seconds: Vec<f64> = told.split_whitespace().take(3).map(|seconds| seconds.parse().unwrap()).collect();
+    // by its path; with a condition, DuckDB lists all folders first
+    assert!(100.0 * seconds[2] < seconds[0], "{seconds:?}");
 }
 
 /// Peak memory of this program, as Linux reports it.

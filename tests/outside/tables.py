@@ -20,13 +20,16 @@ book.active.title = "Notes"
 book.active.append(["made by hand"])
 sheet = book.create_sheet("Data")
 sheet.append([])
-sheet.append(["a comment is not a header"][:0])
 sheet.append(names)
 for row in rows:
     sheet.append(row)
 book.save(f"{folder}/two.xlsx")
 del book["Notes"]
 book.save(f"{folder}/one.xlsx")
+# openpyxl writes 16 digits: what it reads again is compared
+again = list(openpyxl.load_workbook(f"{folder}/one.xlsx")["Data"].values)
+with open(f"{folder}/sheet.csv", "w", newline="") as file:
+    csv.writer(file).writerows(row for row in again if row[0] is not None)
 sheet.cell(row=8, column=2).value = "n.a."
 book.save(f"{folder}/wrong.xlsx")
 
