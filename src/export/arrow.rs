@@ -76,12 +76,14 @@ pub struct ParquetFile<W: Write + Send> {
 }
 
 impl<W: Write + Send> ParquetFile<W> {
-    /// Begins a file for frames with the columns of `like`.
+    /// Begins a file for frames with the columns of `like`. The manifest is also in the schema if it is already known, where
+    /// pyarrow looks for it.
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn new(out: W, like: &Frame) -> io::Result<ParquetFile<W>> {
-        let schema = Arc::new(schema(like));
+    pub fn new(out: W, like: &Frame, manifest: Option<&str>) -> io::Result<ParquetFile<W>> {
+        let metadata = manifest.map(|manifest| (MANIFEST.to_owned(), manifest.to_owned()));
+        let schema = Arc::new(schema(like).with_metadata(metadata.into_iter().collect::<HashMap<_, _>>()));
         let mut properties = WriterProperties::builder()
             .set_compression(Compression::SNAPPY)
             .set_created_by(concat!("palpate ", env!("CARGO_PKG_VERSION")).to_owned());

@@ -101,7 +101,7 @@ fn put(frames: Vec<Frame>, manifest: &Manifest, format: Format, out: &mut io::Bu
         Format::Mat => super::mat::write(&frames, &json, out),
         _ => frames.into_iter().try_for_each(|frame| match format {
             Format::Parquet => {
-                let mut file = super::arrow::ParquetFile::new(&mut *out, &frame)?;
+                let mut file = super::arrow::ParquetFile::new(&mut *out, &frame, Some(&json))?;
                 file.add(frame)?;
                 file.finish(&json).map(drop)
             }

@@ -156,7 +156,7 @@ impl Lake {
         for frame in &frames {
             let path = self.draft(frame.name);
             let written = new_draft(&path).and_then(|out| {
-                let mut file = ParquetFile::new(out, frame)?;
+                let mut file = ParquetFile::new(out, frame, None)?;
                 file.add(frame.clone())?;
                 synced(file.finish(&manifest)?)
             });
@@ -232,7 +232,7 @@ impl PressesDraft {
     fn new(path: PathBuf, bench: &Bench, id: &str) -> Result<PressesDraft, DatasetError> {
         let (channels, unit) = (bench.layout.len(), bench.unit.clone());
         let like = rows::of_run(frame::presses_of(&[], channels, &unit), id);
-        let file = new_draft(&path).and_then(|out| ParquetFile::new(out, &like));
+        let file = new_draft(&path).and_then(|out| ParquetFile::new(out, &like, None));
         let file = file.map_err(DatasetError::io("writing", &path))?;
         let most = (OUTPUTS_MAX / channels.max(1)).max(1);
         Ok(PressesDraft { path, file, id: id.to_owned(), unit, channels, waiting: Vec::new(), most })

@@ -21,3 +21,5 @@ mod rows;
 pub use bench::{BenchError, bench_of};
 pub use c::{NoC, c_file};
 pub use format::{Format, NotBuilt, write_file, write_tables};
+#[cfg(feature = "files")]
+pub use rows::of_run;

@@ -31,7 +31,8 @@ const OUTPUTS: &str = "outputs";
 /// Returns arrays as CSV. The array with the name `x_mm` states the number of rows; without it, the longest does. Arrays with
 /// another number of rows, such as a sampling rate, are left out. An array of several columns is numbered: `a_1`, `a_2`.
 pub fn text(mut variables: Vec<Variable>, x_mm: &str) -> Result<String, String> {
-    if variables.iter().any(|variable| variable.name.starts_with(PRESSES)) {
+    let is_exported = variables.iter().any(|variable| variable.name.starts_with(PRESSES));
+    if is_exported {
         variables.retain(|variable| variable.name.starts_with(PRESSES));
         variables.iter_mut().for_each(|variable| variable.name.replace_range(..PRESSES.len(), ""));
     }
@@ -52,6 +53,8 @@ pub fn text(mut variables: Vec<Variable>, x_mm: &str) -> Result<String, String> 
             let at = column * rows + row;
             // writing to a string can't fail
             let _ = match &variable.cells {
+                // an export has NaN where a table of a run has a blank cell
+                Cells::Numbers(numbers) if is_exported && numbers[at].is_nan() => Ok(()),
                 Cells::Numbers(numbers) => write!(text, "{}", numbers[at]),
                 Cells::Counts(counts) => write!(text, "{}", counts[at]),
                 Cells::Texts(texts) => write!(text, "{}", cell(&texts[at])),

@@ -1,0 +1,92 @@
+//! Exported files, each read by its own reader and compared with the CSV export, bit for bit.
+
+use crate::bench;
+use crate::support::Bench;
+use crate::support::python::{Python, said};
+use crate::support::skips::skipped;
+use std::fs;
+use std::process::Command;
+
+/// Fewest values that a reader compares: fewer mean that it no longer reads what is there.
+const VALUES_LEAST: u64 = 5000;
+
+/// A bench with `all/`: the exports of one run in every format.
+fn exported() -> Bench {
+    let bench = bench([("runs/every", "--sensor A-017")]);
+    fs::create_dir(bench.path("all")).unwrap();
+    for (format, out) in
+        [("csv", "csv"), ("parquet", "parquet"), ("arrow", "arrow"), ("npz", "run.npz"), ("mat", "run.mat")]
+    {
+        bench.palpate_ends(0, &format!("export runs/every --format {format} --out all/{out}"));
+    }
+    bench
+}
+
+#[test]
+fn every_format_has_the_same_numbers_for_its_own_reader() {
+    let bench = exported();
+    assert_eq!(bench.read("all/csv/presses.csv"), bench.read("runs/every/presses.csv"));
+    for library in ["numpy", "scipy", "pandas", "pyarrow", "polars", "duckdb"] {
+        let import = match library {
+            "scipy" => "import scipy.io",
+            "pandas" => "import pandas, pyarrow",
+            library => &format!("import {library}"),
+        };
+        let Some(python) = Python::with(&format!("files read by {library}"), import) else { continue };
+        let words = [library.into(), bench.path("all").into_os_string()];
+        let compared: u64 = said(python.script("frames.py", words)).trim().parse().unwrap();
+        assert!(compared > VALUES_LEAST, "{library}: {compared}");
+    }
+}
+
+/// Octave prints doubles in hexadecimal, which are compared with those of the CSV file.
+#[test]
+fn octave_reads_the_same_numbers_and_texts() {
+    let bench = exported();
+    let script = "load all/run.mat; printf('%s\\n', num2hex(presses.force_n)'); printf('%s\\n', presses.phase{:}); \
+                  printf('%d %d\\n', size(presses.outputs)); printf('%s\\n', num2hex(presses.outputs(:, end))'); \
+                  printf('%s %s\\n', presses.unit.force_n, class(manifest));";
+    let octave = Command::new("octave-cli").args(["--norc", "--eval", script]).current_dir(bench.path("")).output();
+    let output = match octave {
+        Ok(output) => output,
+        Err(error) => return skipped("MAT files read by Octave", &error.to_string()),
+    };
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{err}");
+    let mut reader = csv::Reader::from_reader(fs::File::open(bench.path("all/csv/presses.csv")).unwrap());
+    let header = reader.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let at = |name: &str| header.iter().position(|column| column == name).unwrap();
+    let hex = |name: &str| {
+        let bits = |row: &csv::StringRecord| format!("{:016x}", row[at(name)].parse::<f64>().unwrap().to_bits());
+        rows.iter().map(bits).collect::<Vec<_>>().join("")
+    };
+    let phases: String = rows.iter().map(|row| format!("{}\n", &row[at("phase")])).collect();
+    let out_9 = hex("out_9");
+    let expected = format!("{}\n{phases}{} 9\n{out_9}\nN char\n", hex("force_n"), rows.len());
+    assert_eq!(out.replace("\r\n", "\n"), expected, "{err}");
+}
+
+#[test]
+fn nothing_is_overwritten_and_several_runs_share_a_folder() {
+    let bench = bench([("runs/a", "--sensor A"), ("runs/b", "--sensor B")]);
+    bench.write("kept.npz", "kept");
+    for (words, expected) in [
+        ("export runs/a --format npz --out kept.npz", "kept.npz already exists"),
+        ("export runs/a runs/a --format npz", "two runs have the name a"),
+        ("export runs/none --format csv", "runs/none"),
+        ("export runs/a", "--format"),
+        ("export runs/a --lake runs", "runs isn't a lake of palpate, and isn't empty"),
+    ] {
+        let told = bench.palpate_ends(2, words);
+        assert!(told.running().contains(expected), "{words}: {}", told.err);
+    }
+    assert_eq!(bench.read("kept.npz"), "kept");
+    bench.palpate_ends(0, "export runs/a runs/b --format mat --out both");
+    assert!(bench.has("both/a.mat") && bench.has("both/b.mat"));
+    bench.palpate_ends(0, "export runs/a runs/b --format csv");
+    assert!(bench.has("export-csv/a/presses.csv") && bench.has("export-csv/b/truth.json"));
+    let stray = |name: &str| name.starts_with('.') && name.ends_with(".new");
+    let names = fs::read_dir(bench.path("")).unwrap().map(|entry| entry.unwrap().file_name().display().to_string());
+    assert_eq!(names.filter(|name| stray(name)).collect::<Vec<_>>(), [""; 0]);
+}

@@ -1,0 +1,90 @@
+//! The lake: read as it is by DuckDB, polars and pyarrow, and kept up to date by exports.
+
+use crate::bench;
+use crate::support::python::{Python, said};
+use crate::support::{Bench, shipped};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Rows of a complete run of the recipe.
+const ROWS: usize = 9 * 2 * 5 + 81 + 20;
+
+/// All files below a folder, sorted.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.is_dir() { found.extend(files(&entry)) } else { found.push(entry) }
+    }
+    found.sort();
+    found
+}
+
+fn with_runs() -> Bench {
+    let bench = bench([
+        ("runs/a", "--sensor A-017 --design pad --batch 2026-05"),
+        ("runs/b", "--sensor ü/=% --design pad --batch 2026-06"),
+        ("runs/c", "--design strip"),
+    ]);
+    bench.palpate_ends(0, "export runs/a runs/b runs/c --lake lake");
+    bench
+}
+
+#[test]
+fn readers_of_hive_find_every_press_of_every_sensor() {
+    let bench = with_runs();
+    let expected = format!("pad|2026-05|A-017|{ROWS}\npad|2026-06|ü/=%|{ROWS}\nstrip|None|None|{ROWS}\n");
+    for library in ["duckdb", "polars", "pyarrow"] {
+        let import = if library == "pyarrow" { "import pyarrow.dataset" } else { &format!("import {library}") };
+        let Some(python) = Python::with(&format!("a lake read by {library}"), import) else { continue };
+        let words = [library.into(), bench.path("").into_os_string()];
+        assert_eq!(said(python.script("lake.py", words)), expected, "{library}");
+    }
+}
+
+#[test]
+fn the_queries_of_the_book_find_something() {
+    let bench = with_runs();
+    let Some(python) = Python::with("the book's queries of a lake", "import duckdb") else { return };
+    let page = shipped("docs/how-to/files.md");
+    let words = ["queries".into(), bench.path("").into_os_string(), page.into_os_string()];
+    let told = said(python.script("lake.py", words));
+    let found: Vec<(usize, usize)> = told
+        .lines()
+        .map(|line| line.split(' ').take(2).map(|count| count.parse().unwrap()).collect::<Vec<usize>>())
+        .map(|counts| (counts[0], counts[1]))
+        .collect();
+    assert_eq!(found.len(), 5, "{told}");
+    assert!(found.iter().all(|(rows, _)| *rows > 0), "{told}");
+    // the force's uncertainty isn't known without a certificate of the load cell
+    assert!(found.iter().filter(|(_, whole)| *whole > 0).count() >= 4, "{told}");
+}
+
+#[test]
+fn a_run_is_there_once_wherever_its_folder_is_and_follows_its_labels() {
+    let bench = with_runs();
+    let before = files(&bench.path("lake"));
+    assert_eq!(before.iter().filter(|file| file.extension().is_some()).count(), 3 * 5);
+    fs::rename(bench.path("runs/a"), bench.path("moved")).unwrap();
+    bench.palpate_ends(0, "export moved runs/b --lake lake");
+    assert_eq!(files(&bench.path("lake")), before);
+    // files of a sensor with another label, as if the label had been corrected
+    let place = |sensor: &str| bench.path(&format!("lake/presses/design=pad/batch=2026-05/sensor={sensor}"));
+    fs::rename(place("A-017"), place("A-071")).unwrap();
+    assert_ne!(files(&bench.path("lake")), before);
+    bench.palpate_ends(0, "export moved --lake lake");
+    assert_eq!(files(&bench.path("lake")), before);
+}
+
+#[test]
+fn a_verdict_needs_a_rule_and_an_import_has_none() {
+    let bench = bench([("runs/a", "")]);
+    bench.palpate_ends(0, "export runs/a --format csv --out csv");
+    bench.palpate_ends(0, "import csv/calibration_matrix.csv --test csv/test_matrix.csv --out imported");
+    bench.palpate_ends(0, "export imported --lake lake");
+    assert!(!bench.has("lake/verdicts") && bench.has("lake/presses"));
+    bench.write("rule.toml", "method = \"pearson\"\nlocation_mean_mm = 5.0\n");
+    bench.palpate_ends(0, "export imported --lake lake --accept rule.toml");
+    assert!(bench.has("lake/verdicts") && bench.has("lake/errors"));
+    bench.palpate_ends(0, "export imported --lake lake");
+    assert!(files(&bench.path("lake/verdicts")).is_empty(), "an earlier verdict by another rule");
+}

@@ -1,0 +1,48 @@
+//! Files of other programs and the lake, with the feature `files`: read by their own readers.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod export;
+mod import;
+mod killed;
+mod lake;
+mod speed;
+
+use support::Bench;
+
+/// A recipe with every kind of step, which takes a tenth of a second: staircases of all units, a grid, random places, a rule.
+const RECIPE: &str = r#"
+name = "every"
+
+[evaluate]
+solvers = ["pearson"]
+
+[accept]
+method = "pearson"
+location_mean_mm = 5.0
+
+[[step]]
+phase = "characterisation"
+units = "all"
+staircase = { to_n = 1.0, step_n = 0.5, repeats = 2 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 1.5 }
+force_n = 1.0
+
+[[step]]
+phase = "test"
+random = { count = 20, x_mm = [-5.0, 5.0], y_mm = [-5.0, 5.0], force_n = [0.8, 1.0] }
+"#;
+
+/// A bench with complete runs of that recipe, each with its labels.
+fn bench<'a>(runs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
+    let bench = Bench::with([("every.toml", RECIPE)]);
+    for (seed, (run, labels)) in runs.into_iter().enumerate() {
+        let told = bench.palpate(&format!("run every.toml --out {run} --seed {} {labels}", seed + 1));
+        assert!(matches!(told.code, Some(0 | 1)), "{}\n{}", told.out, told.err);
+    }
+    bench
+}
