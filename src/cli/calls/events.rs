@@ -259,7 +259,7 @@ impl Listener for Heard<'_> {
     }
 
     fn retouched(&mut self, retouch: &Retouch) {
-        self.progress(Event::Retouched(retouch.clone()));
+        self.progress(Event::Retouched(*retouch));
     }
 
     fn begins(&mut self, entry: &Entry) {
