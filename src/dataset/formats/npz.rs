@@ -1,7 +1,7 @@
 //! Arrays of numpy: an archive with an .npy file for each (NEP 1, numpy/lib/format.py).
 
 use super::variables::{Cells, Variable, transposed};
-use crate::dataset::table_error::MAX_TABLE_BYTES;
+use crate::dataset::table_error::{MAX_ROWS, MAX_TABLE_BYTES};
 use std::fs::File;
 use std::io::{BufReader, Read};
 use zip::ZipArchive;
@@ -88,8 +88,8 @@ fn cells(kind: &str, data: &[u8], count: usize) -> Result<Cells, String> {
             let unused = 64 - 8 * size as u32;
             Cells::Counts(each().map(|chunk| (ordered(chunk) << unused) as i64 >> unused).collect())
         }
-        ("U", 0) => Cells::Texts(vec![String::new(); count]),
-        ("U", _) => {
+        ("U", 0) if count <= MAX_ROWS => Cells::Texts(vec![String::new(); count]),
+        ("U", 1..) => {
             let letters = |text: &[u8]| -> String {
                 let letters =
                     text.chunks_exact(4).map(|letter| ordered(letter) as u32).take_while(|letter| *letter != 0);
