@@ -317,7 +317,8 @@ fn a_dead_centre_is_found_and_left_out() {
     assert_eq!(other.broken(), [], "another session of the model knows nothing of it");
     assert_ne!(session.solve(&reading), other.solve(&reading));
     session.restart();
-    assert_eq!((session.broken(), session.solve(&reading)), (other.broken(), other.solve(&reading)));
+    assert_eq!(session.solve(&reading), other.solve(&reading));
+    assert_eq!(session.broken(), other.broken());
 }
 
 #[test]
