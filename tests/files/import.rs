@@ -69,6 +69,7 @@ fn what_is_wrong_is_named_with_sheet_row_and_column() {
     bench.write("text.xlsx", "no sheets");
     for (words, expected) in [
         ("import wrong.xlsx", "wrong.xlsx, sheet Data, line 8, column `Y`: expected a finite number, found `n.a.`"),
+        ("import far.xlsx", "sheet `Data` reaches over more than 10000000 cells"),
         ("import two.xlsx", "two.xlsx, sheet Notes"),
         ("import two.xlsx --sheet Date", "it has no sheet `Date`; its sheets: Notes, Data"),
         ("import zstd.parquet", "save it with snappy"),

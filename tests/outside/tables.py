@@ -32,6 +32,8 @@ with open(f"{folder}/sheet.csv", "w", newline="") as file:
     csv.writer(file).writerows(row for row in again if row[0] is not None)
 sheet.cell(row=8, column=2).value = "n.a."
 book.save(f"{folder}/wrong.xlsx")
+sheet.cell(row=1_000_000, column=16_000).value = 1.0  # the rectangle up to there doesn't fit into memory
+book.save(f"{folder}/far.xlsx")
 
 outputs = numpy.stack([columns[name] for name in names if name.startswith("ch")], axis=1)
 places = {name: columns[name] for name in names if not name.startswith("ch")}

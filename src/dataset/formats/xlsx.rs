@@ -2,7 +2,7 @@
 
 use super::variables::cell;
 use crate::dataset::table_error::{MAX_COLUMNS, MAX_TABLE_BYTES};
-use calamine::{Data, Reader as _, Xlsx};
+use calamine::{Data, Reader as _, Xlsx, XlsxError};
 use std::fs::File;
 use std::io::BufReader;
 
@@ -18,6 +18,9 @@ pub fn text(input: File, sheet: Option<&str>) -> Result<(String, String), String
         Some(sheet) if names.iter().any(|name| name == sheet) => sheet.to_owned(),
         Some(sheet) => return Err(format!("it has no sheet `{sheet}`; its sheets: {}", names.join(", "))),
     };
+    if cells(&mut book, &name).map_err(|error| not_one(&error))? > CELLS_MAX {
+        return Err(format!("sheet `{name}` reaches over more than {CELLS_MAX} cells"));
+    }
     let range = book.worksheet_range(&name).map_err(|error| not_one(&error))?;
     if range.width() > MAX_COLUMNS {
         return Err(format!("more than {MAX_COLUMNS} columns"));
@@ -35,6 +38,22 @@ pub fn text(input: File, sheet: Option<&str>) -> Result<(String, String), String
         }
     }
     Ok((name, text))
+}
+
+/// Largest number of cells of the rectangle around a sheet's values, which is in memory at once.
+const CELLS_MAX: u64 = 10_000_000;
+
+/// Returns the number of cells of the rectangle around a sheet's values.
+fn cells(book: &mut Xlsx<BufReader<File>>, sheet: &str) -> Result<u64, XlsxError> {
+    let mut cells = book.worksheet_cells_reader(sheet)?;
+    let (mut least, mut most) = ((u32::MAX, u32::MAX), (0, 0));
+    while let Some(cell) = cells.next_cell()? {
+        let (row, column) = cell.get_position();
+        least = (least.0.min(row), least.1.min(column));
+        most = (most.0.max(row), most.1.max(column));
+    }
+    let side = |least: u32, most: u32| if least > most { 0 } else { u64::from(most - least) + 1 };
+    Ok(side(least.0, most.0) * side(least.1, most.1))
 }
 
 /// Checks the size that the parts of a workbook state, unpacked. `Err(None)` if they are too large.
