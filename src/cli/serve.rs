@@ -30,9 +30,9 @@ in, a line for each out, as with `palpate solve --keep-going`. An invalid header
 ends the connection after a line with the problem.
 
 At most 1000 connections are served at the same time. Further ones get a line
-that says so, and are closed. A client that doesn't read its answers for a minute
+with this reason, and are closed. A client that doesn't read its answers for a minute
 is disconnected. So is one that speaks HTTP, because browsers reach this address.
-There is no password: whoever reaches the address can use it.";
+There is no password: any program that reaches the address can use it.";
 
 /// Answer readings at a TCP port, one session for each connection
 #[derive(Debug, clap::Args)]
