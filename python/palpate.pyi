@@ -201,6 +201,9 @@ class Session:
     def solve(self, readings: ArrayLike) -> Any:
         """Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does."""
     @property
+    def is_out_of_date(self) -> bool:
+        """Whether so many contacts didn't fit the calibration that the sensor should be calibrated again."""
+    @property
     def broken(self) -> list[int]:
         """Outputs that are excluded, counted from 1."""
 

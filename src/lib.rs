@@ -9,9 +9,9 @@
 //! | floor | room | what it is |
 //! |---|---|---|
 //! | 7 | [`cli`] | the command line, one file a subcommand; the only room that prints |
+//! | 6 | [`export`] | runs for other programs: frames, files, a lake, C |
 //! | 6 | [`report`] | a page about a run, or about many of them |
 //! | 6 | [`study`] | the force loop and the solvers measured under many conditions, and drawn |
-//! | 5 | [`export`] | runs for other programs: frames, files, a lake |
 //! | 5 | [`batch`] | sensors of one design, one after another: journal, state, control charts |
 //! | 5 | [`run`] | walks a plan on a rig: prepares, presses, records, parks |
 //! | 4 | [`rig`] | a rig file understood; the only place that chooses a real or a simulated link |

@@ -170,6 +170,12 @@ impl Session {
         solved(py, readings, self.outputs, |solve| solve(&mut locked(&self.session)))
     }
 
+    /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again.
+    #[getter]
+    fn is_out_of_date(&self, py: Python<'_>) -> bool {
+        py.detach(|| locked(&self.session).is_out_of_date())
+    }
+
     /// Outputs that are excluded, counted from 1.
     #[getter]
     fn broken(&self, py: Python<'_>) -> Vec<usize> {

@@ -59,6 +59,15 @@ def test_a_unit_that_breaks_in_a_session_is_excluded(table, readings):
     assert session.broken == [5]
 
 
+def test_a_sensor_that_no_longer_fits_its_calibration_is_reported(table):
+    session = palpate.fit(table, "surrogate").session()
+    outputs = palpate.load(EXAMPLE / "test.csv").presses.outputs
+    session.solve(outputs)
+    assert not session.is_out_of_date
+    session.solve(outputs + outputs[::-1])  # two contacts at once
+    assert session.is_out_of_date
+
+
 def test_readings_of_any_type_are_taken(model, readings):
     expected = model.solve(readings[50])
     given = [list(readings[50]), tuple(readings[50]), np.asfortranarray(readings)[50], readings[:, ::-1][50, ::-1]]

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub struct ByDesign {
     /// The calibrated sensor; `None` for a sensor that is refused, or calibrated without the prior.
     pub model: Option<Model>,
-    /// Sensor file of the batch, or the batch folder.
+    /// Sensor file, beginning with the name of the batch folder; without a sensor file, this name.
     pub source: PathBuf,
     /// Reasons for which the sensor was refused.
     refused: Option<Vec<String>>,
@@ -33,9 +33,12 @@ impl ByDesign {
         }
         let refused = ended.refused.then_some(ended.reasons);
         let file = ended.model.map(|file| batch.join(file));
-        let model = file.as_deref().map(read_sensor_file).transpose()?.map(|(_, model)| model);
+        // its half-widths come from the test presses that are evaluated
+        let model = file.as_deref().map(read_sensor_file).transpose()?.map(|(_, model)| model.without_half_widths());
         let is_known = model.is_some() || refused.is_some();
-        Ok(is_known.then(|| ByDesign { model, source: file.unwrap_or(batch), refused }))
+        let source = file.as_ref().unwrap_or(&batch);
+        let source = batch.parent().and_then(|above| source.strip_prefix(above).ok()).unwrap_or(source).to_owned();
+        Ok(is_known.then_some(ByDesign { model, source, refused }))
     }
 
     /// Returns the verdict by a rule.

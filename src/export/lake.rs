@@ -8,7 +8,9 @@ use super::arrow::ParquetFile;
 use super::frame::{self, Frame};
 use super::{BenchError, bench_of, rows};
 use crate::acceptance::{Judgement, Rule};
+use crate::batch::ByDesign;
 use crate::dataset::evaluate::Trial;
+use crate::dataset::sensor_file::SensorFileError;
 use crate::dataset::{DatasetError, Evidence, Labels, Manifest, Press, Presses, Recorded};
 use crate::recipe::Phase;
 use crate::rig::Bench;
@@ -65,6 +67,10 @@ pub enum LakeError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Bench(#[from] BenchError),
+    /// The sensor file of a run's batch can't be read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Sensor(#[from] SensorFileError),
     /// The folder has other content.
     #[error("{} isn't a lake of palpate, and isn't empty", folder.display())]
     #[diagnostic(help("choose an empty or a new folder"))]
@@ -205,10 +211,19 @@ impl Staged {
         let presses = run.presses();
         let layout = Some(&self.bench.layout);
         let trial = Trial::of_run(&presses, layout);
-        let known: Vec<Evaluation> =
-            trial.as_ref().ok().and_then(|trial| trial.evaluate(&rule.method).ok()).into_iter().collect();
+        let design = ByDesign::of_runs(&[&run.path])?;
+        let model = design.as_ref().and_then(|design| design.model.as_ref());
+        let evaluate = |trial: &Trial<'_>| match model {
+            Some(model) => trial.evaluate_with(model.fitted()).ok(),
+            None => trial.evaluate(&rule.method).ok(),
+        };
+        let known: Vec<Evaluation> = trial.as_ref().ok().and_then(evaluate).into_iter().collect();
         let (runs, u_place_mm) = (vec![&run], self.bench.u_place_mm());
-        let judgement: Judgement = Evidence { presses: &presses, layout, runs, u_place_mm }.judge(rule, &trial, &known);
+        let evidence = Evidence { presses: &presses, layout, runs, u_place_mm };
+        let judgement: Judgement = match &design {
+            Some(design) => design.judge(rule, &evidence, &trial),
+            None => evidence.judge(rule, &trial, &known),
+        };
         self.frames.push(rows::of_run(rows::verdict(&judgement), &self.id));
         if let Some(evaluation) = known.first() {
             self.frames.push(rows::of_run(rows::errors(evaluation), &self.id));

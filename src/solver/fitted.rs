@@ -79,6 +79,14 @@ impl Fitted {
         self
     }
 
+    /// Returns an inverted map without half-widths.
+    pub(super) fn without_half_widths(mut self) -> Self {
+        if let Answering::Forward(forward) = &mut self.solver {
+            forward.forget_half_widths();
+        }
+        self
+    }
+
     /// Multiplies the stated errors of location and of force, in addition to earlier factors.
     pub(super) fn widen(&mut self, location: f64, force: f64) {
         self.widened = [self.widened[0] * location, self.widened[1] * force];

@@ -157,6 +157,10 @@ impl Forward {
         self.widths = half_widths(&trials);
     }
 
+    pub fn forget_half_widths(&mut self) {
+        self.widths = None;
+    }
+
     /// Returns the expected mean location error of contacts of one force in the area, mm.
     pub fn expected_mean_mm(&self, force_n: f64) -> f64 {
         let errors = self.response.field.area().cells(EXPECTED_A_SIDE).into_iter();

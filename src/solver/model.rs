@@ -79,6 +79,12 @@ impl Model {
         Model { fitted: self.fitted.with_half_widths_of(test), ..self }
     }
 
+    /// Returns the model without half-widths, for an evaluation on the presses that gave them.
+    #[must_use]
+    pub fn without_half_widths(self) -> Self {
+        Model { fitted: self.fitted.without_half_widths(), ..self }
+    }
+
     /// Returns the model of a sensor that gave `own` presses to a fit with a prior.
     pub(super) fn with_own_presses(mut self, own: &Calibration) -> Self {
         (self.validity.presses, self.validity.places) = (own.len(), own.by_place().len());

@@ -9,8 +9,8 @@ const FLOORS: [&[&str]; 7] = [
     &["acceptance", "control", "device", "document", "scene", "solver", "wire"],
     &["driver", "emulator", "recipe"],
     &["dataset", "rig"],
-    &["batch", "export", "run"],
-    &["report", "study"],
+    &["batch", "run"],
+    &["export", "report", "study"],
     &["cli"],
 ];
 
