@@ -47,7 +47,7 @@ pub struct Session {
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub fn fit(
     py: Python<'_>,
-    run: Place<'_>,
+    run: &Bound<'_, PyAny>,
     solver: &str,
     constant_load: bool,
     common_offset: bool,
@@ -55,6 +55,7 @@ pub fn fit(
     forces_n: Option<(f64, f64)>,
     columns: Option<String>,
 ) -> PyResult<Model> {
+    let run = Place::of(run)?;
     let columns = columns.or_else(|| run.columns().map(str::to_owned));
     let words = Words::default()
         .option("solver", Some(solver))

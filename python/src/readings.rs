@@ -1,7 +1,8 @@
 //! Readings as Python gives them: one, or a batch, of anything that numpy makes an array of numbers from.
 
+use super::frame::Frame;
 use numpy::{PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -20,6 +21,9 @@ impl<'py> Readings<'py> {
     pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
         if let Some(array) = given.cast::<PyArrayDyn<f64>>().ok().filter(|array| array.is_c_contiguous()) {
             return Readings::of_array(array);
+        }
+        if given.cast::<Frame>().is_ok() {
+            return Err(PyTypeError::new_err("readings are an array of numbers: use the `outputs` of the frame"));
         }
         let py = given.py();
         let kwargs = PyDict::new(py);

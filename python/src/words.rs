@@ -1,5 +1,6 @@
 //! Options of Python as words of the command line, which checks them.
 
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -55,7 +56,15 @@ pub enum Place<'py> {
     Run(Bound<'py, super::run::Run>),
 }
 
-impl Place<'_> {
+impl<'py> Place<'py> {
+    /// Takes what Python gives.
+    pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
+        given.extract().map_err(|_| {
+            let kind = given.get_type();
+            PyTypeError::new_err(format!("expected a Run, or the path of a run folder or of a table, not {kind}"))
+        })
+    }
+
     /// Returns the path.
     pub fn path(&self) -> &Path {
         match self {

@@ -140,3 +140,12 @@ def test_the_file_is_that_of_the_command(table, program, tmp_path):
     command = [program, "fit", EXAMPLE / "calibration.csv", "--solver", "pearson", "--out", tmp_path / "its.palpate"]
     subprocess.run(command, check=True, capture_output=True)
     assert (tmp_path / "ours.palpate").read_bytes() == (tmp_path / "its.palpate").read_bytes()
+
+
+def test_other_objects_are_refused_with_what_is_expected(model, table):
+    presses = palpate.load(EXAMPLE / "test.csv").presses
+    with pytest.raises(TypeError, match="use the `outputs` of the frame"):
+        model.solve(presses)
+    for given in [None, presses, 7]:
+        with pytest.raises(TypeError, match="expected a Run, or the path of a run folder or of a table, not <class"):
+            palpate.fit(given)

@@ -12,6 +12,7 @@ use crate::batch::ByDesign;
 use crate::dataset::Evidence;
 use crate::dataset::characteristics::{Repeatability, Staircases};
 use crate::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
+use crate::recipe::Phase;
 use crate::report::is_beside_paper;
 use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver as _};
 use miette::IntoDiagnostic as _;
@@ -111,7 +112,8 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
         }
         (None, Some(calibration), Some(test)) => {
             let mapping = args.columns.mapping()?;
-            let (calibration, test) = (read_presses(calibration, &mapping)?, read_presses(test, &mapping)?);
+            let (calibration, test) =
+                (read_presses(calibration, &mapping, Phase::Calibration)?, read_presses(test, &mapping, Phase::Test)?);
             warn_of_units(&calibration, &test)?;
             let evidence = Evidence { presses: &calibration, layout: None, runs: Vec::new(), u_place_mm: None };
             let layout = mapping.layout_of(calibration.channels);

@@ -57,8 +57,9 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let mapping = args.columns.mapping()?;
     let paths = [(Some(&args.calibration), Phase::Calibration), (args.test.as_ref(), Phase::Test)];
     let given = || paths.into_iter().filter_map(|(path, phase)| Some((path?, phase)));
-    let tables: Vec<(Presses, Phase)> =
-        given().map(|(path, phase)| Ok((read_presses(path, &mapping)?, phase))).collect::<Result<_, Failure>>()?;
+    let tables: Vec<(Presses, Phase)> = given()
+        .map(|(path, phase)| Ok((read_presses(path, &mapping, phase)?, phase)))
+        .collect::<Result<_, Failure>>()?;
     let outputs = tables[0].0.channels;
     check_outputs(&tables, &mapping)?;
     if let [(calibration, _), (test, _)] = tables.as_slice() {

@@ -7,8 +7,9 @@ use super::summary::tell;
 use super::tables::chosen;
 use crate::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
 use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
-use crate::dataset::{Fingerprint, Mapping, source_fingerprint};
+use crate::dataset::{Fingerprint, Manifest, Mapping, Status, source_fingerprint};
 use crate::quantity::ArrayLayout;
+use crate::recipe::Phase;
 use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use clap::builder::PossibleValuesParser;
 use miette::{IntoDiagnostic, WrapErr};
@@ -78,13 +79,18 @@ impl Source {
         let load = method.load();
         let path = path.to_owned();
         if path.is_dir() {
-            let (recorded, bench, notes) = noted_run(&path)?;
+            let (recorded, bench, mut notes) = noted_run(&path)?;
+            let Manifest { status, presses_done, facts, .. } = &recorded.manifest;
+            if *status != Status::Complete {
+                let (name, status, planned) = (path.display(), status.name(), facts.presses_planned);
+                notes.push(format!("note: {name} is {status}: {presses_done} of {planned} presses\n"));
+            }
             let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
             let (layout, sensor) = (bench.placed().cloned(), recorded.manifest.facts.labels.sensor.clone());
             return Ok(Source { path, calibration, layout, sensor, is_relative: false, notes });
         }
         let mapping = method.mapping()?;
-        let (table, notes) = noted_presses(&path, &mapping)?;
+        let (table, notes) = noted_presses(&path, &mapping, Some(Phase::Calibration))?;
         let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
         let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
         let layout = mapping.layout_of(table.channels);

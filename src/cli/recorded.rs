@@ -48,18 +48,25 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 
-/// Returns the presses of a table that is named by its path, and prints the notes.
-pub fn read_presses(table: &Path, mapping: &Mapping) -> Result<Presses, Failure> {
-    let (presses, notes) = noted_presses(table, mapping)?;
+/// Returns the presses of a table that is named by its path, and prints the notes. Of a table with several phases, only one is
+/// used.
+pub fn read_presses(table: &Path, mapping: &Mapping, phase: Phase) -> Result<Presses, Failure> {
+    let (presses, notes) = noted_presses(table, mapping, Some(phase))?;
     notes.iter().try_for_each(|note| tell(note))?;
     Ok(presses)
 }
 
 /// Returns the presses of a table that is named by its path, and a line for each fact that a person should know about it.
-pub fn noted_presses(table: &Path, mapping: &Mapping) -> Result<(Presses, Vec<String>), Failure> {
-    let presses = read_table(table, mapping).map_err(Failure::usage)?;
+pub fn noted_presses(table: &Path, mapping: &Mapping, phase: Option<Phase>) -> Result<(Presses, Vec<String>), Failure> {
+    let mut presses = read_table(table, mapping).map_err(Failure::usage)?;
     let name = table.display();
     let mut notes: Vec<String> = difference(table).into_iter().collect();
+    if let Some(phase) = phase
+        && let Some(all) = presses.keep(phase)
+    {
+        let (kept, phase) = (presses.presses.len(), phase.name());
+        notes.push(format!("note: {name}: its {kept} rows of phase `{phase}` are used, of {all}\n"));
+    }
     notes.extend(presses.detected.iter().map(|detected| format!("note: {name}: {detected}\n")));
     notes.extend(presses.unused.iter().take(LOOKALIKES_MAX).map(|Lookalike { column, looks_like, read_from }| {
         format!(

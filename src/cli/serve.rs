@@ -11,7 +11,7 @@ use crate::dataset::readings::{Lines, Readings};
 use crate::solver::{Fits, Session};
 use miette::{IntoDiagnostic, WrapErr};
 use std::io::{self, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ pub struct ServeArgs {
     #[arg(long, value_name = "FILE")]
     model: PathBuf,
     /// Address and port to listen at
-    #[arg(long, value_name = "ADDRESS:PORT")]
+    #[arg(long, value_name = "ADDRESS:PORT", value_parser = address)]
     listen: SocketAddr,
     /// Answer with one JSON object per line instead of CSV
     #[arg(long)]
@@ -139,6 +139,11 @@ impl Service {
         // a client that is gone needs no reason
         _ = stream.write_all(line.as_bytes());
     }
+}
+
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let expected = || "expected an address and a port, such as 127.0.0.1:4700 or localhost:4700".to_owned();
+    text.to_socket_addrs().ok().and_then(|mut addresses| addresses.next()).ok_or_else(expected)
 }
 
 fn is_http(line: &[u8]) -> bool {

@@ -49,8 +49,8 @@ pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> St
             let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
             shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
         };
-        row("within half68_mm, half95_mm", "", &|e| both(e, |c| [c.location_68, c.location_95]));
-        row("within half68_n, half95_n", "", &|e| both(e, |c| [c.force_68, c.force_95]));
+        row("in half68_mm, half95_mm", "", &|e| both(e, |c| [c.location_68, c.location_95]));
+        row("in half68_n, half95_n", "", &|e| both(e, |c| [c.force_68, c.force_95]));
     }
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
         row("time a solve", "", &|e| e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0)));

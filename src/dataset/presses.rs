@@ -44,6 +44,20 @@ impl Presses {
         self.presses.iter().filter(move |press| press.is_of(phase) && !press.is_flagged())
     }
 
+    /// Keeps the presses of one phase, if the table has presses of this phase and of others. Returns how many there were of all.
+    pub fn keep(&mut self, phase: Phase) -> Option<usize> {
+        let (all, of_it) = (self.presses.len(), self.presses.iter().filter(|press| press.is_of(phase)).count());
+        if of_it == 0 || of_it == all {
+            return None;
+        }
+        if !self.lines.is_empty() {
+            let kept = self.presses.iter().zip(&self.lines).filter(|(press, _)| press.is_of(phase));
+            self.lines = kept.map(|(_, line)| *line).collect();
+        }
+        self.presses.retain(|press| press.is_of(phase));
+        Some(all)
+    }
+
     /// Returns the position of a press, for messages.
     pub fn at(&self, index: usize) -> String {
         let source = &self.source;
@@ -60,5 +74,22 @@ impl Presses {
         self.channels = self.channels.max(other.channels);
         self.lines.clear();
         self.presses.extend(other.presses);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::evaluate::tests::table;
+    use super::*;
+
+    #[test]
+    fn of_a_table_with_several_phases_one_is_kept_with_its_lines() {
+        let text = "phase,x_mm,y_mm,out_1\ncalibration,0,0,1\ntest,1,0,2\ncalibration,2,0,3\n";
+        let mut presses = table(text);
+        assert_eq!(presses.clone().keep(Phase::Teach), None);
+        assert_eq!(presses.keep(Phase::Calibration), Some(3));
+        assert_eq!((presses.presses.len(), presses.keep(Phase::Calibration)), (2, None));
+        assert!(presses.at(1).ends_with("line 4"), "{}", presses.at(1));
+        assert_eq!(table(&text.replace("test", "calibration")).keep(Phase::Test), None);
     }
 }

@@ -12,6 +12,7 @@ use super::header::Header;
 use super::lookalike::lookalikes;
 use super::mapping::Mapping;
 use super::press::{COLUMNS, Column, OUTPUTS, Presence};
+use super::sensor_file::is_sensor_file;
 use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
 use csv::StringRecord;
@@ -38,8 +39,17 @@ pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError>
         return parse_table(&file, text.as_bytes(), &formats::mapping(kind, mapping));
     }
     let file = path.display().to_string();
+    if is_sensor_file(path) {
+        let problem = "this is a sensor file, not a table of presses".to_owned();
+        return Err(TableError::Malformed { file, problem });
+    }
     match File::open(path) {
-        Ok(input) => parse_table(&file, input, mapping),
+        Ok(input) => parse_table(&file, input, mapping).map_err(|error| match (error, formats::unread(path)) {
+            (TableError::NotText { file, .. }, Some(problem)) => {
+                TableError::Malformed { file, problem: problem.to_owned() }
+            }
+            (error, _) => error,
+        }),
         Err(source) => Err(TableError::Unreadable { file, source }),
     }
 }

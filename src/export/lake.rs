@@ -72,7 +72,7 @@ pub enum LakeError {
     #[diagnostic(transparent)]
     Sensor(#[from] SensorFileError),
     /// The folder has other content.
-    #[error("{} isn't a lake of palpate, and isn't empty", folder.display())]
+    #[error("{} isn't a lake of palpate, and isn't an empty folder", folder.display())]
     #[diagnostic(help("choose an empty or a new folder"))]
     Taken {
         /// The folder.
@@ -94,6 +94,9 @@ impl Lake {
     /// The folder has other content, another program writes to it, or an error of the operating system.
     pub fn open(folder: &Path) -> Result<Lake, LakeError> {
         let mark = folder.join(MARK);
+        if folder.is_file() {
+            return Err(LakeError::Taken { folder: folder.to_owned() });
+        }
         fs::create_dir_all(folder).map_err(DatasetError::io("making", folder))?;
         let mut entries = fs::read_dir(folder).map_err(DatasetError::io("reading", folder))?;
         if !mark.exists() && entries.next().is_some() {

@@ -29,7 +29,7 @@ int main(void)
         }
         if (palpate_solve(outputs, &contact) != contact.verdict) return 1;
         printf("%.9g %.9g %.9g %.9g %d %d\n", contact.x_mm, contact.y_mm, contact.force_n, contact.misfit,
-               contact.verdict, contact.output);
+               contact.verdict, contact.unit);
     }
 }
 "#;

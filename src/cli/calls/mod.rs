@@ -146,7 +146,7 @@ pub fn read_run(path: &Path) -> Result<(Recorded, Bench, Vec<String>), Refusal> 
 /// Bad input.
 pub fn read_table(words: Vec<OsString>) -> Result<(Presses, Vec<String>), Refusal> {
     let TableWords { table, columns } = parsed(words)?;
-    Ok(noted_presses(&table, &columns.mapping()?)?)
+    Ok(noted_presses(&table, &columns.mapping()?, None)?)
 }
 
 /// A run whose folder is made. Nothing has moved.

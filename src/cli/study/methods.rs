@@ -5,6 +5,7 @@ use super::begun::{Begun, Common, ended, number};
 use crate::cli::columns::ColumnsArgs;
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
+use crate::recipe::Phase;
 use crate::solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::study::methods::{
     CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, budget_figures_of, coverage_figures,
@@ -73,7 +74,10 @@ impl Source {
             (Some(run), ..) => trial_of(run).map(Some),
             (None, Some(calibration), Some(test)) => {
                 let mapping = self.columns.mapping()?;
-                let (calibration, test) = (read_presses(calibration, &mapping)?, read_presses(test, &mapping)?);
+                let (calibration, test) = (
+                    read_presses(calibration, &mapping, Phase::Calibration)?,
+                    read_presses(test, &mapping, Phase::Test)?,
+                );
                 of_tables(&calibration, &test).map_err(Failure::usage).map(Some)
             }
             _ => Ok(None),

@@ -44,6 +44,17 @@ impl Kind {
     }
 }
 
+/// Returns what to do about a table of a kind that isn't read, by the extension of its name.
+pub fn unread(path: &Path) -> Option<&'static str> {
+    match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+        "arrow" | "feather" | "ipc" => Some("Arrow files aren't read: save the table as Parquet or CSV"),
+        "xls" | "ods" | "xlsb" => Some("this kind of workbook isn't read: save it as .xlsx or CSV"),
+        "h5" | "hdf5" => Some("HDF5 files aren't read: save the table as .npz, Parquet or CSV"),
+        "npy" => Some("single arrays aren't read: save all columns in one .npz file (numpy.savez)"),
+        _ => None,
+    }
+}
+
 /// Returns the mapping for the text of a file: commas and decimal points, and a header where columns have names.
 pub fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
     let has_header = mapping.has_header || kind != Kind::Xlsx;

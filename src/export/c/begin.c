@@ -4,7 +4,7 @@ struct palpate_contact {
     float force_n;    /* force, along the inward normal */
     float misfit;     /* 1 is the largest of a single contact; NAN if it is unknown */
     int verdict;      /* PALPATE_OK, ... */
-    int output;       /* the output that contradicts all others, from 1; 0 if there is none */
+    int unit;         /* the output that contradicts all others, from 1; 0 if there is none */
 };
 
 enum {
@@ -12,10 +12,18 @@ enum {
     PALPATE_WEAK_SIGNAL = 1,     /* the reading may be one without a contact */
     PALPATE_OUTSIDE_AREA = 2,    /* outside the calibrated area */
     PALPATE_NOT_ONE_CONTACT = 3, /* no single contact gives this reading */
-    PALPATE_CHANNEL_FAULT = 4,   /* the reading without `output` is one contact */
+    PALPATE_CHANNEL_FAULT = 4,   /* the reading without the output `unit` is one contact */
     PALPATE_UNSOLVED = 5         /* equal outputs, or one that is not a finite number */
 };
 
-/* Solves a reading. Returns the verdict, which is in the contact too. Any number of threads may call it. */
-int palpate_solve(const float outputs[PALPATE_OUTPUTS], struct palpate_contact *contact);
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Solves a reading of PALPATE_OUTPUTS outputs. Returns the verdict, which is in the contact too. Threads may call it at once. */
+int palpate_solve(const float *outputs, struct palpate_contact *contact);
+
+#ifdef __cplusplus
+}
+#endif
 

@@ -340,13 +340,13 @@ static int palpate_estimate(const float used[USED], int without, struct palpate_
 }
 
 /* Solves a reading: the place where the map fits it best. Returns the verdict. Needs no heap and changes no static data. */
-int palpate_solve(const float outputs[PALPATE_OUTPUTS], struct palpate_contact *contact)
+int palpate_solve(const float *outputs, struct palpate_contact *contact)
 {
     float used[USED], limit = MOST_CHI2;
     struct palpate_fit fit, other, without_one;
     int unit;
     contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = NAN;
-    contact->output = 0;
+    contact->unit = 0;
     contact->verdict = PALPATE_UNSOLVED;
     if (!palpate_used(outputs, used) || !palpate_estimate(used, -1, &fit)) return contact->verdict;
     contact->verdict = PALPATE_OK;
@@ -360,10 +360,10 @@ int palpate_solve(const float outputs[PALPATE_OUTPUTS], struct palpate_contact *
             if (fabsf(used[unit]) >= least && used[unit] <= fit.force_n * LOUDEST[unit] + least) continue;
             if (palpate_estimate(used, unit, &other) && other.chi2 < without_one.chi2) {
                 without_one = other;
-                contact->output = KEPT[unit] + 1;
+                contact->unit = KEPT[unit] + 1;
             }
         }
-        if (contact->output > 0) {
+        if (contact->unit > 0) {
             fit = without_one;
             limit = MOST_CHI2_WITHOUT_ONE;
             contact->verdict = PALPATE_CHANNEL_FAULT;

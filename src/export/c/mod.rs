@@ -1,7 +1,7 @@
 //! A calibrated sensor as one C99 file, for the controller of a hand: tables and one function, single precision, no heap.
 
 use crate::solver::tables::{Kind, Map, Points, Splines, Tables};
-use crate::solver::{ForceRule, Model, Solver as _};
+use crate::solver::{ForceRule, Model, Solver as _, Validity};
 use std::fmt::Write as _;
 
 /// Parts of the file that don't depend on the sensor.
@@ -33,13 +33,20 @@ pub struct NoC {
 pub fn c_file(model: &Model, title: &str) -> Result<String, NoC> {
     let tables = model.tables().ok_or_else(|| NoC { method: model.fitted().name().to_owned() })?;
     let mut file = File { text: String::new() };
-    file.begin(&tables, title);
+    file.begin(&tables, &format!("{title}, {}", range_of(model.validity())));
     match &tables.kind {
         Kind::Points(points) => file.points(&tables, points),
         Kind::Map(map) => file.map(&tables, map),
     }
     file.text += "#endif\n";
     Ok(file.text)
+}
+
+/// Describes the calibration.
+fn range_of(validity: &Validity) -> String {
+    let Validity { presses, x_mm: [x, to_x], y_mm: [y, to_y], force_n, .. } = validity;
+    let forces = force_n.map(|[least, most]| format!(", {least} to {most} N")).unwrap_or_default();
+    format!("{presses} presses at x {x} to {to_x} mm, y {y} to {to_y} mm{forces}")
 }
 
 /// A C file that is being written.

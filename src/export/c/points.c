@@ -1,12 +1,12 @@
 
 /* Solves a reading: the point whose outputs correlate best with it (Sensors 2018, 18, 351, steps 3 and 4). Returns the verdict.
    Needs no heap and changes no static data. */
-int palpate_solve(const float outputs[PALPATE_OUTPUTS], struct palpate_contact *contact)
+int palpate_solve(const float *outputs, struct palpate_contact *contact)
 {
     float used[USED], direction[USED], most = 0.0f, mean = 0.0f, length = 0.0f, least = INFINITY, force, softness;
     int unit, point, best = 0;
     contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = NAN;
-    contact->output = 0;
+    contact->unit = 0;
     contact->verdict = PALPATE_UNSOLVED;
     if (!palpate_used(outputs, used)) return contact->verdict;
     for (unit = 0; unit < USED; unit++) most = fmaxf(most, fabsf(used[unit]));

@@ -1,6 +1,6 @@
 
 /* Copies the used outputs, scaled to about 1. Returns whether all are finite. */
-static int palpate_used(const float outputs[PALPATE_OUTPUTS], float used[USED])
+static int palpate_used(const float *outputs, float used[USED])
 {
     int unit;
     for (unit = 0; unit < USED; unit++) {
