@@ -44,7 +44,8 @@ pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> St
     row("location error under 1 mm", &papers(paper::WITHIN_1MM), &|e| share(Some(e.within.location_1mm)));
     row("force error under 0.1 N", &papers(paper::WITHIN_0_1N), &|e| share(e.within.force_0_1n));
     row("both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
-    if evaluations.iter().any(|evaluation| evaluation.coverage.is_some()) {
+    let has_half_widths = |e: &Evaluation| e.coverage.as_ref().is_some_and(|coverage| coverage.location_68.is_some());
+    if evaluations.iter().any(has_half_widths) {
         let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
             let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
             shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))

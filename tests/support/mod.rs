@@ -125,6 +125,7 @@ impl Bench {
         command.args(words.split_whitespace()).current_dir(self.folder.path()).stdin(Stdio::null());
         // messages are pinned as they look without colour on a terminal that knows Unicode
         command.env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env_remove("FORCE_COLOR").env_remove("CLICOLOR_FORCE");
+        command.env("TERM", "xterm"); // a bar is drawn where a test gives the program a terminal
         command.env("XDG_STATE_HOME", self.folder.path()); // what this user confirmed is none of its business
         command
     }
