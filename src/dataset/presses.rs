@@ -79,17 +79,17 @@ impl Presses {
 
 #[cfg(test)]
 mod tests {
-    use super::super::evaluate::tests::table;
+    use super::super::evaluate::tests::{RUN, run};
     use super::*;
 
     #[test]
     fn of_a_table_with_several_phases_one_is_kept_with_its_lines() {
-        let text = "phase,x_mm,y_mm,out_1\ncalibration,0,0,1\ntest,1,0,2\ncalibration,2,0,3\n";
-        let mut presses = table(text);
-        assert_eq!(presses.clone().keep(Phase::Teach), None);
-        assert_eq!(presses.keep(Phase::Calibration), Some(3));
-        assert_eq!((presses.presses.len(), presses.keep(Phase::Calibration)), (2, None));
-        assert!(presses.at(1).ends_with("line 4"), "{}", presses.at(1));
-        assert_eq!(table(&text.replace("test", "calibration")).keep(Phase::Test), None);
+        let (mut calibration, mut test) = (run(RUN), run(RUN));
+        assert_eq!(calibration.keep(Phase::Characterisation), None);
+        assert_eq!(calibration.keep(Phase::Calibration), Some(7));
+        assert_eq!((calibration.presses.len(), calibration.keep(Phase::Calibration)), (3, None));
+        assert!(calibration.at(2).ends_with("line 4"), "{}", calibration.at(2));
+        assert_eq!((test.keep(Phase::Test), test.presses.len()), (Some(7), 3));
+        assert!(test.at(0).ends_with("line 5"), "{}", test.at(0));
     }
 }

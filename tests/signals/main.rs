@@ -115,6 +115,7 @@ fn a_closed_terminal_stops_and_parks() {
     let program = bench.command(RUN);
     let mut command = Command::new("setsid");
     command.arg("--ctty").arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
+    command.env("TERM", "xterm");
     let child = spawned(command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far()));
     terminal.until("characterisation");
     terminal.close();
