@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::recorded::read_run;
-use super::summary::{print, tell};
+use super::summary::print;
 use super::verdict::AcceptArgs;
 use crate::dataset::sensor_file::read_sensor_file;
 use crate::dataset::{DatasetError, files, make_folder};
@@ -150,7 +150,7 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
         let mut staged = lake.stage(run).map_err(failed)?;
         match args.accept.rule_of([staged.run()])? {
             Some(rule) => staged.judge(&rule).map_err(failed)?,
-            None => tell(&format!(
+            None => super::summary::tell(&format!(
                 "note: {} has no acceptance rule: `errors` and `verdicts` have no rows of it (--accept FILE)\n",
                 run.display()
             ))?,
