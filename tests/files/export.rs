@@ -76,7 +76,8 @@ fn nothing_is_overwritten_and_several_runs_share_a_folder() {
         ("export runs/a runs/a --format npz", "two runs have the name a"),
         ("export runs/none --format csv", "runs/none"),
         ("export runs/a", "--format"),
-        ("export runs/a --lake runs", "runs isn't a lake of palpate, and isn't empty"),
+        ("export runs/a --lake runs", "runs isn't a lake of palpate, and isn't an empty folder"),
+        ("export runs/a --lake kept.npz", "kept.npz isn't a lake of palpate, and isn't an empty folder"),
     ] {
         let told = bench.palpate_ends(2, words);
         assert!(told.running().contains(expected), "{words}: {}", told.err);
