@@ -90,6 +90,7 @@ fn main() {
                 let which = (reading + turn) % 2;
                 times[which].push(clients[which].round_trip_us(&line));
             }
+            // the rate of the readings is what is measured
             thread::sleep((PERIOD * reading as u32).saturating_sub(began.elapsed()));
         }
         child.kill().expect("it runs");

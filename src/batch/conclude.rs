@@ -1,6 +1,6 @@
 //! What the presses of a sensor amount to: verdict, change, and whether more presses are needed.
 
-use super::design::judge_with;
+use super::design::judge_by;
 use crate::acceptance::{Judgement, Rule, Verdict};
 use crate::dataset::calibration::calibration_of_run;
 use crate::dataset::evaluate::{EvaluateError, Trial};
@@ -91,9 +91,14 @@ impl Conclusion {
         trial: &Result<Trial<'_>, EvaluateError>,
         is_last: bool,
     ) {
-        let Sibling { model, change, belongs, expected_mm, least_mm } = sibling;
+        let too_large = basis.enough_mm.filter(|enough_mm| sibling.expected_mm > *enough_mm && !is_last);
+        let too_large = too_large.and_then(|enough_mm| Some((enough_mm, basis.prior?.least_mm(&sibling))));
+        let Sibling { model, change, belongs, expected_mm, .. } = sibling;
         self.change = change.units;
-        let by_model = |rule: &Rule| judge_with(rule, evidence, trial, model.fitted());
+        let by_model = |rule: &Rule| {
+            let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(model.fitted()).ok());
+            judge_by(rule, evidence, trial, model.fitted(), evaluation.as_slice())
+        };
         match belongs {
             Belongs::Outsider(deviations) => {
                 self.is_refused = true;
@@ -116,11 +121,10 @@ impl Conclusion {
                 self.reasons.push(told("calibrated without the prior", &deviations));
             }
             Belongs::Typical => {
-                if let Some(enough_mm) = basis.enough_mm.filter(|enough_mm| expected_mm > *enough_mm && !is_last) {
+                if let Some((enough_mm, least_mm)) = too_large {
                     let reason = format!("expected error {expected_mm:.3} mm, above the {enough_mm} mm of `enough_mm`");
-                    let most_useful = expected_mm > WORTHWHILE * least_mm;
-                    self.needs_more = most_useful;
-                    self.reasons.push(match most_useful {
+                    self.needs_more = expected_mm > WORTHWHILE * least_mm;
+                    self.reasons.push(match self.needs_more {
                         true => format!("more presses are needed: {reason}"),
                         false => format!("{reason}; with any number of presses it stays at {least_mm:.3} mm"),
                     });

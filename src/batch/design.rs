@@ -6,7 +6,7 @@ use crate::acceptance::{Judgement, Rule, Verdict};
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::dataset::sensor_file::{SensorFileError, read_sensor_file};
 use crate::dataset::{Evidence, JOURNAL};
-use crate::solver::{Fitted, Model, Solver as _};
+use crate::solver::{Evaluation, Fitted, Model, Solver as _};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -41,11 +41,17 @@ impl ByDesign {
         Ok(is_known.then_some(ByDesign { model, source, refused }))
     }
 
-    /// Returns the verdict by a rule.
-    pub fn judge(&self, rule: &Rule, evidence: &Evidence<'_>, trial: &Result<Trial<'_>, EvaluateError>) -> Judgement {
+    /// Returns the verdict by a rule. `known` are the existing evaluations, that of the model among them.
+    pub fn judge(
+        &self,
+        rule: &Rule,
+        evidence: &Evidence<'_>,
+        trial: &Result<Trial<'_>, EvaluateError>,
+        known: &[Evaluation],
+    ) -> Judgement {
         let mut judgement = match &self.model {
-            Some(model) => judge_with(rule, evidence, trial, model.fitted()),
-            None => evidence.judge(rule, trial, &[]),
+            Some(model) => judge_by(rule, evidence, trial, model.fitted(), known),
+            None => evidence.judge(rule, trial, known),
         };
         if let Some(refused) = &self.refused {
             judgement = Judgement { verdict: Verdict::NotAccepted, reasons: refused.clone(), ..judgement };
@@ -62,15 +68,15 @@ impl ByDesign {
 }
 
 /// Returns the verdict of a sensor that a method solves which was fitted to more than its own presses.
-pub(super) fn judge_with(
+pub(super) fn judge_by(
     rule: &Rule,
     evidence: &Evidence<'_>,
     trial: &Result<Trial<'_>, EvaluateError>,
     fitted: &Fitted,
+    known: &[Evaluation],
 ) -> Judgement {
-    let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(fitted).ok());
     let rule = Rule { method: fitted.name().to_owned(), ..rule.clone() };
-    evidence.judge(&rule, trial, evaluation.as_slice())
+    evidence.judge(&rule, trial, known)
 }
 
 /// Returns the folder of the batch that some runs belong to, and the last event about exactly these runs.

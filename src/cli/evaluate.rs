@@ -160,7 +160,7 @@ fn report(
     };
     let known: Vec<Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.clone().ok()).collect();
     let judgement = asked.map(|(rule, evidence)| match design {
-        Some(design) => design.judge(&rule, &evidence, &trial),
+        Some(design) => design.judge(&rule, &evidence, &trial, &known),
         None => evidence.judge(&rule, &trial, &known),
     });
     let text = if args.json {

@@ -89,6 +89,7 @@ pub fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     loop {
         match listener.accept() {
             Ok((stream, peer)) => service.clone().begin(stream, peer),
+            // accepting again at once would only use the processor
             Err(_) => thread::sleep(REST),
         }
     }

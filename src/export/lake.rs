@@ -224,7 +224,7 @@ impl Staged {
         let (runs, u_place_mm) = (vec![&run], self.bench.u_place_mm());
         let evidence = Evidence { presses: &presses, layout, runs, u_place_mm };
         let judgement: Judgement = match &design {
-            Some(design) => design.judge(rule, &evidence, &trial),
+            Some(design) => design.judge(rule, &evidence, &trial, &known),
             None => evidence.judge(rule, &trial, &known),
         };
         self.frames.push(rows::of_run(rows::verdict(&judgement), &self.id));

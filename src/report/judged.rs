@@ -6,7 +6,7 @@ use crate::batch::ByDesign;
 use crate::dataset::evaluate::{EvaluateError, Trial};
 use crate::parallel::in_parallel;
 use crate::recipe::Phase;
-use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver};
+use crate::solver::{BEST, Evaluation, Fitted, Model, SOLVERS, Solver};
 
 /// The paper's own method.
 pub const PAPERS: &str = SOLVERS[0];
@@ -34,18 +34,19 @@ impl Judged {
         let trial = Trial::of_run(&subject.presses, subject.placed());
         let second = rule.map_or(BEST, |rule| rule.method.as_str());
         let second = if second == PAPERS { BEST } else { second };
-        let judge = |design: &ByDesign| rule.map(|rule| design.judge(rule, &subject.evidence(), &trial));
-        let by_design = design.as_ref().map(judge);
-        let (evaluations, expecting, why_not) = match &trial {
-            Ok(trial) => match design.and_then(|design| design.model) {
-                Some(model) => evaluated_with(trial, model.into_fitted()),
-                None => evaluated(trial, second, subject),
-            },
-            Err(why) => (Vec::new(), None, Some(why.told())),
+        let model = design.as_ref().and_then(|design| design.model.as_ref());
+        let (evaluations, expecting, why_not) = match (&trial, model) {
+            (Ok(trial), Some(model)) => evaluated_with(trial, model.fitted()),
+            (Ok(trial), None) => evaluated(trial, second, subject),
+            (Err(why), _) => (Vec::new(), None, Some(why.told())),
         };
-        let alone = || rule.map(|rule| subject.evidence().judge(rule, &trial, &evaluations));
-        let judgement = by_design.unwrap_or_else(alone);
+        let judgement = rule.map(|rule| match &design {
+            Some(design) => design.judge(rule, &subject.evidence(), &trial, &evaluations),
+            None => subject.evidence().judge(rule, &trial, &evaluations),
+        });
         let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
+        let of_design = design.and_then(|design| design.model).filter(|_| trial.is_ok()).map(Model::into_fitted);
+        let expecting = of_design.or(expecting);
         Judged { evaluations, expecting, why_not, u_force_n, judgement }
     }
 
@@ -59,10 +60,10 @@ impl Judged {
 }
 
 /// Returns the evaluations by the paper's method alone and by a method that knows the design's prior.
-fn evaluated_with(trial: &Trial<'_>, fitted: Fitted) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
-    let both = [trial.evaluate(PAPERS), trial.evaluate_with(&fitted)];
+fn evaluated_with(trial: &Trial<'_>, fitted: &Fitted) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
+    let both = [trial.evaluate(PAPERS), trial.evaluate_with(fitted)];
     let why_not = both.iter().find_map(|evaluated| evaluated.as_ref().err().map(EvaluateError::told));
-    (both.into_iter().flatten().collect(), Some(fitted), why_not)
+    (both.into_iter().flatten().collect(), None, why_not)
 }
 
 /// Returns the evaluations by both methods, and the fitted method that states expected errors.

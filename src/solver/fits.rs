@@ -16,7 +16,7 @@ pub struct Fits {
 struct Made {
     /// The units without which it was made, in addition to those of the model.
     without: Vec<Broken>,
-    fitted: Arc<Result<Fitted, FitError>>,
+    fitted: Result<Arc<Fitted>, FitError>,
 }
 
 impl Fits {
@@ -32,27 +32,33 @@ impl Fits {
 
     /// Returns the method fitted without some units, in addition to those that the model leaves out. Makes the fit if it doesn't
     /// exist. A fit that no session uses leaves its place to another one.
-    pub(super) fn without(&self, units: &[Broken]) -> Result<Arc<Result<Fitted, FitError>>, Unmade> {
+    pub(super) fn without(&self, units: &[Broken]) -> Result<Result<Arc<Fitted>, FitError>, Unmade> {
         if let Some(fitted) = self.known(units) {
             return Ok(fitted);
         }
         // other sessions continue meanwhile; one of them may make the same fit
-        let fitted = Arc::new(self.model.fit_without(units).ok_or(Unmade::NoPresses)?);
+        let fitted = self.model.fit_without(units).ok_or(Unmade::NoPresses)?.map(Arc::new);
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(known) = made.iter().find(|made| made.without == units) {
             return Ok(known.fitted.clone());
         }
         if made.len() >= MOST_FITS {
-            let unused = made.iter().position(|made| Arc::strong_count(&made.fitted) == 1).ok_or(Unmade::TooMany)?;
+            let unused = made.iter().position(Made::is_unused).ok_or(Unmade::TooMany)?;
             made.remove(unused);
         }
         made.push(Made { without: units.to_vec(), fitted: fitted.clone() });
         Ok(fitted)
     }
 
-    fn known(&self, units: &[Broken]) -> Option<Arc<Result<Fitted, FitError>>> {
+    fn known(&self, units: &[Broken]) -> Option<Result<Arc<Fitted>, FitError>> {
         let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         made.iter().find(|made| made.without == units).map(|made| made.fitted.clone())
+    }
+}
+
+impl Made {
+    fn is_unused(&self) -> bool {
+        self.fitted.as_ref().map_or(true, |fitted| Arc::strong_count(fitted) == 1)
     }
 }
 

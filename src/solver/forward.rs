@@ -22,13 +22,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(super) struct Forward {
     kind: MapKind,
-    response: Response,
-    load: ForceKnown,
+    pub response: Response,
+    pub load: ForceKnown,
     common_offset: bool,
-    starts: Starts,
+    pub starts: Starts,
     /// Largest output per newton that each unit showed anywhere.
-    loudest: Vec<f64>,
-    limits: Limits,
+    pub loudest: Vec<f64>,
+    pub limits: Limits,
     widths: Option<Widths>,
 }
 
@@ -52,17 +52,17 @@ impl MapKind {
 
 /// Limits of sums of squares that are exceeded at the false-alarm rate.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Limits {
+pub(super) struct Limits {
     /// Limit for the residue of one contact.
-    one_contact: f64,
+    pub one_contact: f64,
     /// Limit for the residue of one contact with one unit excluded.
-    without_a_unit: f64,
+    pub without_a_unit: f64,
     /// Limit for a reading without contact.
-    no_contact: f64,
+    pub no_contact: f64,
     /// Limit for the improvement of the fit if a contact in the area could be beyond its border.
-    inside: f64,
+    pub inside: f64,
     /// Error of the map divided by the noise, mean of all units, up to which the map is known.
-    known: f64,
+    pub known: f64,
     /// Factor by which sums of squares exceed those of noise alone.
     excess: f64,
     /// Whether the residuals of the map on its own calibration are only noise. Needed only before the map is written to a file.
@@ -167,33 +167,6 @@ impl Forward {
         let errors = errors.filter_map(|place| self.expected(place, force_n)).map(|sd| sd.mean_distance_mm());
         let errors: Vec<f64> = errors.collect();
         errors.iter().sum::<f64>() / errors.len() as f64
-    }
-
-    pub fn response(&self) -> &Response {
-        &self.response
-    }
-
-    pub fn starts(&self) -> &Starts {
-        &self.starts
-    }
-
-    pub fn load(&self) -> ForceKnown {
-        self.load
-    }
-
-    pub fn loudest(&self) -> &[f64] {
-        &self.loudest
-    }
-
-    pub fn no_contact(&self) -> f64 {
-        self.limits.no_contact
-    }
-
-    /// Returns the largest sums of squares of one contact and of one contact without a unit, the largest reduction by a place
-    /// outside the area, and the largest leverage.
-    pub fn limits(&self) -> ([f64; 2], f64, f64) {
-        let Limits { one_contact, without_a_unit, inside, known, .. } = self.limits;
-        ([one_contact, without_a_unit], inside, known)
     }
 
     /// Returns the best fit, and another place that fits nearly as well.

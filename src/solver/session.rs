@@ -23,8 +23,8 @@ pub struct Session {
     fits: Arc<Fits>,
     /// Units that broke in this session.
     broke: Vec<Broken>,
-    /// The method, fitted without the units that broke; `None` if no unit broke. It is never an error.
-    reduced: Option<Arc<Result<Fitted, FitError>>>,
+    /// The method, fitted without the units that broke; `None` if no unit broke.
+    reduced: Option<Arc<Fitted>>,
     /// Fits for readings with missing outputs.
     partial: Vec<Partial>,
     /// Logarithm of the odds that each unit is broken; at least 0.
@@ -41,7 +41,7 @@ pub struct Session {
 struct Partial {
     /// Missing units, in order.
     missing: Vec<usize>,
-    fitted: Arc<Result<Fitted, FitError>>,
+    fitted: Result<Arc<Fitted>, FitError>,
 }
 
 /// Reason why a reading has no answer.
@@ -124,8 +124,7 @@ impl Session {
 
     /// The method, without the units that broke.
     fn fitted(&self) -> &Fitted {
-        let reduced = self.reduced.as_deref().and_then(|fitted| fitted.as_ref().ok());
-        reduced.unwrap_or(self.fits.model().fitted())
+        self.reduced.as_deref().unwrap_or(self.fits.model().fitted())
     }
 
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again. Contacts at several places
@@ -146,28 +145,18 @@ impl Session {
         let is_left_out = |unit: usize| self.broken().iter().any(|broken| broken.unit == unit);
         let is_missing = |unit: &usize| outputs[*unit].is_nan() && !is_left_out(*unit);
         let missing: Vec<usize> = (0..found).filter(is_missing).collect();
-        let fits; // keeps the fit while the workspace is used
-        let fitted = if missing.is_empty() {
-            match &self.reduced {
-                Some(reduced) => {
-                    fits = reduced.clone();
-                    fits.as_ref().as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
-                }
-                None => self.fits.model().fitted(),
-            }
-        } else {
-            fits = self.partial(&missing)?;
-            fits.as_ref().as_ref().map_err(|error| Unanswered::Unfit(error.clone()))?
-        };
+        let partial = if missing.is_empty() { None } else { Some(self.partial(&missing)?) };
+        // not by `fitted`, which would borrow the workspace too
+        let fitted = partial.as_deref().or(self.reduced.as_deref()).unwrap_or(self.fits.model().fitted());
         let solution = fitted.solve(outputs, &mut self.workspace)?;
         self.weigh(&solution, &missing);
         Ok(solution)
     }
 
     /// Returns the fit without these units.
-    fn partial(&mut self, missing: &[usize]) -> Result<Arc<Result<Fitted, FitError>>, Unanswered> {
+    fn partial(&mut self, missing: &[usize]) -> Result<Arc<Fitted>, Unanswered> {
         if let Some(partial) = self.partial.iter().find(|partial| partial.missing == missing) {
-            return Ok(partial.fitted.clone());
+            return partial.fitted.clone().map_err(Unanswered::Unfit);
         }
         if missing.len() + self.broken().len() >= self.evidence.len() {
             return Err(Unanswered::NoOutputs);
@@ -182,7 +171,7 @@ impl Session {
             Unmade::TooMany => Unanswered::TooManyInAll,
         })?;
         self.partial.push(Partial { missing: missing.to_vec(), fitted: fitted.clone() });
-        Ok(fitted)
+        fitted.map_err(Unanswered::Unfit)
     }
 
     /// Counts the solution as evidence for or against each unit. Leaves out a unit if the evidence against it is sufficient.
@@ -211,9 +200,7 @@ impl Session {
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
             let without = [self.broke.as_slice(), &[Broken { unit, fault: Fault::Contradicts }]].concat();
             // an array that has too few units left, or a model without presses, continues with the units it has
-            if let Ok(fitted) = self.fits.without(&without)
-                && fitted.is_ok()
-            {
+            if let Ok(Ok(fitted)) = self.fits.without(&without) {
                 (self.broke, self.reduced) = (without, Some(fitted));
                 self.partial.clear();
                 // the unit was the reason

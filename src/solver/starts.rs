@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(super) struct Starts {
     pub places: Vec<Place>,
-    common_offset: bool,
+    pub common_offset: bool,
     /// Noise of each unit under the calibration's force.
-    sd: Vec<f64>,
+    pub sd: Vec<f64>,
     /// Response at each place in units of `sd`, scaled to length 1.
-    directions: Scan,
+    pub directions: Scan,
 }
 
 /// Number of places along each side of the area.
@@ -68,21 +68,6 @@ impl Starts {
                 starts.insert(rank, (score, self.places[row]));
             }
         }
-    }
-
-    /// Whether a common offset is eliminated.
-    pub fn common_offset(&self) -> bool {
-        self.common_offset
-    }
-
-    /// Returns the noise of each unit under the calibration's force.
-    pub fn sd(&self) -> &[f64] {
-        &self.sd
-    }
-
-    /// Returns the direction at each place, row-major, places x units.
-    pub fn directions(&self) -> &[f64] {
-        self.directions.rows()
     }
 
     /// Returns the smallest distance between two starts, mm.

@@ -125,8 +125,8 @@ impl Model {
         let kept = fitted.kept();
         let (silence, no_contact, kind) = match fitted.answering() {
             Answering::Forward(forward) => {
-                let silence = (0..kept.len()).map(|unit| forward.response().noise.variance(unit, 0.0)).collect();
-                (silence, forward.no_contact(), Kind::Map(Box::new(map(forward))))
+                let silence = (0..kept.len()).map(|unit| forward.response.noise.variance(unit, 0.0)).collect();
+                (silence, forward.limits.no_contact, Kind::Map(Box::new(map(forward))))
             }
             Answering::Appraised(appraised) => {
                 let (silence, no_contact, most_residue) = appraised.silence();
@@ -139,23 +139,22 @@ impl Model {
 }
 
 fn map(forward: &Forward) -> Map {
-    let (response, starts) = (forward.response(), forward.starts());
-    let (most, inside, known) = forward.limits();
+    let Forward { response, starts, limits, load, loudest, .. } = forward;
     Map {
         response: splines(&response.field),
         leverage: splines(&response.leverage),
         noise: response.noise.parts(),
         force_n: response.force_n,
-        is_constant_load: forward.load() == ForceKnown::Constant,
-        common_offset: starts.common_offset(),
+        is_constant_load: *load == ForceKnown::Constant,
+        common_offset: starts.common_offset,
         starts: starts.places.clone(),
         starts_a_side: starts::STARTS_A_SIDE,
-        sd: starts.sd().to_vec(),
-        directions: starts.directions().to_vec(),
-        loudest: forward.loudest().to_vec(),
-        most,
-        inside,
-        known,
+        sd: starts.sd.clone(),
+        directions: starts.directions.rows().to_vec(),
+        loudest: loudest.clone(),
+        most: [limits.one_contact, limits.without_a_unit],
+        inside: limits.inside,
+        known: limits.known,
         search: Search {
             most_starts: starts::MOST_STARTS,
             most_steps: descent::MOST_STEPS,

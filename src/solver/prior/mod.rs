@@ -45,8 +45,8 @@ pub struct Sibling {
     pub belongs: Belongs,
     /// Expected mean location error for contacts in the calibrated area, mm.
     pub expected_mm: f64,
-    /// Expected mean location error if the change were known exactly, mm. More presses can't reduce the error below it.
-    pub least_mm: f64,
+    /// Force of these contacts, N.
+    contact_n: f64,
 }
 
 /// Reason why calibrations don't make a prior, or presses can't be used with it.
@@ -173,11 +173,19 @@ impl Prior {
         let response = self.response(&change, &posterior.covariances);
         let calibration = self.map.changed(&self.calibration, &change);
         let forward = Forward::new(MapKind::Smooth, response, &calibration, setting);
-        let known = self.response(&change, &vec![Matrix4::zeros(); self.units.len()]);
-        let known = Forward::new(MapKind::Smooth, known, &calibration, setting);
-        let [expected_mm, least_mm] = [&forward, &known].map(|forward| forward.expected_mean_mm(new.typical_force_n()));
+        let contact_n = new.typical_force_n();
+        let expected_mm = forward.expected_mean_mm(contact_n);
         let model = Model::of_forward(forward, calibration, setting).with_own_presses(new);
-        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm, least_mm })
+        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm, contact_n })
+    }
+
+    /// Returns the expected mean location error of a sensor if its change were known exactly, mm. More presses can't reduce the error
+    /// below it.
+    pub fn least_mm(&self, sibling: &Sibling) -> f64 {
+        let known = self.response(&sibling.change, &vec![Matrix4::zeros(); self.units.len()]);
+        let calibration = self.map.changed(&self.calibration, &sibling.change);
+        let forward = Forward::new(MapKind::Smooth, known, &calibration, &sibling.model.setting());
+        forward.expected_mean_mm(sibling.contact_n)
     }
 
     /// Checks whether presses are those of a sensor of the design.
