@@ -41,26 +41,15 @@
 //! watched, averaged, sampled, and on disk before the next press begins. The repository's ARCHITECTURE.md follows the same
 //! press line by line.
 
-pub mod acceptance;
-pub mod batch;
-pub mod chart;
 pub mod cli;
-pub mod control;
-pub mod dataset;
-pub mod device;
-pub mod document;
-pub mod driver;
-pub mod emulator;
-pub mod export;
-pub mod mechanics;
-pub mod paper;
-pub mod parallel;
-pub mod quantity;
-pub mod recipe;
-pub mod report;
-pub mod rig;
-pub mod run;
-pub mod scene;
-pub mod solver;
-pub mod study;
-pub mod wire;
+pub use palpate_control as control;
+pub use palpate_core::{mechanics, parallel, quantity};
+pub use palpate_data::{acceptance, dataset, recipe};
+pub use palpate_document as document;
+pub use palpate_drivers as driver;
+pub use palpate_link::{device, wire};
+pub use palpate_report::{chart, export, paper, report};
+pub use palpate_run::{batch, rig, run};
+pub use palpate_sim::{emulator, scene};
+pub use palpate_solver as solver;
+pub use palpate_study as study;

@@ -4,9 +4,9 @@ use super::exit::Failure;
 use super::fit::write;
 use super::method::{MethodArgs, Source, fitted_to, tell_left_out};
 use super::summary::{print, tell};
-use crate::dataset::sensor_file::{SensorFile, check_replaceable};
-use crate::solver::{Adapted, Change, Extent, HeldOut, MeanErrors, Solver as _};
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
+use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors, Solver as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -7,11 +7,11 @@ use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
-use crate::dataset::round;
-use crate::quantity::Frame;
-use crate::run::{AlignError, Alignment, align, align_plan};
-use crate::solver::Placement;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_core::quantity::Frame;
+use palpate_core::quantity::round;
+use palpate_run::run::{AlignError, Alignment, align, align_plan};
+use palpate_solver::Placement;
 use std::process::ExitCode;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 

@@ -7,7 +7,7 @@ use super::sources::read;
 use super::summary::print;
 use super::tables::filled;
 use super::verdict::AcceptArgs;
-use crate::report::certificate::{Certificate, parse};
+use palpate_report::report::certificate::{Certificate, parse};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

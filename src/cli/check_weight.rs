@@ -3,12 +3,12 @@
 use super::exit::Failure;
 use super::rig_file::{check_text, replace};
 use super::summary::tell;
-use crate::dataset::round;
-use crate::quantity::{GAIN_OFF_MOST, WeightCheck};
-use crate::rig::RigSpec;
-use crate::run::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
 use jiff::Zoned;
 use miette::IntoDiagnostic;
+use palpate_core::quantity::round;
+use palpate_core::quantity::{GAIN_OFF_MOST, WeightCheck};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
 use serde::Serialize;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};

@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::sources::read;
-use crate::dataset::Mapping;
+use palpate_data::dataset::Mapping;
 use std::path::Path;
 
 /// Meaning of the columns of tables.

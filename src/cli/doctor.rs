@@ -6,11 +6,11 @@ use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::{beside, print};
-use crate::control::{Hum, Reaction, Trip};
-use crate::device::Identity;
-use crate::rig::{GAIN_UNKNOWN, RigSpec};
-use crate::run::{CellInAir, Examination, NOISE_SHARE, Weighing, examine};
 use miette::{Diagnostic, IntoDiagnostic};
+use palpate_control::{Hum, Reaction, Trip};
+use palpate_link::device::Identity;
+use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
+use palpate_run::run::{CellInAir, Examination, NOISE_SHARE, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -311,7 +311,7 @@ fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| Device {
         role,
         identity: device.as_ref().ok(),
-        error: device.as_ref().err().map(|error: &crate::device::DeviceError| error.to_string()),
+        error: device.as_ref().err().map(|error: &palpate_link::device::DeviceError| error.to_string()),
         exchange_ms: ms(exchanges_s),
     };
     let air = found.air.as_ref().and_then(|air| air.as_ref().ok());

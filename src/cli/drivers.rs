@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::summary::{beside, print};
-use crate::rig::{FAMILIES, Family, Links};
+use palpate_run::rig::{FAMILIES, Family, Links};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\

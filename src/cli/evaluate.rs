@@ -1,5 +1,6 @@
 //! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints the errors.
 
+use super::choices::RepeatabilityChoice;
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::method::{load, solvers};
@@ -7,15 +8,15 @@ use super::recorded::{read_presses, read_run, warn_of_units};
 use super::summary::print;
 use super::tables::{characteristics_table, evaluation_table, filled, solvers_table};
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
-use crate::acceptance::Rule;
-use crate::batch::ByDesign;
-use crate::dataset::Evidence;
-use crate::dataset::characteristics::{Repeatability, Staircases};
-use crate::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
-use crate::recipe::Phase;
-use crate::report::is_beside_paper;
-use crate::solver::{BEST, Evaluation, Fitted, SOLVERS, Solver as _};
 use miette::IntoDiagnostic as _;
+use palpate_data::acceptance::Rule;
+use palpate_data::dataset::Evidence;
+use palpate_data::dataset::characteristics::Staircases;
+use palpate_data::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
+use palpate_data::recipe::Phase;
+use palpate_report::report::is_beside_paper;
+use palpate_run::batch::ByDesign;
+use palpate_solver::{BEST, Evaluation, Fitted, SOLVERS, Solver as _};
 use serde::Serialize;
 use std::error::Error;
 use std::path::PathBuf;
@@ -66,7 +67,7 @@ pub struct EvaluateArgs {
     json: bool,
     /// Definition of repeatability in the characteristics
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
-    repeatability: Repeatability,
+    repeatability: RepeatabilityChoice,
     #[command(flatten)]
     columns: ColumnsArgs,
     #[command(flatten)]
@@ -100,7 +101,7 @@ pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
             let is_beside_paper = is_beside_paper(layout, &presses);
             let characteristics = Staircases::of_run(&presses, layout)
-                .map(|staircases| characteristics_table(&staircases, args.repeatability, is_beside_paper));
+                .map(|staircases| characteristics_table(&staircases, args.repeatability.into(), is_beside_paper));
             let trial = Trial::of_run(&presses, bench.placed());
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
             let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
@@ -239,7 +240,7 @@ mod tests {
 
     #[test]
     fn the_command_line_takes_a_run_or_two_tables() {
-        assert_eq!(arguments("runs/paper --repeatability t95").unwrap().repeatability, Repeatability::T95);
+        assert_eq!(arguments("runs/paper --repeatability t95").unwrap().repeatability, RepeatabilityChoice::T95);
         assert_eq!(arguments("--calibration a.csv --test b.csv").unwrap().solver, "best");
         for line in ["--calibration a.csv", "runs/paper --test b.csv", "runs/paper --calibration a.csv --test b.csv"] {
             assert!(arguments(line).is_err(), "{line}");

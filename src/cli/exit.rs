@@ -1,10 +1,10 @@
 //! Exit codes, and messages about failures.
 
-use crate::batch::BatchError;
-use crate::dataset::{DatasetError, JournalError};
-use crate::document::Problems;
-use crate::run::{Ending, Halt};
 use miette::Report;
+use palpate_data::dataset::{DatasetError, JournalError};
+use palpate_document::Problems;
+use palpate_run::batch::BatchError;
+use palpate_run::run::{Ending, Halt};
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 

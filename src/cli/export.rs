@@ -1,12 +1,13 @@
 //! `palpate export`: the tables of runs as files of other programs, or as a lake.
 
+use super::choices::ExportChoice;
 use super::exit::Failure;
 use super::recorded::read_run;
 use super::summary::print;
 use super::verdict::AcceptArgs;
-use crate::dataset::sensor_file::read_sensor_file;
-use crate::dataset::{DatasetError, files, make_folder};
-use crate::export::{self, Format, frame};
+use palpate_data::dataset::sensor_file::read_sensor_file;
+use palpate_data::dataset::{DatasetError, files, make_folder};
+use palpate_report::export::{self, Format, frame};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -46,7 +47,7 @@ pub struct ExportArgs {
     model: Option<PathBuf>,
     /// Format of the files
     #[arg(long, value_name = "NAME", required_unless_present = "lake")]
-    format: Option<Format>,
+    format: Option<ExportChoice>,
     /// Output file of one run as npz or mat; otherwise a new folder [default: NAME.npz, NAME-csv, ...]
     #[arg(long, value_name = "PATH", conflicts_with = "lake")]
     out: Option<PathBuf>,
@@ -59,7 +60,7 @@ pub struct ExportArgs {
 
 /// Writes the files of all runs, or none.
 pub fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
-    match (&args.model, &args.lake, args.format) {
+    match (&args.model, &args.lake, args.format.map(Format::from)) {
         (Some(model), _, Some(Format::C)) => as_c(model, args.out.as_deref()),
         (Some(_), ..) => Err(Failure::usage(miette::miette!(help = C, "a sensor file has no other format than c"))),
         (None, _, Some(Format::C)) => Err(Failure::usage(miette::miette!(help = C, "C needs a fitted sensor"))),
@@ -139,7 +140,7 @@ fn tables(run: &Path, format: Format, place: &Path) -> Result<(), Failure> {
 
 #[cfg(feature = "files")]
 fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
-    use crate::export::lake::{Lake, LakeError};
+    use palpate_report::export::lake::{Lake, LakeError};
     let failed = |error: LakeError| match error {
         LakeError::Dataset(error) => unwritten(error),
         LakeError::Bench(error) => super::recorded::unknown_bench(error),

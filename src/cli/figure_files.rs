@@ -1,9 +1,9 @@
 //! `palpate report --figures`: each figure of a page as an SVG file, and the numbers as a CSV file of the same name.
 
 use super::exit::Failure;
-use crate::chart::SVG_MARK;
-use crate::dataset::files;
-use crate::report::{Drawn, counted};
+use palpate_data::dataset::files;
+use palpate_report::chart::SVG_MARK;
+use palpate_report::report::{Drawn, counted};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};

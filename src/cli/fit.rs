@@ -3,7 +3,7 @@
 use super::exit::Failure;
 use super::method::{MethodArgs, Source, tell_left_out};
 use super::summary::print;
-use crate::dataset::sensor_file::{SensorFile, SensorFileError, check_replaceable};
+use palpate_data::dataset::sensor_file::{SensorFile, SensorFileError, check_replaceable};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

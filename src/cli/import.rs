@@ -6,13 +6,13 @@ use super::labels::LabelArgs;
 use super::provenance::{now, session};
 use super::recorded::{read_presses, warn_of_units};
 use super::summary::{print, tell};
-use crate::dataset::{
+use palpate_core::quantity::{Place, round};
+use palpate_data::dataset::{
     Contact, DatasetError, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses,
     Record, RunFacts, RunFolder, Status, source_fingerprint,
 };
-use crate::quantity::{Place, round};
-use crate::recipe::Phase;
-use crate::rig::Bench;
+use palpate_data::recipe::Phase;
+use palpate_run::rig::Bench;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;

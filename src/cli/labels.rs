@@ -1,6 +1,6 @@
 //! Labels that a person gives to a run: the sensor, its design and batch, the mounting, the operator, a note.
 
-use crate::dataset::{LABEL_MOST, Labels, is_label};
+use palpate_data::dataset::{LABEL_MOST, Labels, is_label};
 
 /// The labels of a run, all of them stored in the manifest.
 #[derive(Debug, clap::Args)]

@@ -5,14 +5,14 @@ use super::exit::Failure;
 use super::recorded::{noted_presses, noted_run};
 use super::summary::tell;
 use super::tables::chosen;
-use crate::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
-use crate::dataset::sensor_file::{is_sensor_file, read_sensor_file};
-use crate::dataset::{Fingerprint, Manifest, Mapping, Status, source_fingerprint};
-use crate::quantity::ArrayLayout;
-use crate::recipe::Phase;
-use crate::solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use clap::builder::PossibleValuesParser;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_core::quantity::ArrayLayout;
+use palpate_data::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
+use palpate_data::dataset::sensor_file::{is_sensor_file, read_sensor_file};
+use palpate_data::dataset::{Fingerprint, Manifest, Mapping, Status, source_fingerprint};
+use palpate_data::recipe::Phase;
+use palpate_solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use std::path::{Path, PathBuf};
 
 /// Every name a method can be asked for by, with some more.

@@ -11,6 +11,7 @@ pub mod calls;
 mod certificate;
 mod check;
 mod check_weight;
+mod choices;
 mod columns;
 mod doctor;
 mod drivers;

@@ -4,8 +4,8 @@
 //! receiver that is dead, slow or missing changes nothing of a run: lines pass a bounded queue to a thread of their own.
 
 use super::summary::tell;
-use crate::batch::Event;
-use crate::report::counted;
+use palpate_report::report::counted;
+use palpate_run::batch::Event;
 use std::io::{self, Write};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -126,7 +126,7 @@ fn say(text: &str) {
 #[cfg(all(test, unix))]
 mod tests {
     use super::*;
-    use crate::batch::Session;
+    use palpate_run::batch::Session;
     use std::fs;
     use std::path::Path;
 

@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::summary::{self, print};
-use crate::device::shown;
+use palpate_link::device::shown;
 use serialport::{SerialPortInfo, SerialPortType};
 use std::process::ExitCode;
 

@@ -3,11 +3,11 @@
 use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
-use crate::dataset::{Contact, Retouch};
-use crate::device::Identity;
-use crate::recipe::{Entry, Phase, Plan};
-use crate::run::{Cancel, Listener};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use palpate_data::dataset::{Contact, Retouch};
+use palpate_data::recipe::{Entry, Phase, Plan};
+use palpate_link::device::Identity;
+use palpate_run::run::{Cancel, Listener};
 use std::cell::Cell;
 use std::fmt;
 use std::io::{IsTerminal, Write};

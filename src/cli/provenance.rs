@@ -1,7 +1,7 @@
 //! Which program on which machine.
 
-use crate::dataset::{Durability, Provenance};
 use jiff::Zoned;
+use palpate_data::dataset::{Durability, Provenance};
 
 /// This program, on this machine, now.
 pub fn session(durability: Durability) -> Provenance {

@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::provenance::now;
 use super::recorded::bench_of;
 use super::summary;
-use crate::dataset::{RunFolder, Texts};
+use palpate_data::dataset::{RunFolder, Texts};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

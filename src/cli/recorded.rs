@@ -3,10 +3,10 @@
 use super::exit::Failure;
 use super::sources::parse_rig;
 use super::summary::tell;
-use crate::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
-use crate::export::{self, BenchError};
-use crate::recipe::Phase;
-use crate::rig::{Bench, RigSpec};
+use palpate_data::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
+use palpate_data::recipe::Phase;
+use palpate_report::export::{self, BenchError};
+use palpate_run::rig::{Bench, RigSpec};
 use std::path::Path;
 
 /// Returns the content of a run's journal, and the bench on which it was made. Prints the notes.

@@ -6,12 +6,14 @@ use super::method::solvers;
 use super::recorded::read_run;
 use super::summary::{print, tell};
 use super::verdict::{AcceptArgs, rule_of, verdict_code};
-use crate::acceptance::Verdict;
-use crate::batch::ByDesign;
-use crate::dataset::{Recorded, check_run, files};
-use crate::report::{Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page};
-use crate::rig::Bench;
-use crate::solver::{BEST, Evaluation};
+use palpate_data::acceptance::Verdict;
+use palpate_data::dataset::{Recorded, check_run, files};
+use palpate_report::report::{
+    Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page,
+};
+use palpate_run::batch::ByDesign;
+use palpate_run::rig::Bench;
+use palpate_solver::{BEST, Evaluation};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};

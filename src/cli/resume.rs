@@ -6,9 +6,9 @@ use super::recorded::rig_of;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources, read_rig_text};
 use super::summary;
-use crate::dataset::{Provenance, RigChange, RunFolder, Status, Texts, files};
-use crate::document::TEXT_MAX_BYTES;
-use crate::rig::{Consequence, Difference, differences};
+use palpate_data::dataset::{Provenance, RigChange, RunFolder, Status, Texts, files};
+use palpate_document::TEXT_MAX_BYTES;
+use palpate_run::rig::{Consequence, Difference, differences};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -78,7 +78,7 @@ pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     for RigChange { key, before, now } in &changes {
         summary::tell(&format!("rig: `{key}` is {now} (it was {before} when the run began)\n"))?;
     }
-    let session = Provenance { changes, ..session(args.session.manner.durability) };
+    let session = Provenance { changes, ..session(args.session.manner.durability.into()) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }

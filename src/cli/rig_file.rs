@@ -1,9 +1,9 @@
 //! A rig file that is changed: some keys, and nothing else of it.
 
 use super::exit::Failure;
-use crate::dataset::files;
-use crate::rig;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_data::dataset::files;
+use palpate_run::rig;
 use std::path::Path;
 use std::{fs, io};
 

@@ -5,8 +5,8 @@ use super::labels::LabelArgs;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources};
-use crate::dataset::{RunFacts, RunFolder};
-use crate::recipe::Plan;
+use palpate_data::dataset::{RunFacts, RunFolder};
+use palpate_data::recipe::Plan;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -65,7 +65,7 @@ pub fn begin(args: &RunArgs) -> Result<Begun, Failure> {
         presses_max: args.rig.presses_max,
         ..RunFacts::new(&plan, sources.rig.is_simulated())
     };
-    let session = session(args.session.manner.durability);
+    let session = session(args.session.manner.durability.into());
     let layout = &sources.rig.array.layout;
     let folder =
         RunFolder::create(args.out.as_deref(), &sources.origins, facts, session, layout).map_err(Failure::unmade)?;

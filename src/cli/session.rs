@@ -1,5 +1,6 @@
 //! Executes a run: shows its progress, sets its pace and stops it.
 
+use super::choices::DurabilityChoice;
 use super::exit::{CANCELLED, Failure};
 use super::notify::Notifier;
 use super::progress::Progress;
@@ -8,12 +9,12 @@ use super::signals::{First, heed};
 use super::summary;
 use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
-use crate::batch::{Ended, Event};
-use crate::dataset::{DatasetError, Durability, RunFolder};
-use crate::recipe::{Plan, Recipe};
-use crate::rig::RigSpec;
-use crate::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
 use miette::IntoDiagnostic;
+use palpate_data::dataset::{DatasetError, RunFolder};
+use palpate_data::recipe::{Plan, Recipe};
+use palpate_run::batch::{Ended, Event};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
 use std::process::ExitCode;
 use std::time::Instant;
 use tokio::runtime::{Builder, Runtime};
@@ -36,7 +37,7 @@ pub struct MannerArgs {
     pub pace: Option<f64>,
     /// Acknowledged presses survive a power failure (full), or only the end of the program (fast)
     #[arg(long, value_name = "NAME", value_enum, default_value_t)]
-    pub durability: Durability,
+    pub durability: DurabilityChoice,
     #[command(flatten)]
     pub confirm: ConfirmArgs,
 }

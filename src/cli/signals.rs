@@ -2,8 +2,8 @@
 
 use super::exit::Failure;
 use super::summary;
-use crate::run::Cancel;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_run::run::Cancel;
 use std::io::{self, IsTerminal};
 use std::thread;
 #[cfg(unix)]

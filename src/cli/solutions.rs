@@ -1,8 +1,8 @@
 //! Solutions written as lines.
 
-use crate::dataset::readings::Reading;
-use crate::quantity::{Place, round};
-use crate::solver::{Covariance, HalfWidths, Solution, Verdict};
+use palpate_core::quantity::{Place, round};
+use palpate_data::dataset::readings::Reading;
+use palpate_solver::{Covariance, HalfWidths, Solution, Verdict};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -185,7 +185,7 @@ fn io_error(error: csv::Error) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::SolveError;
+    use palpate_solver::SolveError;
 
     const NO_WIDTHS: &str =
         r#""half68_mm":null,"half95_mm":null,"half68_n":null,"half95_n":null,"other_x_mm":null,"other_y_mm":null,"#;

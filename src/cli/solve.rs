@@ -1,15 +1,16 @@
 //! `palpate solve`: reads readings of the array and prints contacts, one line for each line.
 
+use super::choices::ReadingsChoice;
 use super::exit::Failure;
 use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, fitted_to, tell_left_out};
 use super::solutions::Solutions;
 use super::stream::Stream;
 use super::summary::tell;
-use crate::dataset::answers::Answers;
-use crate::dataset::readings::{Format, Lines, Readings};
-use crate::dataset::sensor_file::{Card, read_sensor_file};
-use crate::solver::{Model, Session};
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_data::dataset::answers::Answers;
+use palpate_data::dataset::readings::{Lines, Readings};
+use palpate_data::dataset::sensor_file::{Card, read_sensor_file};
+use palpate_solver::{Model, Session};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -63,7 +64,7 @@ pub struct SolveArgs {
     model: Option<PathBuf>,
     /// Input format [default: detected from the first character]
     #[arg(long, value_name = "FORMAT", value_enum)]
-    input: Option<Format>,
+    input: Option<ReadingsChoice>,
     /// Print one JSON object per line instead of CSV
     #[arg(long)]
     json: bool,
@@ -100,7 +101,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
             return Err(Failure::usage(miette::miette!(help = help, "`solve` needs a calibrated sensor")));
         }
     };
-    let readings = Readings::new(SOURCE, model.validity().units, args.input, args.method.mapping()?);
+    let readings = Readings::new(SOURCE, model.validity().units, args.input.map(Into::into), args.method.mapping()?);
     let stream = Stream {
         source: SOURCE,
         keep_going: args.keep_going,

@@ -3,11 +3,11 @@
 use super::exit::Failure;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
 use super::which_way::ConfirmArgs;
-use crate::control::Strategy;
-use crate::dataset::{Origins, Texts};
-use crate::document::TEXT_MAX_BYTES;
-use crate::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
-use crate::rig::{self, OwnFile, RigSpec};
+use palpate_control::Strategy;
+use palpate_data::dataset::{Origins, Texts};
+use palpate_data::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
+use palpate_document::TEXT_MAX_BYTES;
+use palpate_run::rig::{self, OwnFile, RigSpec};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};

@@ -2,9 +2,9 @@
 
 use super::solutions::Solutions;
 use super::tables::filled;
-use crate::dataset::answers::{Answer, Answers, Unsolved};
-use crate::dataset::readings::{Lines, ReadingError};
-use crate::solver::Broken;
+use palpate_data::dataset::answers::{Answer, Answers, Unsolved};
+use palpate_data::dataset::readings::{Lines, ReadingError};
+use palpate_solver::Broken;
 use std::collections::HashSet;
 use std::io::{self, Read, Write};
 

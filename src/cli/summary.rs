@@ -3,15 +3,15 @@
 use super::exit::Failure;
 use super::tables::{characteristics_table, evaluation_table};
 use super::verdict::{NO_RULE, verdict_table};
-use crate::acceptance::Judgement;
-use crate::dataset::characteristics::{Repeatability, Staircases};
-use crate::dataset::evaluate::Trial;
-use crate::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
-use crate::recipe::Recipe;
-use crate::report::is_beside_paper;
-use crate::rig::RigSpec;
-use crate::solver::Evaluation;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_data::acceptance::Judgement;
+use palpate_data::dataset::characteristics::{Repeatability, Staircases};
+use palpate_data::dataset::evaluate::Trial;
+use palpate_data::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
+use palpate_data::recipe::Recipe;
+use palpate_report::report::is_beside_paper;
+use palpate_run::rig::RigSpec;
+use palpate_solver::Evaluation;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 

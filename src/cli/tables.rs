@@ -1,9 +1,9 @@
 //! Tables for a person, in at most 80 columns. They show the paper's numbers only for an array and a protocol like the paper's,
-//! see [`crate::report::is_beside_paper`].
+//! see [`palpate_report::report::is_beside_paper`].
 
-use crate::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
-use crate::paper;
-use crate::solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
+use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
+use palpate_report::paper;
+use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
@@ -274,14 +274,26 @@ fn doubted(verdicts: Verdicts) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Branch;
-    use crate::dataset::characteristics::HeldLevel;
-    use crate::dataset::evaluate::{Trial, tests};
-    use crate::quantity::Place;
-    use clap::ValueEnum as _;
+    use palpate_control::Branch;
+    use palpate_core::quantity::Place;
+    use palpate_data::dataset::characteristics::HeldLevel;
+    use palpate_data::dataset::evaluate::Trial;
+    use palpate_data::dataset::{Mapping, parse_table};
+
+    /// A small run: flagged and unsolvable presses are among its presses.
+    const RUN: &str = "\
+press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z_mm
+0,0,calibration,-1,0,1,0.8,1,0.5,,0,0,0
+1,0,calibration,1,0,1,0.8,0.5,1,,0,0,0
+2,0,calibration,1,0,1,1,5,1,trip,0,0,0
+3,0,test,-1,0,0.5,0.4,0.55,0.2,,0,0,0
+4,0,test,1,0,0.5,0.4,0.2,0.55,trip,0,0,0
+5,0,test,1,0,0.5,0.4,0.2,0.2,,0,0,0
+";
 
     fn evaluation(solver: &str) -> Evaluation {
-        Trial::of_run(&tests::run(tests::RUN), None).unwrap().evaluate(solver).unwrap()
+        let presses = parse_table("a.csv", RUN.as_bytes(), &Mapping::default()).unwrap();
+        Trial::of_run(&presses, None).unwrap().evaluate(solver).unwrap()
     }
 
     #[test]
@@ -361,11 +373,11 @@ mod tests {
         let wild =
             [up.as_slice(), &down].concat().into_iter().map(|held| HeldLevel { output: -12.0 * held.output, ..held });
         let readings = vec![[up.to_vec(), down.to_vec(), wild.collect()].concat(); 9];
-        for repeatability in Repeatability::value_variants() {
+        for repeatability in Repeatability::ALL {
             let staircases =
                 Staircases { units: (0..readings.len()).collect(), readings: readings.clone(), left_out: 3 };
             let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()], true)
-                + &characteristics_table(&staircases, *repeatability, true);
+                + &characteristics_table(&staircases, repeatability, true);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         }
     }

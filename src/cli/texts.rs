@@ -2,12 +2,14 @@
 
 use super::exit::Failure;
 use super::summary::print;
-use crate::dataset::COLUMN_KEYS;
-use crate::document::{Keys, reference, schema};
-use crate::report::certificate::CERTIFICATE_KEYS;
-use crate::{batch, driver, recipe, rig};
 use clap::builder::PossibleValue;
 use clap::{CommandFactory, ValueEnum};
+use palpate_data::dataset::COLUMN_KEYS;
+use palpate_data::recipe;
+use palpate_document::{Keys, reference, schema};
+use palpate_drivers as driver;
+use palpate_report::report::certificate::CERTIFICATE_KEYS;
+use palpate_run::{batch, rig};
 use std::process::ExitCode;
 
 /// A kind of text that a person writes.

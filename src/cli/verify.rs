@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::recorded::bench_of;
 use super::sources::read;
 use super::summary;
-use crate::dataset::{DatasetError, JournalError, Loss, Texts, journal_sha256, verify};
+use palpate_data::dataset::{DatasetError, JournalError, Loss, Texts, journal_sha256, verify};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -3,9 +3,9 @@
 
 use super::signals::is_attended;
 use super::summary::tell;
-use crate::device::{HomeSearch, Identity};
-use crate::quantity::Down;
-use crate::rig::{RigSpec, WhichWay};
+use palpate_core::quantity::Down;
+use palpate_link::device::{HomeSearch, Identity};
+use palpate_run::rig::{RigSpec, WhichWay};
 use sha2::{Digest, Sha256};
 use std::env;
 use std::fs::{self, OpenOptions};

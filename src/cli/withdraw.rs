@@ -5,7 +5,7 @@ use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
 use super::summary::print;
-use crate::run::{Withdrawn, withdraw};
+use palpate_run::run::{Withdrawn, withdraw};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\

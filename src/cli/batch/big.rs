@@ -1,6 +1,6 @@
 //! Words in block letters, which can be read from the other side of a bench.
 
-use crate::batch::Standing;
+use palpate_run::batch::Standing;
 
 /// Number of rows of a letter.
 const ROWS: usize = 5;

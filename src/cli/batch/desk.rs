@@ -9,10 +9,10 @@ use super::item::Flow;
 use super::material::Material;
 use super::status::{counted, described};
 use super::typed::{Typed, next_line};
-use crate::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
-use crate::document::printable;
-use crate::run::Cancel;
 use miette::IntoDiagnostic;
+use palpate_document::printable;
+use palpate_run::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
+use palpate_run::run::Cancel;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 

@@ -9,17 +9,17 @@ use super::super::tables::filled;
 use super::big::big;
 use super::desk::{Desk, Placed};
 use super::material::{Material, NestRig};
-use crate::acceptance::{Judgement, Verdict, limit_used};
-use crate::batch::chart::{LIMIT_SIGMAS, Shown};
-use crate::batch::{
+use palpate_data::acceptance::{Judgement, Verdict, limit_used};
+use palpate_data::dataset::sensor_file::SensorFile;
+use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
+use palpate_data::recipe::Plan;
+use palpate_run::batch::chart::{LIMIT_SIGMAS, Shown};
+use palpate_run::batch::{
     Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
     specimen_seed,
 };
-use crate::dataset::sensor_file::SensorFile;
-use crate::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
-use crate::recipe::Plan;
-use crate::run::{Ending, Halt, examine, keep_pace};
-use crate::solver::{Model, UnitChange};
+use palpate_run::run::{Ending, Halt, examine, keep_pace};
+use palpate_solver::{Model, UnitChange};
 use std::fmt::Write as _;
 use std::fs;
 use std::time::Duration;
@@ -232,7 +232,7 @@ impl Desk {
         let facts = RunFacts { labels, specimen, ..RunFacts::new(plan, spec.is_simulated()) };
         let origins = self.material.origins(recipe, &sensor.rig);
         let path = self.folder.path().join(name);
-        RunFolder::create(Some(&path), &origins, facts, session(manner.durability), &spec.array.layout)
+        RunFolder::create(Some(&path), &origins, facts, session(manner.durability.into()), &spec.array.layout)
             .map_err(Failure::dataset)
     }
 

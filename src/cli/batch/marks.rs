@@ -4,7 +4,7 @@ use super::super::exit::Failure;
 use super::super::labels::label;
 use super::super::provenance::now;
 use super::super::summary::print;
-use crate::batch::{BatchFolder, Event, check_serial};
+use palpate_run::batch::{BatchFolder, Event, check_serial};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -3,8 +3,8 @@
 use super::super::exit::Failure;
 use super::super::report::{check_free, write};
 use super::super::summary::print;
-use crate::batch::{Ended, History, Standing};
-use crate::report::{Link, batch_page, batches_page, counted};
+use palpate_report::report::{Link, batch_page, batches_page, counted};
+use palpate_run::batch::{Ended, History, Standing};
 use std::path::{Component, Path, PathBuf};
 use std::process::ExitCode;
 

@@ -9,7 +9,7 @@ use super::super::signals::{First, heed};
 use super::super::summary::tell;
 use super::desk::Desk;
 use super::material::{Material, RIG};
-use crate::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
+use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

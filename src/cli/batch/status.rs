@@ -2,8 +2,8 @@
 
 use super::super::exit::Failure;
 use super::super::summary::print;
-use crate::batch::{Item, Standing, State, read_state};
 use miette::IntoDiagnostic;
+use palpate_run::batch::{Item, Standing, State, read_state};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -2,7 +2,7 @@
 
 use super::super::exit::Failure;
 use super::super::signals::{forget_typed, is_attended};
-use crate::run::Cancel;
+use palpate_run::run::Cancel;
 use std::io::{self, BufRead, Read};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;

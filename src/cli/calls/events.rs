@@ -4,10 +4,10 @@
 //! then. Events about the progress are lost if too many of them wait.
 
 use super::{Begun, Failure, Refusal};
-use crate::dataset::{Contact, DatasetError, JOURNAL, Journal, Press, Record, Retouch, Status};
-use crate::device::Identity;
-use crate::recipe::{Entry, Phase};
-use crate::run::{Cancel, Listener};
+use palpate_data::dataset::{Contact, DatasetError, JOURNAL, Journal, Press, Record, Retouch, Status};
+use palpate_data::recipe::{Entry, Phase};
+use palpate_link::device::Identity;
+use palpate_run::run::{Cancel, Listener};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};

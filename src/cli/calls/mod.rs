@@ -15,13 +15,13 @@ use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, left_out};
 use super::recorded::{noted_presses, noted_run};
 use super::run::{self, RunArgs};
 use super::session::walked;
-use crate::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
-use crate::dataset::{Fingerprint, Presses, Recorded, RunFolder, Status};
-use crate::recipe::Plan;
-use crate::rig::{Bench, RigSpec};
-use crate::run::{Cancel, Ending, Halt, Listener};
-use crate::solver::Model;
 use clap::Parser;
+use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
+use palpate_data::dataset::{Fingerprint, Presses, Recorded, RunFolder, Status};
+use palpate_data::recipe::Plan;
+use palpate_run::rig::{Bench, RigSpec};
+use palpate_run::run::{Cancel, Ending, Halt, Listener};
+use palpate_solver::Model;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -224,7 +224,7 @@ mod tests {
     struct Counted<'a>(&'a Cell<u32>);
 
     impl Listener for Counted<'_> {
-        fn recorded(&mut self, _: &crate::dataset::Contact) {
+        fn recorded(&mut self, _: &palpate_data::dataset::Contact) {
             self.0.set(self.0.get() + 1);
         }
     }

@@ -2,7 +2,7 @@
 
 use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
-use crate::study::ablation::{
+use palpate_study::ablation::{
     ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, TERMS, Term,
     TermRow, ablation,
 };

@@ -2,9 +2,9 @@
 
 use crate::cli::exit::Failure;
 use crate::cli::summary::print;
-use crate::dataset::DatasetError;
-use crate::study::StudyError;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use palpate_data::dataset::DatasetError;
+use palpate_study::StudyError;
 use std::fs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

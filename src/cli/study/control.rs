@@ -2,7 +2,7 @@
 
 use super::begun::{Begun, Common, number};
 use crate::cli::exit::Failure;
-use crate::study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
+use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
 

@@ -4,10 +4,10 @@ use super::begun::{Begun, Output, ended};
 use crate::cli::exit::Failure;
 use crate::cli::sources::read_rig;
 use crate::cli::summary::beside;
-use crate::document;
-use crate::mechanics::{Medium, Passage};
-use crate::scene::{Elastomer, SkinSpec};
-use crate::study::curves::{
+use palpate_core::mechanics::{Medium, Passage};
+use palpate_document as document;
+use palpate_sim::scene::{Elastomer, SkinSpec};
+use palpate_study::curves::{
     ASSUMED_SD, Area, Claim, Curves, Design, DesignError, DesignFindings, MeanBound, NEAR_R, Turning, curves,
     design_figures, figures,
 };

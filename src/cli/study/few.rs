@@ -2,8 +2,8 @@
 
 use super::begun::{Begun, Common, ended, number};
 use crate::cli::exit::Failure;
-use crate::study::few::{FewRow, FewSize, StrangerRow, VerdictRow, few_figures, presses, strangers, verdicts};
-use crate::study::ndjson;
+use palpate_study::few::{FewRow, FewSize, StrangerRow, VerdictRow, few_figures, presses, strangers, verdicts};
+use palpate_study::ndjson;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 

@@ -5,13 +5,13 @@ use super::begun::{Begun, Common, ended, number};
 use crate::cli::columns::ColumnsArgs;
 use crate::cli::exit::Failure;
 use crate::cli::recorded::{read_presses, read_run};
-use crate::recipe::Phase;
-use crate::solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
-use crate::study::methods::{
+use palpate_data::recipe::Phase;
+use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
+use palpate_study::methods::{
     CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, budget_figures_of, coverage_figures,
     failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
-use crate::study::{methods, ndjson};
+use palpate_study::{methods, ndjson};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -2,8 +2,8 @@
 
 use super::begun::{Begun, Common, ended, number};
 use crate::cli::exit::Failure;
-use crate::study::minutes::{Family, HANDLING_MIN, MinutesRow, MinutesSize, minutes, minutes_figures};
-use crate::study::ndjson;
+use palpate_study::minutes::{Family, HANDLING_MIN, MinutesRow, MinutesSize, minutes, minutes_figures};
+use palpate_study::ndjson;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 

@@ -2,7 +2,7 @@
 
 use super::begun::{Begun, Common};
 use crate::cli::exit::Failure;
-use crate::study::validation::{QUICK_SEEDS, SEEDS, validation};
+use palpate_study::validation::{QUICK_SEEDS, SEEDS, validation};
 use std::process::ExitCode;
 
 /// Carries the protocol out, writes the page and prints it.
@@ -12,7 +12,7 @@ pub fn study(args: &Common) -> Result<ExitCode, Failure> {
     let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;
     let page = found.markdown();
     begun.end(vec![("validation.md".to_owned(), page)], found.ndjson(), |out| {
-        let mean = |of: fn(&crate::study::validation::ValidationOutcome) -> f64| {
+        let mean = |of: fn(&palpate_study::validation::ValidationOutcome) -> f64| {
             found.outcomes.iter().map(of).sum::<f64>() / found.outcomes.len() as f64
         };
         format!(

@@ -1,0 +1,127 @@
+//! Uncertainty budget of one force: the parts of its uncertainty, after the GUM.
+
+use super::press::AirReadings;
+use super::zero::Zero;
+use palpate_core::quantity::round;
+use serde::{Deserialize, Serialize};
+
+/// Parts of a force's standard uncertainty, N each. The parts are independent, so their squares add up (GUM 5.1.2).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Budget {
+    /// Load cell: uncertainty from its certificate at such a force, or from its check with a known weight (type B). `None` if
+    /// there is neither.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell_n: Option<f64>,
+    /// Zero, interpolated between the air before and the air after. The first part is the noise of both means (type A). The
+    /// second part is any departure of the zero from a linear change between the two (type B, rectangular).
+    pub zero_n: f64,
+    /// Noise of the readings in the window (type A).
+    pub noise_n: f64,
+    /// One step of the cell's readings (type B, rectangular).
+    pub resolution_n: f64,
+    /// Remainder of the mains hum (type B, arcsine).
+    pub hum_n: f64,
+}
+
+/// Data that a force was averaged from.
+#[derive(Clone, Copy, Debug)]
+pub struct Averaged {
+    /// Number of readings in the window.
+    pub readings: u32,
+    /// Time that the readings took, s.
+    pub seconds: f64,
+    /// Air readings before the press and after the press.
+    pub airs: [AirReadings; 2],
+    /// Position of the window between the two air readings, 0 to 1.
+    pub share: f64,
+}
+
+impl Budget {
+    /// Returns the budget of a force; `cell_n` is the load cell's own standard uncertainty at this force.
+    pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> Budget {
+        let Averaged { readings, seconds, airs: [before, after], share } = *averaged;
+        let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
+        let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
+        // of two means that differ by more than their noise, the zero has moved by the rest
+        let moved_2 = (after.mean_n - before.mean_n).powi(2) - before_n.powi(2) - after_n.powi(2);
+        let noise_2 = ((1.0 - share) * before_n).powi(2) + (share * after_n).powi(2);
+        let step_n = zero.step_n / 12f64.sqrt();
+        // steps smaller than the noise average out with it
+        let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
+        let hum_n = zero.hum.map_or(0.0, |hum| hum.left_n(seconds));
+        let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
+        Budget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
+    }
+
+    /// Returns the combined standard uncertainty, N; `None` if the load cell's uncertainty is unknown.
+    pub fn u_n(&self) -> Option<f64> {
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
+        Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
+    }
+
+    /// Returns the budget of the force multiplied by a factor.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Budget {
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        Budget {
+            cell_n: cell_n.map(|n| factor * n),
+            zero_n: factor * zero_n,
+            noise_n: factor * noise_n,
+            resolution_n: factor * resolution_n,
+            hum_n: factor * hum_n,
+        }
+    }
+
+    /// Returns the budget rounded to 0.1 uN.
+    #[must_use]
+    pub fn rounded(self) -> Budget {
+        let rounded = |n: f64| round(n, 7);
+        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        Budget {
+            cell_n: cell_n.map(rounded),
+            zero_n: rounded(zero_n),
+            noise_n: rounded(noise_n),
+            resolution_n: rounded(resolution_n),
+            hum_n: rounded(hum_n),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Hum;
+
+    fn averaged(after_n: f64) -> Averaged {
+        let air = |mean_n| AirReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05 };
+        Averaged { readings: 225, seconds: 0.2, airs: [air(0.0), air(after_n)], share: 0.5 }
+    }
+
+    #[test]
+    fn the_parts_follow_from_readings_airs_and_what_is_stated_of_the_cell() {
+        let zero = Zero { step_n: 0.001, ..Zero::with_noise(0.003) };
+        let budget = Budget::of(&averaged(0.0), &zero, Some(0.004));
+        assert!((budget.noise_n - 0.0002).abs() < 1e-12);
+        assert!((budget.zero_n - 0.0003 / 2f64.sqrt()).abs() < 1e-12);
+        assert!((budget.resolution_n - 0.001 / 12f64.sqrt() / 15.0).abs() < 1e-12);
+        let u_n = budget.u_n().unwrap();
+        assert!(u_n > 0.004 && u_n < 0.0041, "{u_n}");
+        assert_eq!(
+            Budget { cell_n: None, ..budget }.u_n(),
+            None,
+            "an uncertainty without the cell's own would be a lie"
+        );
+        let moved = Budget::of(&averaged(0.010), &zero, None);
+        assert!((moved.zero_n - 0.010 / 12f64.sqrt()).abs() < 2e-5, "{moved:?}");
+    }
+
+    #[test]
+    fn a_coarse_cell_and_hum_without_whole_periods_count_in_full() {
+        let coarse = Zero { step_n: 0.010, ..Zero::with_noise(0.001) };
+        assert!((Budget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12);
+        let hum = |whole_s| Some(Hum { amplitude_n: 0.01, hz: 50.0, whole_s });
+        let left_n = |whole_s| Budget::of(&averaged(0.0), &Zero { hum: hum(whole_s), ..coarse }, None).hum_n;
+        assert!((left_n(Some(0.02)) - 0.0001 / 2f64.sqrt()).abs() < 1e-12);
+        assert!((left_n(None) - 0.01 / (10.0 * std::f64::consts::PI) / 2f64.sqrt()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,326 @@
+//! Permitted motions.
+
+use super::speed::safe_speed_mm_s;
+use super::trip::{Rule, Trip};
+use super::zero::Zero;
+use palpate_core::quantity::{Limits, Steps};
+
+/// Part of the depth limit that is reserved for the error of the touched surface, mm.
+pub(super) const DEPTH_MARGIN_MM: f64 = 0.03;
+
+/// Largest age of a reading on which a motion may depend, s. Between the reading and the motion, an ESP301 takes up to 80 ms for
+/// the read-back.
+const FRESH_S: f64 = 0.25;
+
+/// Slowest motion that is commanded, mm/s. Below it the speed would be lost in a controller's number format.
+const SPEED_LEAST_MM_S: f64 = 1e-4;
+
+/// Allowed rounding of a motion, mm.
+const ROUNDING_MM: f64 = 1e-9;
+
+/// Largest excess of a force over the force that the declared stiffness allows, N, and in sd of one reading. Above it the contact
+/// counts as harder than declared.
+const HARD_N: f64 = 0.12;
+const HARD_SIGMAS: f64 = 6.0;
+
+/// Largest move of the zero between two air readings, N, and additional drift allowed for the time between them, N/s (I4). The
+/// drift is twice that of a cell that warms up. A larger or sudden move isn't a drift.
+const AIR_N: f64 = 0.020;
+const DRIFT_N_S: f64 = 0.001;
+/// Additional apparent drift that is allowed before a first touch, in sd of a mean.
+const DRIFT_SIGMAS: f64 = 4.0;
+
+/// Largest difference of the zero between two neighbouring heights, N, in addition to noise and drift.
+const FREE_N: f64 = 0.005;
+
+/// Distance between these two heights. Over this distance, the force of the declared specimen rises by at most this fraction of
+/// the force limit. The second constant is the largest distance, mm.
+const SOUNDING_SHARE: f64 = 0.1;
+const SOUNDING_MOST_MM: f64 = 0.1;
+
+/// Least clearance above the highest possible surface at which x and y may move, mm (I7).
+const SIDEWAYS_MM: f64 = 0.030;
+
+/// A motion along z that may be commanded. Only [`Permit`] creates it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Permitted {
+    z_mm: f64,
+    speed_mm_s: f64,
+}
+
+impl Permitted {
+    /// End of the motion, mm into the specimen.
+    pub fn z_mm(&self) -> f64 {
+        self.z_mm
+    }
+
+    /// Maximum speed of the motion, mm/s.
+    pub fn speed_mm_s(&self) -> f64 {
+        self.speed_mm_s
+    }
+}
+
+/// Permission to move x and y. Only [`Permit`] gives it.
+#[derive(Debug)]
+pub struct Sideways(());
+
+/// Known state when a motion is requested.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Position of the indenter, read back, mm.
+    pub z_mm: f64,
+    /// Force on the indenter, N.
+    pub force_n: f64,
+    /// Standard deviation of that force, N.
+    pub sigma_n: f64,
+    /// Age of that force, s.
+    pub age_s: f64,
+    /// Earliest z at which contact is possible, mm.
+    pub first_mm: f64,
+}
+
+/// Rules under which a motion may be commanded. The end point of a motion must be safe even if the host, the link or the loop
+/// fails during the motion. I1 to I7 are the study's names for the rules.
+///
+/// | rule | where |
+/// |---|---|
+/// | I1 force at the end point, by the declared stiffness | [`deepest_mm`](Self::deepest_mm) |
+/// | I2 depth at the end point | [`deepest_mm`](Self::deepest_mm) |
+/// | I3 speed, by the measured reaction time | [`advance`](Self::advance) |
+/// | I4 a recent force, and a zero that moves no faster than a drift, checked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
+/// | I5 contact no stiffer than declared | [`most_n`](Self::most_n) |
+/// | I6 motion away is always allowed; a stop needs no permission | [`withdraw`](Self::withdraw) |
+/// | I7 x and y move only in the clear | [`sideways`](Self::sideways) |
+#[derive(Clone, Copy, Debug)]
+pub struct Permit {
+    limits: Limits,
+    reaction_s: f64,
+    acceleration_mm_s2: f64,
+    detect_n: f64,
+    /// Standard deviation of one reading, N.
+    sigma_n: f64,
+    /// Steps of the stage, which end a motion deeper than its target.
+    steps: Steps,
+}
+
+impl Permit {
+    /// Creates the permit of a rig from its limits, its measured reaction time, its acceleration, and the force that counts as
+    /// contact.
+    pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
+        Permit {
+            limits,
+            reaction_s,
+            acceleration_mm_s2,
+            detect_n: zero.detect_n(),
+            sigma_n: zero.sigma_n,
+            steps: Steps::FINE,
+        }
+    }
+
+    /// Returns the permit for a stage with these steps. Every motion may then end deeper than its target, and the position from
+    /// which it begins may be deeper than it was read back: together by [`Steps::reserve_mm`].
+    #[must_use]
+    pub fn on(self, steps: Steps) -> Self {
+        Permit { steps, ..self }
+    }
+
+    /// Steps of the stage.
+    pub fn steps(&self) -> Steps {
+        self.steps
+    }
+
+    /// Returns the deepest end point that would be permitted, mm.
+    ///
+    /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
+    /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface. Both count the steps
+    /// of the stage.
+    pub fn deepest_mm(&self, standing: &Standing) -> f64 {
+        let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
+        if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) {
+            return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
+        }
+        // a force says that this is contact, wherever the surface was expected
+        let first_mm = if force_n >= self.detect_n { first_mm.min(z_mm) } else { first_mm };
+        let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
+        let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
+        let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
+        by_force.min(by_depth) - self.steps.reserve_mm()
+    }
+
+    /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact.
+    pub fn approach_speed_mm_s(&self, force_n: f64) -> f64 {
+        let room_n = force_n - self.detect_n;
+        safe_speed_mm_s(room_n, self.limits.stiffness_n_mm, self.reaction_s, self.acceleration_mm_s2)
+    }
+
+    /// Returns the largest force at `z_mm`, N, of a contact no stiffer than declared (E+). The motion began at a position
+    /// `from_mm` with a force `from_n`. If the contact pushes harder, it isn't the specimen that the limits were declared for.
+    pub fn most_n(&self, (from_mm, from_n): (f64, f64), first_mm: f64, z_mm: f64) -> f64 {
+        let way_mm = (z_mm - from_mm.max(first_mm)).max(0.0) + self.steps.reserve_mm();
+        from_n.max(0.0) + self.limits.stiffness_n_mm * way_mm + HARD_N.max(HARD_SIGMAS * self.sigma_n)
+    }
+
+    /// Permits a motion toward the specimen, no faster than the force limit allows (I3).
+    ///
+    /// # Errors
+    /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
+    pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+        // asked for what must hold, so that a NaN is refused
+        let fastest = self.approach_speed_mm_s(self.limits.force_n);
+        let is_fresh = standing.age_s <= FRESH_S;
+        if !is_fresh {
+            return Err(Trip::new(Rule::Stale, standing.age_s, FRESH_S, "s"));
+        }
+        let deepest_mm = self.deepest_mm(standing);
+        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
+        if !is_safe {
+            return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
+        }
+        Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
+    }
+
+    /// Checks that the newest air differs from the earlier air by no more than a zero drifts in the time between (I4).
+    ///
+    /// # Errors
+    /// A trip if the difference is larger.
+    pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+        moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+    }
+
+    /// Whether the air moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
+    /// to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
+    pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
+        moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
+    }
+
+    /// Checks that the load cell's reading in air stays the same when z moves a little away or nearer, so no contact contributes
+    /// to it.
+    ///
+    /// # Errors
+    /// A trip if the reading changes.
+    pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+        moved_no_further(Rule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+    }
+
+    /// Distance that z moves to check that the air is free, mm. On this distance the declared specimen would give a small part of
+    /// the force limit.
+    pub fn sounding_mm(&self) -> f64 {
+        (SOUNDING_SHARE * self.limits.force_n / self.limits.stiffness_n_mm).min(SOUNDING_MOST_MM)
+    }
+
+    /// Permits a motion of x and y (I7). The z that was read back must be clear of the highest possible surface on the way,
+    /// without force. `first_mm` is the earliest z at which contact is possible.
+    ///
+    /// # Errors
+    /// A trip if z isn't clear.
+    pub fn sideways(&self, z_mm: f64, first_mm: f64, force_n: f64) -> Result<Sideways, Trip> {
+        let clear_mm = self.clear_mm(first_mm);
+        let (is_clear, is_free) = (z_mm <= clear_mm, force_n.abs() < self.detect_n);
+        if !is_clear {
+            return Err(Trip::new(Rule::NotPermitted, z_mm, clear_mm, "mm"));
+        }
+        if !is_free {
+            return Err(Trip::new(Rule::StillTouching, force_n, self.detect_n, "N"));
+        }
+        Ok(Sideways(()))
+    }
+
+    /// Returns the z at which x and y may move, mm, if contact is possible from `first_mm` on.
+    pub fn clear_mm(&self, first_mm: f64) -> f64 {
+        first_mm - SIDEWAYS_MM - self.steps.reserve_mm()
+    }
+
+    /// Force that counts as contact, N.
+    pub fn detect_n(&self) -> f64 {
+        self.detect_n
+    }
+
+    /// Permits a motion away from the specimen, which is always allowed.
+    ///
+    /// # Errors
+    /// A trip if the motion isn't directed away.
+    pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+        if z_mm.is_finite() && z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
+            Ok(Permitted { z_mm, speed_mm_s })
+        } else {
+            Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))
+        }
+    }
+}
+
+/// Checks that a zero moved by at most the allowed amount. The condition is written so that a NaN is refused.
+fn moved_no_further(rule: Rule, moved_n: f64, most_n: f64) -> Result<(), Trip> {
+    if moved_n.abs() <= most_n { Ok(()) } else { Err(Trip::new(rule, moved_n, most_n, "N")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+
+    fn permit() -> Permit {
+        let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
+        Permit::new(LIMITS, 0.05, 100.0, &zero)
+    }
+
+    #[test]
+    fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
+        let standing = Standing { z_mm: -12.5, force_n: 0.0, sigma_n: 0.0, age_s: 0.0, first_mm: -0.3 };
+        assert!((permit().deepest_mm(&standing) - 0.7).abs() < 1e-12);
+        assert!(permit().advance(&standing, 0.7, 1.0).is_ok());
+        assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, Rule::NotPermitted);
+    }
+
+    #[test]
+    fn a_stale_force_or_a_nan_moves_nothing() {
+        let good = Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1 };
+        assert!(permit().advance(&good, 0.2, 1.0).is_ok());
+        assert_eq!(permit().advance(&Standing { age_s: 0.3, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
+        assert_eq!(permit().advance(&Standing { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
+        for bad in [Standing { force_n: f64::NAN, ..good }, Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good }] {
+            assert!(permit().advance(&bad, 0.9, 1.0).is_err());
+        }
+        assert!(permit().advance(&good, f64::NAN, 1.0).is_err());
+        assert!(permit().withdraw(0.0, f64::NAN, 1.0).is_err());
+    }
+
+    proptest! {
+        /// The promise itself: with every granted motion, a specimen no stiffer than declared bears at most the limit at its end.
+        #[test]
+        fn no_granted_end_point_exceeds_a_limit(
+            surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,
+        ) {
+            let force_at = |z: f64| k * (z - surface).max(0.0);
+            let start = start.min(surface + 1.9 / k);
+            let standing = Standing {
+                z_mm: start, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+            };
+            if let Ok(granted) = permit().advance(&standing, wish, 5.0) {
+                prop_assert!(force_at(granted.z_mm()) <= LIMITS.force_n + 1e-9);
+                prop_assert!(granted.z_mm() - surface <= LIMITS.depth_mm);
+            }
+        }
+
+        /// The same on a stage with steps: it stands where the nearest step is, reads back the same or half a step off, and ends
+        /// as far beyond its target as counts as in position.
+        #[test]
+        fn no_granted_end_point_exceeds_a_limit_on_a_stage_with_steps(
+            surface in -0.3..0.3f64, k in 0.05..2.0f64, lead in 0.0..0.3f64, start in -1.0..1.5f64, wish in -1.0..3.0f64,
+            step in 0.0005..0.04f64, off in -0.5..0.5f64,
+        ) {
+            let steps = Steps { mm: [0.0, 0.0, step] };
+            let force_at = |z: f64| k * (z - surface).max(0.0);
+            let start = start.min(surface + 1.9 / k);
+            let standing = Standing {
+                z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+            };
+            if let Ok(granted) = permit().on(steps).advance(&standing, wish, 5.0) {
+                let deepest_mm = granted.z_mm() + steps.in_position_mm(palpate_core::quantity::Axis::Z);
+                prop_assert!(deepest_mm <= start || force_at(deepest_mm) <= LIMITS.force_n + 1e-9);
+                prop_assert!(deepest_mm - surface <= LIMITS.depth_mm);
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Events and commands of a press.
+
+use super::soft::Softest;
+use crate::map::Shot;
+use crate::permit::{Permit, Permitted};
+use crate::speed::Timing;
+use crate::surface::Expected;
+use crate::trip::{Rule, Trip};
+use crate::zero::Zero;
+use palpate_core::quantity::{Limits, Place};
+use serde::{Deserialize, Serialize};
+
+/// Information that a press needs, besides its task.
+#[derive(Clone, Copy, Debug)]
+pub struct Context {
+    /// Place of the press, specimen frame.
+    pub place: Place,
+    /// The rig's limits.
+    pub limits: Limits,
+    /// Permit of the rig: decides which motions are allowed.
+    pub permit: Permit,
+    /// Zero of the air before this press. The press' own zero may not be far from it.
+    pub zero: Zero,
+    /// Age of that zero, s.
+    pub zero_age_s: f64,
+    /// Expected position of the surface.
+    pub expected: Expected,
+    /// Prediction of the map for this place and this force; `None` if the map can't be trusted there or isn't used.
+    pub shot: Option<Shot>,
+    /// Lowest allowed stiffness of the press.
+    pub softest: Softest,
+    /// Position to withdraw to, mm: clear of the surface here and on the way to the next place.
+    pub clear_mm: f64,
+    /// Fastest approach until the first touch of the specimen, mm/s.
+    pub approach_mm_s: f64,
+    /// Speed of steps in contact and of motions in air, mm/s.
+    pub speed_mm_s: f64,
+    /// Timing of the rig.
+    pub timing: Timing,
+}
+
+/// Next action of the loop. Only the motion commands move the stage, and only toward a permitted end.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Average this number of readings; answered by [`Event::Averaged`].
+    Average(u32),
+    /// Move along z and pass every reading to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
+    Move(Permitted),
+    /// Stay still for this time, s, and read the force; answered by [`Event::Dwelt`].
+    Dwell(f64),
+    /// Sample force and outputs for this time, s; answered by [`Event::Sampled`].
+    Sample(f64),
+    /// Withdraw for good. The next action may begin once the specimen is clear. Answered by [`Event::Moved`].
+    Depart(Permitted),
+    /// The contact is over.
+    Done,
+    /// A rule is broken: stop, withdraw, record.
+    Trip(Trip),
+}
+
+/// Event that happened.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The indenter is in the clear above its place.
+    Begin {
+        /// Position z of the indenter, read back, mm.
+        z_mm: f64,
+        /// Load cell readings in the clear; forces are relative to them.
+        air: AirReadings,
+    },
+    /// Readings were averaged.
+    Averaged {
+        /// Mean force relative to the zero, N.
+        force_n: f64,
+    },
+    /// A motion ended, at its target or by a stop.
+    Moved {
+        /// Position where the motion ended, mm.
+        z_mm: f64,
+    },
+    /// The dwell is over.
+    Dwelt,
+    /// The window is over.
+    Sampled {
+        /// Mean force in the window, N.
+        force_n: f64,
+    },
+}
+
+impl Event {
+    /// # Errors
+    /// Returns a trip if a value isn't a finite number.
+    pub(super) fn check_finite(&self) -> Result<(), Trip> {
+        let (number, unit) = match *self {
+            Event::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),
+            Event::Moved { z_mm } => (z_mm, "mm"),
+            Event::Averaged { force_n } | Event::Sampled { force_n } => (force_n, "N"),
+            Event::Dwelt => return Ok(()),
+        };
+        if number.is_finite() { Ok(()) } else { Err(Trip::new(Rule::NotFinite, number, 0.0, unit)) }
+    }
+}
+
+/// Readings in air.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct AirReadings {
+    /// Mean of the readings, N, as the cell reads it.
+    pub mean_n: f64,
+    /// Standard deviation of the readings, N.
+    pub sigma_n: f64,
+    /// Number of readings.
+    pub readings: u32,
+    /// Time from the middle of the readings to their end, s.
+    pub age_s: f64,
+}
+
+/// Time at which an event is passed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Time, s, from any fixed origin.
+    pub now_s: f64,
+    /// Age of the last good reading, s.
+    pub age_s: f64,
+}
+
+/// Decision about the motion under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Steer {
+    /// The motion continues unchanged.
+    On,
+    /// The motion continues at this speed, mm/s.
+    Speed(f64),
+    /// The motion is stopped.
+    Stop,
+}

@@ -1,0 +1,243 @@
+//! The guarded press: contact stops a slow approach, then steps from below follow. Each step uses a stiffness that can't be too
+//! small. So the force exceeds the set force only if a single step of the stage causes that.
+
+use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
+use super::{Branch, Command, Rule, Strategy, Trip};
+use crate::surface::Expected;
+
+/// Fraction of the first force that an approach may add before it stops at contact.
+const TOUCH_SHARE: f64 = 0.6;
+/// Largest force that the touch may use, N.
+pub const TOUCH_MOST_N: f64 = 0.2;
+/// Height above the earliest contact at which the fast descent ends, mm.
+const STANDOFF_MM: f64 = 0.02;
+/// Largest gap to the standoff that doesn't need a separate motion, mm.
+const SHORT_DESCENT_MM: f64 = 0.10;
+/// Fraction of the set force that separates small steps from large ones. Up to it a gap is closed with the declared stiffness; a
+/// larger step teaches the real stiffness.
+pub(super) const LEARN_SHARE: f64 = 0.25;
+/// Factor for a learned stiffness. The specimen stiffens with depth, and stiffens more if it is pressed faster.
+const STIFFENING: f64 = 1.15;
+/// Rise of a path, N, from which the path shows its slope after a first touch of any force.
+const LINE_LEAST_N: f64 = 0.2;
+/// Possible error of the extrapolation from the first point of a loading path back to zero force. It is given in sd of a mean,
+/// and as fractions of the extrapolated distance for a line and for a parabola.
+const ROOT_SIGMAS: f64 = 12.0;
+const LINE_MISSES: f64 = 1.0;
+const PARABOLA_MISSES: f64 = 0.2;
+/// Ratio of the path's first force to the rise after it. Above this ratio the fractional error of the extrapolation grows.
+const BACK: f64 = 0.3;
+/// Distance of the aim below a loading level, in sd of a mean, so that the true force stays below the level too.
+const BELOW_SIGMAS: f64 = 4.0;
+/// Fraction of the tolerance within which a level counts as reached. The rest is reserved for the change of the force until it is
+/// sampled.
+const REACHED_SHARE: f64 = 0.1;
+/// Fraction of the tolerance within which a level counts as reached after many steps. The fraction grows with each step.
+const LET_OFF_SHARE: f64 = 0.5;
+const LET_OFF_STEPS: f64 = 60.0;
+/// Least change of the force over a distance into the specimen, as a fraction of the expected change.
+pub(super) const RESPONSE_SHARE: f64 = 0.1;
+/// Fraction of the force from which an expected change can be distinguished from relaxation.
+const TELL_SHARE: f64 = 0.3;
+/// Largest number of looks for contact. On steel each look may advance only a few micrometres, and the first descent goes all the
+/// way from home.
+const LOOKS_MAX: u32 = 2000;
+const FIRST_LOOKS_MAX: u32 = 20_000;
+/// Fastest approach, mm/s. A higher speed loses its gain in braking.
+pub const APPROACH_MOST_MM_S: f64 = 2.0;
+
+/// Fastest approach until the first touch of the specimen, mm/s, unless the rig file states another value. An obstacle of 200
+/// N/mm then gets less than 3 N while host and load cell work.
+pub const FIRST_APPROACH_MM_S: f64 = 0.4;
+
+impl ForceLoop {
+    /// Descends fast to just above the earliest contact, if the distance is long enough for a separate motion.
+    pub(super) fn descend(&mut self) -> Result<Command, Trip> {
+        let standoff_mm = self.first_mm - STANDOFF_MM;
+        if !self.context.expected.touched || standoff_mm - self.z_mm < SHORT_DESCENT_MM {
+            return self.approach();
+        }
+        self.advance(State::Descending, standoff_mm, self.context.speed_mm_s)
+    }
+
+    /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
+    pub(super) fn approach(&mut self) -> Result<Command, Trip> {
+        let search_mm = self.context.expected.last_mm + SEARCH_MM;
+        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()).min(search_mm));
+        self.steps += 1;
+        let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
+        if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
+            return Err(Trip::new(Rule::NoContact, self.z_mm, search_mm, "mm"));
+        }
+        let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
+        let detect_n = self.context.zero.detect_n();
+        let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
+        let most_mm_s = if self.context.expected.touched { APPROACH_MOST_MM_S } else { self.context.approach_mm_s };
+        self.advance(State::Approaching, target_mm, speed.min(most_mm_s).min(self.context.speed_mm_s))
+    }
+
+    pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {
+        let Expected { first_mm, touched, .. } = self.context.expected;
+        let in_contact = force_n >= self.context.zero.detect_n() / 2.0;
+        if in_contact && !touched && self.z_mm < first_mm {
+            return Err(Trip::new(Rule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
+        }
+        self.check_hardness(force_n)?;
+        self.force_n = force_n;
+        if !in_contact {
+            return self.approach();
+        }
+        self.in_contact = true;
+        self.steps = 0;
+        self.anchor = (self.z_mm, force_n);
+        self.answered = self.anchor;
+        self.note_path();
+        let steps = self.task.strategy != Strategy::Velocity || self.must_show_stiffness();
+        if steps { self.pursue() } else { self.push() }
+    }
+
+    /// Checks that the force changes as z advances. No other rule detects a cell that always returns the same value. Distances
+    /// too short to show a change among noise and relaxation are added up until they are long enough.
+    pub(super) fn check_answer(&mut self) -> Result<(), Trip> {
+        let (z_mm, force_n) = self.answered;
+        let way_mm = self.z_mm - z_mm;
+        if way_mm < 0.0 {
+            self.answered = (self.z_mm, self.force_n);
+            return Ok(());
+        }
+        // no less than the stiffness from the earliest contact to here, since a specimen stiffens
+        let secant = force_n / (z_mm - self.first_mm).max(STEP_LEAST_MM);
+        let expected_n = secant.min(self.context.limits.stiffness_n_mm) * way_mm;
+        let (least_n, answer_n) = (RESPONSE_SHARE * expected_n, self.force_n - force_n);
+        if least_n > TELL_SIGMAS * self.sigma_n && expected_n > TELL_SHARE * force_n {
+            if answer_n < least_n {
+                return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+            }
+            self.answered = (self.z_mm, self.force_n);
+        }
+        Ok(())
+    }
+
+    /// Learns the stiffness from a large step. A small step would show too low a stiffness, because the specimen relaxes
+    /// meanwhile.
+    pub(super) fn learn(&mut self) {
+        let Some((_, level)) = self.level() else { return };
+        self.note_path();
+        let (z_mm, force_n) = (self.z_mm - self.anchor.0, self.force_n - self.anchor.1);
+        if force_n.abs() >= LEARN_SHARE * level.force_set_n && z_mm * force_n > 0.0 {
+            self.stiffness_n_mm = Some(force_n / z_mm);
+            self.anchor = (self.z_mm, self.force_n);
+            // depth counts from the surface as touched, which is known once the stiffness is; until then from the earliest
+            if let (Some(touched_mm), Some(earliest_mm)) = (self.touched_mm(), earliest_mm(&self.path, self.sigma_n)) {
+                self.first_mm = self.first_mm.max(earliest_mm.min(touched_mm));
+            }
+        }
+    }
+
+    /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
+    pub(super) fn pursue(&mut self) -> Result<Command, Trip> {
+        let Some((_, level)) = self.level() else { return self.depart() };
+        let limit_n = self.context.limits.force_n;
+        let (side, below_n) = match level.branch {
+            Branch::Loading => (1.0, BELOW_SIGMAS * self.sigma_n),
+            Branch::Unloading => (-1.0, 0.0),
+        };
+        let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
+        // a force that falls as fast as it is made good is let off, the sooner the more often it was tried
+        let let_off_n = (LET_OFF_SHARE * f64::from(self.steps) / LET_OFF_STEPS).min(1.0) * self.task.force_tolerance_n;
+        let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n).max(let_off_n);
+        if gap_n <= reached_n {
+            return self.reached();
+        }
+        self.steps += 1;
+        if self.steps > STEPS_MAX {
+            return Err(Trip::new(Rule::NoConvergence, self.force_n, level.force_set_n, "N"));
+        }
+        let declared = self.context.limits.stiffness_n_mm;
+        let stiffness = match self.stiffness_n_mm {
+            Some(learned) if gap_n < LEARN_SHARE * level.force_set_n => {
+                (learned * STIFFENING).clamp(declared / 20.0, declared)
+            }
+            _ => declared,
+        };
+        let Some(way_mm) = self.way_mm(gap_n / stiffness) else { return self.reached() };
+        let step_mm = side * way_mm;
+        if side < 0.0 {
+            let z_mm = self.z_mm + step_mm;
+            let granted = self.withdraw_to(z_mm)?;
+            return self.go(State::Stepping, Command::Move(granted));
+        }
+        self.step_to(State::Stepping, self.z_mm + step_mm)
+    }
+
+    /// Returns the distance that closes a gap, mm: the nearest that the stage can go. `None` if the gap is under half a step, so
+    /// nothing is nearer than here.
+    pub(super) fn way_mm(&self, gap_mm: f64) -> Option<f64> {
+        let steps = self.context.permit.steps();
+        if steps.is_fine() {
+            return Some(gap_mm.max(STEP_LEAST_MM));
+        }
+        Some(steps.nearest_mm(gap_mm)).filter(|way_mm| *way_mm >= STEP_LEAST_MM)
+    }
+
+    /// Returns the deepest z, mm, no deeper than wanted, at which the stage can stand.
+    pub(super) fn in_steps_mm(&self, wanted_mm: f64) -> f64 {
+        self.context.permit.steps().no_deeper_mm(self.z_mm, wanted_mm)
+    }
+
+    /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
+    pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
+        let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
+        if deepest_mm - self.z_mm < STEP_LEAST_MM {
+            let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+            if force_set_n - self.force_n <= self.task.force_tolerance_n {
+                return self.reached();
+            }
+            return Err(Trip::new(Rule::OutOfReach, self.force_n, force_set_n, "N"));
+        }
+        self.advance(state, wanted_mm.min(deepest_mm), self.context.speed_mm_s)
+    }
+}
+
+/// Returns the position at which a loading path has zero force. It uses the parabola through the first, a middle and the last
+/// point, or the line through two points. With one point it estimates the position from the declared stiffness.
+pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
+    let &(z0, f0) = path.first()?;
+    let guess = z0 - f0 / (declared_n_mm / 2.0);
+    let tells = |last: &&(f64, f64)| last.1 > f0 * 1.5 || last.1 > f0 + LINE_LEAST_N;
+    let Some(&(z2, f2)) = path.last().filter(tells) else { return Some(guess) };
+    let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
+    // the path relaxes while it is walked: hold the root between the line and the guess
+    Some(parabola_root_mm(path).unwrap_or(line_mm).clamp(guess.min(line_mm), z0))
+}
+
+/// Returns the position of zero force on the parabola through a path's first, a middle and its last point.
+fn parabola_root_mm(path: &[(f64, f64)]) -> Option<f64> {
+    let (&(z0, f0), (z1, f1), &(z2, f2)) = (path.first()?, middle_of(path)?, path.last()?);
+    let curvature = ((f2 - f1) / (z2 - z1) - (f1 - f0) / (z1 - z0)) / (z2 - z0);
+    let slope = (f1 - f0) / (z1 - z0) - curvature * (z1 - z0);
+    // f0 - slope u + curvature u^2 = 0 for the way u back from z0
+    let discriminant = slope * slope - 4.0 * curvature * f0;
+    Some(z0 - 2.0 * f0 / (slope + discriminant.max(0.0).sqrt()))
+}
+
+/// Returns the earliest possible position of contact, mm, for a path with this noise of a point. Unlike [`root_of`], it includes
+/// the possibility that contact began farther back than a line or a parabola shows.
+fn earliest_mm(path: &[(f64, f64)], sigma_n: f64) -> Option<f64> {
+    let (&(z0, f0), &(z2, f2)) = (path.first()?, path.last().filter(|_| path.len() > 1)?);
+    let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
+    let (root_mm, missed) = match parabola_root_mm(path) {
+        Some(parabola_mm) => (parabola_mm.min(line_mm), PARABOLA_MISSES),
+        None => (line_mm, LINE_MISSES),
+    };
+    // how far back it leads, in units of the path itself
+    let back = f0 / (f2 - f0);
+    let noise_mm = ROOT_SIGMAS * (1.0 + back) * sigma_n * (z2 - z0) / (f2 - f0);
+    Some(root_mm - noise_mm - missed * (back / BACK).powi(2).max(1.0) * (z0 - root_mm))
+}
+
+/// Returns the first point of a path that is well separated from both ends of the path.
+fn middle_of(path: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let (&(_, f0), &(_, f2)) = (path.first()?, path.last()?);
+    path.iter().copied().find(|&(_, f)| f > f0 * 1.5 && f < f2 - 0.25 * (f2 - f0))
+}

@@ -1,0 +1,82 @@
+//! Detection of a press that is impossibly soft. A load cell that reads too little makes every specimen appear soft.
+
+use super::guarded::RESPONSE_SHARE;
+use super::state::{ForceLoop, TELL_SIGMAS};
+use super::{Rule, Trip};
+use crate::taught::Taught;
+
+/// Fractions below which a press counts as too soft: of the declared least stiffness, and of the stiffness that the presses
+/// around have taught. Free edges of a specimen are softer than its middle by 40 %, and the force relaxes while it is reached.
+const DECLARED_SHARE: f64 = 0.9;
+const TAUGHT_SHARE: f64 = 0.55;
+/// Rise that the declared stiffness must have produced before the check, as a fraction of the set force.
+const SHOWN_SHARE: f64 = 0.25;
+/// Ratio of the present force to the force at the first look from which a rise is compared.
+const ROSE: f64 = 2.0;
+/// Possible error of a measured distance, mm, from the read-back and a contact that isn't flat.
+const WAY_MM: f64 = 0.010;
+
+/// Lowest stiffness that a press may have.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Softest {
+    /// Least stiffness that the rig declares, N/mm; `None` if the rig declares no such value.
+    pub declared_n_mm: Option<f64>,
+    /// Information from the presses around; `None` if there are too few.
+    pub taught: Option<Taught>,
+}
+
+impl ForceLoop {
+    /// Whether this is the first press of a specimen whose least stiffness is declared. Such a press goes in steps, with any
+    /// strategy.
+    pub(super) fn must_show_stiffness(&self) -> bool {
+        !self.context.expected.touched && self.context.softest.declared_n_mm.is_some()
+    }
+
+    /// Compares the rise since the first look in contact with the declared and the learned stiffness.
+    pub(super) fn check_softness(&self) -> Result<(), Trip> {
+        let Some(&(from_mm, from_n)) = self.path.first() else { return Ok(()) };
+        if self.level != self.first_loaded() || self.dwelt {
+            return Ok(());
+        }
+        self.check_declared(from_mm, from_n)?;
+        self.check_taught(from_mm, from_n)
+    }
+
+    /// Compares the rise of a shot in the same way, from the lowest possible surface.
+    pub(super) fn check_shot_softness(&self) -> Result<(), Trip> {
+        self.check_taught(self.context.expected.last_mm, 0.0)
+    }
+
+    /// Checks the declared stiffness at the first press only. Later presses are compared with what the first press taught.
+    fn check_declared(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
+        let (Some(least_n_mm), Some((_, level))) = (self.context.softest.declared_n_mm, self.level()) else {
+            return Ok(());
+        };
+        let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
+        let expected_n = least_n_mm * way_mm;
+        if self.context.expected.touched || expected_n < SHOWN_SHARE * level.force_set_n {
+            return Ok(());
+        }
+        let rose_n = self.force_n - from_n;
+        if rose_n + noise_n < DECLARED_SHARE * expected_n {
+            return Err(Trip::new(Rule::SofterThanDeclared, rose_n / way_mm, least_n_mm, "N/mm"));
+        }
+        Ok(())
+    }
+
+    fn check_taught(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
+        let Some(taught) = self.context.softest.taught else { return Ok(()) };
+        let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
+        let (rose_n, expected_n) = (self.force_n - from_n, taught.force_n(from_n, way_mm) - from_n);
+        if rose_n < RESPONSE_SHARE * expected_n {
+            return Ok(()); // no answer at all is another rule's
+        }
+        // a force that hasn't risen is compared as if it had: by then the way was long enough for it
+        let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
+        let longest_mm = taught.way_mm((from_n - noise_n).max(0.0), to_n);
+        if TAUGHT_SHARE * way_mm > longest_mm + WAY_MM + self.context.permit.steps().reserve_mm() {
+            return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, TAUGHT_SHARE * expected_n / way_mm, "N/mm"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,404 @@
+//! The press against a spring.
+
+use super::*;
+use crate::{Lesson, Map, Permit, Timing, Zero};
+use palpate_core::quantity::{Limits, Place};
+use rand::seq::SliceRandom;
+use std::sync::Arc;
+
+const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+
+/// The nominal specimen's relaxed force at a depth below its surface.
+fn force_at(depth_mm: f64) -> f64 {
+    let s = depth_mm.max(0.0);
+    1.1 * s + 0.1556 * s * s
+}
+
+/// How long a stage continues after it was stopped, s.
+const REACTION_S: f64 = 0.03;
+
+struct Walk {
+    forces: Vec<f64>,
+    moves: Vec<f64>,
+    deepest_mm: f64,
+    end: Command,
+}
+
+/// What a press is made with.
+struct Bench {
+    levels: Arc<[Level]>,
+    strategy: Strategy,
+    tolerance_n: f64,
+    map: Map,
+    surface_mm: f64,
+    air: AirReadings,
+    place: Place,
+    least_n_mm: Option<f64>,
+}
+
+fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
+    // what a cell of 1 kHz reads on the way from place to place
+    let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
+    let map = Map::new(0.3);
+    let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
+    Bench { levels, strategy, tolerance_n: 0.05, map, surface_mm, air, place, least_n_mm }
+}
+
+impl Bench {
+    fn press(&self) -> ForceLoop {
+        let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
+        let timing = Timing {
+            exchange_s: 0.02,
+            settle_s: 0.01,
+            lag_s: 0.0,
+            conversion_s: 0.001,
+            acceleration_mm_s2: 100.0,
+            reaction_s: 0.05,
+        };
+        let force_set_n = self.levels.iter().map(|level| level.force_set_n).fold(0.0, f64::max);
+        let context = Context {
+            place: self.place,
+            limits: LIMITS,
+            permit: Permit::new(LIMITS, 0.05, 100.0, &zero),
+            zero,
+            zero_age_s: 0.0,
+            expected: self.map.expect(self.place),
+            shot: self.map.shot(self.place, force_set_n, &LIMITS),
+            softest: Softest { declared_n_mm: self.least_n_mm, taught: self.map.taught(self.place) },
+            clear_mm: -0.5,
+            approach_mm_s: 2.0,
+            speed_mm_s: 10.0,
+            timing,
+        };
+        let task = Task {
+            levels: self.levels.clone(),
+            force_tolerance_n: self.tolerance_n,
+            hold_s: 0.0,
+            sample_s: 0.1,
+            strategy: self.strategy,
+            sample_after_s: None,
+        };
+        ForceLoop::new(task, context)
+    }
+
+    /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
+    /// last commanded and reaches its target unless it is stopped.
+    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, Walk) {
+        let mut press = self.press();
+        let force = |z: f64| force_at(z - self.surface_mm);
+        let mut walk = Walk { forces: vec![], moves: vec![], deepest_mm: -0.5, end: Command::Done };
+        let (mut z, mut now_s) = (-0.5, 0.0);
+        let mut event = Event::Begin { z_mm: z, air: self.air };
+        for _ in 0..500 {
+            event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
+                Command::Average(readings) => {
+                    now_s += f64::from(readings) * 0.001;
+                    Event::Averaged { force_n: force(z) }
+                }
+                Command::Move(granted) | Command::Depart(granted) => {
+                    let (from_mm, began_s, end_mm) = (z, now_s, granted.z_mm());
+                    let heading = (end_mm - z).signum();
+                    let profile = MotionProfile::new(end_mm - z, granted.speed_mm_s(), 100.0);
+                    let mut ordered: Option<f64> = None;
+                    while (end_mm - z) * heading > 1e-12 {
+                        now_s += 0.001;
+                        let before_mm = z;
+                        z = match ordered {
+                            None => from_mm + heading * profile.at_mm(now_s - began_s),
+                            Some(mm_s) => z + heading * (mm_s * 0.001).min((end_mm - z).abs()),
+                        };
+                        match press.see(force(z), now_s) {
+                            Steer::On => {}
+                            Steer::Speed(mm_s) => ordered = Some(mm_s),
+                            Steer::Stop => {
+                                let overrun_mm = (z - before_mm).abs() / 0.001 * REACTION_S;
+                                z += heading * overrun_mm.min((end_mm - z).abs());
+                                break;
+                            }
+                        }
+                    }
+                    walk.deepest_mm = walk.deepest_mm.max(z);
+                    walk.moves.push(z);
+                    Event::Moved { z_mm: z }
+                }
+                Command::Dwell(seconds) => {
+                    now_s += seconds;
+                    Event::Dwelt
+                }
+                Command::Sample(_) => {
+                    walk.forces.push(force(z));
+                    Event::Sampled { force_n: force(z) }
+                }
+                end => {
+                    walk.end = end;
+                    return (press, walk);
+                }
+            };
+        }
+        panic!("the press has no end");
+    }
+
+    fn rule(&self, force_at: impl Fn(f64) -> f64) -> (Rule, Walk) {
+        match self.walk(force_at).1 {
+            Walk { end: Command::Trip(trip), forces, moves, deepest_mm } => {
+                (trip.rule, Walk { end: Command::Done, forces, moves, deepest_mm })
+            }
+            Walk { end, .. } => panic!("{end:?}"),
+        }
+    }
+}
+
+/// A map that was taught the nominal specimen with its surface at z = 0, by five touches.
+fn taught() -> Map {
+    let mut map = Map::new(0.3);
+    let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
+    for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
+        map.learn(&Lesson::Touch { place: Place::new(x, y), z_mm: 0.0, path: path.clone() });
+    }
+    map
+}
+
+fn mapped(force_n: f64, surface_mm: f64) -> Bench {
+    Bench { strategy: Strategy::Map, tolerance_n: 0.01, map: taught(), ..bench(Task::press(force_n), surface_mm) }
+}
+
+#[test]
+fn a_press_reaches_its_force_from_below_and_withdraws() {
+    for surface_mm in [-0.25, 0.0, 0.29] {
+        for force_n in [0.1, 0.5, 1.0] {
+            // one push leaves no point between the touch and its end: the way back is a chord
+            for (strategy, touch_mm) in [(Strategy::Guarded, 0.005), (Strategy::Velocity, 0.010)] {
+                let (press, walk) = Bench { strategy, ..bench(Task::press(force_n), surface_mm) }.walk(force_at);
+                assert_eq!(walk.end, Command::Done);
+                assert!((walk.forces[0] - force_n).abs() < 0.0055 && walk.forces[0] <= force_n, "{:?}", walk.forces);
+                assert!((press.touched_mm().unwrap() - surface_mm).abs() < touch_mm, "{:?}", press.touched_mm());
+                assert!(force_at(walk.deepest_mm - surface_mm) <= force_n, "{strategy:?}");
+                assert!((walk.moves.last().unwrap() + 0.5).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above() {
+    let levels = Task::staircase(2.0, 0.5);
+    for strategy in Strategy::ALL {
+        let (_, walk) = Bench { strategy, map: taught(), ..bench(levels.clone(), 0.02) }.walk(force_at);
+        assert_eq!(walk.end, Command::Done);
+        assert_eq!(walk.forces.len(), 9);
+        for (level, force_n) in levels.iter().zip(&walk.forces) {
+            match level.branch {
+                Branch::Loading => {
+                    assert!((-0.01..=0.0).contains(&(force_n - level.force_set_n)), "{level:?} {force_n}")
+                }
+                Branch::Unloading => {
+                    assert!((0.0..=0.01).contains(&(force_n - level.force_set_n)), "{level:?} {force_n}")
+                }
+            }
+        }
+        // the z of the steps turns round just once: up to the top, then down to the clear
+        let deepest = walk.moves.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let top = walk.moves.iter().position(|&z| z == deepest).unwrap();
+        assert!(walk.moves[..=top].is_sorted() && walk.moves[top..].iter().rev().is_sorted());
+    }
+}
+
+#[test]
+fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitted() {
+    let (rule, soft) = bench(Task::press(1.0), 0.0).rule(|depth| 0.4 * depth.max(0.0));
+    assert_eq!(rule, Rule::OutOfReach);
+    assert!(soft.deepest_mm <= LIMITS.depth_mm);
+    assert_eq!(bench(Task::press(1.0), 0.0).rule(|_| 0.0).0, Rule::NoContact);
+    // a shot that meets nothing is no reason to go deeper
+    let (rule, absent) = mapped(1.0, 0.0).rule(|_| 0.0);
+    assert_eq!((rule, absent.moves.len()), (Rule::NoResponse, 1));
+}
+
+#[test]
+fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
+    let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS, age_s: 0.0 };
+    for (air, rule) in [
+        (AirReadings { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
+        (AirReadings { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
+        (AirReadings { mean_n: f64::NAN, ..quiet }, Rule::NotFinite),
+        (AirReadings { sigma_n: 0.012, ..quiet }, Rule::Noisy),
+        (AirReadings { sigma_n: f64::NAN, ..quiet }, Rule::NotFinite),
+        (AirReadings { readings: 2, ..quiet }, Rule::Noisy),
+    ] {
+        let (tripped, walk) = Bench { air, ..bench(Task::press(1.0), 0.0) }.rule(force_at);
+        assert_eq!(tripped, rule, "{air:?}");
+        assert!(walk.moves.is_empty());
+    }
+}
+
+#[test]
+fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
+    // it slips away, or the cell gives what it gave; on a specimen that was never touched the surface is known less well
+    for (map, deepest_mm) in [(taught(), 1.0), (Map::new(0.3), LIMITS.depth_mm)] {
+        let bench = Bench { map, ..bench(Task::press(1.0), 0.0) };
+        let (rule, stuck) = bench.rule(|depth| force_at(depth).min(0.12));
+        assert_eq!(rule, Rule::NoResponse);
+        assert!(stuck.deepest_mm < deepest_mm, "{}", stuck.deepest_mm);
+    }
+}
+
+#[test]
+fn a_force_that_falls_by_itself_is_a_trip() {
+    let slips = |depth: f64| if depth > 0.6 { 0.2 * force_at(depth) } else { force_at(depth) };
+    let (rule, walk) = bench(Task::press(1.0), 0.0).rule(slips);
+    assert_eq!(rule, Rule::Fallen);
+    assert!(force_at(walk.deepest_mm) < 1.0);
+}
+
+#[test]
+fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
+    // what is left is the way of the reaction: 2 mm/s and 10 mm/s at most
+    for (bench, deepest_mm) in [(bench(Task::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
+        let (rule, walk) = bench.rule(|depth| 20.0 * depth.max(0.0));
+        assert_eq!(rule, Rule::HardContact);
+        assert!(walk.deepest_mm < deepest_mm, "{}", walk.deepest_mm);
+    }
+}
+
+#[test]
+fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
+    for surface_mm in [-0.004, 0.0, 0.004] {
+        for force_n in [0.2, 0.5, 1.0] {
+            let (press, walk) = mapped(force_n, surface_mm).walk(force_at);
+            assert_eq!(walk.end, Command::Done);
+            assert!((walk.forces[0] - force_n).abs() < 0.001, "{:?}", walk.forces);
+            assert!(walk.moves.len() <= 4, "{:?}", walk.moves);
+            let shot_n = force_at(walk.moves[0] - surface_mm);
+            assert!((0.5 * force_n..force_n).contains(&shot_n), "{shot_n} of {force_n}");
+            assert!(force_at(walk.deepest_mm - surface_mm) < force_n + 0.001);
+            assert_eq!(press.touched_mm(), Some(0.0), "where the map has it");
+            assert!(matches!(press.lesson(), Some(Lesson::Shot { .. })));
+        }
+    }
+}
+
+#[test]
+fn any_tolerance_is_reached_in_a_few_motions() {
+    for tolerance_n in [0.0005, 0.002, 0.01, 0.05, 0.2] {
+        let (_, walk) = Bench { tolerance_n, ..mapped(1.0, 0.01) }.walk(force_at);
+        assert_eq!(walk.end, Command::Done, "{tolerance_n} N");
+        assert!((walk.forces[0] - 1.0).abs() < tolerance_n.min(0.005), "{tolerance_n} N: {:?}", walk.forces);
+        assert!(walk.moves.len() <= 8, "{tolerance_n} N: {:?}", walk.moves);
+    }
+}
+
+#[test]
+fn what_the_map_cannot_be_trusted_with_is_pressed_guarded() {
+    let map = taught();
+    assert!(map.shot(Place::default(), 1.0, &LIMITS).is_some());
+    for force_n in [0.02, 1.5, 1.95, 2.0] {
+        assert_eq!(map.shot(Place::default(), force_n, &LIMITS), None, "{force_n} N");
+    }
+    assert_eq!(Map::new(0.3).shot(Place::default(), 1.0, &LIMITS), None, "before it was taught");
+    let (press, walk) = Bench { map, strategy: Strategy::Map, ..bench(Task::press(2.0), 0.0) }.walk(force_at);
+    assert_eq!(walk.end, Command::Done);
+    assert!(walk.forces[0] <= 2.0 && matches!(press.lesson(), Some(Lesson::Touch { .. })));
+}
+
+#[test]
+fn all_windows_of_shots_begin_at_one_time_after_contact() {
+    let begins = |surface_mm: f64| {
+        let bench = mapped(1.0, surface_mm);
+        let mut press = bench.press();
+        let force = |z: f64| force_at(z - surface_mm);
+        let (mut z, mut now_s, mut touched_s) = (-0.5, 0.0, None);
+        let mut event = Event::Begin { z_mm: z, air: bench.air };
+        loop {
+            event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
+                Command::Average(_) => Event::Averaged { force_n: force(z) },
+                Command::Move(granted) => {
+                    let (from_mm, began_s) = (z, now_s);
+                    let profile = MotionProfile::new(granted.z_mm() - z, granted.speed_mm_s(), 100.0);
+                    while now_s - began_s < profile.duration_s() {
+                        now_s += 0.001;
+                        z = from_mm + profile.at_mm(now_s - began_s);
+                        press.see(force(z), now_s);
+                        touched_s = touched_s.or((force(z) >= 0.03).then_some(now_s));
+                    }
+                    Event::Moved { z_mm: z }
+                }
+                Command::Dwell(seconds) => {
+                    now_s += seconds;
+                    Event::Dwelt
+                }
+                Command::Sample(_) => return now_s - touched_s.unwrap(),
+                other => panic!("{other:?}"),
+            };
+        }
+    };
+    let at_s: Vec<f64> = [-0.01, -0.003, 0.0, 0.006].map(begins).to_vec();
+    assert!(at_s.iter().all(|s| (s - at_s[0]).abs() < 1e-9), "{at_s:?}");
+}
+
+#[test]
+fn an_event_out_of_turn_is_a_trip() {
+    let mut press = bench(Task::press(1.0), 0.0).press();
+    let moment = Moment { now_s: 0.0, age_s: 0.0 };
+    let command = press.next(Event::Sampled { force_n: 1.0 }, moment);
+    assert!(matches!(command, Command::Trip(Trip { rule: Rule::NotPermitted, .. })), "{command:?}");
+}
+
+#[test]
+fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is_declared() {
+    for strategy in Strategy::ALL {
+        for (gain, least_n_mm, trips) in
+            [(0.5, Some(0.9), true), (0.95, Some(0.9), false), (1.0, Some(1.1), false), (0.5, None, false)]
+        {
+            let first = Bench { strategy, least_n_mm, ..bench(Task::press(1.0), 0.0) };
+            let (_, walk) = first.walk(|depth_mm| gain * force_at(depth_mm));
+            let is_soft = matches!(&walk.end, Command::Trip(trip) if trip.rule == Rule::SofterThanDeclared);
+            assert!(is_soft == trips && (trips || walk.end == Command::Done), "{strategy:?}, {gain}: {:?}", walk.end);
+            assert!(!trips || force_at(walk.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(walk.deepest_mm));
+        }
+        // what was touched before is no first press
+        let later = Bench { strategy, least_n_mm: Some(1.4), map: taught(), ..bench(Task::press(1.0), 0.0) };
+        assert_eq!(later.walk(force_at).1.end, Command::Done);
+    }
+}
+
+#[test]
+fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy() {
+    for strategy in Strategy::ALL {
+        let bench = Bench { strategy, map: taught(), ..bench(Task::press(1.0), 0.0) };
+        assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, Rule::SofterThanTaught, "{strategy:?}");
+        assert_eq!(bench.walk(|depth_mm| 0.65 * force_at(depth_mm)).1.end, Command::Done, "{strategy:?}");
+    }
+}
+
+/// A specimen whose edges are softer or stiffer than its middle by 40 %, within 2 mm, pressed in any order.
+#[test]
+fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
+    let mut rng = palpate_core::quantity::stream(1, 0, "edges");
+    let grid: Vec<Place> = (0..169).map(|i| Place::new(f64::from(i % 13) - 6.0, f64::from(i / 13) - 6.0)).collect();
+    let mut shuffled = grid.clone();
+    shuffled.shuffle(&mut rng);
+    let inside_out: Vec<Place> = {
+        let mut places = grid.clone();
+        places.sort_by(|a, b| a.distance_mm(Place::default()).total_cmp(&b.distance_mm(Place::default())));
+        places
+    };
+    let mut presses = 0;
+    for strategy in Strategy::ALL {
+        for edge in [0.6, 1.4] {
+            for order in [&grid, &shuffled, &inside_out] {
+                let mut map = Map::new(0.3);
+                for &place in order {
+                    let inward_mm = 6.0 - place.x_mm.abs().max(place.y_mm.abs());
+                    let stiff = edge + (1.0 - edge) * (inward_mm / 2.0).min(1.0);
+                    let bench = Bench { strategy, place, map, tolerance_n: 0.01, ..bench(Task::press(0.8), 0.0) };
+                    let (press, walk) = bench.walk(|depth_mm| stiff * force_at(depth_mm));
+                    assert_eq!(walk.end, Command::Done, "{strategy:?}, edges of {edge}, {place:?}");
+                    map = bench.map;
+                    press.lesson().iter().for_each(|lesson| map.learn(lesson));
+                    presses += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(presses, 18 * 169);
+}

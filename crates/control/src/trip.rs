@@ -1,0 +1,205 @@
+//! Safety rules that were broken.
+
+use palpate_core::quantity::any_number;
+use serde::{Deserialize, Serialize};
+
+/// A broken safety rule: stop, retract, record, report. The press is never retried automatically.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trip {
+    /// The broken rule.
+    pub rule: Rule,
+    /// Measured value, in `unit`.
+    #[serde(with = "any_number")]
+    pub measured: f64,
+    /// Value that the rule allows, in `unit`.
+    #[serde(with = "any_number")]
+    pub limit: f64,
+    /// Unit of both values.
+    pub unit: String,
+}
+
+/// Rules under which a press continues.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rule {
+    /// The mean of 10 ms exceeds the force limit by more than the noise explains.
+    OverForce,
+    /// The stage's controller detected too large a force and ended the motion itself.
+    Guarded,
+    /// The mean of 10 ms is below zero by more than the noise explains.
+    WrongSign,
+    /// The cell repeats the same code; its noise makes that almost impossible.
+    Frozen,
+    /// The cell or its transmitter reports an overrange or a fault.
+    Unhealthy,
+    /// A reading that is not a number.
+    NotFinite,
+    /// No good reading for too long.
+    Stale,
+    /// The force in air is no longer zero, or no longer the zero of the run's start.
+    ZeroDrifted,
+    /// The noise in air is too large a fraction of the force limit.
+    Noisy,
+    /// The force doesn't change after a step into the specimen.
+    NoResponse,
+    /// The force vanished although the indenter didn't withdraw.
+    Fallen,
+    /// The contact pushes harder than the declared stiffness allows.
+    HardContact,
+    /// At the first press the force rises less than the declared least stiffness requires.
+    SofterThanDeclared,
+    /// The force rises much less than at the presses around.
+    SofterThanTaught,
+    /// The stage hasn't reported the end of a motion for too long.
+    StageSilent,
+    /// There is no contact where the surface must be.
+    NoContact,
+    /// The contact lasts after the indenter was withdrawn.
+    StillTouching,
+    /// The force couldn't be reached within the permitted depth or force.
+    OutOfReach,
+    /// The force wasn't reached within the allowed number of steps.
+    NoConvergence,
+    /// A place that was touched before now has its surface at another height.
+    SurfaceMoved,
+    /// Presses that were repeated felt as if made elsewhere: the array or the stage's zero moved sideways.
+    ZeroShifted,
+    /// The first touch came at a position where the frame has no specimen yet.
+    SurfaceElsewhere,
+    /// The force rose while z moved away, before there was a zero.
+    ForceRose,
+    /// The force fell further than a contact within the limit can explain.
+    ForceFell,
+    /// The load cell's reading in air is outside the allowed range.
+    ZeroOutside,
+    /// The zero changes when z moves a little away: the zero was measured in contact.
+    ZeroInContact,
+    /// The outputs changed before the first touch, but the force didn't.
+    OutputsMoved,
+    /// The load cell's gain, measured with a known weight, is wrong and isn't corrected.
+    GainOff,
+    /// No known weight rested on the load cell in time.
+    NoWeight,
+    /// The known weight wasn't removed from the load cell in time.
+    WeightLeftOn,
+    /// The readings of a known weight differ between repetitions.
+    WeightUnsteady,
+    /// The end point of a requested motion isn't safe.
+    NotPermitted,
+}
+
+impl Rule {
+    /// Name of the rule in files and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Rule::OverForce => "over-force",
+            Rule::Guarded => "guarded",
+            Rule::WrongSign => "wrong-sign",
+            Rule::Frozen => "frozen",
+            Rule::Unhealthy => "unhealthy",
+            Rule::NotFinite => "not-finite",
+            Rule::Stale => "stale",
+            Rule::ZeroDrifted => "zero-drifted",
+            Rule::Noisy => "noisy",
+            Rule::NoResponse => "no-response",
+            Rule::Fallen => "fallen",
+            Rule::HardContact => "hard-contact",
+            Rule::SofterThanDeclared => "softer-than-declared",
+            Rule::SofterThanTaught => "softer-than-taught",
+            Rule::StageSilent => "stage-silent",
+            Rule::NoContact => "no-contact",
+            Rule::StillTouching => "still-touching",
+            Rule::OutOfReach => "out-of-reach",
+            Rule::NoConvergence => "no-convergence",
+            Rule::SurfaceMoved => "surface-moved",
+            Rule::ZeroShifted => "zero-shifted",
+            Rule::SurfaceElsewhere => "surface-elsewhere",
+            Rule::ForceRose => "force-rose",
+            Rule::ForceFell => "force-fell",
+            Rule::ZeroOutside => "zero-outside",
+            Rule::ZeroInContact => "zero-in-contact",
+            Rule::OutputsMoved => "outputs-moved",
+            Rule::GainOff => "gain-off",
+            Rule::NoWeight => "no-weight",
+            Rule::WeightLeftOn => "weight-left-on",
+            Rule::WeightUnsteady => "weight-unsteady",
+            Rule::NotPermitted => "not-permitted",
+        }
+    }
+
+    /// First thing to check.
+    pub fn check(self) -> &'static str {
+        match self {
+            Rule::OverForce => "check whether the specimen is stiffer than `limits.stiffness_n_mm`",
+            Rule::Guarded => "the controller's guard ended the motion: check what the indenter pressed on",
+            Rule::WrongSign => "check the load cell's wiring: pressing must read positive",
+            Rule::Frozen => "check that the transmitter still converts; reconnect the load cell",
+            Rule::Unhealthy => "check that the load cell is within its range and its cable is undamaged",
+            Rule::NotFinite => "check that the register map fits the transmitter",
+            Rule::Stale => "check whether the load cell's link is slow or broken",
+            Rule::ZeroDrifted => {
+                "check whether something touches the indenter, or the cell has drifted since it was zeroed"
+            }
+            Rule::Noisy => "check the cell for vibration, and that its range suits this force limit",
+            Rule::NoResponse => "check that the load cell still measures, and that the specimen hasn't slipped",
+            Rule::Fallen => "check whether the specimen slipped or tore, or the load cell's cable is loose",
+            Rule::HardContact => {
+                "check what the indenter presses on, and whether `limits.stiffness_n_mm` is right for it"
+            }
+            Rule::SofterThanDeclared => {
+                "check whether the load cell reads too little (`palpate doctor --check-weight-n`), or the specimen is \
+                 softer than `limits.stiffness_least_n_mm`"
+            }
+            Rule::SofterThanTaught => {
+                "check whether the load cell reads less than before (`palpate doctor --check-weight-n`), or the specimen tore or slipped"
+            }
+            Rule::StageSilent => "the motion ended without a command: check whether the stage's link is slow or broken",
+            Rule::NoContact => {
+                "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface"
+            }
+            Rule::StillTouching => "check whether the indenter sticks, or the surface is higher than measured before",
+            Rule::OutOfReach => {
+                "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force"
+            }
+            Rule::NoConvergence => "check why the load cell is much noisier than when it was zeroed",
+            Rule::SurfaceMoved => "check whether the specimen or the rig has moved; put it back, or start a new run",
+            Rule::ZeroShifted => {
+                "bring the stage to its zero again, more exactly, and check that the array is where it was; then `palpate resume`"
+            }
+            Rule::SurfaceElsewhere => {
+                "the specimen is nearer than `frame.surface_mm`; with a larger `uncertainty`, `palpate align` finds the surface"
+            }
+            Rule::ForceRose => {
+                "the stage has stopped and wasn't parked: free the indenter by hand, then check `frame.down` and the way of z"
+            }
+            Rule::ForceFell => "check whether something pulls at the indenter, or the load cell's wires are swapped",
+            Rule::ZeroOutside => {
+                "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range in air"
+            }
+            Rule::ZeroInContact => "something touches the indenter after homing: remove it",
+            Rule::OutputsMoved => "the array detected a contact but the load cell didn't: check the load cell",
+            Rule::GainOff => {
+                "the rig's `check` found that the load cell's gain is off: repair it and check it again, or adjust with \
+                 `palpate doctor --check-weight-n N --adjust`"
+            }
+            Rule::NoWeight => "check that the weight was put on and didn't move, and that the load cell measures",
+            Rule::WeightLeftOn => "check that the weight was taken off, and that nothing touches the tip",
+            Rule::WeightUnsteady => "check that the weight acts along z each time, and is heavy enough for this cell",
+            Rule::NotPermitted => "check `limits` and `frame` of the rig",
+        }
+    }
+}
+
+impl Trip {
+    /// Creates a broken rule with its numbers.
+    pub fn new(rule: Rule, measured: f64, limit: f64, unit: &str) -> Self {
+        Trip { rule, measured, limit, unit: unit.to_owned() }
+    }
+}
+
+impl std::fmt::Display for Trip {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Trip { rule, measured, limit, unit } = self;
+        write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
+    }
+}

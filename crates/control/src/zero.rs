@@ -1,0 +1,188 @@
+//! Zero of the load cell in air, and its noise.
+
+use super::hum::Hum;
+use super::press::AirReadings;
+use palpate_core::quantity::ForceReading;
+
+/// Probability of a false alarm, per run of readings, at which repeated equal codes count as frozen.
+const FROZEN_ODDS: f64 = 1e-9;
+
+/// Fraction of repeated codes in air above which repetition doesn't indicate freezing, because the step is larger than the noise.
+const REPEATS_TOO_OFTEN: f64 = 0.5;
+
+/// Least correlation of neighbouring readings that counts, in sd of a chance correlation. The second constant is the largest
+/// correlation.
+const SHARED_SIGMAS: f64 = 3.0;
+const SHARED_MOST: f64 = 0.95;
+
+/// Largest ratio of the noise in air before a press to the noise at zeroing. The second constant is an additional allowance, N.
+const NOISE_FACTOR: f64 = 3.0;
+const NOISE_LEAST_N: f64 = 0.001;
+
+/// Least force that counts as contact, N.
+const DETECT_LEAST_N: f64 = 0.030;
+
+/// Least force of a single reading that counts as contact, in sd of the noise.
+const DETECT_SIGMAS: f64 = 8.0;
+
+/// Load cell reading in air; forces are relative to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Zero {
+    /// Reading at zero force, N.
+    pub offset_n: f64,
+    /// Standard deviation of one reading, N, hum included.
+    pub sigma_n: f64,
+    /// Standard deviation of one reading without the part that a mean over complete periods removes, N.
+    pub noise_n: f64,
+    /// Fraction of one reading's noise that the next reading contains too, 0 to 1. After a filter, neighbouring readings are
+    /// alike.
+    pub shared: f64,
+    /// Smallest step between two readings, N; 0 if no two readings were the same.
+    pub step_n: f64,
+    /// Standard deviation of the offset itself, N.
+    pub offset_sigma_n: f64,
+    /// Mains hum in the readings; `None` if no hum is visible.
+    pub hum: Option<Hum>,
+    /// Number of equal readings in a row that means a frozen cell; `None` if a healthy cell repeats its readings too.
+    pub frozen_after: Option<u32>,
+}
+
+impl Zero {
+    /// Returns a zero with offset 0, of a cell with this noise and without hum.
+    pub const fn with_noise(sigma_n: f64) -> Zero {
+        Zero {
+            offset_n: 0.0,
+            sigma_n,
+            noise_n: sigma_n,
+            shared: 0.0,
+            step_n: 0.0,
+            offset_sigma_n: 0.0,
+            hum: None,
+            frozen_after: None,
+        }
+    }
+
+    /// Returns the zero of at least two readings in air that are `conversion_s` apart. The caller must reject readings that
+    /// aren't finite.
+    pub fn of(readings: &[ForceReading], conversion_s: f64) -> Zero {
+        let n = readings.len().max(2) as f64;
+        let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
+        let variance = readings.iter().map(|r| (r.force_n - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        let hum = Hum::find(readings, conversion_s);
+        let averaged = hum.filter(|hum| hum.whole_s.is_some()).map_or(0.0, |hum| hum.amplitude_n.powi(2) / 2.0);
+        let noise_n = (variance - averaged).max(0.0).sqrt();
+        let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
+        codes.sort_by(f64::total_cmp);
+        Zero {
+            offset_n: mean,
+            sigma_n: variance.sqrt(),
+            noise_n,
+            // hum is shared too, and averaged otherwise
+            shared: if hum.is_some() { 0.0 } else { shared(readings, mean) },
+            step_n: step_n(&codes),
+            offset_sigma_n: noise_n / n.sqrt(),
+            hum,
+            frozen_after: frozen_after(&codes),
+        }
+    }
+
+    /// Returns the zero of the same cell relative to newer air.
+    #[must_use]
+    pub fn counted_from(&self, air: &AirReadings) -> Zero {
+        Zero { offset_n: air.mean_n, offset_sigma_n: self.sigma_own_n(air.readings), ..*self }
+    }
+
+    /// Standard deviation of the mean of some readings by their own noise, N, with the readings treated as independent.
+    pub fn sigma_own_n(&self, readings: u32) -> f64 {
+        self.noise_n / f64::from(readings.max(1)).sqrt()
+    }
+
+    /// Standard deviation of the mean of some readings as a force, N: the noise of the readings and that of the zero.
+    pub fn sigma_mean_n(&self, readings: u32) -> f64 {
+        self.sigma_own_n(readings).hypot(self.offset_sigma_n)
+    }
+
+    /// Standard deviation of the mean of some readings by their own noise, N. Neighbouring readings with common noise count as
+    /// fewer readings.
+    pub fn noise_of_mean_n(&self, readings: u32) -> f64 {
+        let fewer = (1.0 + self.shared) / (1.0 - self.shared);
+        self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
+    }
+
+    /// Duration of a mean that must take at least `least_s`, s: complete periods of the hum, if there is any.
+    pub fn mean_s(&self, least_s: f64) -> f64 {
+        self.hum.map_or(least_s, |hum| hum.whole_s(least_s))
+    }
+
+    /// Largest acceptable noise in air, N. Above this value the noise has grown.
+    pub fn noise_most_n(&self) -> f64 {
+        NOISE_FACTOR * self.sigma_n + NOISE_LEAST_N
+    }
+
+    /// Force above which one reading means contact, N.
+    pub fn detect_n(&self) -> f64 {
+        DETECT_LEAST_N.max(DETECT_SIGMAS * self.sigma_n)
+    }
+}
+
+/// Correlation of readings with the next readings, 0 to [`SHARED_MOST`]. It is 0 unless it exceeds chance.
+fn shared(readings: &[ForceReading], mean_n: f64) -> f64 {
+    let off = |reading: &ForceReading| reading.force_n - mean_n;
+    let following: f64 = readings.windows(2).map(|pair| off(&pair[0]) * off(&pair[1])).sum();
+    let squares: f64 = readings.iter().map(|reading| off(reading).powi(2)).sum();
+    let by_chance = SHARED_SIGMAS / (readings.len().max(1) as f64).sqrt();
+    let correlation = if squares > 0.0 { following / squares } else { 0.0 };
+    if correlation > by_chance { correlation.min(SHARED_MOST) } else { 0.0 }
+}
+
+/// Smallest step between two readings, if some readings are equal, N. `codes` are sorted.
+fn step_n(codes: &[f64]) -> f64 {
+    let steps = codes.windows(2).map(|pair| pair[1] - pair[0]);
+    if steps.clone().all(|step| step > 0.0) {
+        return 0.0;
+    }
+    let least = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
+}
+
+/// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes in air agree. It is
+/// doubled, because a reading can be read twice between two conversions. `codes` are sorted.
+fn frozen_after(codes: &[f64]) -> Option<u32> {
+    let n = codes.len() as f64;
+    let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));
+    let agree: f64 = runs.sum();
+    if !(agree > 0.0 && agree < REPEATS_TOO_OFTEN) {
+        return None;
+    }
+    Some(2 * (FROZEN_ODDS.ln() / agree.ln()).ceil() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::quantity::{Health, stream};
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    fn readings(sigma_n: f64) -> Vec<ForceReading> {
+        let mut rng = stream(1, 0, "test");
+        let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
+        let reading = |n: f64| ForceReading { at_s: 0.0, force_n: n, health: Health::default() };
+        (0..100).map(|_| reading(((0.25 + sigma_n * draw()) * 1000.0).round() / 1000.0)).collect()
+    }
+
+    #[test]
+    fn offset_noise_and_its_error_are_found() {
+        let zero = Zero::of(&readings(0.003), 0.001);
+        assert!((zero.offset_n - 0.25).abs() < 0.001);
+        assert!((zero.sigma_n - 0.003).abs() < 0.0006);
+        assert!((zero.sigma_mean_n(4) - zero.noise_n.hypot(zero.noise_n / 5.0) / 2.0).abs() < 1e-9);
+        // 3 mN of noise on a 1 mN step: two codes agree once in eleven, nine in a row once in a thousand million
+        assert!((18..=22).contains(&zero.frozen_after.unwrap()), "{:?}", zero.frozen_after);
+    }
+
+    #[test]
+    fn a_cell_without_noise_is_never_called_frozen() {
+        assert_eq!(Zero::of(&readings(0.0), 0.001).frozen_after, None);
+    }
+}

@@ -1,0 +1,11 @@
+//! What every part of palpate speaks of: quantities with units, and the mechanics of an elastic cover.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`quantity`] | the vocabulary, with units and frames |
+//! | [`mechanics`] | linear elasticity: what a taxel reads of a load |
+//! | [`parallel`] | work on all processors |
+
+pub mod mechanics;
+pub mod parallel;
+pub mod quantity;

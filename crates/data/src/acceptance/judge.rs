@@ -1,0 +1,505 @@
+//! The only verdict: measured values of a sensor, compared with a rule.
+
+use super::bound::{CONFIDENCE, MEAN_PRESSES_LEAST, mean_upper, quantile_least, quantile_upper, share_lower};
+use super::rule::{Decision, Figure, Limit, Rule};
+use palpate_core::quantity::percentile;
+use serde::{Deserialize, Serialize};
+
+/// Percentile that can be limited, as a fraction.
+const PERCENTILE: f64 = 0.95;
+
+/// One-sided 95 % quantile of the normal distribution. It is the factor for the contribution of the truth's standard uncertainty
+/// to a bound.
+const NORMAL_95: f64 = 1.645;
+
+/// Whether a sensor satisfies a rule.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Every figure is within its limit; with a guarded rule, the bound of every figure is within its limit.
+    Accepted,
+    /// A figure exceeds its limit.
+    NotAccepted,
+    /// Too little was measured to decide.
+    NotDecided,
+}
+
+/// Measured quantities of a sensor that a rule can use.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Measured {
+    /// Number of calibration presses that count.
+    pub calibration_presses: usize,
+    /// Number of test presses that count.
+    pub test_presses: usize,
+    /// Number of test presses for which the method has no answer.
+    pub test_unsolved: usize,
+    /// Number of test presses that equal a calibration press in every digit.
+    pub test_repeats_calibration: usize,
+    /// Number of test presses that equal another test press in every digit.
+    pub test_repeats_itself: usize,
+    /// Number of test presses at places that the calibration also pressed.
+    pub at_calibrated_places: usize,
+    /// Whether the method assumes that every contact has the force of the calibration.
+    pub constant_load: bool,
+    /// Description of the run that isn't complete.
+    pub incomplete: Option<String>,
+    /// Location errors, mm; `None` if there was no test.
+    pub location: Option<Errors>,
+    /// Absolute force errors, N; `None` if no true force is known.
+    pub force: Option<Errors>,
+    /// Figures of single units, the worst value for each kind.
+    pub worst: Vec<Worst>,
+    /// Number of dead or saturated channels; `None` if there was no calibration.
+    pub broken_channels: Option<usize>,
+    /// Number of flagged presses of calibration and test.
+    pub flagged_presses: usize,
+}
+
+/// Errors of the test presses.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// Sizes of the errors, mm or N, in any order.
+    pub sizes: Vec<f64>,
+    /// Standard uncertainty of the truth that is common to all errors, mm or N; `None` if it is unknown.
+    pub u_truth: Option<f64>,
+}
+
+/// Worst value of a figure that every unit or channel has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Worst {
+    /// The figure.
+    pub figure: Figure,
+    /// Its largest value among the units.
+    pub value: f64,
+    /// Largest of the units' upper bounds; `None` if one unit has no bound.
+    pub upper: Option<f64>,
+    /// Number of readings for a unit's value.
+    pub n: usize,
+    /// Number of units or channels without a value.
+    pub missing: usize,
+}
+
+/// Result of checking one limit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// Key that sets the limit.
+    pub figure: &'static str,
+    /// Measured value; `None` if it wasn't measured.
+    pub value: Option<f64>,
+    /// One-sided 95 % bound of the value, including the bench's uncertainty; for a fraction the lower bound. Only with a guarded
+    /// rule.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bound: Option<f64>,
+    /// The limit, in the figure's unit.
+    pub limit: f64,
+    /// For a fraction: the largest error that counts, mm or N.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reach: Option<f64>,
+    /// Number of presses or readings.
+    pub n: usize,
+    /// The result of this limit alone.
+    pub verdict: Verdict,
+    /// Reason why the value isn't accepted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Warning to the reader about a figure that is accepted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub warning: Option<String>,
+    /// The figure itself.
+    #[serde(skip)]
+    pub kind: Figure,
+}
+
+/// A verdict and the data on which it is based.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Judgement {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// `simple` or `guarded`.
+    pub rule: &'static str,
+    /// Method that finds places and forces.
+    pub method: String,
+    /// File that gave the rule after the run; `None` if the run's own recipe gave it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub judged_afterwards_by: Option<String>,
+    /// Number of calibration presses that count.
+    pub calibration_presses: usize,
+    /// Number of test presses that count.
+    pub test_presses: usize,
+    /// Reasons why there is no decision that apply to any limits.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reasons: Vec<String>,
+    /// Notes to the reader about the presses that count.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Checks, one for each limit.
+    pub checks: Vec<Check>,
+}
+
+/// Compares the measured values with a rule. This is the only function that decides.
+pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
+    let checks: Vec<Check> = rule.limits.iter().map(|limit| check(limit, rule.decision, measured)).collect();
+    let reasons = reasons(rule, measured);
+    let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
+    let verdict = match () {
+        // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
+        () if measured.test_repeats_calibration > 0 => Verdict::NotDecided,
+        () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
+        () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
+        () => Verdict::Accepted,
+    };
+    Judgement {
+        verdict,
+        rule: rule.decision.word(),
+        method: rule.method.clone(),
+        judged_afterwards_by: rule.afterwards_by.clone(),
+        calibration_presses: measured.calibration_presses,
+        test_presses: measured.test_presses,
+        reasons,
+        notes: notes(measured),
+        checks,
+    }
+}
+
+/// Returns notes for the reader about the counted presses, for any verdict.
+fn notes(measured: &Measured) -> Vec<String> {
+    let Measured { at_calibrated_places: at, flagged_presses: flagged, test_presses, .. } = measured;
+    let all = [
+        (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
+        (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
+        measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+/// Returns the reasons why nothing can be decided for any limits.
+fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
+    let fewer = |what: &str, found: usize, least: usize| {
+        (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
+    };
+    // a rule that limits neither places nor forces needs no presses for them
+    let is_of_test = rule.limits.iter().any(|limit| limit.figure.is_of_test());
+    let (repeated, twice) = (measured.test_repeats_calibration, measured.test_repeats_itself);
+    let twice =
+        (twice > 0).then(|| format!("{twice} of {} test presses are identical to another one", measured.test_presses));
+    let repeats = (repeated > 0)
+        .then(|| format!("{repeated} of {} test presses are identical to calibration presses", measured.test_presses));
+    let all = [
+        measured.incomplete.clone(),
+        repeats,
+        twice,
+        fewer("calibration", measured.calibration_presses, rule.calibration_presses_least).filter(|_| is_of_test),
+        fewer("test", measured.test_presses, rule.test_presses_least).filter(|_| is_of_test),
+    ];
+    all.into_iter().flatten().collect()
+}
+
+/// Value, its bound or the reason why it has none, and the number of presses or readings.
+struct Found {
+    value: f64,
+    bound: Result<f64, String>,
+    n: usize,
+}
+
+fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
+    let Limit { figure, limit: most, reach } = *limit;
+    let blank = Check {
+        figure: figure.key(),
+        value: None,
+        bound: None,
+        limit: most,
+        reach,
+        n: 0,
+        verdict: Verdict::NotDecided,
+        reason: None,
+        warning: None,
+        kind: figure,
+    };
+    let Found { value, bound, n } = match found(limit, measured) {
+        Ok(found) => found,
+        Err(reason) => return Check { reason: Some(reason), ..blank },
+    };
+    let keeps = |value: f64| if figure.is_share() { value >= most } else { value <= most };
+    let (verdict, reason) = match (decision, &bound) {
+        _ if !keeps(value) => (Verdict::NotAccepted, Some("exceeds the limit".to_owned())),
+        (Decision::Simple, _) => (Verdict::Accepted, None),
+        (Decision::Guarded, Ok(bound)) if keeps(*bound) => (Verdict::Accepted, None),
+        (Decision::Guarded, Ok(_)) => (Verdict::NotDecided, Some("its bound exceeds the limit".to_owned())),
+        (Decision::Guarded, Err(why)) => (Verdict::NotDecided, Some(why.clone())),
+    };
+    let reason = reason.map(|told| if figure.is_share() { told.replace("exceeds", "is below") } else { told });
+    // few repeats leave a unit's figure open: with five a repeatability scatters by a third
+    let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
+    let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
+        let (bound, unit) = (figure.shown(*bound, figure.digits()), figure.unit());
+        format!("within the limit, but with {n} repeats its bound is {bound} {unit}")
+    });
+    let bound = bound.ok().filter(|_| decision == Decision::Guarded);
+    Check { value: Some(value), bound, n, verdict, reason, warning, ..blank }
+}
+
+fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
+    let errors_of = |errors: &Option<Errors>, missing: &str| match errors {
+        Some(errors) => of_errors(limit, errors, measured.test_unsolved),
+        None => Err(missing.to_owned()),
+    };
+    match limit.figure {
+        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+            errors_of(&measured.location, "no test was evaluated")
+        }
+        Figure::ForceMean | Figure::ForceP95 | Figure::ForceWithin => {
+            errors_of(&measured.force, "no true force is known")
+        }
+        Figure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
+        Figure::FlaggedPresses => {
+            counted(Some(measured.flagged_presses), measured.calibration_presses + measured.test_presses)
+        }
+        figure => {
+            let worst = measured.worst.iter().find(|worst| worst.figure == figure);
+            let how = if figure == Figure::Noise { "a run" } else { "a step with `staircase`" };
+            let worst = worst.ok_or_else(|| format!("not measured: {how} of palpate measures it"))?;
+            let Worst { value, upper, n, missing, .. } = *worst;
+            if missing > 0 {
+                let noun = if figure == Figure::Noise { "channels" } else { "units" };
+                return Err(format!("{missing} {noun} have no value (not measured, or without an output)"));
+            }
+            Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
+        }
+    }
+}
+
+/// Returns a count in this sample. Its bound is the count itself.
+fn counted(count: Option<usize>, n: usize) -> Result<Found, String> {
+    let value = count.ok_or("it was not measured")? as f64;
+    Ok(Found { value, bound: Ok(value), n })
+}
+
+fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, String> {
+    let n = errors.sizes.len() + unsolved;
+    let mut sorted = errors.sizes.clone();
+    sorted.sort_by(f64::total_cmp);
+    // a press without an answer is farther off than any limit
+    sorted.extend(std::iter::repeat_n(f64::INFINITY, unsolved));
+    if n == 0 {
+        return Err("no test was evaluated".to_owned());
+    }
+    let truth = errors.u_truth.map(|u| NORMAL_95 * u).ok_or_else(|| unknown_truth(limit.figure));
+    let fewer = |least: usize| format!("{n} test presses; its {:.0} % bound needs {least}", 100.0 * CONFIDENCE);
+    match limit.figure {
+        Figure::LocationMean | Figure::ForceMean => {
+            if unsolved > 0 {
+                return Err(format!("{unsolved} test presses have no answer, so there is no mean"));
+            }
+            let value = sorted.iter().sum::<f64>() / n as f64;
+            let bound = mean_upper(&sorted).ok_or_else(|| fewer(MEAN_PRESSES_LEAST));
+            Ok(Found { value, bound: widened_by(value, bound, truth), n })
+        }
+        Figure::LocationP95 | Figure::ForceP95 => {
+            let value = percentile(&sorted, PERCENTILE);
+            let bound = quantile_upper(&sorted, PERCENTILE).ok_or_else(|| fewer(quantile_least(PERCENTILE)));
+            Ok(Found { value, bound: widened_by(value, bound, truth), n })
+        }
+        _ => {
+            let reach = limit.reach.unwrap_or_default();
+            let count = |reach: f64| sorted.iter().filter(|size| **size <= reach).count();
+            let value = count(reach) as f64 / n as f64;
+            // an error that the truth's own uncertainty could hide doesn't count as within
+            Ok(Found { value, bound: truth.map(|truth| share_lower(count(reach - truth), n)), n })
+        }
+    }
+}
+
+/// The bound with the uncertainty of the truth; or every reason why there is none.
+fn widened_by(value: f64, bound: Result<f64, String>, truth: Result<f64, String>) -> Result<f64, String> {
+    match (bound, truth) {
+        (Ok(bound), Ok(truth)) => Ok(widened(value, bound, truth)),
+        (Err(few), Err(unknown)) => Err(format!("{few}; {unknown}")),
+        (Err(why), _) | (_, Err(why)) => Err(why),
+    }
+}
+
+fn unknown_truth(figure: Figure) -> String {
+    match figure {
+        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+            "the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)".to_owned()
+        }
+        _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
+    }
+}
+
+/// Combines the bound from the presses' scatter with the possible error of the truth. Both are for 95 % and independent.
+fn widened(value: f64, bound: f64, truth: f64) -> f64 {
+    value + (bound - value).max(0.0).hypot(truth)
+}
+
+impl Judgement {
+    /// Returns the reasons why the sensor isn't accepted: first the reasons that don't depend on the limits, then each limit that
+    /// isn't satisfied. Also returns the warnings about satisfied limits.
+    pub fn all_reasons(&self) -> impl Iterator<Item = String> {
+        let of_check = |check: &Check| {
+            let reason = check.reason.as_ref().or(check.warning.as_ref())?;
+            Some(format!("{}: {reason}", check.kind.full_name(check.reach)))
+        };
+        self.reasons.iter().cloned().chain(self.checks.iter().filter_map(of_check))
+    }
+}
+
+impl Check {
+    /// Returns a value of the figure without its unit, with enough digits to distinguish the result from the limit.
+    pub fn shown(&self, value: Option<f64>) -> String {
+        let Some(value) = value else { return "-".to_owned() };
+        let tells = |digits: &usize| {
+            let found = self.value.filter(|found| *found != self.limit);
+            found.is_none_or(|found| self.kind.shown(found, *digits) != self.kind.shown(self.limit, *digits))
+        };
+        let digits = (self.kind.digits()..DIGITS_MOST).find(tells).unwrap_or(DIGITS_MOST);
+        self.kind.shown(value, digits)
+    }
+}
+
+/// Largest number of a value's digits after the decimal point.
+const DIGITS_MOST: usize = 9;
+
+impl Verdict {
+    /// Describes the verdict in words.
+    pub const fn told(self) -> &'static str {
+        match self {
+            Verdict::Accepted => "accepted",
+            Verdict::NotAccepted => "not accepted",
+            Verdict::NotDecided => "not decided",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rule(decision: Decision, limits: &[(Figure, f64, Option<f64>)]) -> Rule {
+        Rule {
+            decision,
+            method: "best".to_owned(),
+            calibration_presses_least: 10,
+            test_presses_least: 2,
+            limits: limits.iter().map(|&(figure, limit, reach)| Limit { figure, limit, reach }).collect(),
+            afterwards_by: None,
+        }
+    }
+
+    /// A hundred errors of 0.01 to 1.00 mm.
+    fn measured() -> Measured {
+        let sizes = (1..=100).map(|rank| 0.01 * f64::from(rank)).collect();
+        Measured {
+            calibration_presses: 100,
+            test_presses: 100,
+            location: Some(Errors { sizes, u_truth: Some(0.0) }),
+            worst: vec![Worst { figure: Figure::Repeatability, value: 2.0, upper: Some(4.0), n: 20, missing: 0 }],
+            broken_channels: Some(0),
+            ..Measured::default()
+        }
+    }
+
+    fn verdict(decision: Decision, limit: (Figure, f64, Option<f64>), measured: &Measured) -> (Verdict, String) {
+        let judgement = judge(&rule(decision, &[limit]), measured);
+        (judgement.verdict, judgement.all_reasons().collect::<Vec<_>>().join("; "))
+    }
+
+    #[test]
+    fn a_figure_its_bound_and_the_limit_decide() {
+        // mean 0.505, its bound 0.555; 95th percentile 0.95, its bound the 99th; 90 within 0.9, at least 83.6 % of all
+        for (limit, verdicts) in [
+            ((Figure::LocationMean, 0.504, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationMean, 0.53, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationMean, 0.56, None), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::LocationP95, 0.95, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationP95, 0.98, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationP95, 0.991, None), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::LocationWithin, 0.91, Some(0.9)), [Verdict::NotAccepted, Verdict::NotAccepted]),
+            ((Figure::LocationWithin, 0.85, Some(0.9)), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::LocationWithin, 0.83, Some(0.9)), [Verdict::Accepted, Verdict::Accepted]),
+            ((Figure::Repeatability, 3.0, None), [Verdict::Accepted, Verdict::NotDecided]),
+            ((Figure::BrokenChannels, 0.0, None), [Verdict::Accepted, Verdict::Accepted]),
+        ] {
+            let found = [Decision::Simple, Decision::Guarded].map(|decision| verdict(decision, limit, &measured()).0);
+            assert_eq!(found, verdicts, "{limit:?}");
+        }
+    }
+
+    #[test]
+    fn a_simple_rule_warns_where_the_repeats_leave_a_units_figure_open() {
+        let judgement = judge(&rule(Decision::Simple, &[(Figure::Repeatability, 3.0, None)]), &measured());
+        assert_eq!(judgement.verdict, Verdict::Accepted);
+        let told: Vec<String> = judgement.all_reasons().collect();
+        assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 repeats its bound is 4.00 %"]);
+    }
+
+    #[test]
+    fn what_was_found_is_told_from_the_limit_however_near_they_are() {
+        let shown = |limit| {
+            let check =
+                judge(&rule(Decision::Simple, &[(Figure::LocationMean, limit, None)]), &measured()).checks[0].clone();
+            [check.shown(check.value), check.shown(Some(limit)), check.shown(None)]
+        };
+        assert_eq!(shown(1.0), ["0.505", "1.000", "-"]);
+        assert_eq!(shown(0.504_96), ["0.50500", "0.50496", "-"]);
+        assert_eq!(shown(1e30)[1], "1.0e30");
+    }
+
+    #[test]
+    fn what_the_truth_may_be_off_by_widens_each_bound() {
+        let mut measured = measured();
+        let bound = |measured: &Measured, figure, reach| {
+            judge(&rule(Decision::Guarded, &[(figure, 0.5, reach)]), measured).checks[0].bound
+        };
+        let figures = [(Figure::LocationMean, None), (Figure::LocationP95, None), (Figure::LocationWithin, Some(0.9))];
+        let exact = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
+        measured.location.as_mut().unwrap().u_truth = Some(0.1);
+        let widened = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
+        let expected = 0.505 + (exact[0] - 0.505).hypot(0.1645);
+        assert!((widened[0] - expected).abs() < 1e-9, "{widened:?}");
+        assert!(widened[1] > exact[1] && widened[2] < exact[2], "{exact:?} {widened:?}");
+        measured.location.as_mut().unwrap().u_truth = None;
+        let (found, why) = verdict(Decision::Guarded, (Figure::LocationMean, 5.0, None), &measured);
+        assert_eq!(found, Verdict::NotDecided);
+        assert_eq!(
+            why,
+            "location error, mean: the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)"
+        );
+    }
+
+    #[test]
+    fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
+        let limit = (Figure::LocationMean, 5.0, None);
+        let few = Measured { calibration_presses: 9, ..measured() };
+        let told = "9 valid calibration presses; the rule requires 10".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &few), (Verdict::NotDecided, told));
+        let unsolved = Measured { test_unsolved: 3, ..measured() };
+        let told = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (Verdict::NotDecided, told));
+        // without an answer they are beyond any distance
+        let within = (Figure::LocationWithin, 0.98, Some(5.0));
+        assert_eq!(verdict(Decision::Simple, within, &unsolved).0, Verdict::NotAccepted);
+        let twice = Measured { test_repeats_itself: 99, ..measured() };
+        let told = "99 of 100 test presses are identical to another one".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &twice), (Verdict::NotDecided, told));
+        let stopped = Measured { incomplete: Some("run is stopped: 90 of 100 presses".to_owned()), ..measured() };
+        assert_eq!(verdict(Decision::Simple, limit, &stopped).0, Verdict::NotDecided);
+        let mut unmeasured = measured();
+        unmeasured.worst[0].missing = 1;
+        assert_eq!(verdict(Decision::Simple, (Figure::Repeatability, 5.0, None), &unmeasured).0, Verdict::NotDecided);
+        let repeated = Measured { test_repeats_calibration: 100, ..measured() };
+        let told = "100 of 100 test presses are identical to calibration presses".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &repeated), (Verdict::NotDecided, told));
+        let untested = Measured { location: None, ..measured() };
+        assert_eq!(verdict(Decision::Simple, limit, &untested).1, "location error, mean: no test was evaluated");
+    }
+
+    #[test]
+    fn one_limit_that_is_exceeded_outweighs_one_that_is_undecided() {
+        let limits = [(Figure::LocationMean, 0.4, None), (Figure::ForceMean, 0.1, None)];
+        let judgement = judge(&rule(Decision::Simple, &limits), &measured());
+        assert_eq!(judgement.verdict, Verdict::NotAccepted);
+        let reasons: Vec<String> = judgement.all_reasons().collect();
+        assert_eq!(reasons, ["location error, mean: exceeds the limit", "force error, mean: no true force is known"]);
+    }
+}

@@ -1,0 +1,361 @@
+//! Makes an evaluation from presses: selects the test presses and the source of the true forces.
+
+use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection, check_places};
+use super::{Press, Presses};
+use crate::acceptance::Measured;
+use crate::recipe::Phase;
+use miette::Diagnostic;
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_solver::{
+    Calibration, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver,
+    TestPress, Workspace, evaluate,
+};
+use std::collections::HashSet;
+use std::hint::black_box;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+/// Time for which solves are repeated to measure the time of one solve. It is long compared with the clock's resolution, and
+/// short for a user who waits.
+const TIMED: Duration = Duration::from_millis(20);
+
+/// Distance below which two places are the same, mm.
+const SAME_PLACE_MM: f64 = 0.001;
+
+/// Reason why there is no evaluation; all reasons are exit code 2.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum EvaluateError {
+    /// The presses are unsuitable for calibration, or there are none.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Calibrate(#[from] CalibrateError),
+    /// The two tables are from different arrays.
+    #[error("{calibration} has {calibration_channels} outputs (out_1..), {test} has {test_channels}")]
+    #[diagnostic(help("calibrate and test with the same array, and keep all its outputs in both tables"))]
+    Channels {
+        /// Table of the calibration.
+        calibration: String,
+        /// Number of its outputs.
+        calibration_channels: usize,
+        /// Table of the test.
+        test: String,
+        /// Number of its outputs.
+        test_channels: usize,
+    },
+    /// The test can't be evaluated.
+    #[error("{source_name}: can't be evaluated")]
+    Evaluation {
+        /// Run or table of the test.
+        source_name: String,
+        /// Reason of the error.
+        source: EvaluationError,
+    },
+}
+
+impl EvaluateError {
+    /// Returns the error and its cause in one line. The cause states the problem.
+    pub fn told(&self) -> String {
+        let cause = std::error::Error::source(self).map(|cause| format!(": {cause}")).unwrap_or_default();
+        format!("{self}{cause}")
+    }
+
+    /// Whether the error may concern only this solver, so that another solver could be evaluated.
+    pub fn is_of_solver(&self) -> bool {
+        matches!(self, EvaluateError::Calibrate(CalibrateError::Fit { .. }) | EvaluateError::Evaluation { .. })
+    }
+}
+
+/// A calibration and a test of known truth, for any number of methods. Flagged presses are excluded and counted.
+pub struct Trial<'a> {
+    calibration: Selection<'a>,
+    test: Selection<'a>,
+    layout: Option<&'a ArrayLayout>,
+    load: ForceKnown,
+    force: &'static ForceColumn,
+    /// Whether the presses are those of a run. A run's forces are compared with the set forces and with the load cell's.
+    is_run: bool,
+    /// Data shared by all methods that are fitted to the calibration.
+    prepared: OnceLock<Prepared<'a>>,
+}
+
+impl<'a> Trial<'a> {
+    /// Takes a run's calibration presses and test presses. `force_error_n` uses the commanded force for both, as in the paper.
+    /// `force_error_load_cell_n` uses the load cell for both. Imported presses have no commanded force, so the table's force is
+    /// used.
+    pub fn of_run(presses: &'a Presses, layout: Option<&'a ArrayLayout>) -> Result<Self, EvaluateError> {
+        let calibration = Selection::of_phase(presses, Phase::Calibration)?;
+        let test = Selection::of_phase(presses, Phase::Test)?;
+        let is_run = calibration.knows(&COMMANDED) && test.knows(&COMMANDED);
+        let force = if is_run { &COMMANDED } else { &LOAD_CELL };
+        Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force, is_run, prepared: OnceLock::new() })
+    }
+
+    /// Takes a table for calibration and a table to solve. If one of them has no forces, only the location is evaluated.
+    pub fn of_tables(calibration: &'a Presses, test: &'a Presses) -> Result<Self, EvaluateError> {
+        check_channels(calibration, test)?;
+        let calibration = Selection::of_all(calibration, Phase::Calibration)?;
+        let test = Selection::of_all(test, Phase::Test)?;
+        let prepared = OnceLock::new();
+        Ok(Trial {
+            calibration,
+            test,
+            layout: None,
+            load: ForceKnown::default(),
+            force: &LOAD_CELL,
+            is_run: false,
+            prepared,
+        })
+    }
+
+    /// Sets the positions of the units, if they are known.
+    #[must_use]
+    pub fn with_layout(self, layout: Option<&'a ArrayLayout>) -> Self {
+        Trial { layout, prepared: OnceLock::new(), ..self }
+    }
+
+    /// Sets what is known about the load of the test.
+    #[must_use]
+    pub fn with_load(self, load: ForceKnown) -> Self {
+        Trial { load, prepared: OnceLock::new(), ..self }
+    }
+
+    /// Fits a method and solves the test with it.
+    pub fn evaluate(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
+        self.evaluate_fitted(solver).map(|(evaluation, _)| evaluation)
+    }
+
+    /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and also returns the fitted method.
+    pub fn evaluate_fitted(&self, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
+        let (mut evaluation, fitted) = self.by(self.force, self.prepared()?, solver)?;
+        if self.is_run {
+            // by its name: what was chosen isn't chosen again; of its answers the force alone counts
+            let by_load_cell = self.prepare(&LOAD_CELL, false)?;
+            let answers = self.by(&LOAD_CELL, &by_load_cell, fitted.name())?.0;
+            evaluation.force_error_load_cell_n = answers.force_error_n;
+        }
+        evaluation.choice = fitted.choice().cloned();
+        Ok((evaluation, fitted))
+    }
+
+    /// Solves the test with a method that was fitted to this calibration and to other data. Forces are those of the load cell.
+    pub fn evaluate_with(&self, fitted: &Fitted) -> Result<Evaluation, EvaluateError> {
+        self.evaluated(fitted, &LOAD_CELL)
+    }
+
+    /// Returns the test presses with the load cell's forces; `None` without forces.
+    pub fn tested(&self) -> Option<Calibration> {
+        self.test.calibration(&LOAD_CELL, self.load).ok()
+    }
+
+    /// Fits and evaluates a method like [`evaluate`](Self::evaluate), and measures its time.
+    pub fn evaluate_timed(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
+        let (mut evaluation, fitted) = self.evaluate_fitted(solver)?;
+        let presses = self.presses(self.force);
+        evaluation.ns_per_solve = ns_per_solve(&fitted, presses.iter().map(|press| press.outputs));
+        Ok(evaluation)
+    }
+
+    /// Evaluates only the answers, without the errors that a method states itself and without the load cell. The numbers are the
+    /// same as with [`evaluate`](Self::evaluate), but faster to compute.
+    pub fn answers(&self, solver: &str) -> Result<Evaluation, EvaluateError> {
+        self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)
+    }
+
+    /// Returns the quantities that an acceptance rule uses. Dead or saturated channels are those that no method uses.
+    pub fn counted(&self) -> Measured {
+        let bits = |press: &Press| -> Vec<u64> {
+            [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
+        };
+        let calibrated: HashSet<Vec<u64>> = self.calibration.iter().map(bits).collect();
+        let tested: HashSet<(Vec<u64>, Option<u64>)> =
+            self.test.iter().map(|press| (bits(press), press.force_n.map(f64::to_bits))).collect();
+        Measured {
+            calibration_presses: self.calibration.iter().count(),
+            test_presses: self.test.iter().count(),
+            test_repeats_itself: self.test.iter().count() - tested.len(),
+            at_calibrated_places: self.at_calibrated_places(),
+            constant_load: matches!(self.load, ForceKnown::Constant),
+            test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
+            broken_channels: self.prepared().ok().map(|prepared| prepared.broken().len()),
+            flagged_presses: self.calibration.flagged + self.test.flagged,
+            ..Measured::default()
+        }
+    }
+
+    /// Returns the mean standard uncertainty of the test's forces, N; `None` if it is unknown for any of them.
+    pub fn u_force_n(&self) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.test.iter().map(|press| press.u_force_n).collect();
+        let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
+        ErrorSummary::of(&all?).map(|summary| summary.mean)
+    }
+
+    /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].
+    fn at_calibrated_places(&self) -> usize {
+        let grain = |place: Place| [place.x_mm, place.y_mm].map(|mm| (mm / SAME_PLACE_MM).round() as i64);
+        let calibrated: HashSet<[i64; 2]> = self.calibration.iter().map(|press| grain(press.place())).collect();
+        self.test.iter().filter(|press| calibrated.contains(&grain(press.place()))).count()
+    }
+
+    /// Returns the calibration, prepared once for all methods.
+    fn prepared(&self) -> Result<&Prepared<'a>, EvaluateError> {
+        match self.prepared.get() {
+            Some(prepared) => Ok(prepared),
+            None => {
+                let prepared = self.prepare(self.force, true)?;
+                Ok(self.prepared.get_or_init(|| prepared))
+            }
+        }
+    }
+
+    /// Prepares the calibration. For `appraised`, see [`Setting::appraised`].
+    fn prepare(&self, force: &ForceColumn, appraised: bool) -> Result<Prepared<'a>, EvaluateError> {
+        let calibration = self.calibration.calibration(force, self.load)?;
+        check_places(self.calibration.source(), &calibration)?;
+        let setting = Setting { load: self.load, appraised, ..Setting::of_layout(self.layout) };
+        Prepared::new(calibration, &setting).map_err(|source| self.unfit(source))
+    }
+
+    fn by(
+        &self,
+        force: &ForceColumn,
+        prepared: &Prepared<'_>,
+        solver: &str,
+    ) -> Result<(Evaluation, Fitted), EvaluateError> {
+        let fitted = prepared.fit(solver).map_err(|source| self.unfit(source))?;
+        Ok((self.evaluated(&fitted, force)?, fitted))
+    }
+
+    fn evaluated(&self, fitted: &Fitted, force: &ForceColumn) -> Result<Evaluation, EvaluateError> {
+        let mut evaluation = evaluate(fitted, &self.presses(force))
+            .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
+        evaluation.left_out.calibration_flagged = self.calibration.flagged;
+        evaluation.left_out.test_flagged = self.test.flagged;
+        evaluation.at_calibrated_places = self.at_calibrated_places();
+        Ok(evaluation)
+    }
+
+    fn unfit(&self, source: FitError) -> EvaluateError {
+        CalibrateError::Fit { source_name: self.calibration.source().to_owned(), source }.into()
+    }
+
+    fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {
+        self.test.to_solve(force, self.calibration.knows(force))
+    }
+}
+
+/// Checks whether two tables can be from one array: both must have the same number of outputs.
+pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), EvaluateError> {
+    if calibration.channels != test.channels {
+        return Err(EvaluateError::Channels {
+            calibration: calibration.source.clone(),
+            calibration_channels: calibration.channels,
+            test: test.source.clone(),
+            test_channels: test.channels,
+        });
+    }
+    Ok(())
+}
+
+/// Whether a press of a run is part of its evaluation, flagged or not.
+pub fn is_to_evaluate(press: &Press) -> bool {
+    press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
+}
+
+/// Returns the mean time of a solve, ns. It is measured over complete passes through some readings, repeated until 20 ms are
+/// filled. `None` without readings.
+pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r [f64]> + Clone) -> Option<f64> {
+    let mut workspace = Workspace::default();
+    let (begun, mut solves) = (Instant::now(), 0);
+    while begun.elapsed() < TIMED {
+        for outputs in readings.clone() {
+            // what it answers is looked at elsewhere; here it only must not be left out
+            let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
+            solves += 1;
+        }
+    }
+    (solves > 0).then(|| begun.elapsed().as_nanos() as f64 / f64::from(solves))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    fn evaluate_tables(calibration: &Presses, test: &Presses, solver: &str) -> Result<Evaluation, EvaluateError> {
+        Trial::of_tables(calibration, test)?.evaluate(solver)
+    }
+
+    use crate::dataset::{Mapping, parse_table};
+
+    /// Reads the presses of a table with this text.
+    pub(crate) fn table(text: &str) -> Presses {
+        parse_table("a.csv", text.as_bytes(), &Mapping::default()).unwrap()
+    }
+
+    /// Reads the presses of a run's table, which has every column of a run.
+    pub(crate) fn run(text: &str) -> Presses {
+        let whole = |(index, line): (usize, &str)| {
+            format!("{line},{}\n", if index == 0 { "depth_mm,t_s,z_mm" } else { "0,0,0" })
+        };
+        table(&text.lines().enumerate().map(whole).collect::<String>())
+    }
+
+    /// Text of a small run. It contains flagged and unsolvable presses, and presses of another phase.
+    pub(crate) const RUN: &str = "\
+press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
+0,0,calibration,-1,0,1,0.8,1,0.5,
+1,0,calibration,1,0,1,0.8,0.5,1,
+2,0,calibration,1,0,1,1,5,1,trip
+3,0,test,-1,0,0.5,0.4,0.55,0.2,
+4,0,test,1,0,0.5,0.4,0.2,0.55,trip
+5,0,test,1,0,0.5,0.4,0.2,0.2,
+6,0,teach,1,0,0.5,0.4,0.2,0.2,
+";
+
+    #[test]
+    fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
+        let presses = run(RUN);
+        let layout = ArrayLayout::from_places(vec![palpate_core::quantity::Place::new(-1.0, 0.0); 2]);
+        let evaluation = Trial::of_run(&presses, Some(&layout)).unwrap().evaluate("pearson").unwrap();
+        assert_eq!((evaluation.points, evaluation.location_error_mm.max), (1, 0.0));
+        assert!((evaluation.force_error_n.unwrap().mean - 0.05).abs() < 1e-12); // 0.55 of 1 N against 0.5 N
+        assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N
+        let left_out = evaluation.left_out;
+        assert_eq!((left_out.calibration_flagged, left_out.test_flagged, left_out.test_unsolved), (1, 1, 1));
+    }
+
+    #[test]
+    fn plain_tables_need_no_force() {
+        let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
+        let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n1,0,2,4,2\n");
+        // newtons against shares of a typical press would mean nothing
+        for (calibration, test) in [(&calibration, &test), (&test, &calibration), (&calibration, &calibration)] {
+            let evaluation = evaluate_tables(calibration, test, "pearson").unwrap();
+            assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
+        }
+        assert_eq!(evaluate_tables(&test, &test, "pearson").unwrap().force_error_n.unwrap().max, 0.0);
+    }
+
+    #[test]
+    fn tables_that_do_not_fit_are_refused_by_line() {
+        let good = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
+        let other = table("x_mm,y_mm,out_1\n0,0,1\n");
+        assert!(matches!(evaluate_tables(&good, &other, "pearson"), Err(EvaluateError::Channels { .. })));
+        let unloaded = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,1,1,2\n\n0,0,0,1,2\n");
+        let refusal = evaluate_tables(&unloaded, &good, "pearson").unwrap_err().to_string();
+        assert!(refusal.contains("line 4, column `force_n`"), "{refusal}");
+        let flagged = table("x_mm,y_mm,out_1,out_2,flags\n0,0,1,2,bad\n");
+        let refusal = evaluate_tables(&good, &flagged, "pearson").unwrap_err();
+        let expected =
+            matches!(refusal, EvaluateError::Calibrate(CalibrateError::NoPresses { phase: "test", flagged: 1, .. }));
+        assert!(expected, "{refusal}");
+    }
+
+    #[test]
+    fn a_solve_is_timed_only_where_that_is_asked_for() {
+        let presses = run(RUN);
+        let trial = Trial::of_run(&presses, None).unwrap().with_load(ForceKnown::Constant);
+        assert_eq!(trial.evaluate("pearson").unwrap().ns_per_solve, None);
+        let ns_per_solve = trial.evaluate_timed("pearson").unwrap().ns_per_solve.unwrap();
+        assert!(ns_per_solve > 0.0 && ns_per_solve.is_finite());
+    }
+}

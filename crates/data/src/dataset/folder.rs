@@ -1,0 +1,348 @@
+//! A run on disk: creation, growth and end of its folder.
+
+use super::characteristics::Staircases;
+use super::fingerprint::is_plain;
+use super::journal::JOURNAL;
+use super::known::{Known, check_run};
+use super::lock::hold;
+use super::loss::lost;
+use super::manifest::MANIFEST;
+use super::new_folder::make_folder;
+use super::press::{csv_header, csv_line};
+use super::recorded::{COLUMNS, RECIPE, RIG, Texts};
+use super::verify::fingerprints;
+use super::views::{PRESSES, TABLES, replace, write};
+use super::{
+    Contact, Contacts, DatasetError, End, Fingerprint, Journal, Ledger, Loss, Manifest, Presses, Provenance, Record,
+    Records, RunFacts, Text, files,
+};
+use palpate_core::quantity::ArrayLayout;
+use std::fs::File;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// Texts from which a run is made, kept with it unchanged.
+#[derive(Clone, Debug, Default)]
+pub struct Origins {
+    /// Texts, each with the name of its file.
+    texts: Vec<(String, String)>,
+}
+
+/// A run on disk, locked by this program. Of the presses, only their positions in the journal are kept in memory.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    /// Lock that is released when its owner ends, for any reason.
+    _lock: File,
+    journal: Journal,
+    /// Open file of presses; `None` until a session begins to add to it.
+    presses: Option<File>,
+    layout: ArrayLayout,
+    known: Known,
+}
+
+impl RunFolder {
+    /// Creates the folder of a new run: at `out`, or under `runs/` with the first free name. The complete folder appears by one
+    /// rename.
+    ///
+    /// # Errors
+    /// The folder already exists, or can't be created.
+    pub fn create(
+        out: Option<&Path>,
+        origins: &Origins,
+        facts: RunFacts,
+        mut session: Provenance,
+        layout: &ArrayLayout,
+    ) -> Result<RunFolder, DatasetError> {
+        let name = facts.recipe.clone();
+        session.texts = origins.texts().map(|(name, text)| Fingerprint::of(name, text.as_bytes())).collect();
+        let path = make_folder(out, &name, |draft| fill(draft, origins, facts, &session, layout))?;
+        let lock = hold(&path)?; // not sooner: some systems rename no folder in which a file is open
+        let (known, records) = Known::read(&path, Some(layout.len()))?;
+        let mut folder = Opened { path, lock, records, known, layout: layout.clone() }.attach()?;
+        folder.journal.keep_for(session.durability);
+        folder.presses = Some(open_presses(&folder.path)?);
+        Ok(folder)
+    }
+
+    /// Opens a run and its journal, and cuts off an incomplete last line of the journal. Changes nothing else.
+    ///
+    /// # Errors
+    /// The journal is missing or damaged, contains fewer presses than the other files of the run, or is being written by another
+    /// program. Or an error of the operating system. Nothing is changed in these cases.
+    pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
+        let (folder, lost) = Self::take(path, layout)?;
+        if !lost.is_empty() {
+            return Err(DatasetError::Lost { path: path.to_owned(), lost });
+        }
+        folder.attach()
+    }
+
+    /// Opens a run whose journal has lost presses. A person accepts this loss, and the journal records the acceptance. `accepted`
+    /// is the time of acceptance, with its time zone.
+    ///
+    /// # Errors
+    /// The same as for [`open`](Self::open), except for missing presses.
+    pub fn open_accepting_loss(path: &Path, layout: &ArrayLayout, accepted: String) -> Result<RunFolder, DatasetError> {
+        let (folder, lost) = Self::take(path, layout)?;
+        let mut folder = folder.attach()?;
+        if !lost.is_empty() {
+            folder.record(&Record::Loss(Loss { accepted, lost }))?;
+        }
+        Ok(folder)
+    }
+
+    /// Begins to continue a run, with a rig that may have been changed. Regenerates the views of the run from the journal, in
+    /// any state that a power cut left. The previous rig file stays in the folder under another name.
+    ///
+    /// # Errors
+    /// Another text differs from the text with which the run began, or an error of the operating system.
+    pub fn go_on(&mut self, mut session: Provenance, rig: &str) -> Result<(), DatasetError> {
+        let texts = Texts::of(&self.known.texts);
+        let is_changed = texts.rig() != rig;
+        for before in self.known.manifest.texts() {
+            if before.name == RIG {
+                session.texts.push(Fingerprint::of(RIG, rig.as_bytes()));
+                continue;
+            }
+            let path = self.path.join(&before.name);
+            let now = Fingerprint::of_file(&self.path, &before.name).map_err(DatasetError::io("reading", &path))?;
+            if now != *before {
+                return Err(DatasetError::Changed { path });
+            }
+            session.texts.push(now);
+        }
+        let mut kept = Vec::new();
+        if is_changed {
+            let name = format!("rig-{}.toml", self.known.manifest.sessions.len());
+            replace(&self.path, &name, texts.rig())?;
+            session.texts.push(Fingerprint::of(&name, texts.rig().as_bytes()));
+            kept =
+                vec![Text { name, text: texts.rig().to_owned() }, Text { name: RIG.to_owned(), text: rig.to_owned() }];
+        }
+        self.journal.keep_for(session.durability);
+        self.record(&Record::Session(session))?;
+        kept.into_iter().try_for_each(|text| self.record(&Record::Text(text)))?;
+        match Fingerprint::of_file(&self.path, RIG) {
+            Ok(found) if found == Fingerprint::of(RIG, rig.as_bytes()) => {}
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(DatasetError::io("reading", self.path.join(RIG))(error));
+            }
+            _ => replace(&self.path, RIG, rig)?,
+        }
+        self.write_views()?;
+        self.write_manifest()?;
+        self.presses = Some(open_presses(&self.path)?);
+        Ok(())
+    }
+
+    /// Ends a session. Writes the final tables, then the journal's record of the end, then the manifest. If one of these fails,
+    /// the run remains unfinished, as after a killed program.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn finish(&mut self, end: End) -> Result<(), DatasetError> {
+        self.write_views()?;
+        self.record(&Record::End(end))?;
+        self.vouch()
+    }
+
+    /// Regenerates tables and manifest from the journal, and the missing texts.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn rebuild(&mut self) -> Result<(), DatasetError> {
+        // of several texts of one name the latest is the one in force
+        for Text { name, text } in self.known.texts.iter().rev() {
+            if self.path.join(name).symlink_metadata().is_err() {
+                replace(&self.path, name, text)?;
+            }
+        }
+        self.write_views()?;
+        self.vouch()
+    }
+
+    /// Whether the manifest on disk agrees with the journal, and the files agree with the manifest's fingerprints.
+    ///
+    /// # Errors
+    /// A file can't be read.
+    pub fn is_finished(&self) -> Result<bool, DatasetError> {
+        let files = fingerprints(&self.path, self.manifest().texts())?;
+        let told = Manifest::read(&self.path.join(MANIFEST));
+        Ok(told.is_ok_and(|told| told == Manifest { files, ..self.manifest().clone() }))
+    }
+
+    /// Returns the description of the run and its progress.
+    pub fn manifest(&self) -> &Manifest {
+        &self.known.manifest
+    }
+
+    /// Returns the path of the run.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the measured contacts in the order of the plan's numbers, read from the journal one by one.
+    ///
+    /// # Errors
+    /// An error of the operating system. Damage to the journal since it was opened is reported among the contacts.
+    pub fn contacts(&self) -> Result<Contacts<'_>, DatasetError> {
+        Ok(self.known.contacts.contacts(Journal::records(&self.path.join(JOURNAL))?))
+    }
+
+    /// Returns the presses of the run, in the order of the plan.
+    ///
+    /// # Errors
+    /// The journal can't be read.
+    pub fn presses(&self) -> Result<Presses, DatasetError> {
+        let contacts = self.contacts()?.collect::<Result<Vec<Contact>, DatasetError>>()?;
+        Ok(Presses::of_contacts(&self.path.display().to_string(), &contacts))
+    }
+
+    /// Returns the staircases among the presses; `None` if there are none.
+    ///
+    /// # Errors
+    /// The journal can't be read.
+    pub fn staircases(&self) -> Result<Option<Staircases>, DatasetError> {
+        let mut staircases = Staircases::none(&self.layout);
+        for contact in self.contacts()? {
+            staircases.add_contact(&contact?, &self.layout);
+        }
+        Ok(staircases.some())
+    }
+
+    /// Opens a run exclusively for this program and reads its journal. Also returns a description of data in the other files that
+    /// the journal lacks.
+    fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>), DatasetError> {
+        check_run(path)?;
+        let lock = hold(path)?;
+        let (known, records) = Known::read(path, Some(layout.len()))?;
+        let texts = known.manifest.texts().iter().map(|text| text.name.as_str()).filter(|name| is_plain(name));
+        for name in texts.chain([MANIFEST]).chain(TABLES) {
+            // before anything is written: a run isn't to be regenerated by half
+            files::check_place(&path.join(name)).map_err(DatasetError::io("opening", path.join(name)))?;
+        }
+        let lost = lost(path, &known)?;
+        Ok((Opened { path: path.to_owned(), lock, records, known, layout: layout.clone() }, lost))
+    }
+
+    fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), DatasetError> {
+        let taken = self.known.take_in(offset, record);
+        taken.map_err(|problem| self.journal.damaged(offset, problem).into())
+    }
+
+    fn write_views(&self) -> Result<(), DatasetError> {
+        write(&self.path, &self.layout, &|| self.contacts(), &self.known.trips)
+    }
+
+    /// Writes the present fingerprints of the files to the manifest.
+    fn vouch(&mut self) -> Result<(), DatasetError> {
+        self.known.manifest.files = fingerprints(&self.path, self.known.manifest.texts())?;
+        self.write_manifest()
+    }
+
+    fn write_manifest(&self) -> Result<(), DatasetError> {
+        replace(&self.path, MANIFEST, &self.known.manifest.text())
+    }
+}
+
+/// Run whose journal was read. Nothing has been changed yet.
+struct Opened {
+    path: PathBuf,
+    lock: File,
+    records: Records,
+    known: Known,
+    layout: ArrayLayout,
+}
+
+impl Opened {
+    /// Opens the run's journal for appending and returns the run. An incomplete record at the end is cut off.
+    fn attach(self) -> Result<RunFolder, DatasetError> {
+        let Opened { path, lock, records, known, layout } = self;
+        Ok(RunFolder { path, _lock: lock, journal: records.go_on()?, presses: None, layout, known })
+    }
+}
+
+impl Ledger for RunFolder {
+    fn has(&self, press: u64) -> bool {
+        self.known.contacts.has(press)
+    }
+
+    fn recall(&self, tell: &mut dyn FnMut(&Record)) -> Result<(), DatasetError> {
+        for next in Journal::records(&self.path.join(JOURNAL))? {
+            tell(&next?.1);
+        }
+        Ok(())
+    }
+
+    fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
+        let offset = self.journal.append(record)?;
+        self.take_in(offset, record)?;
+        match (record, &mut self.presses) {
+            (Record::Contact(contact), Some(presses)) => {
+                let lines: String = contact.levels.iter().map(csv_line).collect();
+                let path = self.path.join(PRESSES);
+                // a view: it need not reach the disk now, since the journal has
+                presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))
+            }
+            (Record::Devices(_), _) => self.write_manifest(),
+            _ => Ok(()),
+        }
+    }
+
+    fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
+        let offset = self.journal.jot(record)?;
+        self.take_in(offset, record)
+    }
+}
+
+impl Origins {
+    /// Takes a recipe, a rig, and the files that these name: register maps and an acceptance rule, each with its name and text.
+    pub fn new(recipe: String, rig: String, beside: Vec<(String, String)>) -> Origins {
+        let own = [(RECIPE.to_owned(), recipe), (RIG.to_owned(), rig)];
+        Origins { texts: own.into_iter().chain(beside).collect() }
+    }
+
+    /// Takes the columns file of an import, if there is one.
+    pub fn of_import(columns: Option<String>) -> Origins {
+        Origins { texts: columns.map(|text| (COLUMNS.to_owned(), text)).into_iter().collect() }
+    }
+
+    fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.texts.iter().map(|(name, text)| (name.as_str(), text.as_str()))
+    }
+}
+
+/// Opens the table of presses for appending rows.
+fn open_presses(folder: &Path) -> Result<File, DatasetError> {
+    let path = folder.join(PRESSES);
+    files::open_or_create(&path).map_err(DatasetError::io("opening", path))
+}
+
+/// Writes everything that a run folder contains before its first press.
+fn fill(
+    draft: &Path,
+    origins: &Origins,
+    facts: RunFacts,
+    session: &Provenance,
+    layout: &ArrayLayout,
+) -> Result<(), DatasetError> {
+    let mut manifest = Manifest::default();
+    let mut journal = Journal::create(&draft.join(JOURNAL))?;
+    let texts = origins.texts().map(|(name, text)| Text { name: name.to_owned(), text: text.to_owned() });
+    for record in [Record::Run(facts), Record::Session(session.clone())].into_iter().chain(texts.map(Record::Text)) {
+        journal.append(&record)?;
+        manifest.take_in(&record);
+    }
+    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.len()))];
+    for (name, text) in origins.texts().chain(views.iter().map(|(name, text)| (*name, text.as_str()))) {
+        let path = draft.join(name);
+        let write = |text: &str| {
+            let mut file = File::create_new(&path)?;
+            file.write_all(text.as_bytes())?;
+            file.sync_all()
+        };
+        write(text).map_err(DatasetError::io("writing", &path))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,76 @@
+//! Files of a run: the journal, which is the record, and plain tables, which are views of it.
+//!
+//! A run folder appears by one rename, with its recipe, its rig and its manifest. Each press is in the [`Journal`], flushed to
+//! the disk, before the next press begins. `presses.csv` grows with the journal, and all tables are regenerated at the end.
+//! Tables and manifest are views: [`RunFolder::rebuild`] makes them from the journal. Code that makes presses sees only a
+//! [`Ledger`]: a run folder, or a [`Memory`] that writes no files.
+//!
+//! [`Press`] is one press and the list of its columns. There are two sources of presses, with the same result: [`Recorded`] reads
+//! a run's journal, [`read_table`] reads an external table.
+
+mod acceptance;
+pub mod answers;
+pub mod calibration;
+mod cell;
+pub mod characteristics;
+mod dialect;
+mod error;
+pub mod evaluate;
+pub mod files;
+mod fingerprint;
+mod flag;
+mod folder;
+mod foreseen;
+mod formats;
+mod header;
+mod index;
+mod journal;
+mod known;
+mod ledger;
+mod lock;
+mod lookalike;
+mod loss;
+mod manifest;
+mod mapping;
+mod new_folder;
+mod press;
+mod presses;
+pub mod readings;
+mod record;
+mod recorded;
+pub mod sensor_file;
+mod session;
+mod table;
+mod table_error;
+mod verify;
+mod views;
+
+pub use acceptance::Evidence;
+pub use cell::{Kind, Value};
+pub use error::DatasetError;
+pub use fingerprint::Fingerprint;
+pub use flag::Flag;
+pub use folder::{Origins, RunFolder};
+pub use foreseen::{Truths, foreseen};
+pub use index::Contacts;
+pub use journal::{JOURNAL, Journal, JournalError, Logged, Records};
+pub use known::check_run;
+pub use ledger::{Ledger, Memory};
+pub use lock::hold as hold_folder;
+pub use lookalike::Lookalike;
+pub use manifest::Manifest;
+pub use mapping::{COLUMN_KEYS, Mapping};
+pub use new_folder::make_folder;
+use palpate_core::quantity::round;
+pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
+pub use presses::Presses;
+pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
+pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
+pub use session::{
+    Durability, End, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text,
+    is_label,
+};
+pub use table::{parse_table, read_table};
+pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
+pub use verify::{Verified, verify};
+pub use views::{CHARACTERISTIC_COLUMNS, Characteristic, TABLES};

@@ -1,0 +1,256 @@
+//! One press and its columns. The CSV header, the journal's fields, the JSON keys and both readers follow from one list.
+//!
+//! A new column requires one line in the list below, and code that measures it.
+
+use super::Flag;
+use super::cell::{Cell, Kind, Misread, Value};
+use crate::recipe::Phase;
+use palpate_core::quantity::Place;
+use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
+
+/// Tables that have a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// Every table.
+    Needed,
+    /// Any table may have it.
+    Optional,
+    /// Only a run's own table. An external table may use the name for something else.
+    Run,
+    /// Only a run's own table, in which a cell may be empty.
+    Sparse,
+}
+
+/// One column of a table of presses.
+#[derive(Clone, Copy)]
+pub struct Column {
+    /// Name in a header and in JSON. [`OUTPUTS`] means `out_1`, `out_2`, ...: one for each channel.
+    pub name: &'static str,
+    /// Tables that have the column.
+    pub presence: Presence,
+    /// What the column contains, in a sentence.
+    pub definition: &'static str,
+    /// Type of its values.
+    pub kind: Kind,
+    pub(super) write: Write,
+    pub(super) read: Read,
+    round: fn(&mut Press),
+}
+
+/// Function that writes the values of a press in a column, one for each cell.
+type Write = fn(&Press, &mut dyn FnMut(Value<'_>));
+/// Function that reads the cells of a row in a column, one cell or one for each channel.
+type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
+
+/// Name of the column entry that represents one column for each channel.
+pub const OUTPUTS: &str = "outputs";
+
+/// Declares the columns in the order of `presses.csv`: `name: type, presence, decimals` (the number of decimals that an
+/// instrument resolves). The comment of a column is its definition in exported files.
+macro_rules! columns {
+    ($($(#[doc = $doc:literal])* $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
+        /// One level of one press: a row of `presses.csv`. `None` means that the source table doesn't contain the value.
+        #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
+        pub struct Press { $($(#[doc = $doc])* pub $name: $kind,)* }
+
+        /// Columns in the order in which they are written.
+        pub const COLUMNS: &[Column] = &[$(Column {
+            name: stringify!($name),
+            presence: Presence::$presence,
+            definition: concat!($($doc),*).trim_ascii(),
+            kind: <$kind as Cell>::KIND,
+            write: |press, out| press.$name.write(out),
+            read: |press, cells| Cell::read(cells).map(|value| press.$name = value),
+            round: |press| press.$name.round_to($decimals),
+        },)*];
+    };
+}
+
+columns! {
+    /// Entry of the plan, from 0; in an external table the row, from 0. The levels of a staircase have the same entry.
+    press: u64, Run, 0;
+    /// Level of a staircase in the order of measurement, from 0; 0 in a plain press.
+    level: u64, Run, 0;
+    /// Purpose of the press.
+    phase: Option<Phase>, Run, 0;
+    /// x of the press, specimen frame, mm.
+    x_mm: f64, Needed, 6;
+    /// y of the press, specimen frame, mm.
+    y_mm: f64, Needed, 6;
+    /// Commanded force, N.
+    force_set_n: Option<f64>, Run, 6;
+    /// Mean force in the window, N, relative to the air before and after the press.
+    force_n: Option<f64>, Optional, 6;
+    /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
+    u_force_n: Option<f64>, Sparse, 6;
+    /// Depth below the surface touched in this press, mm; 0 in air.
+    depth_mm: Option<f64>, Run, 5;
+    /// Start of the window, s since the run's start.
+    t_s: Option<f64>, Run, 4;
+    /// Mean output of each channel in the window minus its output in air, in the array's unit.
+    outputs: Vec<f64>, Needed, 7;
+    /// Faults of the press; empty if there are none.
+    flags: Vec<Flag>, Optional, 0;
+    /// z of the stage in the window, read back, stage frame, mm.
+    z_mm: Option<f64>, Run, 5;
+    /// Reading of the load cell in air before the press, N.
+    air_before_n: Option<f64>, Sparse, 6;
+    /// Reading of the load cell in air after the press, N. The zero of the force is interpolated in time between the two air
+    /// readings.
+    air_after_n: Option<f64>, Sparse, 6;
+}
+
+impl Column {
+    /// Passes the values of a press in the column on, one for each cell.
+    pub fn write(&self, press: &Press, out: &mut dyn FnMut(Value<'_>)) {
+        (self.write)(press, out);
+    }
+
+    /// Returns the column's names in a header for an array with `channels` channels.
+    pub fn names(&self, channels: usize) -> Vec<String> {
+        match self.name {
+            OUTPUTS => (1..=channels).map(output_name).collect(),
+            name => vec![name.to_owned()],
+        }
+    }
+}
+
+/// Returns the name of a channel's column; the channel is counted from 1.
+pub fn output_name(channel: usize) -> String {
+    format!("out_{channel}")
+}
+
+impl Press {
+    /// Returns the place of the press, specimen frame.
+    pub fn place(&self) -> Place {
+        Place::new(self.x_mm, self.y_mm)
+    }
+
+    /// Whether the press was made for that phase.
+    pub fn is_of(&self, phase: Phase) -> bool {
+        self.phase == Some(phase)
+    }
+
+    /// Whether the press has a fault.
+    pub fn is_flagged(&self) -> bool {
+        !self.flags.is_empty()
+    }
+
+    /// Whether all of its numbers are finite.
+    pub fn is_finite(&self) -> bool {
+        let mut is_finite = true;
+        for column in COLUMNS {
+            (column.write)(self, &mut |value| {
+                is_finite &= !matches!(value, Value::Number(number) if !number.is_finite());
+            });
+        }
+        is_finite
+    }
+
+    /// Returns the press with its numbers rounded to the resolution of the instruments, so that the journal and every table
+    /// agree.
+    #[must_use]
+    pub fn rounded(mut self) -> Press {
+        COLUMNS.iter().for_each(|column| (column.round)(&mut self));
+        self
+    }
+
+    /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string(&Flat(self)).unwrap_or_default() // numbers and plain text can't fail
+    }
+}
+
+/// Returns the first line of `presses.csv`.
+pub(super) fn csv_header(channels: usize) -> String {
+    let names: Vec<String> = COLUMNS.iter().flat_map(|column| column.names(channels)).collect();
+    names.join(",") + "\n"
+}
+
+/// Returns one line of `presses.csv`. No cell needs quotation marks: the cells are numbers and this program's own words.
+pub(super) fn csv_line(press: &Press) -> String {
+    let mut line = String::new();
+    for column in COLUMNS {
+        (column.write)(press, &mut |value| {
+            value.push_to(&mut line);
+            line.push(',');
+        });
+    }
+    line.pop();
+    line + "\n"
+}
+
+/// Press in a flat form for other programs that read JSON: `out_1` to `out_n`, flags as text.
+struct Flat<'a>(&'a Press);
+
+impl Serialize for Flat<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        let mut first_error = Ok(());
+        for column in COLUMNS {
+            let mut names = column.names(self.0.outputs.len()).into_iter();
+            (column.write)(self.0, &mut |value| {
+                if let (Ok(()), Some(name)) = (&first_error, names.next()) {
+                    first_error = map.serialize_entry(&name, &value);
+                }
+            });
+        }
+        first_error?;
+        map.end()
+    }
+}
+
+#[cfg(test)]
+pub(super) fn example(press: u64, level: u64) -> Press {
+    Press {
+        press,
+        level,
+        phase: Some(Phase::Calibration),
+        x_mm: -5.5,
+        y_mm: 6.0,
+        force_set_n: Some(1.0),
+        force_n: Some(0.996_234_567),
+        u_force_n: Some(0.001_234_567),
+        depth_mm: Some(0.812_345_6),
+        t_s: Some(12.345_67),
+        outputs: vec![0.1, -0.000_000_01],
+        flags: vec![Flag::OutOfTolerance],
+        z_mm: Some(-0.9),
+        air_before_n: Some(0.001),
+        air_after_n: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn header_line_and_json_follow_from_the_columns() {
+        let press = example(3, 0).rounded();
+        assert_eq!(
+            csv_header(2),
+            "press,level,phase,x_mm,y_mm,force_set_n,force_n,u_force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
+        );
+        assert_eq!(
+            csv_line(&press),
+            "3,0,calibration,-5.5,6,1,0.996235,0.001235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
+        );
+        assert_eq!(
+            press.to_json(),
+            "{\"press\":3,\"level\":0,\"phase\":\"calibration\",\"x_mm\":-5.5,\"y_mm\":6.0,\"force_set_n\":1.0,\
+             \"force_n\":0.996235,\"u_force_n\":0.001235,\"depth_mm\":0.81235,\"t_s\":12.3457,\"out_1\":0.1,\"out_2\":0.0,\
+             \"flags\":\"out-of-tolerance\",\"z_mm\":-0.9,\"air_before_n\":0.001,\"air_after_n\":null}"
+        );
+    }
+
+    #[test]
+    fn the_journals_fields_are_the_columns() {
+        let fields = serde_json::to_value(example(3, 0)).unwrap();
+        let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
+        let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();
+        names.sort();
+        columns.sort_unstable();
+        assert_eq!(names, columns);
+    }
+}

@@ -1,0 +1,195 @@
+//! Records of the journal.
+
+use super::journal::Logged;
+use super::{End, FORMAT, Loss, Press, Provenance, RunFacts, Text};
+use palpate_control::{AirReadings, Budget, Hum, Lesson, Trip};
+use palpate_core::quantity::Identity;
+use palpate_core::quantity::{Place, any_number, round};
+use serde::{Deserialize, Serialize};
+
+/// One record of the journal. Only [`Provenance`], [`Loss`] and [`End`] depend on the clock and the machine. All others are the
+/// same to the last bit when a simulated run is repeated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Record {
+    /// Description of the run: the first record.
+    Run(RunFacts),
+    /// A program begins to measure, or continues.
+    Session(Provenance),
+    /// A text that the run uses, unchanged.
+    Text(Text),
+    /// Identities reported by the devices.
+    Devices(Vec<Identity>),
+    /// The zero was measured in air.
+    Zero {
+        /// Time, s since the run's start.
+        t_s: f64,
+        /// The load cell's reading in air, N.
+        offset_n: f64,
+        /// Standard deviation of one reading, N.
+        sigma_n: f64,
+        /// Mains hum in the reading; `None` if no hum can be seen.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        hum: Option<Hum>,
+        /// Outputs in air, in the array's unit.
+        outputs: Vec<f64>,
+    },
+    /// An entry of the plan was measured completely.
+    Contact(Contact),
+    /// A place was touched again before a run continued.
+    Retouch(Retouch),
+    /// A safety rule was broken.
+    Trip {
+        /// Time, s since the run's start.
+        t_s: f64,
+        /// Entry that was being executed, if any.
+        press: Option<u64>,
+        /// The rule and its numbers.
+        trip: Trip,
+        /// True peaks since the previous row, in a simulated run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        peaks: Option<Peaks>,
+    },
+    /// A person accepted that presses were lost.
+    Loss(Loss),
+    /// A program ended in a controlled way. A program that was killed leaves no such record.
+    End(End),
+}
+
+impl Record {
+    /// Returns the time of the record, s since the run's start; `None` if it has no time.
+    pub fn t_s(&self) -> Option<f64> {
+        match self {
+            Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
+            Record::Contact(contact) => contact.levels.iter().filter_map(|press| press.t_s).reduce(f64::max),
+            Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
+            Record::End(end) => Some(end.t_s),
+        }
+    }
+
+    /// Returns the contact, if the record is a contact.
+    pub fn contact(&self) -> Option<&Contact> {
+        match self {
+            Record::Contact(contact) => Some(contact),
+            _ => None,
+        }
+    }
+}
+
+impl Logged for Record {
+    const FIRST: &'static str = "run";
+    const FORMAT: u32 = FORMAT;
+
+    fn check(&self) -> Result<(), String> {
+        // JSON has no NaN: it would come back as a number that isn't known
+        match self.contact().is_none_or(|contact| contact.levels.iter().all(Press::is_finite)) {
+            true => Ok(()),
+            false => Err("not a finite number".to_owned()),
+        }
+    }
+}
+
+/// One contact: a plain press, or a staircase with all its levels.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Contact {
+    /// Number of the entry in the plan.
+    pub press: u64,
+    /// Levels of the contact in the order of measurement.
+    pub levels: Vec<Press>,
+    /// Uncertainty budget of each level's force.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub budgets: Vec<Budget>,
+    /// True values at each level, in a simulated run.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub truth: Vec<PressTruth>,
+    /// Data that the force loop learned from the contact for later contacts; `None` if the entry never left the air.
+    pub lesson: Option<Lesson>,
+    /// Air readings before the contact: the zero of the outputs, and the first zero of the forces.
+    pub air_before: Air,
+    /// Air readings after the contact. The zero of the forces is interpolated in time between the two air readings.
+    pub air_after: Air,
+    /// State from which the next press begins; `None` after the last.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left: Option<Left>,
+}
+
+/// State at the end of a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Left {
+    /// z of the indenter in the clear above the next place, specimen frame, mm.
+    pub z_mm: f64,
+}
+
+/// Readings of load cell and array in air.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Air {
+    /// Readings of the load cell.
+    #[serde(flatten)]
+    pub force: AirReadings,
+    /// Mean of each output, in the array's unit.
+    pub outputs: Vec<f64>,
+}
+
+/// A place that was touched again.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Retouch {
+    /// Time, s since the run's start.
+    pub t_s: f64,
+    /// The place, specimen frame.
+    #[serde(flatten)]
+    pub place: Place,
+    /// Depth at which contact began earlier, mm into the specimen.
+    pub before_mm: f64,
+    /// Depth at which contact began this time, mm into the specimen; NaN if there was no contact.
+    #[serde(with = "any_number")]
+    pub touched_mm: f64,
+}
+
+/// One row of `scene.csv`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PressTruth {
+    /// Mean true force in the window, N.
+    pub force_true_n: f64,
+    /// Largest true force since the previous row of the press, or since its beginning, N.
+    pub force_peak_n: f64,
+    /// Largest indentation since then, mm.
+    pub depth_peak_mm: f64,
+}
+
+/// Largest true values in a press that tripped.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Peaks {
+    /// Largest true force, N.
+    pub force_peak_n: f64,
+    /// Largest indentation, mm.
+    pub depth_peak_mm: f64,
+}
+
+impl PressTruth {
+    /// Returns the values rounded to 0.1 uN and 10 nm.
+    #[must_use]
+    pub fn rounded(self) -> PressTruth {
+        PressTruth {
+            force_true_n: round(self.force_true_n, 7),
+            force_peak_n: round(self.force_peak_n, 7),
+            depth_peak_mm: round(self.depth_peak_mm, 5),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_number_is_written_and_read_again() {
+        for touched_mm in [f64::INFINITY, f64::NEG_INFINITY, 0.1] {
+            let retouch = Record::Retouch(Retouch { t_s: 1.0, place: Place::default(), before_mm: 0.0, touched_mm });
+            let text = serde_json::to_string(&retouch).unwrap();
+            assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), retouch, "{text}");
+        }
+        let trip = Trip::new(palpate_control::Rule::Noisy, f64::NAN, 1.0, "N");
+        let read: Trip = serde_json::from_str(&serde_json::to_string(&trip).unwrap()).unwrap();
+        assert!(read.measured.is_nan() && read.limit == 1.0);
+    }
+}

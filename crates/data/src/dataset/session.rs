@@ -1,0 +1,262 @@
+//! Origin of a run and the programs that measured it, as recorded in its journal.
+
+use super::Fingerprint;
+use crate::recipe::Plan;
+use palpate_control::Strategy;
+use serde::{Deserialize, Serialize};
+
+/// Format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
+pub const FORMAT: u32 = 2;
+
+/// Properties of a run that are the same in every continuation: its first record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunFacts {
+    /// Format of the journal: [`FORMAT`].
+    pub format: u32,
+    /// Name of the recipe.
+    pub recipe: String,
+    /// Labels of the pressed sensor and the operator, if a person gave them.
+    #[serde(flatten)]
+    pub labels: Labels,
+    /// Number of entries of the plan.
+    pub presses_planned: u64,
+    /// Random seed for places, forces and simulated noise.
+    pub seed: u64,
+    /// Random seed of the simulated specimen, if it isn't that of the run: a batch presses the same specimen again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub specimen: Option<u64>,
+    /// Strategy of every press, if it was given instead of the recipe's strategy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strategy: Option<Strategy>,
+    /// Largest allowed number of presses of the plan, if it was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub presses_max: Option<usize>,
+    /// Whether this program's emulators were at the other ends of the links.
+    pub simulated: bool,
+    /// Tables from which the presses were imported; `None` for a run that this program made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imported: Option<Imported>,
+}
+
+/// Source of imported presses.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Imported {
+    /// Table of the calibration presses, and table of the test presses if there was one.
+    pub tables: Vec<Fingerprint>,
+    /// Columns file, if one was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub columns: Option<Fingerprint>,
+    /// Number of outputs of each press.
+    pub outputs: u64,
+    /// Description of what was detected and what was excluded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// Date of the measurement, as year-month-day, if a person stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<String>,
+}
+
+/// Labels of the pressed sensor and the operator, in a person's own words; each is optional.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Labels {
+    /// ID of the sensor, such as its serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
+    /// Design of the sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub design: Option<String>,
+    /// Production batch of the sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub batch: Option<String>,
+    /// Number or manner of the mounting. Runs of one mounting have the same position of the sensor on the bench.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<String>,
+    /// Person who made the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+    /// Any other note.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// Largest number of characters of a label, which is shown in tables and titles.
+pub const LABEL_MOST: usize = 200;
+
+/// Whether a text can be a label: it isn't empty or too long, and can be printed anywhere.
+pub fn is_label(text: &str) -> bool {
+    !text.trim().is_empty() && text.chars().count() <= LABEL_MOST && !text.chars().any(char::is_control)
+}
+
+/// Ending of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// Every entry of the plan is on disk.
+    Complete,
+    /// A person stopped the run, or it is still in progress.
+    #[default]
+    Stopped,
+    /// A safety rule was broken.
+    Tripped,
+    /// A device failed, or recording failed.
+    Failed,
+}
+
+impl Default for RunFacts {
+    fn default() -> Self {
+        RunFacts {
+            format: FORMAT,
+            recipe: String::new(),
+            labels: Labels::default(),
+            presses_planned: 0,
+            seed: 0,
+            specimen: None,
+            strategy: None,
+            presses_max: None,
+            simulated: false,
+            imported: None,
+        }
+    }
+}
+
+impl Imported {
+    /// Returns the names of the tables.
+    pub fn names(&self) -> String {
+        let names: Vec<&str> = self.tables.iter().map(|table| table.name.as_str()).collect();
+        names.join(" and ")
+    }
+
+    /// Returns each file with its SHA-256: the tables, then the columns file.
+    pub fn files(&self) -> impl Iterator<Item = &Fingerprint> {
+        self.tables.iter().chain(&self.columns)
+    }
+}
+
+impl Labels {
+    /// Returns the labels that were given, each with its name.
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, &str)> {
+        let Labels { sensor, design, batch, mounting, operator, note } = self;
+        let all = [
+            ("sensor", sensor),
+            ("design", design),
+            ("batch", batch),
+            ("mounting", mounting),
+            ("operator", operator),
+            ("note", note),
+        ];
+        all.into_iter().filter_map(|(name, label)| Some((name, label.as_deref()?)))
+    }
+}
+
+impl RunFacts {
+    /// Returns the executed recipe, or an import, as words for a sentence.
+    pub fn told(&self) -> String {
+        match &self.imported {
+            None => format!("the recipe {}", self.recipe),
+            Some(imported) => format!("the import of {}", imported.names()),
+        }
+    }
+
+    /// Returns the facts of a plan.
+    pub fn new(plan: &Plan, simulated: bool) -> RunFacts {
+        RunFacts {
+            recipe: plan.name.clone(),
+            presses_planned: plan.entries.len() as u64,
+            seed: plan.seed,
+            simulated,
+            ..RunFacts::default()
+        }
+    }
+}
+
+/// A program that measures: its version, machine and start time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// Version of the program.
+    pub palpate: String,
+    /// Commit from which the program was built, if known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commit: Option<String>,
+    /// Name of the machine.
+    pub host: String,
+    /// Operating system and processor type of the machine, such as `linux x86_64`.
+    pub system: String,
+    /// Start time, with its time zone.
+    pub started: String,
+    /// Events that an acknowledged press survives.
+    pub durability: Durability,
+    /// Texts that the program uses: recipe, rig, and the files that these name. The folder that stores them sets this field.
+    #[serde(default)]
+    pub texts: Vec<Fingerprint>,
+    /// The keys of the rig that differ from those with which the run began.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub changes: Vec<RigChange>,
+}
+
+/// A key of the rig that changed between two sessions.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RigChange {
+    /// Key with its tables, such as `stage.link`.
+    pub key: String,
+    /// Value when the run began.
+    pub before: String,
+    /// Present value.
+    pub now: String,
+}
+
+/// A text that a run uses, unchanged: its recipe, its rig, a register map.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Text {
+    /// Name of its file in the run folder.
+    pub name: String,
+    /// The text.
+    pub text: String,
+}
+
+/// Recorded presses that were lost with a part of the journal. A person accepted the loss.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Loss {
+    /// Time of acceptance, with its time zone.
+    pub accepted: String,
+    /// Statements of the other files of the folder about the lost presses.
+    pub lost: Vec<String>,
+}
+
+/// Ending of a program that could still record it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct End {
+    /// Status at the end.
+    pub status: Status,
+    /// Time, s since the run's start.
+    pub t_s: f64,
+    /// Date and time, with time zone.
+    pub ended: String,
+    /// Duration in real time, s.
+    pub wall_s: f64,
+    /// Cause of failure, in a failed run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+}
+
+/// Events that an acknowledged press survives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Durability {
+    /// A power cut, because the press is flushed to the disk before the next one begins.
+    #[default]
+    Full,
+    /// The end of the program, but not a power cut.
+    Fast,
+}
+
+impl Status {
+    /// Returns the name of the status in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Status::Complete => "complete",
+            Status::Stopped => "stopped",
+            Status::Tripped => "tripped",
+            Status::Failed => "failed",
+        }
+    }
+}

@@ -1,0 +1,498 @@
+//! Reads external tables: plain CSV.
+//!
+//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged unless its cell
+//! is empty or 0). Columns may be in any order; unknown columns are ignored. A byte-order mark, either kind of line end, and
+//! comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the same
+//! presses as the run's journal. A [`Mapping`] reads tables with other names and units. The use of a table without `force_n` is
+//! decided by [`calibration`](super::calibration).
+
+use super::dialect::{Dialect, is_comment};
+use super::formats;
+use super::header::Header;
+use super::lookalike::lookalikes;
+use super::mapping::Mapping;
+use super::press::{COLUMNS, Column, OUTPUTS, Presence};
+use super::sensor_file::is_sensor_file;
+use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
+use super::{Press, Presses};
+use csv::StringRecord;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Help text about the requirements of a table.
+const HELP: &str =
+    "required: x_mm, y_mm and out_1, out_2, ... without a gap; --columns names the columns of another table";
+
+/// Name of the column that marks presses to exclude. A blank cell is a value there.
+const FLAGS: &str = "flags";
+
+/// Reads a table with at least one press and at least one channel; every number must be finite. The extensions .xlsx, .npz, .mat
+/// and .parquet are read as such; any other file is text.
+///
+/// # Errors
+/// The problem, with file, line and column.
+pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
+    if let Some(kind) = formats::Kind::of(path).filter(|_| path.exists()) {
+        let (file, text) = formats::text(path, kind, mapping)?;
+        return parse_table(&file, text.as_bytes(), &formats::mapping(kind, mapping));
+    }
+    let file = path.display().to_string();
+    if is_sensor_file(path) {
+        let problem = "this is a sensor file, not a table of presses".to_owned();
+        return Err(TableError::Malformed { file, problem });
+    }
+    match File::open(path) {
+        Ok(input) => parse_table(&file, input, mapping).map_err(|error| match (error, formats::unread(path)) {
+            (TableError::NotText { file, .. }, Some(problem)) => {
+                TableError::Malformed { file, problem: problem.to_owned() }
+            }
+            (error, _) => error,
+        }),
+        Err(source) => Err(TableError::Unreadable { file, source }),
+    }
+}
+
+/// Reads a table from any input; `file` is its name in messages.
+///
+/// # Errors
+/// The same as for [`read_table`].
+pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Presses, TableError> {
+    let mut records = Records::new(file, input, mapping)?;
+    let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
+    let mut is_there = records.next(&mut header)?;
+    while is_there && header.get(0).is_some_and(is_comment) {
+        is_there = records.next(&mut header)?;
+    }
+    header.trim();
+    let header_line = records.line;
+    if !mapping.has_header {
+        record = header.clone();
+        header = (1..=record.len()).map(|number| number.to_string()).collect();
+        records.dialect.with_points(file, header_line, &mut record)?;
+    }
+    if mapping.has_header && looks_like_a_row(&header, mapping) {
+        return Err(TableError::NoHeader { file: file.to_owned(), line: header_line });
+    }
+    let columns = Columns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
+    let (mut presses, mut lines, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    is_there = if mapping.has_header { records.next_row(&mut record)? } else { is_there };
+    while is_there {
+        let line = records.line;
+        if presses.len() == MAX_ROWS {
+            let (file, line) = (file.to_owned(), Some(line));
+            return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
+        }
+        let cells = Cells { file, line, header: &header, record: &record };
+        match columns.press(&cells, mapping)? {
+            Ok(mut press) => {
+                if !columns.is_of_run {
+                    press.press = presses.len() as u64;
+                }
+                presses.push(press);
+                lines.push(line);
+            }
+            Err(column) => left_out.push((line, quoted(header.get(column).unwrap_or_default()))),
+        }
+        is_there = records.next_row(&mut record)?;
+    }
+    if let (true, Some((line, column))) = (presses.is_empty(), left_out.first()) {
+        return Err(TableError::NothingComplete {
+            file: file.to_owned(),
+            rows: left_out.len(),
+            line: *line,
+            column: column.clone(),
+        });
+    }
+    if presses.is_empty() {
+        return Err(TableError::NoRows { file: file.to_owned() });
+    }
+    let unused = if columns.is_of_run || mapping.is_given { Vec::new() } else { lookalikes(&header) };
+    let mut presses = Presses::new(file, presses, lines);
+    presses.unused = unused;
+    presses.detected.extend(records.dialect.detected());
+    if let Some((line, column)) = left_out.first() {
+        let rows = if left_out.len() == 1 { "1 row".to_owned() } else { format!("{} rows", left_out.len()) };
+        presses
+            .detected
+            .push(format!("{rows} excluded: a cell is blank or has no value (first: line {line}, column `{column}`)"));
+    }
+    Ok(presses)
+}
+
+/// Whether most cells of a header are numbers, and none is the name of a place. Numbers may be the names of outputs.
+fn looks_like_a_row(header: &StringRecord, mapping: &Mapping) -> bool {
+    let is_number = |cell: &&str| cell.replace(',', ".").parse::<f64>().is_ok();
+    let is_place = |cell: &str| cell == mapping.x_mm || cell == mapping.y_mm;
+    2 * header.iter().filter(is_number).count() > header.len() && !header.iter().any(is_place)
+}
+
+/// Known columns of a table, each with the positions of its cells.
+struct Columns {
+    found: Vec<(&'static Column, Vec<usize>)>,
+    /// Whether the table has every column of a run's own table.
+    is_of_run: bool,
+}
+
+impl Columns {
+    fn find(header: &Header<'_>, mapping: &Mapping) -> Result<Self, TableError> {
+        header.check()?;
+        let is_there = |column: &Column| header.optional(column.name).is_some();
+        let is_of_run =
+            !mapping.is_given && COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
+        let mut found = Vec::new();
+        for column in COLUMNS {
+            let given = mapping.name_of(column.name);
+            let name = given.unwrap_or(column.name);
+            let at = match column.presence {
+                _ if column.name == OUTPUTS => Some(header.outputs(mapping.output_names())?),
+                Presence::Needed => Some(vec![header.needed(column.name, name)?]),
+                Presence::Optional if given.is_some() => Some(vec![header.needed(column.name, name)?]),
+                Presence::Optional => header.optional(name).map(|at| vec![at]),
+                Presence::Run | Presence::Sparse => header.optional(name).filter(|_| is_of_run).map(|at| vec![at]),
+            };
+            found.extend(at.map(|at| (column, at)));
+        }
+        Ok(Columns { found, is_of_run })
+    }
+
+    /// Returns the press of a row; or the index of its first column without a value.
+    fn press(&self, cells: &Cells<'_>, mapping: &Mapping) -> Result<Result<Press, usize>, TableError> {
+        cells.check_length()?;
+        let mut press = Press::default();
+        let mut texts = Vec::new();
+        for (column, places) in &self.found {
+            texts.clear();
+            texts.extend(places.iter().map(|place| cells.text(*place)));
+            if column.presence == Presence::Sparse && texts.iter().all(|text| text.is_empty()) {
+                continue;
+            }
+            let missing = texts.iter().position(|text| mapping.is_missing(text));
+            if let Some(missing) = missing.filter(|_| mapping.is_given && column.name != FLAGS) {
+                return Ok(Err(places[missing]));
+            }
+            let read = (column.read)(&mut press, &texts);
+            read.map_err(|(index, expected)| cells.wrong(places[index], expected))?;
+        }
+        mapping.scale.apply(&mut press);
+        Ok(Ok(press))
+    }
+}
+
+/// Row that is being read, with all data for messages about it.
+struct Cells<'a> {
+    file: &'a str,
+    line: u64,
+    header: &'a StringRecord,
+    record: &'a StringRecord,
+}
+
+impl<'a> Cells<'a> {
+    fn check_length(&self) -> Result<(), TableError> {
+        let (expected, found) = (self.header.len(), self.record.len());
+        if found == expected {
+            return Ok(());
+        }
+        let last = found.min(expected).saturating_sub(1);
+        let column = quoted(self.header.get(last).unwrap_or_default());
+        Err(TableError::Ragged { file: self.file.to_owned(), line: self.line, column, expected, found })
+    }
+
+    fn text(&self, column: usize) -> &'a str {
+        self.record.get(column).unwrap_or_default().trim()
+    }
+
+    fn wrong(&self, column: usize, expected: &'static str) -> TableError {
+        TableError::Cell {
+            file: self.file.to_owned(),
+            line: self.line,
+            column: quoted(self.header.get(column).unwrap_or_default()),
+            expected,
+            found: quoted(self.text(column)),
+        }
+    }
+}
+
+/// Records of a table, one at a time, each with its line.
+struct Records<'a, R> {
+    file: &'a str,
+    reader: csv::Reader<Lines<BufReader<R>>>,
+    dialect: Dialect,
+    /// First line of the most recently read record.
+    line: u64,
+}
+
+impl<'a, R: Read> Records<'a, R> {
+    fn new(file: &'a str, input: R, mapping: &Mapping) -> Result<Self, TableError> {
+        let mut input = BufReader::new(input);
+        let start = input.fill_buf().map_err(|source| TableError::Unreadable { file: file.to_owned(), source })?;
+        let dialect = Dialect::of_start(start, &mapping.x_mm, mapping);
+        // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
+        let mut reader = csv::ReaderBuilder::new();
+        reader.has_headers(false).flexible(true).delimiter(dialect.separator());
+        Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1 })
+    }
+
+    /// Reads the next row, with points as decimal marks. Returns whether there was one.
+    fn next_row(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
+        let is_there = self.next(record)?;
+        self.dialect.with_points(self.file, self.line, record)?;
+        Ok(is_there)
+    }
+
+    /// Reads the next record. Returns whether there was one.
+    fn next(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
+        let read = self.reader.read_record(record);
+        let end = self.reader.position().byte();
+        let lines = self.reader.get_mut();
+        self.line = lines.of_record(end, record);
+        let is_open = read.is_ok() && lines.is_open(end, record);
+        let file = || self.file.to_owned();
+        if lines.taken > MAX_TABLE_BYTES {
+            return Err(TableError::TooLarge { file: file(), line: None, limit: MAX_TABLE_BYTES, what: "bytes" });
+        }
+        if is_open {
+            return Err(TableError::OpenQuote { file: file(), line: self.line });
+        }
+        read.map_err(|error| match error.into_kind() {
+            csv::ErrorKind::Utf8 { .. } => TableError::NotText { file: file(), line: self.line },
+            csv::ErrorKind::Io(source) => TableError::Unreadable { file: file(), source },
+            other => TableError::Unreadable { file: file(), source: io::Error::other(format!("{other:?}")) },
+        })
+    }
+}
+
+/// Reader that passes a table's text on and records its line ends, so that a record's line is known. The csv reader's own count
+/// is wrong after blank lines and Windows line ends.
+struct Lines<R> {
+    input: R,
+    /// Number of bytes read. The input is treated as ended slightly beyond [`MAX_TABLE_BYTES`].
+    taken: u64,
+    /// Positions of the line ends in the reader's present buffer that no record has reached yet.
+    ends: VecDeque<u64>,
+    passed: u64,
+    /// Most recent byte that isn't part of a line end.
+    last: u8,
+}
+
+impl<R> Lines<R> {
+    fn new(input: R) -> Self {
+        Lines { input, taken: 0, ends: VecDeque::new(), passed: 0, last: 0 }
+    }
+
+    /// Returns the first line of a record that ends before the byte `end`, including the record's own line end.
+    fn of_record(&mut self, end: u64, record: &StringRecord) -> u64 {
+        while self.ends.front().is_some_and(|at| at + 1 < end) {
+            self.ends.pop_front();
+            self.passed += 1;
+        }
+        let within = record.as_slice().bytes().filter(|byte| *byte == b'\n').count() as u64;
+        // the last line end of a cell that is never closed is at the end of the input
+        let is_last = u64::from(self.is_open(end, record) && record.as_slice().ends_with('\n'));
+        1 + self.passed.saturating_sub(within - is_last)
+    }
+
+    /// Whether the last cell of a record ends with the input, because its quotation mark isn't closed.
+    fn is_open(&self, end: u64, record: &StringRecord) -> bool {
+        let last = record.get(record.len().wrapping_sub(1)).unwrap_or_default();
+        end == self.taken && last.contains('\n') && self.last != b'"'
+    }
+}
+
+impl<R: Read> Read for Lines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.taken > MAX_TABLE_BYTES {
+            return Ok(0);
+        }
+        let count = self.input.read(buffer)?;
+        let is_line_end = |byte: &&u8| matches!(byte, b'\n' | b'\r');
+        self.last = buffer[..count].iter().rfind(|byte| !is_line_end(byte)).copied().unwrap_or(self.last);
+        let ends = buffer[..count].iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+        self.ends.extend(ends.map(|(at, _)| self.taken + at as u64));
+        self.taken += count as u64;
+        Ok(count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Flag;
+    use crate::dataset::press::{csv_header, csv_line, example};
+    use crate::dataset::table_error::MAX_COLUMNS;
+    use miette::Diagnostic as _;
+    use palpate_core::quantity::Place;
+
+    fn plain(text: &str) -> Result<Presses, TableError> {
+        parse_table("a.csv", text.as_bytes(), &Mapping::default())
+    }
+
+    /// Message and help of a table that is refused.
+    fn refusal(text: &str) -> String {
+        let error = plain(text).unwrap_err();
+        format!("{error}; {}", error.help().map(|help| help.to_string()).unwrap_or_default())
+    }
+
+    #[test]
+    fn a_plain_table_is_read_whatever_its_order_and_line_ends() {
+        let text =
+            "\u{feff}out_2, x_mm ,note,y_mm,out_1\r\n4, 1 ,\"a, b\",2,3\r\n\r\n-1e-3,0.5,\"a\nb\",.25,0\r\n0,0,,0,0";
+        let table = plain(text).unwrap();
+        assert_eq!((table.channels, table.presses.len()), (2, 3));
+        assert_eq!((table.presses[0].x_mm, table.presses[0].outputs.as_slice()), (1.0, [3.0, 4.0].as_slice()));
+        assert_eq!(table.presses[1].place(), Place::new(0.5, 0.25));
+        assert_eq!([0, 1, 2].map(|index| table.at(index)), [2, 4, 6].map(|line| format!("a.csv, line {line}")));
+        let is_bare = |press: &Press| press.force_n.is_none() && !press.is_flagged() && press.phase.is_none();
+        assert!(table.presses.iter().all(is_bare));
+    }
+
+    #[test]
+    fn a_quotation_mark_that_isnt_closed_is_told_at_its_line() {
+        for end in ["", "\n", "\r\n", "\n\n"] {
+            let told = refusal(&format!("x_mm,y_mm,out_1\n1,2,3\n1,\"2,3\n4,5,6{end}"));
+            assert!(told.starts_with("a.csv, line 3: a quotation mark isn't closed"), "{end:?}: {told}");
+        }
+        let closed = plain("x_mm,y_mm,out_1,note\n1,2,3,\"a\nb\n\"\n").unwrap();
+        assert_eq!(closed.at(0), "a.csv, line 2");
+    }
+
+    #[test]
+    fn a_table_without_a_header_is_told_so() {
+        for text in ["-6,-6,0.5\n-6,-5,0.5\n", "1,5;2,5;3\n1;2;3\n", "0,calibration,1,2,3,\n1,calibration,1,2,3,\n"] {
+            let told = refusal(text);
+            assert!(told.contains("line 1: the table has no header") && told.contains("`header = false`"), "{told}");
+        }
+    }
+
+    #[test]
+    fn comments_above_the_header_are_skipped() {
+        let text = "\u{feff}# made by hand, on Monday\n#again\n\nx_mm,y_mm,out_1\n1,2,3\n#4,5,6\n";
+        let refused = plain(text).unwrap_err().to_string();
+        assert!(refused.starts_with("a.csv, line 6, column `x_mm`: expected a finite number"), "{refused}");
+        let table = plain(text.trim_end_matches("#4,5,6\n")).unwrap();
+        assert_eq!((table.presses.len(), table.at(0)), (1, "a.csv, line 5".to_owned()));
+        assert!(matches!(plain("# only this\n").unwrap_err(), TableError::NoRows { .. }));
+    }
+
+    #[test]
+    fn a_table_from_a_spreadsheet_is_read_with_its_separator_and_decimal_commas() {
+        let text = "\u{feff}# exported\r\nx_mm;y_mm;force_n;out_1\r\n-1,5;2;0,25;1,5e-3\r\n";
+        let table = plain(text).unwrap();
+        let press = &table.presses[0];
+        assert_eq!((press.place(), press.force_n, press.outputs[0]), (Place::new(-1.5, 2.0), Some(0.25), 0.0015));
+        assert_eq!(table.detected, ["columns are separated by semicolons, decimal commas"]);
+        assert!(plain("x_mm,y_mm,out_1\n1,2,3\n").unwrap().detected.is_empty());
+        assert_eq!(table.at(0), "a.csv, line 3");
+    }
+
+    #[test]
+    fn a_runs_own_table_gives_the_presses_it_was_written_from() {
+        let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
+        let text = csv_header(2) + &presses.iter().map(csv_line).collect::<String>();
+        assert_eq!(plain(&text).unwrap().presses, presses);
+        let wrong = plain(&text.replace("1,0,calibration", "1,-1,calibration")).unwrap_err();
+        assert_eq!(wrong.to_string(), "a.csv, line 3, column `level`: expected a whole number from 0, found `-1`");
+        let wrong = plain(&text.replace("2,0,calibration", "2,0,calibratoin")).unwrap_err().to_string();
+        assert!(wrong.starts_with("a.csv, line 4, column `phase`: expected characterisation, calibration"), "{wrong}");
+    }
+
+    #[test]
+    fn a_runs_columns_are_ignored_in_a_table_from_elsewhere() {
+        let text = "press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,flags\na,b,c,0,0,d,0.49,1,drift\n";
+        let table = plain(text).unwrap();
+        let expected = Press { force_n: Some(0.49), outputs: vec![1.0], flags: vec![Flag::Other], ..Press::default() };
+        assert_eq!(table.presses, [expected]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_file_line_and_column() {
+        for (text, expected) in [
+            (
+                "x_mm,y_mm,out_1\n1,2,3\n1,NaN,3\n",
+                "a.csv, line 3, column `y_mm`: expected a finite number, found `NaN`",
+            ),
+            ("x_mm,y_mm,out_1\r\n1,2,3\r\n1,2,inf\r\n", "a.csv, line 3, column `out_1`: expected a finite number"),
+            ("x_mm,y_mm,out_1\n\n1,2,1e999\n", "a.csv, line 3, column `out_1`: expected a finite number"),
+            ("x_mm,y_mm,out_1\n1,two,3\n", "a.csv, line 2, column `y_mm`: expected a finite number, found `two`"),
+            ("x_mm,y_mm,out_1\n,2,3\n", "a.csv, line 2, column `x_mm`: expected a finite number, found ``"),
+            ("x_mm,y_mm,force_n,out_1\n1,2,NaN,3\n", "a.csv, line 2, column `force_n`: expected a finite number"),
+            ("x_mm,y_mm,out_1\n1,2,3\n1,2\n", "a.csv, line 3: 2 cells where the header has 3 (up to column `y_mm`)"),
+            ("x_mm,y_mm,out_1\r\n1,2,3,4\r\n", "a.csv, line 2: 4 cells where the header has 3 (up to column `out_1`)"),
+            ("x_mm,y_mm,x_mm,out_1\n1,2,3,4\n", "a.csv, line 1: column `x_mm` is in the header twice"),
+            ("x_mm,y_mm,note,note,out_1\n1,2,3,4,5\n", "a.csv, line 1: column `note` is in the header twice"),
+            ("\nX,y_mm,out_1\n1,2,3\n", "a.csv, line 2: column `x_mm` is missing"),
+            ("x_mm,y-mm,out_1\n1,2,3\n", "column `y_mm` is missing; the header has `y-mm`"),
+            ("X_MM,y_mm,out_1\n1,2,3\n", "column `x_mm` is missing; the header has `X_MM`"),
+            ("y_mm,out_1\n2,3\n", "column `x_mm` is missing; required:"),
+            ("x_mm,y,z_mm,out_1\n1,2,3,4\n", "column `y_mm` is missing; the header has `y`"),
+            ("X;y_mm;out_1\n1;2;3\n", "column `x_mm` is missing; the header has `X`"),
+            (
+                "x_mm,y_mm,ch0,ch1\n1,2,3,4\n",
+                "`out_1` is missing; the header has ch0 to ch1: if they are the outputs, add --columns outputs=ch0..ch1",
+            ),
+            ("x,y_mm,out_1\n1,2,3\n", "the header has `x`: if it holds that, rename it, or add --columns \"x_mm=x\""),
+            (
+                "x_mm;y_mm;out_1\n1;2,5;3\n1;2;3.5\n",
+                "a.csv, line 3: a table can't have decimal commas (line 2) and decimal points (line 3)",
+            ),
+            ("x_mm,y_mm\n1,2\n", "column `out_1` is missing"),
+            ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing; number the outputs without a gap"),
+            ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "invalid output column `out_0`; use out_1, out_2"),
+            ("x_mm,y_mm,out_1\n", "a.csv: the table has no rows"),
+            ("", "a.csv: the table has no rows"),
+            ("\n\n", "a.csv: the table has no rows"),
+        ] {
+            let refusal = refusal(text);
+            assert!(refusal.contains(expected), "{text:?} gives: {refusal}");
+        }
+    }
+
+    #[test]
+    fn what_is_quoted_is_short_and_moves_no_cursor() {
+        let long = "\u{1b}[2J".repeat(20);
+        let shown = "\\u{1b}[2J".repeat(10) + "...";
+        for (text, expected) in [
+            (
+                format!("x_mm,y_mm,out_1\n1,{long},3\n"),
+                format!("line 2, column `y_mm`: expected a finite number, found `{shown}`;"),
+            ),
+            (format!("x_mm,y_mm,{long},out_1,{long}\n"), format!("line 1: column `{shown}` is in the header twice")),
+            (
+                format!("x_mm,y_mm,out_1,{long}\n1,2,3\n1,2,3,4,5\n"),
+                "line 2: 3 cells where the header has 4".to_owned(),
+            ),
+            (format!("x_mm,y_mm,out_1,{long}\n1,2,3,4,5\n"), format!("(up to column `{shown}`)")),
+            ("x_mm,y_mm,out_0\u{7}\n".to_owned(), "column `out_1` is missing".to_owned()),
+            (
+                format!("x_mm,y_mm,out_1,out_0{}\n", "1".repeat(40)),
+                format!("invalid output column `out_0{}...`", "1".repeat(35)),
+            ),
+            ("x\u{9b}mm,y_mm,out_1\n".to_owned(), "column `x_mm` is missing; the header has `x\\u{9b}mm`".to_owned()),
+            (format!("\n{}\n", ",x".repeat(MAX_COLUMNS)), "a.csv, line 2: more than 4096 columns".to_owned()),
+        ] {
+            let refusal = refusal(&text);
+            assert!(refusal.contains(&expected) && !refusal.contains(char::is_control), "{text:?} gives: {refusal:?}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_and_files_that_are_not_there_are_told_apart() {
+        let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), &Mapping::default()).unwrap_err();
+        assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
+        let folder = tempfile::tempdir().unwrap();
+        assert!(matches!(
+            read_table(&folder.path().join("none.csv"), &Mapping::default()),
+            Err(TableError::Unreadable { .. })
+        ));
+        assert!(matches!(read_table(folder.path(), &Mapping::default()), Err(TableError::Unreadable { .. })));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_text_makes_the_reader_panic(text in "[xy_mout1234567890,.\"\r\n ;N-]{0,60}") {
+            let _ = plain(&text);
+            let _ = plain(&format!("x_mm,y_mm,out_1\n{text}"));
+        }
+    }
+}

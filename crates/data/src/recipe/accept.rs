@@ -1,0 +1,174 @@
+//! `[accept]`: the acceptance rule of a recipe, or of a file that a recipe names.
+
+use super::PRESSES_CEILING;
+use super::keys::CHOOSABLE;
+use crate::acceptance::{Decision, Figure, Limit, Rule};
+use palpate_document::{self as document, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
+use palpate_solver::BEST;
+
+const LENGTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
+const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
+const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
+const SHARE: Bounds = Bounds::above(0.0, 1.0, "");
+/// Largest number of channels of an array.
+const CHANNELS_MAX: u64 = 4096;
+
+const DECISIONS: [(&str, Decision); 2] =
+    [(Decision::Simple.word(), Decision::Simple), (Decision::Guarded.word(), Decision::Guarded)];
+
+/// Content of `accept` in a recipe.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Accept {
+    /// A rule in the recipe itself.
+    Rule(Rule),
+    /// Name of a file next to the recipe that contains the rule.
+    File(String),
+}
+
+keys! {
+    /// `[accept]`, and an acceptance file.
+    accept {
+        rule: Word(&words(&DECISIONS)), or_word(Decision::Simple.word()),
+            "simple: each figure is within its limit; guarded: its one-sided 95 % bound is", "\"guarded\"";
+        method: Word(&CHOOSABLE), or_word(BEST), "the solver whose results are judged", "\"pearson\"";
+        calibration_presses_least: Whole(1, PRESSES_CEILING as u64), or_whole(1),
+            "smallest number of calibration presses, without flagged ones", "500";
+        test_presses_least: Whole(1, PRESSES_CEILING as u64), or_whole(1),
+            "smallest number of test presses, without flagged ones", "100";
+        location_mean_mm: Number(LENGTH), Allowed, "limit of the mean location error", "1.0";
+        location_p95_mm: Number(LENGTH), Allowed, "limit of the 95th percentile of the location errors", "2.0";
+        location_within: Table(&location_within::KEYS), Allowed, "limit of the share of presses with a small location error";
+        force_mean_n: Number(FORCE), Allowed, "limit of the mean force error", "0.1";
+        force_p95_n: Number(FORCE), Allowed, "limit of the 95th percentile of the force errors", "0.2";
+        force_within: Table(&force_within::KEYS), Allowed, "limit of the share of presses with a small force error";
+        repeatability_percent: Number(PERCENT), Allowed,
+            "limit of the loading repeatability of every unit, % of full scale", "4.0";
+        hysteresis_percent: Number(PERCENT), Allowed, "limit of the hysteresis of every unit, % of full scale", "6.0";
+        hysteresis_of_reading_percent: Number(PERCENT), Allowed,
+            "limit of the hysteresis of every unit, % of reading", "15.0";
+        linearity_percent: Number(PERCENT), Allowed, "limit of the nonlinearity of every unit, % of full scale", "5.0";
+        zero_return_percent: Number(PERCENT), Allowed, "limit of the zero return of every unit, % of full scale", "1.0";
+        noise_percent: Number(PERCENT), Allowed,
+            "limit of the noise of every channel in air, % of its largest output in the calibration", "0.5";
+        broken_channels_most: Whole(0, CHANNELS_MAX), Allowed, "largest number of dead or saturated channels", "0";
+        flagged_presses_most: Whole(0, PRESSES_CEILING as u64), Allowed,
+            "largest number of flagged presses in calibration and test together", "5";
+    }
+}
+
+keys! {
+    /// `location_within` of `[accept]`.
+    location_within {
+        mm: Number(LENGTH), Refused, "the location error up to which a press counts", "1.0";
+        share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
+    }
+}
+
+keys! {
+    /// `force_within` of `[accept]`.
+    force_within {
+        n: Number(FORCE), Refused, "the force error up to which a press counts", "0.1";
+        share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
+    }
+}
+
+/// Reads an acceptance file: the keys of `[accept]`, without the heading.
+///
+/// # Errors
+/// All problems of the text, each with its line.
+pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
+    if document::has_key(text, "accept") {
+        let at = text.find("accept").unwrap_or_default();
+        let problem = Problem::new(at..at + "accept".len(), "an acceptance file has its keys without a heading");
+        return Err(Problems::new(file, text, vec![problem.help("remove the line [accept]")]));
+    }
+    document::read(file, text, &accept::KEYS, read_rule)
+}
+
+/// Returns the rule in a table.
+pub(super) fn read_rule(table: &Table) -> Option<Rule> {
+    let decision = table.word(&accept::rule, &DECISIONS);
+    let method = table.word(&accept::method, &CHOOSABLE.map(|name| (name, name)));
+    let least = |key: &Key| table.whole(key).map(|least| least as usize);
+    let (calibration, test) = (least(&accept::calibration_presses_least), least(&accept::test_presses_least));
+    // a wrong limit has been reported; the others are read all the same
+    let limits: Vec<Limit> = Figure::ALL.into_iter().filter_map(|figure| limit(table, figure)).collect();
+    let (known, keys) = (accept::KEYS.always, || Figure::ALL.map(Figure::key));
+    if !known.iter().any(|key| keys().contains(&key.name) && table.has(key)) {
+        let help = format!("add one of {}", keys().join(", "));
+        table.complain(Problem::new(table.span(), "this rule has no limit").help(help));
+    }
+    Some(Rule {
+        decision: decision?,
+        method: method?.to_owned(),
+        calibration_presses_least: calibration?,
+        test_presses_least: test?,
+        limits,
+        afterwards_by: None,
+    })
+}
+
+fn limit(table: &Table, figure: Figure) -> Option<Limit> {
+    let plain = |limit: f64| Limit { figure, limit, reach: None };
+    match figure {
+        Figure::LocationWithin => {
+            let table = table.table(&accept::location_within)?;
+            let (reach, share) = (table.number(&location_within::mm), table.number(&location_within::share));
+            Some(Limit { figure, limit: share?, reach: Some(reach?) })
+        }
+        Figure::ForceWithin => {
+            let table = table.table(&accept::force_within)?;
+            let (reach, share) = (table.number(&force_within::n), table.number(&force_within::share));
+            Some(Limit { figure, limit: share?, reach: Some(reach?) })
+        }
+        Figure::BrokenChannels => table.whole(&accept::broken_channels_most).map(|most| plain(most as f64)),
+        Figure::FlaggedPresses => table.whole(&accept::flagged_presses_most).map(|most| plain(most as f64)),
+        Figure::LocationMean => table.number(&accept::location_mean_mm).map(plain),
+        Figure::LocationP95 => table.number(&accept::location_p95_mm).map(plain),
+        Figure::ForceMean => table.number(&accept::force_mean_n).map(plain),
+        Figure::ForceP95 => table.number(&accept::force_p95_n).map(plain),
+        Figure::Repeatability => table.number(&accept::repeatability_percent).map(plain),
+        Figure::Hysteresis => table.number(&accept::hysteresis_percent).map(plain),
+        Figure::HysteresisOfReading => table.number(&accept::hysteresis_of_reading_percent).map(plain),
+        Figure::Linearity => table.number(&accept::linearity_percent).map(plain),
+        Figure::ZeroReturn => table.number(&accept::zero_return_percent).map(plain),
+        Figure::Noise => table.number(&accept::noise_percent).map(plain),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_document::sample::assert_read_is_listed;
+
+    #[test]
+    fn what_is_read_of_an_acceptance_file_is_what_is_listed() {
+        assert_read_is_listed(&accept::KEYS, |text| drop(parse_rule("accept.toml", text)));
+    }
+
+    #[test]
+    fn a_rule_is_read_with_its_defaults() {
+        let text = "location_mean_mm = 0.5\nforce_within = { n = 0.1, share = 0.9 }\nbroken_channels_most = 0\n";
+        let rule = parse_rule("accept.toml", text).unwrap();
+        assert_eq!((rule.decision, rule.method.as_str(), rule.test_presses_least), (Decision::Simple, BEST, 1));
+        let limits: Vec<(&str, f64, Option<f64>)> =
+            rule.limits.iter().map(|limit| (limit.figure.key(), limit.limit, limit.reach)).collect();
+        assert_eq!(
+            limits,
+            [("location_mean_mm", 0.5, None), ("force_within", 0.9, Some(0.1)), ("broken_channels_most", 0.0, None)]
+        );
+    }
+
+    #[test]
+    fn a_rule_without_a_limit_and_a_wrong_one_are_refused() {
+        let lines = |text: &str| parse_rule("accept.toml", text).unwrap_err().lines();
+        assert_eq!(lines("rule = \"guarded\"\n"), ["accept.toml:1:1: this rule has no limit"]);
+        assert_eq!(
+            lines("location_mean = 1.0\nforce_within = { n = 0.1, share = 90 }\n"),
+            [
+                "accept.toml:1:1: unknown key `location_mean`",
+                "accept.toml:2:35: `share` is 90, must be over 0, at most 1",
+            ]
+        );
+    }
+}

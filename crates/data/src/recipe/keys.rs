@@ -1,0 +1,152 @@
+//! Keys of a recipe, table by table.
+
+use super::accept::accept as accept_keys;
+use super::{Manner, Order, PRESSES_CEILING, Phase};
+use palpate_control::Strategy;
+use palpate_document::{Bounds, keys, words};
+use palpate_solver::{BEST, SOLVERS};
+
+const DAY_S: f64 = 86_400.0;
+const UNITS_MAX: u64 = 4096;
+const CELLS_MAX: u64 = 10_000;
+
+const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
+const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
+const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
+/// Limits of a window. A shorter window contains fewer than two conversions of a common load cell.
+const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
+const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
+
+/// Possible phases of a step.
+pub(super) const PHASES: [(&str, Phase); 3] = [
+    (Phase::Characterisation.name(), Phase::Characterisation),
+    (Phase::Calibration.name(), Phase::Calibration),
+    (Phase::Test.name(), Phase::Test),
+];
+pub(super) const ORDERS: [(&str, Order); 2] =
+    [(Order::Raster.name(), Order::Raster), (Order::Interleaved.name(), Order::Interleaved)];
+pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
+    (Strategy::Guarded.name(), Strategy::Guarded),
+    (Strategy::Velocity.name(), Strategy::Velocity),
+    (Strategy::Map.name(), Strategy::Map),
+];
+pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
+
+/// Names of all solvers, and the name that selects the best solver.
+pub(super) const CHOOSABLE: [&str; SOLVERS.len() + 1] = {
+    let mut names = [BEST; SOLVERS.len() + 1];
+    names.split_at_mut(1).1.copy_from_slice(&SOLVERS);
+    names
+};
+
+keys! {
+    /// The complete recipe.
+    root {
+        name: Text, Refused, "name of the run folder", "\"paper\"";
+        press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";
+        step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
+        evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
+        accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
+            "the acceptance rule, or the name of a file in the recipe's folder that holds it; without it there is no verdict",
+            "\"accept.toml\"";
+    }
+}
+
+keys! {
+    /// `[press]`, and the same keys in a step.
+    press {
+        force_tolerance_n: Number(FORCE), or(Manner::PAPER.force_tolerance_n),
+            "largest difference between the force in the window and the set force", "0.05";
+        hold_s: Number(DWELL), or(Manner::PAPER.hold_s), "dwell at the set force before the window", "0.5";
+        sample_s: Number(WINDOW), or(Manner::PAPER.sample_s),
+            "length of the window in which force and outputs are sampled", "0.1";
+        strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "strategy that reaches the force", "\"map\"";
+        sample_after_s: Number(DWELL), Allowed,
+            "time from contact to the start of the window; without it, the window starts when the force is within the tolerance", "2.0";
+    }
+}
+
+keys! {
+    /// `[evaluate]`
+    evaluate {
+        solvers: Words(&CHOOSABLE), or_texts(&[SOLVERS[0]]), "the solvers to evaluate the run with",
+            "[\"pearson\", \"pearson-lsq\"]";
+    }
+}
+
+keys! {
+    /// `[[step]]`
+    step {
+        phase: Word(&words(&PHASES)), Refused, "purpose of the step's presses", "\"calibration\"";
+        force_n: Number(FORCE), Allowed, "force of every press; a step has this, `staircase` or `random.force_n`", "1.0";
+        staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
+    }
+    as press { force_tolerance_n, hold_s, sample_s, strategy, sample_after_s }
+    one of {
+        grid: Table(&grid::KEYS), Allowed, "places on a regular grid, both ends included";
+        cells: Table(&cells::KEYS), Allowed, "places at the centres of equal cells";
+        list: Table(&list::KEYS), Allowed, "places given as a list";
+        random: Table(&random::KEYS), Allowed, "random places, from the run's random seed";
+        units: Either(&[Word(&words(&ALL_UNITS)), Wholes(1, UNITS_MAX)]), Allowed,
+            "places above the centres of these units (numbered from 1), or of all units", "[1, 5, 9]";
+    }
+}
+
+keys! {
+    /// `grid` of a step.
+    grid {
+        x_mm: Range(PLACE), Refused, "first and last x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "first and last y", "[-6.0, 6.0]";
+        spacing_mm: Number(SPACING), Refused, "distance of neighbouring places; both extents must be multiples of it", "0.5";
+        order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "order in which the places are pressed",
+            "\"interleaved\"";
+    }
+}
+
+keys! {
+    /// `cells` of a step.
+    cells {
+        x_mm: Range(PLACE), Refused, "interval of x that the cells divide", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "interval of y that the cells divide", "[-6.0, 6.0]";
+        columns: Whole(1, CELLS_MAX), Refused, "number of cells along x", "3";
+        rows: Whole(1, CELLS_MAX), Refused, "number of cells along y", "3";
+    }
+}
+
+keys! {
+    /// `list` of a step.
+    list {
+        places_mm: Places(PLACE), Refused, "the places", "[[0.0, 0.0], [1.5, -2.0]]";
+    }
+}
+
+keys! {
+    /// `random` of a step.
+    random {
+        count: Whole(1, PRESSES_CEILING as u64), Refused, "number of places", "100";
+        x_mm: Range(PLACE), Refused, "interval of x", "[-6.0, 6.0]";
+        y_mm: Range(PLACE), Refused, "interval of y", "[-6.0, 6.0]";
+        force_n: Range(FORCE), Allowed, "interval of the random force of each place", "[0.1, 1.0]";
+    }
+}
+
+keys! {
+    /// `staircase` of a step.
+    staircase {
+        to_n: Number(FORCE), Refused, "the largest force", "2.0";
+        step_n: Number(FORCE), Refused, "difference of neighbouring levels; `to_n` must be a multiple of it", "0.5";
+        repeats: Whole(1, 1000), or_whole(1), "number of repeats at each place", "5";
+        rest_s: Number(DWELL), or(0.0), "rest between two repeats at a place", "300.0";
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::recipe::{KEYS, parse};
+    use palpate_document::sample::assert_read_is_listed;
+
+    #[test]
+    fn what_is_read_of_a_recipe_is_what_is_listed() {
+        assert_read_is_listed(&KEYS, |text| drop(parse("recipe.toml", text)));
+    }
+}

@@ -1,0 +1,90 @@
+//! Tasks of a run: a TOML recipe, which is read with all its problems at once, and the plan that follows from it.
+//!
+//! A [`Recipe`] is a parsed text. A [`Plan`] is its list of presses on a given rig with a given seed. A plan can be printed
+//! before anything moves. A recipe that requests more than the rig can do or may do has no plan.
+
+mod accept;
+mod keys;
+mod parse;
+mod plan;
+mod step;
+mod teach;
+
+pub use accept::{Accept, parse_rule};
+pub use parse::parse;
+pub use plan::{Ground, Plan};
+pub use step::{Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step, UnitChoice};
+pub use teach::Entry;
+
+use crate::acceptance::Rule;
+use palpate_control::Strategy;
+use palpate_document::Keys;
+
+/// All keys that a recipe may have.
+pub const KEYS: Keys = keys::root::KEYS;
+
+/// All keys that an acceptance file may have.
+pub const RULE_KEYS: Keys = accept::accept::KEYS;
+
+/// Largest number of presses of one recipe unless more are [allowed](Recipe::with_presses_max). A night of 10 hours is enough for
+/// some 20,000.
+pub const PRESSES_MAX: usize = 100_000;
+
+/// Largest number of entries of any plan: the recipe's presses, and the presses that teach.
+pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
+
+/// A recipe, parsed but not yet checked against a rig.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// Name of the recipe; a run folder is named after it.
+    pub name: String,
+    /// Steps, in the order of execution.
+    pub steps: Vec<Step>,
+    /// Solvers that evaluate the run when it is done; empty: no evaluation.
+    pub solvers: Vec<String>,
+    /// Acceptance rule; `None`: no verdict.
+    pub accept: Option<Accept>,
+    /// Largest number of presses.
+    pub presses_max: usize,
+    pub(super) file: String,
+    pub(super) text: String,
+}
+
+impl Recipe {
+    /// Creates a recipe that isn't in a file.
+    pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
+        let name = name.to_owned();
+        let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
+        Recipe { name, steps, solvers: Vec::new(), accept: None, presses_max: PRESSES_MAX, file, text }
+    }
+
+    /// Returns the acceptance rule, once a file named in the recipe has been read.
+    pub fn rule(&self) -> Option<&Rule> {
+        match &self.accept {
+            Some(Accept::Rule(rule)) => Some(rule),
+            Some(Accept::File(_)) | None => None,
+        }
+    }
+
+    /// Returns the recipe with an acceptance rule.
+    #[must_use]
+    pub fn with_rule(self, rule: Rule) -> Recipe {
+        Recipe { accept: Some(Accept::Rule(rule)), ..self }
+    }
+
+    /// Returns the recipe with one strategy for every press instead of the strategies of its steps.
+    #[must_use]
+    pub fn with_strategy(mut self, strategy: Strategy) -> Recipe {
+        self.steps.iter_mut().for_each(|step| step.manner.strategy = strategy);
+        self
+    }
+
+    /// Returns the recipe with this number of presses allowed, at most [`PRESSES_CEILING`].
+    #[must_use]
+    pub fn with_presses_max(self, presses_max: usize) -> Recipe {
+        Recipe { presses_max: presses_max.min(PRESSES_CEILING), ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests;

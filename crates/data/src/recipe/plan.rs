@@ -1,0 +1,264 @@
+//! The presses of a recipe.
+
+use super::teach::{Entry, teach};
+use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
+use palpate_control::{Level, Task};
+use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
+use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
+use rand::RngExt;
+use std::sync::Arc;
+
+/// The presses of a recipe on one rig with one seed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The recipe's name.
+    pub name: String,
+    /// Random seed of places and forces.
+    pub seed: u64,
+    /// Presses in the order of execution, which may differ from the order of their numbers.
+    pub entries: Vec<Entry>,
+}
+
+/// Data that a plan is checked against.
+#[derive(Clone, Debug)]
+pub struct Ground<'a> {
+    /// Travel limits of the axes.
+    pub travel: &'a Travel,
+    /// Position of the specimen.
+    pub frame: &'a Frame,
+    /// Limits of the specimen.
+    pub limits: &'a Limits,
+    /// Positions of the array's units.
+    pub layout: &'a ArrayLayout,
+}
+
+impl Plan {
+    /// Creates the plan of a recipe. If enough presses find their force from earlier presses (`strategy = "map"`), the plan
+    /// begins with presses that teach.
+    ///
+    /// # Errors
+    /// Every step that leaves the stage's travel, exceeds the specimen's force limit, names a unit that doesn't exist, or makes
+    /// the plan too long, with its line.
+    pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
+        let mut problems = Vec::new();
+        let mut steps: Vec<Vec<Entry>> = Vec::new();
+        let mut presses = 0;
+        for (index, step) in recipe.steps.iter().enumerate() {
+            check_force(step, ground.limits, &mut problems);
+            // counted before any is made
+            if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
+                problems.push(recipe.too_long(step, ground.layout));
+                break;
+            }
+            let places = step.places(ground.layout, seed, index, &mut problems);
+            check_travel(&places, ground, &mut problems);
+            let mut entries = step.entries(&places, seed, index);
+            entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
+            presses += entries.len();
+            steps.push(step.visited(entries));
+        }
+        if problems.is_empty() {
+            teach(&mut steps, presses, ground.limits);
+            let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
+            steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
+            Ok(Plan { name: recipe.name.clone(), seed, entries })
+        } else {
+            Err(Problems::new(&recipe.file, &recipe.text, problems))
+        }
+    }
+
+    /// Largest force in the plan, N.
+    pub fn most_n(&self) -> f64 {
+        self.entries.iter().map(|entry| entry.task.most_n()).fold(0.0, f64::max)
+    }
+
+    /// Returns the intervals of x and y that contain the plan's places, mm.
+    pub fn envelope(&self) -> [Range; 2] {
+        let span = |along: fn(&Place) -> f64| {
+            let all = self.entries.iter().map(|entry| along(&entry.place));
+            let min = all.clone().fold(f64::INFINITY, f64::min);
+            Range { min, max: all.fold(f64::NEG_INFINITY, f64::max) }
+        };
+        [span(|place| place.x_mm), span(|place| place.y_mm)]
+    }
+}
+
+impl Recipe {
+    /// Returns the problem of too many presses. This step is the first one above the limit.
+    fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
+        let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
+        let is_possible = presses <= PRESSES_CEILING;
+        let most = if is_possible { self.presses_max } else { PRESSES_CEILING };
+        let told = format!("the plan has {presses} presses, but at most {most} are allowed");
+        let help = match is_possible {
+            true => format!("split the recipe, or add --presses-max {presses}"),
+            false => "use a coarser `spacing_mm`, or split the recipe".to_owned(),
+        };
+        Problem::new(step.places_span.clone(), told).help(help)
+    }
+}
+
+impl Places {
+    fn count(&self, layout: &ArrayLayout) -> usize {
+        match self {
+            Places::Grid { x_mm, y_mm, spacing_mm, .. } => {
+                points(*x_mm, *spacing_mm).saturating_mul(points(*y_mm, *spacing_mm))
+            }
+            Places::Cells { columns, rows, .. } => columns.saturating_mul(*rows),
+            Places::List(places) => places.len(),
+            Places::Random { count, .. } => *count as usize,
+            Places::Units(UnitChoice::All) => layout.units().len(),
+            Places::Units(UnitChoice::Some(units)) => units.len(),
+        }
+    }
+}
+
+impl Step {
+    /// Number of presses of the step.
+    fn count(&self, layout: &ArrayLayout) -> usize {
+        self.places.count(layout).saturating_mul(self.load.repeats())
+    }
+
+    /// Returns the step's places, each with its position in the text.
+    fn places(&self, layout: &ArrayLayout, seed: u64, index: usize, problems: &mut Vec<Problem>) -> Vec<(Place, Span)> {
+        let here = |place: Place| (place, self.places_span.clone());
+        match &self.places {
+            Places::Grid { x_mm, y_mm, spacing_mm, .. } => {
+                let along = |range: Range| {
+                    let last = points(range, *spacing_mm) - 1;
+                    (0..=last).map(move |i| range.min + range.width() * i as f64 / last.max(1) as f64)
+                };
+                along(*y_mm).flat_map(|y| along(*x_mm).map(move |x| Place::new(x, y))).map(here).collect()
+            }
+            Places::Cells { x_mm, y_mm, columns, rows } => {
+                cell_centres(*x_mm, *y_mm, *columns, *rows).into_iter().map(here).collect()
+            }
+            Places::List(places) => places.clone(),
+            Places::Random { count, x_mm, y_mm } => {
+                let mut rng = stream(seed, index as u64, "plan places");
+                let mut draw = |range: &Range| to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
+                (0..*count).map(|_| here(Place::new(draw(x_mm), draw(y_mm)))).collect()
+            }
+            Places::Units(UnitChoice::All) => layout.one_per_unit().places().iter().copied().map(here).collect(),
+            Places::Units(UnitChoice::Some(units)) => {
+                let there = layout.one_per_unit();
+                let place = |(unit, span): &(usize, Span)| match there.places().get(unit.wrapping_sub(1)) {
+                    Some(place) => Some((*place, span.clone())),
+                    None => {
+                        let told = format!("there is no unit {unit}: the rig's array has {}", there.len());
+                        problems.push(Problem::new(span.clone(), told));
+                        None
+                    }
+                };
+                units.iter().filter_map(place).collect()
+            }
+        }
+    }
+
+    /// Returns the step's entries in the order in which their places are visited. Entries of one place stay together.
+    fn visited(&self, entries: Vec<Entry>) -> Vec<Entry> {
+        match &self.places {
+            Places::Grid { x_mm, y_mm, spacing_mm, order: Order::Interleaved } => {
+                let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
+                let order = Order::Interleaved.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm));
+                order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
+            }
+            _ => entries, // as they are numbered
+        }
+    }
+
+    /// Returns the step's entries in the order of their numbers, which aren't assigned yet.
+    fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
+        let mut rng = stream(seed, index as u64, "plan forces");
+        let mut entries = Vec::with_capacity(places.len() * self.load.repeats());
+        // one for all: a staircase may have thousands
+        let same = match &self.load {
+            Load::Force(force_n) => Task::press(*force_n),
+            Load::RandomForce(_) => Arc::default(),
+            Load::Staircase { to_n, step_n, .. } => Task::staircase(*to_n, *step_n),
+        };
+        for (place, _) in places {
+            let entry = |levels: Arc<[Level]>, rest_after_s| Entry {
+                press: 0,
+                phase: self.phase,
+                place: *place,
+                task: Task {
+                    levels,
+                    force_tolerance_n: self.manner.force_tolerance_n,
+                    hold_s: self.manner.hold_s,
+                    sample_s: self.manner.sample_s,
+                    strategy: self.manner.strategy,
+                    sample_after_s: self.manner.sample_after_s,
+                },
+                rest_after_s,
+            };
+            match &self.load {
+                Load::Force(_) => entries.push(entry(same.clone(), 0.0)),
+                Load::RandomForce(range) => {
+                    let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
+                    entries.push(entry(Task::press(force_n), 0.0));
+                }
+                Load::Staircase { repeats, rest_s, .. } => {
+                    for repeat in 1..=*repeats {
+                        let rest_after_s = if repeat < *repeats { *rest_s } else { 0.0 };
+                        entries.push(entry(same.clone(), rest_after_s));
+                    }
+                }
+            }
+        }
+        entries
+    }
+}
+
+/// Number of points on an interval, including both ends.
+fn points(range: Range, spacing_mm: f64) -> usize {
+    ((range.width() / spacing_mm).round() as usize).saturating_add(1)
+}
+
+/// Rounds to the resolution of the instruments, inside the range.
+fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
+    ((value / grain).round() * grain).clamp(range.min, range.max)
+}
+
+fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
+    let most_n = step.load.most_n();
+    if most_n > limits.force_n {
+        let told = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
+        let help = format!(
+            "use at most {} N, or raise `limits.force_n` in the rig if the specimen can take it",
+            limits.force_n
+        );
+        problems.push(Problem::new(step.load_span.clone(), told).help(help));
+    }
+}
+
+fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Problem>) {
+    // one problem a stretch of text: a grid that is off isn't reported 625 times
+    let mut told: Option<Span> = None;
+    for (place, span) in places {
+        let position = ground.frame.to_stage(*place, 0.0);
+        let Some(axis) = [Axis::X, Axis::Y].into_iter().find(|&a| !ground.travel.along(a).contains(position.along(a)))
+        else {
+            continue;
+        };
+        if told.as_ref() == Some(span) {
+            continue;
+        }
+        if problems.len() > PROBLEMS_MAX {
+            break; // more than are reported
+        }
+        let (travel, name) = (ground.travel.along(axis), axis.name());
+        let at = position.along(axis);
+        let place = format!("({}, {}) mm", place.x_mm, place.y_mm);
+        // where the frame is moved or turned, the stage's own coordinate is another one
+        let is_moved =
+            ground.frame.to_stage(Place::default(), 0.0).along(axis) != 0.0 || ground.frame.rotation_deg != 0.0;
+        let where_ = match is_moved {
+            true => format!("{place} is at {name} = {} mm of the stage, outside its travel", round(at, 3)),
+            false => format!("{place} is outside the stage's travel"),
+        };
+        let message = format!("{where_}: {name} goes from {} to {} mm", travel.min, travel.max);
+        problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));
+        told = Some(span.clone());
+    }
+}

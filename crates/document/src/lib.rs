@@ -1,0 +1,363 @@
+//! Reads a TOML text and collects every problem with its position.
+//!
+//! The allowed content of a text is data: [`Keys`] list every [`Key`] of a table. Recipes, rigs and register maps are read
+//! through a [`Table`]. Each request for a key either returns a value, or records a [`Problem`] and continues. A person therefore
+//! sees all problems at once, each with the line, the expected value and the nearest correct spelling.
+
+mod difference;
+mod key;
+pub mod layout;
+pub mod notify;
+mod problem;
+mod reference;
+#[doc(hidden)]
+pub mod sample;
+mod schema;
+mod table;
+
+pub use difference::{Change, Given, differences};
+pub use key::{Absent, Bounds, Case, Key, Keys, Kind, Listed, Value};
+pub use key::{row, words};
+pub use problem::printable;
+pub use problem::{PROBLEMS_MAX, Problem, Problems};
+pub use reference::reference;
+pub use schema::schema;
+pub use table::{Span, Table};
+pub use table::{all, optional, with_nearest};
+
+use problem::Collector;
+use toml::Spanned;
+use toml::de::DeTable;
+use toml_parser::Source;
+use toml_parser::lexer::TokenKind;
+
+/// Length of the longest text that is read as a recipe or a rig, bytes: a hundred times the longest list written by hand.
+pub const TEXT_MAX_BYTES: usize = 4 << 20;
+
+/// Largest depth of nested brackets. No recipe or rig needs five. The parser would follow brackets that are never closed until
+/// its stack overflows.
+const DEPTH_MAX: usize = 32;
+
+/// Reads a TOML text with `read`, which requests keys of the list from a root [`Table`]. Keys that aren't in the list are
+/// problems too.
+///
+/// `name` is the file's name in messages.
+///
+/// # Errors
+/// All problems of the text, in the order of their positions.
+pub fn read<T>(
+    name: &str,
+    text: &str,
+    keys: &'static Keys,
+    read: impl FnOnce(&Table) -> Option<T>,
+) -> Result<T, Problems> {
+    let root = parsed_as(name, text, Some(keys))?;
+    let _reading = sample::Reading::begin();
+    let collector = Collector::default();
+    let table = Table::root(&root, keys, &collector);
+    table.check_names();
+    let value = read(&table);
+    match value {
+        Some(value) if collector.is_empty() => Ok(value),
+        _ => Err(collector.into_problems(name, text)),
+    }
+}
+
+/// Whether a text has a key of this name outside its tables; false if the text isn't TOML.
+pub fn has_key(text: &str, name: &str) -> bool {
+    parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
+}
+
+/// Parses a text as TOML.
+fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    parsed_as(name, text, None)
+}
+
+/// Parses a text as TOML. `keys` are those of its root, if they are known: they decide which headings may be repeated.
+fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spanned<DeTable<'t>>, Problems> {
+    if text.len() > TEXT_MAX_BYTES {
+        let problem =
+            Problem::new(0..0, format!("the file has {} bytes, but at most {TEXT_MAX_BYTES} are allowed", text.len()));
+        return Err(Problems::new(name, "", vec![problem]));
+    }
+    if let Some(at) = too_deep(text) {
+        let problem = Problem::new(at..at + 1, format!("not valid TOML: more than {DEPTH_MAX} brackets are open here"));
+        return Err(Problems::new(name, text, vec![problem.help("close each `[` and `{`")]));
+    }
+    let (root, errors) = DeTable::parse_recoverable(text);
+    if errors.is_empty() {
+        return Ok(root);
+    }
+    let collector = Collector::default();
+    let mut seen: Vec<&str> = Vec::new();
+    let mut is_broken = false;
+    for error in &errors {
+        let place = error.span().unwrap_or(0..0);
+        let is_twice = error.message() == "duplicate key";
+        let heading = is_twice.then(|| heading_at(text, place.start)).flatten();
+        let problem = match (decimal_comma(text, place.start), heading) {
+            (Some((number, decimal)), _) => {
+                Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
+            }
+            (None, Some((_, heading))) if seen.contains(&heading) => continue,
+            (None, Some((is_double, heading))) => {
+                seen.push(heading);
+                heading_twice(text, place, heading, is_double, keys)
+            }
+            // the keys under such a heading are twice there too
+            (None, None) if is_twice && !seen.is_empty() => continue,
+            // the errors after the first one mostly follow from it
+            (None, None) if !is_twice && std::mem::replace(&mut is_broken, true) => continue,
+            (None, None) => Problem::new(place, format!("not valid TOML: {}", error.message())),
+        };
+        collector.add(problem);
+    }
+    Err(collector.into_problems(name, text))
+}
+
+/// Returns the name in the heading `[name]` or `[[name]]` at this byte, and whether its brackets are double.
+fn heading_at(text: &str, at: usize) -> Option<(bool, &str)> {
+    let start = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+    heading_of(text[start..].lines().next()?)
+}
+
+/// Returns the name of a line that is a heading, and whether its brackets are double. A comment may follow.
+fn heading_of(line: &str) -> Option<(bool, &str)> {
+    let line = line.split('#').next()?.trim();
+    let inner = line.strip_prefix('[')?.strip_suffix(']')?;
+    let double = inner.strip_prefix('[').and_then(|inner| inner.strip_suffix(']'));
+    Some((double.is_some(), double.unwrap_or(inner)))
+}
+
+/// Returns the problem of a heading that comes again, with the brackets that the text needs.
+fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: Option<&Keys>) -> Problem {
+    let list = format!("write [[{heading}]] with double brackets if there are several, each time");
+    if is_double {
+        // the first one has single brackets
+        let mut start = 0;
+        for line in text.split_inclusive('\n') {
+            if heading_of(line) == Some((false, heading)) {
+                let told = format!("[{heading}] has single brackets, but [[{heading}]] follows");
+                return Problem::new(start..start + line.trim_end().len(), told).help(list);
+            }
+            start += line.len();
+        }
+    }
+    let problem = Problem::new(place, format!("[{heading}] is here a second time"));
+    let key = keys.and_then(|keys| keys.all().find(|key| key.name == heading));
+    match key.map(|key| key.kind.pick(|kind| matches!(kind, Kind::Tables(_)).then_some(())).is_some()) {
+        Some(false) => problem.help(format!("put all its keys under one [{heading}]")),
+        _ => problem.help(list),
+    }
+}
+
+/// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
+fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
+    let (before, after) = (text.get(..at)?, text.get(at..)?.strip_prefix(',')?);
+    let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
+    let start = before.trim_end_matches(is_in_number).len();
+    let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+    let is_value = before[..start].trim_end_matches([' ', '\t']).ends_with('=');
+    let number = start..at + 1 + digits;
+    (is_value && start < at && digits > 0).then(|| (number.clone(), text[number].replace(',', ".")))
+}
+
+/// Returns the position of the first bracket that is nested too deep. A bracket of the other kind closes nothing.
+fn too_deep(text: &str) -> Option<usize> {
+    let mut open = Vec::with_capacity(DEPTH_MAX + 1);
+    let mut tokens = Source::new(text).lex();
+    let token = tokens.find(|token| {
+        let kind = token.kind();
+        match kind {
+            TokenKind::LeftSquareBracket | TokenKind::LeftCurlyBracket => open.push(kind),
+            TokenKind::RightSquareBracket => _ = open.pop_if(|last| *last == TokenKind::LeftSquareBracket),
+            TokenKind::RightCurlyBracket => _ = open.pop_if(|last| *last == TokenKind::LeftCurlyBracket),
+            _ => {}
+        }
+        open.len() > DEPTH_MAX
+    });
+    token.map(|token| token.span().start())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Table;
+    use crate::row::*;
+
+    keys! { press {
+        hold_s: Number(within(0.0, 10.0, "s")), or(0.0), "a dwell", "1.0";
+        sample_s: Number(within(0.0, 10.0, "s")), or(0.1), "a window", "0.1";
+        force_n: Number(within(0.0, 2.0, "N")), Refused, "a force", "1.0";
+    } }
+
+    keys! { a {
+        x: Number(within(0.0, 1.0, "mm")), Refused, "a place", "0.0";
+        y: Number(within(0.0, 1.0, "mm")), Refused, "a place", "0.0";
+    } }
+
+    keys! { outer {
+        a: Table(&a::KEYS), Refused, "a table";
+    } }
+
+    keys! { lists {
+        a: Wholes(0, 1), Allowed, "ones and zeros", "[0, 1]";
+    } }
+
+    keys! { any {
+        x: Text, Allowed, "anything", "";
+        y: Text, Allowed, "anything", "";
+    } }
+
+    const NONE: &Keys = &Keys::of(&[]);
+
+    fn messages(text: &str, keys: &'static Keys, ask: impl FnOnce(&Table) -> Option<()>) -> Vec<String> {
+        match read("test.toml", text, keys, ask) {
+            Ok(()) => Vec::new(),
+            Err(problems) => problems.lines(),
+        }
+    }
+
+    #[test]
+    fn all_problems_are_told_at_once_each_at_its_line() {
+        let text = "hold_s = -1.0\nsample = 0.1\nforce_n = \"1 N\"\n";
+        let told = messages(text, &press::KEYS, |table| {
+            table.number(&press::hold_s);
+            table.number(&press::sample_s);
+            table.number(&press::force_n);
+            Some(())
+        });
+        assert_eq!(
+            told,
+            [
+                "test.toml:1:10: `hold_s` is -1, must be 0 to 10 s",
+                "test.toml:2:1: unknown key `sample`",
+                "test.toml:3:11: `force_n` is a string, expected a number in N",
+            ]
+        );
+    }
+
+    #[test]
+    fn nan_is_refused_and_a_missing_key_points_at_its_table() {
+        let told = messages("[a]\nx = nan\n", &outer::KEYS, |table| {
+            let table = table.table(&outer::a)?;
+            table.number(&a::x);
+            table.number(&a::y);
+            Some(())
+        });
+        assert_eq!(
+            told,
+            [
+                "test.toml:1:1: `y` is missing in `a`: a number in mm, 0 to 1",
+                "test.toml:2:5: `x` is not a finite number",
+            ]
+        );
+    }
+
+    #[test]
+    fn brackets_that_are_never_closed_dont_end_the_stack() {
+        for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
+            let told = messages(&open.repeat(100_000), NONE, |_| Some(()));
+            assert!(told[0].contains("not valid TOML"), "{open:?}: {}", told[0]);
+        }
+        let brackets = |depth: usize| format!("x = {}{}\n", "[".repeat(depth), "]".repeat(depth));
+        let told = |text: &str| messages(text, &any::KEYS, |_| Some(()));
+        assert_eq!(told(&brackets(DEPTH_MAX)), [""; 0]);
+        assert_eq!(
+            told(&brackets(DEPTH_MAX + 1)),
+            ["test.toml:1:37: not valid TOML: more than 32 brackets are open here"]
+        );
+        // none of these is open
+        assert_eq!(told(&format!("x = \"{0}\" # {0}\ny = '{0}'\n", "[{".repeat(99))), [""; 0]);
+    }
+
+    #[test]
+    fn a_problem_far_along_a_line_is_told_without_it_and_what_is_quoted_moves_no_cursor() {
+        let far = |name: &str| {
+            let text = format!("a = [{}\"{name}\"]\n", "0, ".repeat(30_000));
+            let problems = read("t.toml", &text, &lists::KEYS, |table| {
+                table.wholes(&lists::a);
+                Some(())
+            });
+            problems.unwrap_err().into_reports().map(|report| format!("{report:?}")).collect::<String>()
+        };
+        let told = far("x");
+        assert!(told.len() < 1000 && told.contains("t.toml:1:"), "{told}");
+        let told = messages("\"a\\u001b[2J\" = 1\n", NONE, |_| Some(()));
+        assert_eq!(told, ["test.toml:1:1: unknown key `a\\u{1b}[2J`"]);
+        let problem = Problem::new(0..1, "told").help("a\tb");
+        assert_eq!(problem.help.as_deref(), Some("a\\tb"));
+        let report = Problems::new("t", "a\u{1b}[2J = 1\u{9b}2J", vec![problem]).into_reports().next().unwrap();
+        let shown = format!("{report:?}");
+        assert!(shown.contains("a?[2J = 1??2J"), "{shown}");
+    }
+
+    #[test]
+    fn no_more_problems_are_told_than_a_person_reads() {
+        let told = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), NONE, |_| Some(()));
+        assert!(told.len() <= PROBLEMS_MAX + 1, "{}", told.len());
+        let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
+        let told = messages(&keys, NONE, |_| Some(()));
+        assert_eq!(told.len(), PROBLEMS_MAX + 1);
+        assert!(told[PROBLEMS_MAX].ends_with("there are more problems"), "{}", told[PROBLEMS_MAX]);
+    }
+
+    #[test]
+    fn mistakes_that_are_not_toml_are_named_by_what_they_mean() {
+        let told = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
+        assert_eq!(told("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
+        // a character of several bytes right before the number
+        for text in ["x = {\u{fffd}2, y = 3\n", "x = \u{2003}2,5\n"] {
+            assert!(told(text)[0].contains("not valid TOML"), "{text}");
+        }
+        let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
+        assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
+        assert!(told("a = 1\na = 2\n")[0].ends_with("not valid TOML: duplicate key"));
+    }
+
+    #[test]
+    fn a_heading_that_comes_twice_is_told_with_the_brackets_that_it_needs() {
+        let told = |text: &str| {
+            let problems = read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err();
+            problems.told().map(|(line, help)| (line, help.unwrap_or_default().to_owned())).collect::<Vec<_>>()
+        };
+        // a table that exists once
+        let once = told("[a]\nx = 0.5\n[a] # again\ny = 0.5\n");
+        assert_eq!(
+            once,
+            [("t.toml:3:2: [a] is here a second time".to_owned(), "put all its keys under one [a]".to_owned())]
+        );
+        // single brackets first
+        let single = told("[step] # one\na = 1\n[[step]]\na = 2\n[[step]]\na = 3\n");
+        assert_eq!(single.len(), 1, "{single:?}");
+        assert_eq!(single[0].0, "t.toml:1:1: [step] has single brackets, but [[step]] follows");
+        assert!(single[0].1.contains("write [[step]] with double brackets"), "{single:?}");
+    }
+
+    #[test]
+    fn only_the_first_error_of_the_syntax_is_told() {
+        let text = "a = { x = [-12.5, 12.5, y = [-12.5, 12.5], z = [1.0, 2.0] }\nb = 2\n";
+        let told = messages(text, NONE, |_| Some(()));
+        assert_eq!(told.len(), 1, "{told:?}");
+    }
+
+    #[test]
+    fn a_name_with_another_unit_is_told_to_convert_its_number() {
+        let help = |name: &str| {
+            let text = format!("{name} = 1\nforce_n = 1.0\n");
+            let problems = read("t.toml", &text, &press::KEYS, |table| table.number(&press::force_n)).unwrap_err();
+            problems.told().next().and_then(|(_, help)| help.map(str::to_owned)).unwrap_or_default()
+        };
+        assert_eq!(help("hold_min"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
+        assert_eq!(help("hold_ms"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
+        assert_eq!(help("hodl_s"), "did you mean `hold_s`?");
+        assert_eq!(help("hold_x"), "did you mean `hold_s`?");
+    }
+
+    #[test]
+    fn broken_toml_is_told_with_its_place() {
+        let told = messages("a = [1,\nb = 2\n", NONE, |_| Some(()));
+        assert!(told[0].starts_with("test.toml:"), "{told:?}");
+        assert!(told[0].contains("not valid TOML"), "{told:?}");
+    }
+}

@@ -1,0 +1,135 @@
+//! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
+//! of its roles. The identity that a device reports is prepared for display here.
+
+use super::{daqmx, esp301, grbl, lines, modbus, process, xps};
+use palpate_core::quantity::{Axis, ForceReading};
+use palpate_link::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
+use std::time::Duration;
+
+macro_rules! stages {
+    ($($name:ident($driver:ty),)+) => {
+        /// A stage.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyStage { $($name($driver),)+ }
+
+        impl Stage for AnyStage {
+            async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.identify(usage).await.map(Identity::shown),)+ }
+            }
+
+            async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.nudge_away(way_mm, usage, reins).await,)+ }
+            }
+
+            async fn is_homed(&mut self) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.is_homed().await,)+ }
+            }
+
+            async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.home_z(usage, reins).await,)+ }
+            }
+
+            async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.home(usage, reins).await,)+ }
+            }
+
+            fn afresh(&mut self) {
+                match self { $(Self::$name(it) => it.afresh(),)+ }
+            }
+
+            async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.begin(targets, speed_mm_s, reins).await,)+ }
+            }
+
+            async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+                match self { $(Self::$name(it) => it.follow(axes, expected, reins).await,)+ }
+            }
+
+            async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+                match self { $(Self::$name(it) => it.position_mm(axis, reins).await,)+ }
+            }
+
+            async fn stop(&mut self) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.stop().await,)+ }
+            }
+
+            async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+                match self { $(Self::$name(it) => it.complaints().await,)+ }
+            }
+
+            async fn guard(&mut self, limit_n: Option<f64>) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.guard(limit_n).await,)+ }
+            }
+        }
+    };
+}
+
+macro_rules! load_cells {
+    ($($name:ident($driver:ty),)+) => {
+        /// A load cell.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyLoadCell { $($name($driver),)+ }
+
+        impl LoadCell for AnyLoadCell {
+            async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.prepare().await.map(Identity::shown),)+ }
+            }
+
+            fn afresh(&mut self) {
+                match self { $(Self::$name(it) => it.afresh(),)+ }
+            }
+
+            async fn read(&mut self) -> Result<ForceReading, DeviceError> {
+                match self { $(Self::$name(it) => it.read().await,)+ }
+            }
+
+            fn conversion(&self) -> Duration {
+                match self { $(Self::$name(it) => it.conversion(),)+ }
+            }
+        }
+    };
+}
+
+macro_rules! arrays {
+    ($($name:ident($driver:ty),)+) => {
+        /// An array.
+        #[allow(missing_docs, reason = "each is named as the driver it holds")]
+        pub enum AnyArray { $($name($driver),)+ }
+
+        impl SensorArray for AnyArray {
+            async fn prepare(&mut self) -> Result<Identity, DeviceError> {
+                match self { $(Self::$name(it) => it.prepare().await.map(Identity::shown),)+ }
+            }
+
+            async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.read(outputs).await,)+ }
+            }
+
+            fn units(&self) -> usize {
+                match self { $(Self::$name(it) => it.units(),)+ }
+            }
+        }
+    };
+}
+
+stages! {
+    Esp301(esp301::Esp301),
+    Xps(Box<xps::Xps>),
+    Grbl(grbl::Grbl),
+    Process(process::ProcessStage),
+}
+
+load_cells! {
+    Modbus(modbus::ModbusLoadCell),
+    Lines(lines::LineLoadCell),
+    Xps(xps::XpsAnalog),
+    Daqmx(daqmx::DaqmxLoadCell),
+    Process(process::ProcessLoadCell),
+}
+
+arrays! {
+    Modbus(modbus::ModbusArray),
+    Lines(lines::LineArray),
+    Daqmx(daqmx::DaqmxArray),
+    Process(process::ProcessArray),
+}

@@ -1,0 +1,476 @@
+//! Newport ESP301 (and ESP300): three axes behind one ASCII line.
+//!
+//! Commands and answers follow the ESP300 manual (pages named at each) and a recording of a real ESP301. Set commands have no
+//! answer. So their result is read from `MD?`, the read-back and the error queue.
+
+use super::MOTION_MARGIN;
+use palpate_core::quantity::{Axis, Range, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
+
+/// Longest wait for an answer. The controller can be silent for 2 to 5 s after it hit a travel limit.
+const ANSWER_DEADLINE: Duration = Duration::from_secs(6);
+
+/// Longest search for home: 25 mm at a home speed of 1 mm/s, twice, and a margin.
+const HOME_DEADLINE: Duration = Duration::from_secs(90);
+
+/// Largest distance of z from its target end before x and y are homed, mm.
+const AWAY_MM: f64 = 0.01;
+
+/// Largest distance between the end of z and the reported position at the limit where z was homed, mm. A controller that gives
+/// this position another value would press where the specimen isn't expected.
+const HOME_SHORT_MM: f64 = 1.0;
+
+/// Position of the home mark of x and y, mm: rigs count from the mark, as the controller does as shipped.
+const HOME_MARK_MM: f64 = 0.0;
+
+/// Least number of decimals of a position (manual, page TP). A position with fewer decimals is damaged.
+const DECIMALS: usize = 3;
+
+/// Number of times that a question is asked if its answer is invalid.
+const QUESTION_TRIES: usize = 2;
+
+/// Number of reads that empties the error queue. The queue holds ten errors, and one more read says that it is empty (manual,
+/// page TB).
+const COMPLAINTS_MAX: usize = 11;
+
+/// Code of millimetres (manual, page SN). The setting is a label: it is checked and never written.
+const MILLIMETRES: f64 = 2.0;
+
+/// Stops all axes (manual, page ST). It has no answer.
+const STOP_ALL: &str = "ST";
+
+/// Oldest firmware without known faults of its USB link (firmware history).
+const FIRMWARE_SOUND: [u32; 3] = [1, 1, 1];
+
+/// An ESP301 on a serial line.
+pub struct Esp301 {
+    line: LineExchange,
+    link: String,
+    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
+    usage: Option<StageUse>,
+    /// Fastest answer of the press so far. A question sent this time before the end of a motion finds the motion ended.
+    quickest: Duration,
+    /// Unreported errors from the error queue, oldest first.
+    complaints: Vec<String>,
+    /// Whether the controller was stopped outside a motion and hasn't moved since.
+    stopped: bool,
+    /// The axes that this driver has homed.
+    homed: [bool; 3],
+}
+
+impl Esp301 {
+    /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connector: Connector, link: String) -> Self {
+        let line = LineExchange::new(connector, ANSWER_DEADLINE, "VE?", "ESP30");
+        Esp301 {
+            line,
+            link,
+            usage: None,
+            quickest: ANSWER_DEADLINE,
+            complaints: Vec::new(),
+            stopped: false,
+            homed: [false; 3],
+        }
+    }
+
+    async fn tell(&mut self, doing: &str, line: &str) -> Result<(), DeviceError> {
+        self.line.tell(line).await.map_err(|error| self.failed(doing, &error))
+    }
+
+    async fn ask(&mut self, doing: &str, question: &str) -> Result<String, DeviceError> {
+        self.line.ask(question).await.map_err(|error| self.failed(doing, &error))
+    }
+
+    async fn ask_number(&mut self, doing: &str, question: &str) -> Result<f64, DeviceError> {
+        self.ask_for(doing, question, 1, None, "a number", |answers| number_in(answers.first()?)).await
+    }
+
+    /// Returns the positions of some axes if all are at rest, otherwise `None` (manual, pages MD: 0 moving, 1 done, and TP). Each
+    /// call also reads one entry of the error queue.
+    async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
+        let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
+        let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
+        let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";") + ";TB?";
+        let read = |answers: &[String]| {
+            let (complaint, answers) = answers.split_last()?;
+            let complaint = complaint_in(complaint)?;
+            let (done, places) = answers.split_at_checked(axes.len())?;
+            let done = done.iter().map(|text| match text.as_str() {
+                "0" => Some(false),
+                "1" => Some(true),
+                _ => None,
+            });
+            let places = places.iter().zip(&travels).map(|(text, travel)| place_in(text, *travel));
+            let (done, places): (Vec<bool>, Vec<f64>) = (done.collect::<Option<_>>()?, places.collect::<Option<_>>()?);
+            Some((done.iter().all(|&done| done).then_some(places), complaint))
+        };
+        let expected = "0 or 1 and a position for each axis, and an error";
+        let (places, complaint) =
+            self.ask_for(doing, &question, 2 * axes.len() + 1, Some((reins, axes)), expected, read).await?;
+        let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
+        self.complaints.extend(complaint.into_iter().take(room));
+        Ok(places)
+    }
+
+    /// Returns the answers to a line of questions, asked again if the answers are invalid. Requests of the reins during the call
+    /// are sent to `axes` at once.
+    async fn ask_for<T>(
+        &mut self,
+        doing: &str,
+        question: &str,
+        lines: usize,
+        reins: Option<(&Reins, &[Axis])>,
+        expected: &str,
+        read: impl Fn(&[String]) -> Option<T>,
+    ) -> Result<T, DeviceError> {
+        let mut answers = Vec::new();
+        for _ in 0..QUESTION_TRIES {
+            let asked = Instant::now();
+            let answered = match reins {
+                None => self.line.ask_all(question, lines, None).await,
+                Some((reins, axes)) => {
+                    let line = || reins.take().map(|order| line_of(order, axes));
+                    self.line.ask_all(question, lines, Some(&Urgent { asked: reins.pulled(), line: &line })).await
+                }
+            };
+            answers = answered.map_err(|error| self.failed(doing, &error))?;
+            self.quickest = self.quickest.min(asked.elapsed());
+            match read(&answers) {
+                Some(value) => return Ok(value),
+                None => self.line.misfit(),
+            }
+        }
+        let expected = format!("{expected} to {question}");
+        Err(self.error(doing, DeviceProblem::Misfit { answer: answers.join(", "), expected }))
+    }
+
+    /// Range of possible positions of an axis.
+    fn reach(&self, axis: Axis) -> Option<Range> {
+        self.usage.as_ref().map(|usage| usage.reach(axis))
+    }
+
+    async fn check_axis(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (doing, n) = ("checking an axis against the rig", number(axis));
+        let units = self.ask_number(doing, &format!("{n}SN?")).await?;
+        if units != MILLIMETRES {
+            let told = format!("axis {n} uses unit {units} instead of mm (2); change it on the controller");
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+        }
+        let fastest = self.ask_number(doing, &format!("{n}VU?")).await?;
+        if fastest < usage.speed_mm_s {
+            let told = format!(
+                "axis {n} reaches at most {fastest} mm/s, less than the rig's speed_mm_s of {}",
+                usage.speed_mm_s
+            );
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+        }
+        Ok(())
+    }
+
+    /// Searches for home. The place where the search ends counts as `home_mm` (`SH`; 0 as shipped; manual, page SH).
+    async fn search(
+        &mut self,
+        axis: Axis,
+        mode: u8,
+        home_mm: f64,
+        usage: &StageUse,
+        reins: &Reins,
+    ) -> Result<(), DeviceError> {
+        let (doing, n) = ("homing", number(axis));
+        self.tell(doing, &format!("{n}MO")).await?;
+        self.tell(doing, &format!("{n}OH{:.4};{n}SH{home_mm:.4};{n}OR{mode}", usage.home_speed_mm_s)).await?;
+        let way_mm = usage.travel.along(axis).max - usage.travel.along(axis).min;
+        let until = Instant::now() + HOME_DEADLINE + seconds(2.0 * way_mm / usage.home_speed_mm_s);
+        while self.at_rest(doing, &[axis], reins).await?.is_none() {
+            if Instant::now() > until {
+                self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
+                let told = format!("axis {n} didn't finish homing in time");
+                return Err(self.error(doing, DeviceProblem::Motion(told)));
+            }
+        }
+        // refused, or stopped half-way: the axis isn't homed, and nothing else may move
+        self.no_complaints(doing).await?;
+        self.homed[axis.index()] = true;
+        Ok(())
+    }
+
+    /// Moves z away from the specimen before x and y are homed, because z may already be homed and in contact. If z refuses to
+    /// home or isn't at its target, it returns an error before anything moves sideways.
+    async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "moving z away from the specimen";
+        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
+        let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        self.no_complaints(doing).await?;
+        if (at_mm - end_mm).abs() > AWAY_MM {
+            let told = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
+            return Err(self.error(doing, DeviceProblem::Motion(told)));
+        }
+        Ok(())
+    }
+
+    /// Whether the motor of an axis is on (manual, page MO).
+    async fn is_on(&mut self, axis: Axis) -> Result<bool, DeviceError> {
+        Ok(self.ask_number("homing", &format!("{}MO?", number(axis))).await? == 1.0)
+    }
+
+    /// Whether an axis is homed: by this driver, or, where the rig states it, by somebody who left the motor on. A motor that is on
+    /// doesn't show it: jogging from the front panel needs it on too.
+    async fn is_homed(&mut self, axis: Axis, usage: &StageUse) -> Result<bool, DeviceError> {
+        Ok(self.homed[axis.index()] || (usage.homed && self.is_on(axis).await?))
+    }
+
+    async fn no_complaints(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let complaints = self.complaints().await?;
+        if complaints.is_empty() {
+            Ok(())
+        } else {
+            Err(self.error(doing, DeviceProblem::Refused(complaints.join("; "))))
+        }
+    }
+
+    /// Sets the acceleration before anything moves, so that a stop brakes as hard as the program assumes.
+    async fn set_acceleration(&mut self, usage: &StageUse) -> Result<(), DeviceError> {
+        let a = usage.acceleration_mm_s2;
+        let axes = Axis::ALL.map(|axis| format!("{n}AC{a};{n}AG{a}", n = number(axis)));
+        self.tell("setting the acceleration", &axes.join(";")).await
+    }
+
+    async fn set_soft_limits(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (n, travel) = (number(axis), usage.travel.along(axis));
+        self.tell("setting soft limits", &format!("{n}SL{:.4};{n}SR{:.4}", travel.min, travel.max)).await
+    }
+
+    fn failed(&self, doing: &str, error: &WireError) -> DeviceError {
+        self.error(doing, DeviceProblem::Link(error.to_string()))
+    }
+
+    fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError { device: format!("stage (ESP301 at {})", self.link), doing: doing.to_owned(), problem }
+    }
+}
+
+impl Stage for Esp301 {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+        let doing = "identifying it";
+        let version = self.ask(doing, "VE?").await?;
+        if !version.contains("ESP30") {
+            let expected = "an ESP300 or ESP301 version".to_owned();
+            return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
+        }
+        self.usage = None; // until it is homed it counts as it likes
+        // a program that died may have left a motion behind: where an axis is means nothing until it stands
+        self.stop().await?;
+        self.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.complaints().await?; // of what happened before us
+        let mut stages = Vec::new();
+        for axis in Axis::ALL {
+            stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
+            self.check_axis(axis, usage).await?;
+        }
+        let warnings = firmware_warning(&version).into_iter().collect();
+        let identity = format!("{version} ({})", stages.join(" | "));
+        Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        let (doing, n, speed_mm_s) = ("moving z a little", number(Axis::Z), usage.home_speed_mm_s);
+        self.set_acceleration(usage).await?;
+        let was_on = self.is_on(Axis::Z).await?;
+        // relative: where an axis is that isn't homed means nothing (manual, page PR)
+        self.tell(doing, &format!("{n}MO;{n}VA{speed_mm_s:.5};{n}PR{:.5}", usage.away * way_mm)).await?;
+        let until = Instant::now() + MOTION_MARGIN + seconds(way_mm / speed_mm_s);
+        while self.at_rest(doing, &[Axis::Z], reins).await?.is_none() && Instant::now() < until {}
+        if !was_on {
+            // as it was found: a motor that is on counts as homed where the rig states so
+            self.tell(doing, &format!("{n}MF")).await?;
+        }
+        // at the end of its travel it goes no further
+        Ok(self.complaints().await?.is_empty())
+    }
+
+    /// Homes z toward the limit away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
+    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        self.set_acceleration(usage).await?;
+        if self.is_homed(Axis::Z, usage).await? {
+            return Ok(true);
+        }
+        let home_mm = usage.home_z_mm;
+        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, home_mm, usage, reins).await?;
+        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        if (at_mm - home_mm).abs() > HOME_SHORT_MM {
+            self.homed[Axis::Z.index()] = false;
+            let told = format!(
+                "z reads {at_mm:.4} mm at the limit where it homed, instead of the {home_mm} mm that were set (3SH): check the \
+                 controller's SH"
+            );
+            return Err(self.error("homing", DeviceProblem::Mismatch(told)));
+        }
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        self.home_z(usage, reins).await?;
+        for axis in [Axis::X, Axis::Y] {
+            if !self.is_homed(axis, usage).await? {
+                self.clear_z(usage, reins).await?;
+                self.search(axis, 1, HOME_MARK_MM, usage, reins).await?;
+            }
+        }
+        for axis in Axis::ALL {
+            self.set_soft_limits(axis, usage).await?;
+        }
+        self.no_complaints("preparing it").await?;
+        self.usage = Some(usage.clone());
+        Ok(())
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        let command = |(axis, target_mm): &(Axis, f64)| {
+            let n = number(*axis);
+            format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
+        };
+        let Some(&(last, _)) = targets.last() else { return Ok(()) };
+        // what the controller complained of in the motion before; on the way to park it is no reason to stay
+        if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
+            let told = std::mem::take(&mut self.complaints).join("; ");
+            return Err(self.error("starting a motion", DeviceProblem::Refused(told)));
+        }
+        self.complaints.clear();
+        if reins.stopped() {
+            return Ok(());
+        }
+        // set commands are silent: the answer to the question behind them says that they were taken, and when
+        let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
+        let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
+        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let urgent = || reins.take().map(|order| line_of(order, &axes));
+        let urgent = Urgent { asked: reins.pulled(), line: &urgent };
+        let asked = Instant::now();
+        let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
+        self.quickest = self.quickest.min(asked.elapsed());
+        // a stop that came while the line was brought back into step went out before the motion
+        if reins.stopped() {
+            self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
+        }
+        if answers.first().is_none_or(|answer| number_in(answer).is_none()) {
+            // the motion isn't commanded twice: a stop may have come in between
+            self.line.misfit();
+            self.ask_for(doing, &question, 1, Some((reins, &axes)), "0 or 1", |answers| number_in(answers.first()?))
+                .await?;
+        }
+        Ok(())
+    }
+
+    fn afresh(&mut self) {
+        self.quickest = ANSWER_DEADLINE;
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let (first, until) = (expected.saturating_sub(self.quickest), expected + MOTION_MARGIN);
+        let began = Instant::now();
+        loop {
+            if let Some(order) = reins.take() {
+                let told = self.line.tell_now(&line_of(order, axes)).await;
+                told.map_err(|error| self.failed(doing, &error))?;
+            }
+            if reins.stopped() {
+                break;
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {}
+                () = sleep_until(began + first) => break,
+            }
+        }
+        loop {
+            if let Some(places_mm) = self.at_rest(doing, axes, reins).await? {
+                return Ok(places_mm);
+            }
+            if began.elapsed() > until {
+                self.stop().await?;
+                let names = axes.iter().map(|axis| axis.name()).collect::<Vec<_>>().join(", ");
+                let told = format!("{names} still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.error(doing, DeviceProblem::Motion(told)));
+            }
+        }
+    }
+
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        let (question, travel) = (format!("{}TP", number(axis)), self.reach(axis));
+        let read = |answers: &[String]| place_in(answers.first()?, travel);
+        let (doing, expected) = ("reading a position", "a position within the travel");
+        self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), expected, read).await
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.stopped = true;
+        self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed("stopping", &error))
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        let mut complaints = std::mem::take(&mut self.complaints);
+        for _ in 0..COMPLAINTS_MAX {
+            let read = |answers: &[String]| complaint_in(answers.first()?);
+            match self.ask_for("reading the error queue", "TB?", 1, None, "code, ticks, text", read).await? {
+                Some(complaint) => complaints.push(complaint),
+                None => break,
+            }
+        }
+        Ok(complaints)
+    }
+}
+
+/// Returns the line that sends an order to moving axes (manual, pages ST and VA).
+fn line_of(order: MotionOrder, axes: &[Axis]) -> String {
+    match order {
+        MotionOrder::Stop => STOP_ALL.to_owned(),
+        MotionOrder::Speed(mm_s) => {
+            axes.iter().map(|&axis| format!("{}VA{mm_s:.5}", number(axis))).collect::<Vec<_>>().join(";")
+        }
+    }
+}
+
+/// Parses an entry of the error queue: `code, ticks, TEXT` (manual, page TB). The inner value is `None` if the queue is empty.
+/// The ticks wrap into negative numbers.
+fn complaint_in(answer: &str) -> Option<Option<String>> {
+    let mut parts = answer.splitn(3, ',').map(str::trim);
+    let (code, ticks, text) = (parts.next()?.parse::<u32>().ok()?, parts.next()?.parse::<i64>().ok(), parts.next()?);
+    ticks?;
+    Some((code != 0).then(|| format!("error {code}, {text}")))
+}
+
+/// Parses a finite number in an answer.
+fn number_in(answer: &str) -> Option<f64> {
+    answer.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// Parses a position with its decimals, inside the travel of the axis. An answer to MD that came twice is not accepted as a
+/// position.
+fn place_in(answer: &str, travel: Option<Range>) -> Option<f64> {
+    let (_, decimals) = answer.split_once('.')?;
+    number_in(answer)
+        .filter(|place_mm| decimals.len() >= DECIMALS && travel.is_none_or(|travel| travel.contains(*place_mm)))
+}
+
+/// Controller's number of an axis.
+fn number(axis: Axis) -> usize {
+    axis.index() + 1
+}
+
+/// Returns a warning if the version text (`ESP301 Version 1.1.1 16/01/14`) names a firmware with known faults.
+fn firmware_warning(version: &str) -> Option<String> {
+    let text = version.split("Version").nth(1)?.split_whitespace().next()?;
+    let numbers: Vec<u32> = text.split('.').map_while(|part| part.parse().ok()).collect();
+    (numbers.as_slice() < FIRMWARE_SOUND.as_slice())
+        .then(|| format!("firmware {text} is older than 1.1.1 and may lose messages over USB"))
+}
+
+#[cfg(test)]
+mod tests;

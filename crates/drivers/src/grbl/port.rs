@@ -1,0 +1,249 @@
+//! Serial line: sends lines and receives reports.
+
+use super::report::{GrblStatus, Report, alarm_name, error_name, parse_report};
+use palpate_link::device::{DeviceError, DeviceProblem, Reins};
+use palpate_link::wire::{Connector, Lines, WireError, silent};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Longest wait for an answer. GRBL answers a line as soon as there is room for its motion, and a `?` within 20 ms.
+pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(1);
+
+/// Number of times that a question without side effects is asked.
+const QUESTION_TRIES: usize = 3;
+
+/// Silence after which a line that lost synchronisation counts as quiet.
+const QUIET: Duration = Duration::from_millis(100);
+
+/// Silence after the port was opened during which nothing is asked. An Uno restarts then, and its bootloader takes 1.5 to 2 s.
+const BOOT: Duration = Duration::from_millis(2500);
+
+/// Longest wait for a board that restarts, and how often it is asked after [`BOOT`].
+const START_MAX: Duration = Duration::from_secs(10);
+const ASK_EVERY: Duration = Duration::from_secs(1);
+
+/// Longest line (interface document: at most 80 characters).
+const LINE_MAX_BYTES: usize = 256;
+
+/// Largest number of lines that are read for one answer. The answer to `$$` has some 35.
+const LINES_MAX: usize = 128;
+
+/// Largest number of stored error messages.
+const COMPLAINTS_MAX: usize = 16;
+
+/// Request for a status. It acts at once and has no line end.
+const STATUS: &[u8] = b"?";
+/// Command that ends a jog.
+pub(super) const JOG_CANCEL: &[u8] = &[0x85];
+/// Command that resets the controller. During a motion the position is lost.
+pub(super) const SOFT_RESET: &[u8] = &[0x18];
+
+/// The controller's serial line.
+pub(super) struct GrblPort {
+    lines: Lines,
+    link: String,
+    /// Whether the answer to a line may still come. The port waits for it before it sends the next line.
+    out_of_step: bool,
+    pub complaints: Vec<String>,
+    /// Settings from the answer to `$$`.
+    pub settings: BTreeMap<u32, f64>,
+    /// Received text that is not a report.
+    pub texts: Vec<String>,
+    /// Whether the controller restarted and lost its position.
+    pub restarted: bool,
+}
+
+impl GrblPort {
+    pub fn new(connector: Connector, link: String) -> Self {
+        GrblPort {
+            lines: Lines::new(connector, "\n", LINE_MAX_BYTES),
+            link,
+            out_of_step: true,
+            complaints: Vec::new(),
+            settings: BTreeMap::new(),
+            texts: Vec::new(),
+            restarted: false,
+        }
+    }
+
+    /// Opens the port if it is closed. Opening resets many boards, so nothing is sent before the board's welcome, or before the
+    /// time in which a bootloader would wait. A board that isn't reset answers the question for its status.
+    ///
+    /// # Errors
+    /// Errors of the link. A board that stays silent is no error here: the next question reports it.
+    pub async fn wake(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let opened = self.lines.open().await;
+        if !opened.map_err(|error| self.failed(doing, &error))? {
+            return Ok(());
+        }
+        let (end, mut ask_at) = (Instant::now() + START_MAX, Instant::now() + BOOT);
+        while Instant::now() < end {
+            match self.next(doing, ask_at, None).await? {
+                Some(Report::Welcome) => {
+                    self.restarted = true;
+                    return self.drain(doing, None).await;
+                }
+                Some(Report::Status(_)) => return self.drain(doing, None).await,
+                // Marlin, whose welcome is another
+                Some(report @ Report::Text(_)) => self.keep(report),
+                Some(_) => {}
+                None => {
+                    self.send(doing, STATUS).await?;
+                    ask_at = Instant::now() + ASK_EVERY;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends a line and waits for its `ok`. Input before the `ok` is stored in the port's fields.
+    pub async fn line(
+        &mut self,
+        doing: &str,
+        line: &str,
+        deadline: Duration,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<(), DeviceError> {
+        self.bring_back_in_step(doing, reins).await?;
+        self.out_of_step = true;
+        self.send(doing, format!("{line}\n").as_bytes()).await?;
+        let until = Instant::now() + deadline;
+        for _ in 0..LINES_MAX {
+            match self.next(doing, until, reins).await? {
+                Some(Report::Ok) => {
+                    self.out_of_step = false;
+                    return Ok(());
+                }
+                Some(Report::Refused(code)) => {
+                    self.out_of_step = false;
+                    let told = format!("error {code} ({}) to {line}", error_name(code));
+                    return Err(self.error(doing, DeviceProblem::Refused(told)));
+                }
+                Some(Report::Alarm(code)) => {
+                    let told = format!("alarm {code} ({}) at {line}", alarm_name(code));
+                    return Err(self.error(doing, DeviceProblem::Refused(told)));
+                }
+                Some(report) => self.keep(report),
+                None => break,
+            }
+        }
+        Err(self.error(doing, DeviceProblem::Link(silent(line, deadline).to_string())))
+    }
+
+    /// Requests a status.
+    pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<GrblStatus, DeviceError> {
+        self.wake(doing).await?;
+        for _ in 0..QUESTION_TRIES {
+            // what came unasked may be an old status
+            if self.lines.something_came().await {
+                self.drain(doing, Some(reins)).await?;
+            }
+            self.send(doing, STATUS).await?;
+            let until = Instant::now() + ANSWER_DEADLINE;
+            for _ in 0..LINES_MAX {
+                match self.next(doing, until, Some(reins)).await? {
+                    Some(Report::Status(status)) => return Ok(status),
+                    Some(report) => self.keep(report),
+                    None => break,
+                }
+            }
+        }
+        Err(self.error(doing, DeviceProblem::Link(silent("?", ANSWER_DEADLINE).to_string())))
+    }
+
+    /// Sends bytes that act at once, in step or not.
+    pub async fn send(&mut self, doing: &str, bytes: &[u8]) -> Result<(), DeviceError> {
+        let sent = self.lines.send(bytes, ANSWER_DEADLINE).await;
+        sent.map_err(|error| self.failed(doing, &error))
+    }
+
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
+    }
+
+    /// Returns the next complete report before the deadline. Damaged lines are ignored. Requests of the reins are sent at once.
+    async fn next(
+        &mut self,
+        doing: &str,
+        until: Instant,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<Option<Report>, DeviceError> {
+        for _ in 0..LINES_MAX {
+            let line = match reins {
+                None => self.lines.next_by(until).await,
+                Some((reins, stop)) => {
+                    tokio::select! {
+                        biased;
+                        () = reins.pulled().notified() => {
+                            // another speed is for whoever follows the motion
+                            if reins.stopped() && reins.take().is_some() {
+                                self.send(doing, stop).await?;
+                            }
+                            continue;
+                        }
+                        line = self.lines.next_by(until) => line,
+                    }
+                }
+            };
+            match line.map_err(|error| self.failed(doing, &error))? {
+                Some(line) if line.is_empty() => {}
+                Some(line) => match parse_report(&line) {
+                    Some(report) => return Ok(Some(report)),
+                    None => self.out_of_step = true,
+                },
+                None => return Ok(None),
+            }
+        }
+        Ok(None)
+    }
+
+    fn keep(&mut self, report: Report) {
+        match report {
+            Report::Setting(number, value) => {
+                self.settings.insert(number, value);
+            }
+            Report::Text(text) if self.texts.len() < LINES_MAX => self.texts.push(text),
+            Report::Welcome => self.restarted = true,
+            Report::Alarm(code) => self.complain(format!("alarm {code}, {}", alarm_name(code))),
+            Report::Refused(code) => self.complain(format!("error {code}, {}", error_name(code))),
+            Report::Ok | Report::Status(_) | Report::Text(_) => {}
+        }
+    }
+
+    fn complain(&mut self, told: String) {
+        if self.complaints.len() < COMPLAINTS_MAX {
+            self.complaints.push(told);
+        }
+    }
+
+    /// Waits until no late `ok` can come that looks like the answer to the next line.
+    pub async fn bring_back_in_step(
+        &mut self,
+        doing: &str,
+        reins: Option<(&Reins, &'static [u8])>,
+    ) -> Result<(), DeviceError> {
+        self.wake(doing).await?;
+        if self.out_of_step || self.lines.something_came().await {
+            self.drain(doing, reins).await?;
+            self.out_of_step = false;
+        }
+        Ok(())
+    }
+
+    async fn drain(&mut self, doing: &str, reins: Option<(&Reins, &'static [u8])>) -> Result<(), DeviceError> {
+        for _ in 0..LINES_MAX {
+            match self.next(doing, Instant::now() + QUIET, reins).await? {
+                Some(report) => self.keep(report),
+                None => break,
+            }
+        }
+        self.lines.forget();
+        Ok(())
+    }
+
+    fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
+        self.out_of_step = true;
+        self.error(doing, DeviceProblem::Link(error.to_string()))
+    }
+}

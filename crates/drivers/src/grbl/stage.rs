@@ -1,0 +1,330 @@
+//! The stage: prepared, moved by jogs, followed by status reports.
+
+use super::firmware::{Build, Firmware};
+use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
+use super::report::{GrblStatus, State};
+use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, Settings};
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::{Axis, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::wire::Connector;
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
+
+/// Longest search for home.
+const HOME_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Interval of status questions while a motion is late (interface document: 5 to 10 times per second).
+const STATUS_EVERY: Duration = Duration::from_millis(100);
+
+/// Time from the expected end of a motion to the first look at it. Its last steps wait in a buffer.
+const FIRST_LOOK: Duration = Duration::from_millis(10);
+
+/// Largest difference between the count at home and what the settings say of it, mm.
+const HOME_OFF_MOST_MM: f64 = 0.1;
+
+/// A GRBL controller on a serial line.
+pub struct Grbl {
+    port: GrblPort,
+    link: String,
+    pub(super) usage: Option<StageUse>,
+    /// What each axis should count at home, mm, if it is known.
+    home_mm: Option<[f64; 3]>,
+    /// Targets of the motion under way.
+    targets: Vec<(Axis, f64)>,
+}
+
+impl Grbl {
+    /// Creates a controller behind a link; nothing is sent yet. `link` is its name in messages.
+    pub fn new(connector: Connector, link: String) -> Self {
+        Grbl { port: GrblPort::new(connector, link.clone()), link, usage: None, home_mm: None, targets: Vec::new() }
+    }
+
+    /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
+    async fn status(&mut self, doing: &str, reins: &Reins) -> Result<GrblStatus, DeviceError> {
+        let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
+        if self.port.restarted {
+            let told = "it restarted and lost its position".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+        }
+        if !status.is_machine {
+            let told = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
+        }
+        if let Some(usage) = &self.usage {
+            for axis in Axis::ALL {
+                let place_mm = status.position_mm[axis.index()];
+                if !usage.reach(axis).contains(place_mm) {
+                    let expected = format!("a position within the travel of {}", axis.name());
+                    return Err(self
+                        .port
+                        .error(doing, DeviceProblem::Misfit { answer: place_mm.to_string(), expected }));
+                }
+            }
+        }
+        Ok(status)
+    }
+
+    async fn build(&mut self) -> Result<Build, DeviceError> {
+        let doing = "identifying it";
+        let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
+        let said = std::mem::take(&mut self.port.texts);
+        // opening the port resets many boards: a welcome before this counts for nothing
+        self.port.restarted = false;
+        if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
+            let told = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
+                        are, and can't stop a motion immediately. GRBL 1.1 runs on most of the same boards";
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(told.to_owned())));
+        }
+        asked?;
+        Build::read(&said).ok_or_else(|| {
+            let expected = "[VER:1.1...], the version of GRBL that jogs, or FluidNC".to_owned();
+            self.port.error(doing, DeviceProblem::Misfit { answer: said.join(" "), expected })
+        })
+    }
+
+    /// Compares the controller's settings with the rig's. Returns what a person should know.
+    pub(super) async fn check_settings(&mut self, build: &Build, usage: &StageUse) -> Result<Vec<String>, DeviceError> {
+        let doing = "checking its settings against the rig";
+        self.port.texts.clear();
+        self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
+        if build.firmware == Firmware::FluidNc {
+            for name in [FLUIDNC_IDLE, FLUIDNC_INCHES] {
+                match self.port.line(doing, name, ANSWER_DEADLINE, None).await {
+                    // a version without this name: the check says which setting isn't known
+                    Ok(()) | Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => {}
+                    Err(error) => return Err(error),
+                }
+            }
+        }
+        let settings = Settings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
+        let checked = settings.check(build, usage);
+        let checked = checked.map_err(|told| self.port.error(doing, DeviceProblem::Mismatch(told)))?;
+        self.home_mm = checked.home_mm;
+        Ok(checked.warnings)
+    }
+
+    /// Homes all axes: z first and away from the bed, then x and y (GRBL's default cycle). The axes are homed each time, because
+    /// GRBL can't be asked whether it is homed. A frame that a person unlocked is idle too, but its position is as unknown as
+    /// that of a locked frame.
+    async fn search(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "homing";
+        match self.until_still(doing).await? {
+            State::Idle | State::Alarm => {}
+            state => {
+                return Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}"))));
+            }
+        }
+        // a reset ends a search for home; it says so with a welcome
+        self.port.line(doing, "$H", HOME_DEADLINE, Some((reins, SOFT_RESET))).await?;
+        if reins.stopped() {
+            return Err(self.port.error(doing, DeviceProblem::Motion("it was stopped".to_owned())));
+        }
+        match self.status(doing, &Reins::default()).await?.state {
+            State::Idle => Ok(()),
+            state => {
+                Err(self.port.error(doing, DeviceProblem::Motion(format!("it is in the state {state:?} afterwards"))))
+            }
+        }
+    }
+
+    /// Checks that the axes count after homing what the settings say.
+    async fn check_home(&mut self) -> Result<(), DeviceError> {
+        let Some(home_mm) = self.home_mm else { return Ok(()) };
+        let doing = "checking its position after homing";
+        let counts_mm = self.status(doing, &Reins::default()).await?.position_mm;
+        match Axis::ALL
+            .into_iter()
+            .find(|axis| (counts_mm[axis.index()] - home_mm[axis.index()]).abs() > HOME_OFF_MOST_MM)
+        {
+            None => Ok(()),
+            Some(axis) => {
+                let (name, is_mm, should_mm) = (axis.name(), counts_mm[axis.index()], home_mm[axis.index()]);
+                let told = format!(
+                    "{name} counts {is_mm:.3} mm after homing, and by its settings should count {should_mm:.3} mm: it \
+                     isn't a build of GRBL that palpate knows"
+                );
+                Err(self.port.error(doing, DeviceProblem::Mismatch(told)))
+            }
+        }
+    }
+
+    /// Checks that a frame without switches accepts motions.
+    async fn unlocked(&mut self) -> Result<(), DeviceError> {
+        let doing = "preparing it";
+        match self.until_still(doing).await? {
+            State::Idle => Ok(()),
+            state => Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}")))),
+        }
+    }
+
+    /// Waits until the stage is at rest, after any motion.
+    async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
+        let until = Instant::now() + MOTION_MARGIN;
+        loop {
+            let state = self.status(doing, &Reins::default()).await?.state;
+            if !matches!(state, State::Jog | State::Run | State::Home) {
+                return Ok(state);
+            }
+            if Instant::now() > until {
+                return Err(self.late(doing).await?);
+            }
+            sleep_until(Instant::now() + STATUS_EVERY).await;
+        }
+    }
+
+    /// Stops a motion that doesn't end.
+    async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
+        self.port.send(doing, JOG_CANCEL).await?;
+        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+        Ok(self.port.error(doing, DeviceProblem::Motion(told)))
+    }
+
+    /// Continues toward the same targets at another speed, with a new jog. A jog keeps its initial speed.
+    async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "changing a speed";
+        self.port.send(doing, JOG_CANCEL).await?;
+        self.until_still(doing).await?;
+        let targets = self.targets.clone();
+        self.begin(&targets, mm_s, reins).await
+    }
+
+    /// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
+    async fn feed_mm_min(
+        &mut self,
+        doing: &str,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        reins: &Reins,
+    ) -> Result<f64, DeviceError> {
+        let mut stretch = 1.0;
+        if targets.len() > 1 {
+            let from_mm = self.status(doing, reins).await?.position_mm;
+            let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
+            let (whole, longest) =
+                ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
+            stretch = if longest > 0.0 { whole / longest } else { 1.0 };
+        }
+        Ok(speed_mm_s * stretch * 60.0)
+    }
+}
+
+impl Stage for Grbl {
+    async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
+        self.usage = None; // until it is homed it counts as it likes
+        self.port.wake("waiting for its welcome").await?;
+        // a program that died may have left a jog behind
+        self.stop().await?;
+        let build = self.build().await?;
+        let warnings = self.check_settings(&build, usage).await?;
+        Ok(Identity { role: "stage".to_owned(), identity: build.to_string(), link: self.link.clone(), warnings })
+    }
+
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+        let doing = "moving z a little";
+        if self.until_still(doing).await? == State::Alarm {
+            self.port.line(doing, "$X", ANSWER_DEADLINE, None).await?;
+        }
+        let line = format!("$J=G91 G21 Z{:.4} F{:.3}", usage.away * way_mm, usage.home_speed_mm_s * 60.0);
+        match self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await {
+            Ok(()) => {}
+            // where it counts itself at the end of its travel
+            Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => return Ok(false),
+            Err(error) => return Err(error),
+        }
+        if reins.stopped() {
+            self.port.send(doing, JOG_CANCEL).await?;
+        }
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        Ok(true)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        if usage.by_hand {
+            self.unlocked().await?;
+        } else {
+            self.search(reins).await?;
+            self.check_home().await?;
+        }
+        self.usage = Some(usage.clone());
+        self.status("reading its position", &Reins::default()).await?;
+        self.port.complaints.clear();
+        Ok(())
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        let doing = "starting a motion";
+        // GRBL's soft limits end where the frame does, not where the specimen does
+        for (axis, target_mm) in targets {
+            if self.usage.as_ref().is_none_or(|usage| !usage.travel.along(*axis).contains(*target_mm)) {
+                let told = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+            }
+        }
+        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, reins).await?;
+        let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
+        let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
+        self.targets = targets.to_vec();
+        let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
+        self.port.bring_back_in_step(doing, Some((reins, JOG_CANCEL))).await?; // before the question below: it takes its time
+        if reins.stopped() {
+            return Ok(());
+        }
+        self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await?;
+        // GRBL ignores a cancel that comes before the jog is under way; with its `ok` it is
+        if reins.stopped() {
+            self.port.send(doing, JOG_CANCEL).await?;
+        }
+        Ok(())
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let began = Instant::now();
+        let mut look = began + expected + if expected.is_zero() { Duration::ZERO } else { FIRST_LOOK };
+        loop {
+            match reins.take() {
+                Some(MotionOrder::Stop) => {
+                    self.port.send(doing, JOG_CANCEL).await?;
+                    look = Instant::now();
+                }
+                Some(MotionOrder::Speed(mm_s)) => {
+                    self.change_speed(mm_s, reins).await?;
+                    look = Instant::now() + STATUS_EVERY;
+                }
+                None => {}
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => continue,
+                () = sleep_until(look) => {}
+            }
+            let GrblStatus { state, position_mm, .. } = self.status(doing, reins).await?;
+            match state {
+                State::Jog | State::Run | State::Home => {}
+                State::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
+                State::Alarm | State::Other => {
+                    let why = self.port.complaints.join("; ");
+                    let told = format!("it stopped in the state {state:?}; {why}");
+                    return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+                }
+            }
+            if began.elapsed() > expected + MOTION_MARGIN {
+                return Err(self.late(doing).await?);
+            }
+            look = Instant::now() + STATUS_EVERY;
+        }
+    }
+
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", reins).await?.position_mm[axis.index()])
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.port.send("stopping", JOG_CANCEL).await
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        Ok(std::mem::take(&mut self.port.complaints))
+    }
+}

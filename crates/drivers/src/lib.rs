@@ -1,0 +1,20 @@
+//! One module per instrument family: a role of [`palpate_link::device`] over a link of [`palpate_link::wire`].
+
+mod any;
+pub mod daqmx;
+mod esp301;
+pub mod grbl;
+pub mod lines;
+pub mod modbus;
+pub mod process;
+#[cfg(test)]
+pub(crate) mod script;
+pub mod xps;
+
+pub use any::{AnyArray, AnyLoadCell, AnyStage};
+pub use esp301::Esp301;
+
+use std::time::Duration;
+
+/// Additional time that a motion may take beyond its expected time.
+const MOTION_MARGIN: Duration = Duration::from_secs(10);

@@ -1,0 +1,275 @@
+//! Port that receives lines or frames continuously, also when no driver waits for one.
+
+use super::framing::{Finder, Rejected};
+use super::moment::DeviceClock;
+use super::profile::LineProfile;
+use palpate_core::quantity::seconds;
+use palpate_link::device::shown;
+use palpate_link::wire::{ByteStream, Connector};
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::sync::Notify;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, sleep_until, timeout_at};
+
+/// Number of bytes that are received at once. A full piece comes from a queue, so its readings may be old.
+const PIECE_BYTES: usize = 4096;
+
+/// Silence after the port was opened, before a command is sent to a device that sends nothing by itself. An Uno restarts then, and
+/// its bootloader takes 1.5 to 2 s.
+const BOOT: Duration = Duration::from_millis(2500);
+
+/// Longest wait until a command is sent.
+const SEND_DEADLINE: Duration = Duration::from_secs(1);
+
+/// A reading, with its time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Received {
+    /// Numbers of the reading.
+    pub numbers: Vec<f64>,
+    /// Time of the reading: when its last byte arrived, or earlier if the device's own time shows that it was held back.
+    pub at: Instant,
+    /// How many readings came before it.
+    pub nth: u64,
+}
+
+/// A link to a device that sends lines or frames, shared by the roles that read from it.
+///
+/// A task receives everything and keeps only the newest reading, so nothing piles up. It ends with the last of the roles.
+#[derive(Clone)]
+pub struct LinePort {
+    link: Arc<OpenLink>,
+    mailbox: Arc<Mailbox>,
+    profile: Arc<LineProfile>,
+}
+
+/// The link, and the task that receives from it.
+struct OpenLink {
+    connector: Arc<tokio::sync::Mutex<Connector>>,
+    task: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// What the task and the roles share.
+#[derive(Default)]
+struct Mailbox {
+    state: Mutex<State>,
+    /// Notified when something came, or the link failed.
+    came: Notify,
+    /// Notified when a reading is asked for.
+    asked: Notify,
+}
+
+#[derive(Default)]
+struct State {
+    newest: Option<Received>,
+    /// Numbers of readings and of rejected lines or frames.
+    good: u64,
+    rejected: u64,
+    last_rejected: Option<Rejected>,
+    /// Why the link failed.
+    failed: Option<String>,
+}
+
+impl Drop for OpenLink {
+    fn drop(&mut self) {
+        lock(&self.task).take().into_iter().for_each(|task| task.abort());
+    }
+}
+
+impl LinePort {
+    /// Creates a port behind a link. Nothing is opened yet.
+    pub fn new(connector: Connector, profile: LineProfile) -> LinePort {
+        let connector = Arc::new(tokio::sync::Mutex::new(connector));
+        let link = OpenLink { connector, task: Mutex::default() };
+        LinePort { link: Arc::new(link), mailbox: Arc::default(), profile: Arc::new(profile) }
+    }
+
+    /// The profile of the device.
+    pub fn profile(&self) -> &LineProfile {
+        &self.profile
+    }
+
+    /// Waits for the first reading after the link is opened.
+    ///
+    /// # Errors
+    /// What went wrong, in words.
+    pub async fn start(&self) -> Result<Received, String> {
+        let is_sent = self.profile.ask.is_some() || self.profile.on_start.is_some();
+        let boot = if is_sent { BOOT } else { Duration::ZERO };
+        self.newer_than(0, Instant::now() + boot + seconds(self.profile.start_s)).await
+    }
+
+    /// Returns the newest reading, once one came after the first `nth`. A device that only answers is asked.
+    ///
+    /// # Errors
+    /// What went wrong, in words: the link failed, or no reading came in time.
+    pub async fn newer_than(&self, nth: u64, until: Instant) -> Result<Received, String> {
+        self.receive();
+        let began = Instant::now();
+        if self.profile.ask.is_some() {
+            self.mailbox.asked.notify_one();
+        }
+        loop {
+            let came = self.mailbox.came.notified();
+            if let Some(found) = self.found(nth)? {
+                return Ok(found);
+            }
+            if timeout_at(until, came).await.is_err() {
+                // what came in this very moment counts
+                return self.found(nth)?.ok_or_else(|| self.silence(began.elapsed()));
+            }
+        }
+    }
+
+    /// Numbers of readings and of rejected lines or frames so far.
+    pub fn counts(&self) -> (u64, u64) {
+        let state = self.state();
+        (state.good, state.rejected)
+    }
+
+    fn found(&self, nth: u64) -> Result<Option<Received>, String> {
+        let mut state = self.state();
+        if let Some(newest) = state.newest.as_ref().filter(|newest| newest.nth >= nth) {
+            return Ok(Some(newest.clone()));
+        }
+        match state.failed.take() {
+            Some(why) => Err(why),
+            None => Ok(None),
+        }
+    }
+
+    /// Says that nothing came, and what came that isn't a reading.
+    fn silence(&self, waited: Duration) -> String {
+        let state = self.state();
+        let waited_ms = waited.as_millis();
+        match &state.last_rejected {
+            Some(Rejected { expected, received }) if state.good == 0 => format!(
+                "no reading within {waited_ms} ms, but {} other lines or frames: expected {expected}, and the last was {:?}",
+                state.rejected,
+                shown(received)
+            ),
+            _ => format!("no reading within {waited_ms} ms"),
+        }
+    }
+
+    /// Begins to receive, if the link isn't open.
+    fn receive(&self) {
+        let mut task = lock(&self.link.task);
+        if task.as_ref().is_none_or(JoinHandle::is_finished) {
+            let (connector, mailbox, profile) =
+                (self.link.connector.clone(), self.mailbox.clone(), self.profile.clone());
+            *task = Some(tokio::spawn(async move {
+                let ended = async {
+                    let stream = connector.lock().await.open().await?;
+                    Receiver::new(&profile).receive(stream, &mailbox).await
+                };
+                if let Err(error) = ended.await {
+                    lock(&mailbox.state).failed = Some(format!("the link failed: {error}"));
+                    mailbox.came.notify_waiters();
+                }
+            }));
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        lock(&self.mailbox.state)
+    }
+}
+
+/// What is known of the readings so far on a link that is open.
+struct Receiver<'a> {
+    profile: &'a LineProfile,
+    finder: Finder,
+    clock: DeviceClock,
+    /// The device's count at the last reading.
+    count: Option<f64>,
+    opened: Instant,
+}
+
+impl<'a> Receiver<'a> {
+    fn new(profile: &'a LineProfile) -> Self {
+        let finder = Finder::new(profile.framing.clone(), profile.ask.is_some());
+        Receiver { profile, finder, clock: DeviceClock::default(), count: None, opened: Instant::now() }
+    }
+
+    /// Receives until the link fails.
+    async fn receive(&mut self, mut stream: ByteStream, mailbox: &Mailbox) -> io::Result<()> {
+        let mut piece = [0; PIECE_BYTES];
+        let boots_until = self.opened + BOOT;
+        let mut is_ready = false;
+        loop {
+            tokio::select! {
+                biased;
+                read = stream.read(&mut piece) => match read? {
+                    0 => return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed it")),
+                    length => {
+                        self.take(&piece[..length], &mut lock(&mailbox.state));
+                        mailbox.came.notify_waiters();
+                    }
+                },
+                // no bootloader listens any more
+                () = sleep_until(boots_until), if !is_ready => {
+                    is_ready = true;
+                    send(&mut stream, self.profile.on_start.as_deref()).await?;
+                }
+                () = mailbox.asked.notified(), if is_ready => send(&mut stream, self.profile.ask.as_deref()).await?,
+            }
+        }
+    }
+
+    /// Takes bytes that arrived now.
+    fn take(&mut self, bytes: &[u8], state: &mut State) {
+        let arrived = Instant::now();
+        self.finder.take(bytes);
+        while let Some(found) = self.finder.find() {
+            let possible = found.and_then(|numbers| match self.profile.is_possible(&numbers) {
+                true => Ok(numbers),
+                false => Err(Rejected {
+                    expected: "numbers in the range that the profile states".to_owned(),
+                    received: format!("{numbers:?}"),
+                }),
+            });
+            let numbers = match possible {
+                Ok(numbers) => numbers,
+                Err(rejected) => {
+                    state.rejected += 1;
+                    state.last_rejected = Some(rejected);
+                    continue;
+                }
+            };
+            let count = self.profile.counter.map(|column| numbers[column]);
+            if count.is_some() && std::mem::replace(&mut self.count, count) == count {
+                continue; // the same reading again
+            }
+            let at = self.taken(&numbers, arrived);
+            state.good += 1;
+            // a full piece comes from a queue: how old its readings are isn't known
+            if bytes.len() < PIECE_BYTES || self.profile.time.is_some() {
+                state.newest = Some(Received { numbers, at, nth: state.good });
+            }
+        }
+    }
+
+    /// Returns the time of a reading that arrived at this time.
+    fn taken(&mut self, numbers: &[f64], arrived: Instant) -> Instant {
+        let Some(time) = self.profile.time else { return arrived };
+        let arrived_s = (arrived - self.opened).as_secs_f64();
+        let taken_s = self.clock.taken_s(numbers[time.column] * time.unit_s, arrived_s);
+        arrived - seconds((arrived_s - taken_s).clamp(0.0, arrived_s))
+    }
+}
+
+async fn send(stream: &mut ByteStream, command: Option<&str>) -> io::Result<()> {
+    let Some(command) = command else { return Ok(()) };
+    let sent = timeout_at(Instant::now() + SEND_DEADLINE, async {
+        stream.write_all(command.as_bytes()).await?;
+        stream.flush().await
+    });
+    sent.await.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "it takes no command"))?
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

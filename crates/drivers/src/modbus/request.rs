@@ -1,0 +1,74 @@
+//! Requests for registers: the framing and the function.
+
+use palpate_core::quantity::seconds;
+use palpate_link::wire::{Link, Parity};
+use std::time::Duration;
+
+/// Protocol of Modbus on a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Serial line, CRC and silence.
+    Rtu,
+    /// TCP, with a header that numbers the transactions.
+    Tcp,
+}
+
+/// Characters of silence that separate two frames of a serial line (MODBUS over Serial Line V1.02, section 2.5.1.1).
+const SILENT_CHARACTERS: f64 = 3.5;
+
+/// Fixed silence of lines faster than this rate (same section). A simulated line has no rate, and has this silence too.
+const FAST_BAUD: u32 = 19_200;
+const FAST_SILENCE: Duration = Duration::from_micros(1750);
+
+/// Framing of Modbus on a particular link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Framing {
+    /// Protocol on the link.
+    pub transport: Transport,
+    /// Shortest silence between an answer and the next request.
+    pub silence: Duration,
+}
+
+impl Framing {
+    /// Returns the framing of a link: RTU on a serial port, Modbus TCP to a server, and the device's `own` protocol elsewhere.
+    pub fn of(link: &Link, own: Transport) -> Framing {
+        match *link {
+            Link::Serial { baud, parity, stop_bits, .. } if baud <= FAST_BAUD => {
+                // a start bit, eight data bits, and what the link states
+                let bits = 9 + u8::from(parity != Parity::None) + stop_bits;
+                let silence = seconds(SILENT_CHARACTERS * f64::from(bits) / f64::from(baud));
+                Framing { transport: Transport::Rtu, silence }
+            }
+            Link::Serial { .. } => Transport::Rtu.into(),
+            Link::Tcp { .. } => Transport::Tcp.into(),
+            _ => own.into(),
+        }
+    }
+}
+
+/// Framing on a link without a rate.
+impl From<Transport> for Framing {
+    fn from(transport: Transport) -> Self {
+        let silence = if transport == Transport::Rtu { FAST_SILENCE } else { Duration::ZERO };
+        Framing { transport, silence }
+    }
+}
+
+/// Function that reads registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Function {
+    /// Function code 3.
+    Holding,
+    /// Function code 4.
+    Input,
+}
+
+impl Function {
+    /// Returns the other function, for comparison: an answer to one function can't be an answer to the other.
+    pub fn other(self) -> Function {
+        match self {
+            Function::Holding => Function::Input,
+            Function::Input => Function::Holding,
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! One program: sends requests and receives answers, matched by their numbers.
+
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, Reins};
+use palpate_link::wire::{Connector, Lines, WireError, silent};
+use serde_json::{Map, Value, json};
+use std::io::ErrorKind;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Number of the protocol version (docs/process.md).
+const PROTOCOL: u64 = 1;
+
+/// Longest line (docs/process.md), bytes.
+const LINE_MAX_BYTES: usize = 65_536;
+
+/// Longest wait for an answer (docs/process.md). The second constant is the longest wait for the answer to `prepare`.
+pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
+pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Longest wait for a reading of a load cell that has a reading ready at any time. It is twice the age at which a reading is
+/// stale and a motion is stopped, so a late reading is still reported as late. Under load, nothing waits longer.
+pub(super) const FORCE_DEADLINE: Duration = Duration::from_millis(500);
+
+/// Largest number of lines that are ignored while an answer is awaited: late answers, or lines that aren't answers.
+const STRAY_LINES_MAX: usize = 64;
+
+/// JSON object.
+pub(super) type Object = Map<String, Value>;
+
+/// Program that is reached through its standard input and output.
+pub(super) struct ProgramPort {
+    lines: Lines,
+    role: &'static str,
+    link: String,
+    next_id: u64,
+    /// Longest wait for the answer to `identify`: the program may still start.
+    start: Duration,
+    /// Whether the program ended. It isn't started again, because a new program doesn't know the device's position.
+    ended: bool,
+}
+
+impl ProgramPort {
+    pub fn new(connector: Connector, role: &'static str, link: String, start: Duration) -> Self {
+        ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, start, ended: false }
+    }
+
+    /// Asks for the program's identity and checks that it plays the intended role.
+    pub async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
+        let doing = "identifying it";
+        let said = self.ask_within(doing, "identify", Object::new(), None, self.start).await?;
+        let misfit = |expected: String| self.misfit(doing, &said, expected);
+        if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
+            return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/process.md")));
+        }
+        if said.get("role").and_then(Value::as_str) != Some(self.role) {
+            return Err(misfit(format!("\"role\": \"{}\"", self.role)));
+        }
+        let Some(identity) = said.get("identity").and_then(Value::as_str) else {
+            return Err(misfit("\"identity\" as a string".to_owned()));
+        };
+        let identity = Identity {
+            role: self.role.to_owned(),
+            identity: identity.to_owned(),
+            link: self.link.clone(),
+            warnings: Vec::new(),
+        };
+        Ok((identity, said))
+    }
+
+    /// Returns the answer to a request. Requests from the reins during this time are sent at once.
+    pub async fn ask(
+        &mut self,
+        doing: &str,
+        what: &str,
+        with: Object,
+        reins: Option<&Reins>,
+    ) -> Result<Object, DeviceError> {
+        self.ask_within(doing, what, with, reins, ANSWER_DEADLINE).await
+    }
+
+    pub async fn ask_within(
+        &mut self,
+        doing: &str,
+        what: &str,
+        mut request: Object,
+        reins: Option<&Reins>,
+        deadline: Duration,
+    ) -> Result<Object, DeviceError> {
+        let id = self.next_id;
+        self.next_id += 1;
+        request.insert("id".to_owned(), json!(id));
+        request.insert("do".to_owned(), json!(what));
+        self.send(doing, &request).await?;
+        let until = Instant::now() + deadline;
+        let mut strays = 0;
+        while strays < STRAY_LINES_MAX {
+            let line = match reins {
+                None => self.lines.next_by(until).await,
+                Some(reins) => {
+                    tokio::select! {
+                        biased;
+                        () = reins.pulled().notified() => {
+                            self.obey(doing, reins).await?;
+                            continue;
+                        }
+                        line = self.lines.next_by(until) => line,
+                    }
+                }
+            };
+            let Some(line) = line.map_err(|error| self.failed(doing, &error))? else { break };
+            match answer_in(&line, id) {
+                Some(answer) => match answer.get("error") {
+                    None => return Ok(answer),
+                    Some(error) => {
+                        let told = error.as_str().map_or_else(|| error.to_string(), str::to_owned);
+                        return Err(self.error(doing, DeviceProblem::Refused(told)));
+                    }
+                },
+                None => strays += 1,
+            }
+        }
+        let problem = match strays {
+            0 => DeviceProblem::Link(silent(what, deadline).to_string()),
+            _ => DeviceProblem::Misfit {
+                answer: format!("{strays} lines"),
+                expected: format!("one JSON object with \"id\": {id}"),
+            },
+        };
+        Err(self.error(doing, problem))
+    }
+
+    /// Sends the requests of the reins at once. They have no answer.
+    pub async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
+        use palpate_link::device::MotionOrder;
+        match reins.take() {
+            Some(MotionOrder::Stop) => self.stop(doing).await,
+            Some(MotionOrder::Speed(mm_s)) => {
+                let line = json!({ "do": "speed", "speed_mm_s": mm_s });
+                self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Requests an immediate stop. The request has no answer.
+    pub async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
+        let line = json!({ "do": "stop" });
+        self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+    }
+
+    pub fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
+        let answer = serde_json::to_string(answer).unwrap_or_default();
+        self.error(doing, DeviceProblem::Misfit { answer, expected })
+    }
+
+    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+        DeviceError {
+            device: format!("{} ({})", self.role.replace('_', " "), self.link),
+            doing: doing.to_owned(),
+            problem,
+        }
+    }
+
+    async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {
+        if self.ended {
+            return Err(self.error(doing, DeviceProblem::Ended("the program has ended".to_owned())));
+        }
+        let text = serde_json::to_string(line).unwrap_or_default() + "\n";
+        self.lines.send(text.as_bytes(), ANSWER_DEADLINE).await.map_err(|error| self.failed(doing, &error))
+    }
+
+    fn failed(&mut self, doing: &str, error: &WireError) -> DeviceError {
+        self.ended |= !matches!(error, WireError::Endless { .. }); // in all other cases the link is closed
+        let problem = match error {
+            WireError::Io(error) => match error.kind() {
+                ErrorKind::NotFound | ErrorKind::PermissionDenied => DeviceProblem::NotStarted(error.to_string()),
+                ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe => DeviceProblem::Ended(error.to_string()),
+                _ => DeviceProblem::Link(error.to_string()),
+            },
+            _ => DeviceProblem::Link(error.to_string()),
+        };
+        self.error(doing, problem)
+    }
+}
+
+/// Returns the object on a line, if it is the answer to the request of this id.
+pub fn answer_in(line: &str, id: u64) -> Option<Map<String, Value>> {
+    match serde_json::from_str(line).ok()? {
+        Value::Object(object) if object.get("id").and_then(Value::as_u64) == Some(id) => Some(object),
+        _ => None,
+    }
+}

@@ -1,0 +1,150 @@
+//! Stage behind a program of the user.
+
+use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::Axis;
+use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Reins, Stage, StageUse};
+use palpate_link::wire::Connector;
+use serde_json::{Value, json};
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
+
+/// Interval of status questions while a motion is late.
+const STATUS_EVERY: Duration = Duration::from_millis(2);
+
+/// Largest number of stored error messages. Further messages add nothing new.
+const COMPLAINTS_MAX: usize = 16;
+
+/// A stage behind a program.
+pub struct ProcessStage {
+    port: ProgramPort,
+    /// Use of the stage, which limits the travel of the axes; `None` before the stage is prepared.
+    usage: Option<StageUse>,
+    complaints: Vec<String>,
+}
+
+struct Status {
+    moving: bool,
+    position_mm: [f64; 3],
+    /// Whether home is known; `false` if the program doesn't report it.
+    homed: bool,
+}
+
+impl ProcessStage {
+    /// Creates a stage behind a link; nothing is sent yet.
+    /// `start` is the longest time until the program answers for the first time.
+    pub fn new(connector: Connector, link: String, start: Duration) -> Self {
+        ProcessStage { port: ProgramPort::new(connector, "stage", link, start), usage: None, complaints: Vec::new() }
+    }
+
+    async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<Status, DeviceError> {
+        let said = self.port.ask(doing, "status", Object::new(), reins).await?;
+        for complaint in said.get("complaints").and_then(Value::as_array).into_iter().flatten() {
+            if self.complaints.len() < COMPLAINTS_MAX {
+                self.complaints.push(complaint.as_str().map_or_else(|| complaint.to_string(), str::to_owned));
+            }
+        }
+        let along = |axis: Axis| {
+            let place_mm = said.get("position_mm")?.get(axis.name())?.as_f64()?;
+            let reachable = self.usage.as_ref().is_none_or(|usage| usage.reach(axis).contains(place_mm));
+            (place_mm.is_finite() && reachable).then_some(place_mm)
+        };
+        let homed = said.get("homed").and_then(Value::as_bool).unwrap_or(false);
+        match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {
+            (Some(moving), Some(x), Some(y), Some(z)) => Ok(Status { moving, position_mm: [x, y, z], homed }),
+            _ => {
+                let expected = "\"moving\", and \"position_mm\" with x, y and z within the travel".to_owned();
+                Err(self.port.misfit(doing, &said, expected))
+            }
+        }
+    }
+}
+
+impl Stage for ProcessStage {
+    async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
+        let (identity, _) = self.port.identify().await?;
+        Ok(identity)
+    }
+
+    async fn is_homed(&mut self) -> Result<bool, DeviceError> {
+        Ok(self.status("asking whether home is known", None).await?.homed)
+    }
+
+    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        let range = |axis: Axis| json!([usage.travel.along(axis).min, usage.travel.along(axis).max]);
+        let request = json!({
+            "travel_mm": { "x": range(Axis::X), "y": range(Axis::Y), "z": range(Axis::Z) },
+            "away": usage.away,
+            "speed_mm_s": usage.speed_mm_s,
+            "acceleration_mm_s2": usage.acceleration_mm_s2,
+            "home_speed_mm_s": usage.home_speed_mm_s,
+        });
+        let mut request = request.as_object().cloned().unwrap_or_default();
+        let home_side = match usage.home_search {
+            HomeSearch::Away => None,
+            HomeSearch::Toward => Some("toward"),
+            HomeSearch::Never => Some("none"),
+        };
+        request.extend(home_side.map(|side| ("home_side".to_owned(), json!(side))));
+        let doing = "preparing it";
+        self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
+        if self.status(doing, None).await?.moving {
+            let told = "it reports that it is prepared, but it moves".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+        }
+        self.usage = Some(usage.clone());
+        self.complaints.clear();
+        Ok(())
+    }
+
+    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+        let to_mm: Object = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
+        let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
+        let request = request.as_object().cloned().unwrap_or_default();
+        if reins.stopped() {
+            return Ok(());
+        }
+        self.port.ask("starting a motion", "move", request, Some(reins)).await.map(|_| ())
+    }
+
+    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+        let doing = "waiting for a motion to end";
+        let began = Instant::now();
+        let mut look = began + expected;
+        loop {
+            // what was asked for before this waited too
+            self.port.obey(doing, reins).await?;
+            if reins.stopped() {
+                look = look.min(Instant::now());
+            }
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => continue,
+                () = sleep_until(look) => {}
+            }
+            let Status { moving, position_mm, .. } = self.status(doing, Some(reins)).await?;
+            if !moving {
+                return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
+            }
+            if began.elapsed() > expected + MOTION_MARGIN {
+                self.port.stop(doing).await?;
+                let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+            }
+            look = Instant::now() + STATUS_EVERY;
+        }
+    }
+
+    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", Some(reins)).await?.position_mm[axis.index()])
+    }
+
+    async fn stop(&mut self) -> Result<(), DeviceError> {
+        self.port.stop("stopping").await
+    }
+
+    async fn complaints(&mut self) -> Result<Vec<String>, DeviceError> {
+        self.status("reading its errors", None).await?;
+        Ok(std::mem::take(&mut self.complaints))
+    }
+}

@@ -1,0 +1,89 @@
+//! Counterpart for a driver's tests: the far end of a link. It expects the sent bytes exactly, and answers as defined in a
+//! script.
+
+use palpate_core::quantity::{Range, Steps, Travel};
+use palpate_link::device::{DeviceError, HomeSearch, Identity, Reins, Stage, StageUse};
+use palpate_link::wire::Connector;
+use std::sync::Mutex;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+use tokio::sync::mpsc::unbounded_channel;
+use tokio::task::JoinHandle;
+
+/// Sent bytes and their answers, in this order.
+pub type Script = &'static [(&'static [u8], &'static [u8])];
+
+/// Creates a link whose far end follows a script. The task fails if other bytes are sent, no bytes are sent, or bytes are left
+/// over.
+pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
+    let (near, mut far) = duplex(4096);
+    let near = Mutex::new(Some(near));
+    let dial = move || near.lock().unwrap().take().expect("the link is opened once");
+    let device = tokio::spawn(async move {
+        play(&mut far, script).await;
+        let mut rest = Vec::new();
+        far.read_to_end(&mut rest).await.unwrap();
+        assert_eq!(shown(&rest), "", "sent beyond the script");
+    });
+    (Connector::Memory(Box::new(dial)), device)
+}
+
+/// Creates a link whose far end follows a separate script at each opening of the link, and then closes it. The task fails like
+/// the task of [`scripted`], or if the link is opened more or less often.
+pub fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>) {
+    let (ends, mut opened) = unbounded_channel();
+    let dial = move || {
+        let (near, far) = duplex(4096);
+        ends.send(far).expect("the link is opened no more often");
+        near
+    };
+    let device = tokio::spawn(async move {
+        for script in scripts {
+            let mut far = opened.recv().await.expect("the link is opened as often");
+            play(&mut far, script).await;
+        }
+        assert!(opened.recv().await.is_none(), "the link is opened no more often");
+    });
+    (Connector::Memory(Box::new(dial)), device)
+}
+
+async fn play(far: &mut DuplexStream, script: Script) {
+    for (sent, answered) in script {
+        let mut came = vec![0; sent.len()];
+        let read = far.read_exact(&mut came).await;
+        assert!(read.is_ok(), "{:?} was never sent whole: {:?}", shown(sent), shown(&came));
+        assert_eq!(shown(&came), shown(sent));
+        far.write_all(answered).await.unwrap();
+    }
+}
+
+fn shown(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Creates a link that must not be opened.
+pub fn unused() -> Connector {
+    Connector::Memory(Box::new(|| unreachable!("nothing is to be sent here")))
+}
+
+/// Use of a stage like the paper's stage.
+pub fn usage() -> StageUse {
+    let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
+    StageUse {
+        travel,
+        away: 1.0,
+        speed_mm_s: 10.0,
+        acceleration_mm_s2: 100.0,
+        home_speed_mm_s: 2.0,
+        home_z_mm: 12.5,
+        homed: false,
+        by_hand: false,
+        steps: Steps::FINE,
+        home_search: HomeSearch::Away,
+    }
+}
+
+/// Identifies and homes a stage.
+pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+    let identity = stage.identify(usage).await?;
+    stage.home(usage, reins).await.map(|()| identity)
+}

@@ -1,0 +1,156 @@
+//! Preparation of the groups of an XPS: initialised, homed, within the rig's travel.
+
+use super::CALL_DEADLINE;
+use super::stage::{AT_REST_MM, Xps};
+use super::text::{Answer, GroupState};
+use crate::MOTION_MARGIN;
+use palpate_core::quantity::{Axis, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, Reins, Stage, StageUse};
+use std::time::Duration;
+use tokio::time::{Instant, sleep};
+
+/// Longest time for initialisation and search for home.
+const HOME_DEADLINE: Duration = Duration::from_secs(120);
+
+/// Rest between killing, initialising and homing a group, required by some firmware (EPICS waits as long).
+const BETWEEN: Duration = Duration::from_millis(50);
+
+/// Largest distance from the end of its travel at which z counts as away, mm.
+const AWAY_MM: f64 = 0.1;
+
+/// Preparation before the first motion: groups that are ready, and limits that agree with the rig's.
+impl Xps {
+    /// Makes a group able to move and checks its axes.
+    pub(super) async fn prepare(&mut self, nth: usize, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        self.acceleration_mm_s2 = usage.acceleration_mm_s2;
+        self.bring_to_ready(nth, usage, reins).await?;
+        for axis in self.groups[nth].axes.clone() {
+            self.set_up(axis, usage).await?;
+        }
+        Ok(())
+    }
+
+    /// Brings a group to rest and makes it able to move. Initialises it if needed, and searches for home if it isn't referenced.
+    pub(super) async fn bring_to_ready(
+        &mut self,
+        nth: usize,
+        usage: &StageUse,
+        reins: &Reins,
+    ) -> Result<(), DeviceError> {
+        let doing = "making its group ready";
+        let group = self.groups[nth].name.clone();
+        let state = self.until_still(nth, doing, MOTION_MARGIN).await?;
+        match state {
+            GroupState::Ready => return Ok(()),
+            GroupState::Disabled => {
+                self.ask(doing, &format!("GroupMotionEnable({group})")).await?;
+                return Ok(());
+            }
+            _ if !self.grouping.home_search => {
+                let told = format!(
+                    "the group {group} isn't homed. Home it with the specimen removed, or set home_search = true \
+                     if its way is clear of the specimen"
+                );
+                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            }
+            _ => {}
+        }
+        if nth > 0 {
+            self.clear_z(usage, reins).await?;
+        }
+        if state != GroupState::NotReferenced {
+            // from the state after an earlier fault
+            self.ask(doing, &format!("GroupKill({group})")).await?;
+            sleep(BETWEEN).await;
+            self.wait_for(nth, "initialising its group", &format!("GroupInitialize({group})"), reins).await?;
+            sleep(BETWEEN).await;
+        }
+        self.wait_for(nth, "homing", &format!("GroupHomeSearch({group})"), reins).await?;
+        match self.until_still(nth, "homing", MOTION_MARGIN).await? {
+            GroupState::Ready => Ok(()),
+            state => {
+                Err(self.error("homing", DeviceProblem::Motion(format!("the group is {state:?} after its search"))))
+            }
+        }
+    }
+
+    /// Moves z to the end of its travel that is away from the specimen, before another group searches for home. z's group may
+    /// have been homed before, and z may be in contact. If z isn't at its target, nothing moves sideways.
+    async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+        let end_mm = usage.travel.along(Axis::Z).end(usage.away);
+        let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        if (at_mm - end_mm).abs() > AWAY_MM {
+            let told = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
+            return Err(self.error("moving z away from the specimen", DeviceProblem::Motion(told)));
+        }
+        Ok(())
+    }
+
+    /// Sends a call that is answered when its operation has ended. A stop kills the group, which is an error.
+    async fn wait_for(&mut self, nth: usize, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
+        let Xps { groups, brakes, .. } = self;
+        let moves = &mut groups[nth].moves;
+        moves.begin(doing, call, CALL_DEADLINE).await?;
+        let until = Instant::now() + HOME_DEADLINE;
+        let answer = loop {
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {
+                    if reins.take() == Some(MotionOrder::Stop) {
+                        brakes.kill(nth, doing).await?;
+                    }
+                }
+                answer = moves.answer_by(doing, until) => break answer?,
+            }
+        };
+        match answer {
+            Some(Answer { code: 0, .. }) => Ok(()),
+            Some(Answer { code, .. }) => Err(moves.refused(doing, call, code)),
+            None => {
+                brakes.kill(nth, doing).await?;
+                moves.close();
+                let told = format!("{call} didn't finish within {} s", HOME_DEADLINE.as_secs());
+                Err(self.error(doing, DeviceProblem::Motion(told)))
+            }
+        }
+    }
+
+    /// Checks the controller's limits against the rig's, and narrows the controller's travel to the rig's.
+    pub(super) async fn set_up(&mut self, axis: Axis, usage: &StageUse) -> Result<(), DeviceError> {
+        let (doing, positioner, travel) =
+            ("checking an axis against the rig", self.positioner(axis), usage.travel.along(axis));
+        let call = format!("PositionerMaximumVelocityAndAccelerationGet({positioner},double *,double *)");
+        let [fastest_mm_s, most_mm_s2] = self.ask_numbers(doing, &call).await?;
+        for (most, wanted, key) in [
+            (fastest_mm_s, usage.speed_mm_s, "speed_mm_s"),
+            (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
+        ] {
+            if most < wanted {
+                let told = format!("{positioner} allows {key} up to {most}, less than the rig's {wanted}");
+                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            }
+        }
+        let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
+            let told = format!(
+                "{positioner} goes from {least_mm} to {most_mm} mm, but the rig's travel is {} to {} mm",
+                travel.min, travel.max
+            );
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+        }
+        let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
+        self.ask(doing, &set).await?;
+        let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
+        if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
+            let told = format!("{positioner} was limited to the rig's travel but reports {least_mm} to {most_mm} mm");
+            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+        }
+        let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
+        self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;
+        Ok(())
+    }
+}

@@ -1,0 +1,179 @@
+//! The roles of a rig as traits: a stage that moves, and a load cell and an array that are read.
+//!
+//! A driver plays a role over a link. The common part of all drivers of a role in a press (moving while watching the force,
+//! checking the read-back) is written once over these traits, in [`mod@palpate_run::run`]. A driver adds only the few hooks that this
+//! part needs.
+
+mod error;
+mod reins;
+
+pub use error::{DeviceError, DeviceProblem};
+pub use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS, shown};
+pub use reins::{MotionOrder, Reins};
+
+use palpate_core::quantity::{Axis, ForceReading, Range, Steps, Travel};
+use std::future::Future;
+use std::time::Duration;
+
+/// Use of the stage, as set by the rig.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageUse {
+    /// Travel limits of each axis, mm; z already ends at the specimen's depth limit.
+    pub travel: Travel,
+    /// Direction along z that leads away from the specimen: +1 or -1.
+    pub away: f64,
+    /// Highest speed allowed on any axis, mm/s.
+    pub speed_mm_s: f64,
+    /// Acceleration and deceleration to be used, mm/s^2.
+    pub acceleration_mm_s2: f64,
+    /// Speed of a search for home, mm/s. At this speed the stage can be stopped within the force limit.
+    pub home_speed_mm_s: f64,
+    /// Count of z at the limit where it homes, mm; only for controllers that let the program choose it.
+    pub home_z_mm: f64,
+    /// Whether a person brings the axes to their zero, because there are no switches.
+    pub by_hand: bool,
+    /// Whether the rig states that axes whose motors are on are homed; only for controllers that don't report it.
+    pub homed: bool,
+    /// Steps of the axes.
+    pub steps: Steps,
+    /// How z may search for home.
+    pub home_search: HomeSearch,
+}
+
+/// How z may search for home.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum HomeSearch {
+    /// Away from the specimen.
+    #[default]
+    Away,
+    /// Toward the specimen: a person confirmed that nothing is in the way.
+    Toward,
+    /// Not at all: home must be known.
+    Never,
+}
+
+/// Largest distance beyond its travel at which an axis may be read back, mm. It covers the position before the preparation, and
+/// rounding.
+const BEYOND_MM: f64 = 0.1;
+
+impl StageUse {
+    /// Returns the possible range of an axis. A read-back outside this range is damaged.
+    pub fn reach(&self, axis: Axis) -> Range {
+        self.travel.along(axis).widened(BEYOND_MM)
+    }
+}
+
+/// A three-axis stage. Positions are stage coordinates, mm.
+///
+/// A motion is started and then followed. A controller finishes a started motion even if the program ends, so only a motion that
+/// is safe to finish is started.
+pub trait Stage {
+    /// Connects, brings all axes to rest, and checks units and limits. Causes no other motion.
+    fn identify(&mut self, usage: &StageUse) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// Moves z by a distance away from the specimen, homed or not, from rest to rest, so that a person sees the direction.
+    /// Returns whether z moved: a controller may refuse motions of an axis that isn't homed.
+    fn nudge_away(
+        &mut self,
+        way_mm: f64,
+        usage: &StageUse,
+        reins: &Reins,
+    ) -> impl Future<Output = Result<bool, DeviceError>> {
+        let _ = (way_mm, usage, reins);
+        async { Ok(false) }
+    }
+
+    /// Whether home is known, so that nothing moves to find it. `false` if the stage doesn't report it. The stage was
+    /// [identified](Stage::identify) before.
+    fn is_homed(&mut self) -> impl Future<Output = Result<bool, DeviceError>> {
+        async { Ok(false) }
+    }
+
+    /// Homes z alone, if it isn't homed, away from the specimen. Returns whether z was homed separately: a controller may home
+    /// all axes in one operation.
+    fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<bool, DeviceError>> {
+        let _ = (usage, reins);
+        async { Ok(false) }
+    }
+
+    /// Homes the axes that aren't homed: z first, away from the specimen. A stop ends a search for home at once, which is an
+    /// error. The stage was [identified](Stage::identify) before.
+    fn home(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
+    /// again.
+    fn afresh(&mut self) {}
+
+    /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
+    /// command and finishes it independently: the motion began just now. A stop that the reins request during the call is sent at
+    /// once. If the stop was requested before the call, the axes don't move.
+    fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        reins: &Reins,
+    ) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Waits until the controller reports the axes at rest, and returns their positions, in their order, mm. `expected` is the
+    /// expected duration of the motion. Requests of the reins are carried out at once, even while an answer is awaited.
+    fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        reins: &Reins,
+    ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
+
+    /// Returns the position of an axis. Requests of the reins during the call are carried out at once.
+    fn position_mm(&mut self, axis: Axis, reins: &Reins) -> impl Future<Output = Result<f64, DeviceError>>;
+
+    /// Stops all axes at once, without waiting.
+    fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Returns the controller's error messages, oldest first, and empties its list.
+    fn complaints(&mut self) -> impl Future<Output = Result<Vec<String>, DeviceError>>;
+
+    /// Makes the controller itself end a motion when the load cell reads `limit_n`, N, including the cell's own zero. `None` ends
+    /// this guard. If the controller can't do this, or the rig doesn't request it, nothing happens.
+    fn guard(&mut self, limit_n: Option<f64>) -> impl Future<Output = Result<(), DeviceError>> {
+        let _ = limit_n;
+        async { Ok(()) }
+    }
+}
+
+/// A load cell.
+pub trait LoadCell {
+    /// Connects and checks that the answers mean what the rig says.
+    fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
+    /// again.
+    fn afresh(&mut self) {}
+
+    /// Returns the latest reading, relative to the cell's own zero.
+    fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;
+
+    /// Time from one conversion to the next. Faster reading returns the same value again.
+    fn conversion(&self) -> Duration;
+}
+
+/// The sensor's outputs.
+pub trait SensorArray {
+    /// Connects and checks that the answers mean what the rig says.
+    fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
+
+    /// Reads every output once into `outputs`, in the sensor's own unit (volts unless the rig states another).
+    fn read(&mut self, outputs: &mut [f64]) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Number of outputs: one for each channel of each unit.
+    fn units(&self) -> usize;
+}
+
+/// The three instruments of a rig.
+pub struct Instruments<S, C, A> {
+    /// The stage.
+    pub stage: S,
+    /// The load cell.
+    pub load_cell: C,
+    /// The array.
+    pub array: A,
+}

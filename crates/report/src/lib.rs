@@ -1,0 +1,13 @@
+//! Results for people and for other programs.
+//!
+//! | module | what it is |
+//! |---|---|
+//! | [`report`] | a page about a run, or about many of them; the certificate |
+//! | [`chart`] | charts as SVG |
+//! | [`export`] | runs for other programs: frames, files, a lake, C |
+//! | [`paper`] | what the paper reports |
+
+pub mod chart;
+pub mod export;
+pub mod paper;
+pub mod report;

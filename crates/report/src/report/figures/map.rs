@@ -1,0 +1,206 @@
+//! Calibration matrix: readings of each unit for the same load at each place.
+
+use super::WIDTH_PX;
+use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
+use crate::report::Subject;
+use crate::report::frame::{Drawn, counted};
+use palpate_core::quantity::{Place, round};
+use palpate_data::dataset::Press;
+use palpate_data::recipe::Phase;
+use std::cmp::Ordering;
+
+/// Largest number of units that are drawn. If there are more, the first are drawn.
+const MOST_UNITS: usize = 16;
+/// Largest number of presses that are drawn for each unit. If there are more, every nth press is drawn.
+const MOST_PRESSES: usize = 2500;
+
+/// Draws a map for each unit.
+pub fn matrix(subject: &Subject) -> Option<Drawn> {
+    let (least, most) = subject.area()?;
+    let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
+    let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
+    let places: Vec<Place> = drawn.iter().map(|row| row.place()).collect();
+    let units = subject.presses.channels.min(MOST_UNITS);
+    let load = Load::of(&presses);
+    let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
+    let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
+    // the channels of a unit are beside each other
+    let channels = subject.layout().units().map(|unit| unit.len()).max().unwrap_or(1);
+    let (order, columns) = match as_placed(subject, units) {
+        Some(rows) => rows,
+        None if channels > 1 => ((0..units).collect(), channels.min(4)),
+        None => ((0..units).collect(), (units as f64).sqrt().ceil().max(1.0) as usize),
+    };
+    let half_mm = half_cell_mm(&places);
+    let axes = Axes::around(least, most, half_mm);
+    let colours = ChartAxis::linear(&load.label(subject.unit()), (quietest, loudest));
+    let panel = |unit: usize| {
+        let cells = drawn.iter().map(|row| cell(row.place(), half_mm, load.share(row, row.outputs[unit]))).collect();
+        axes.panel(vec![Mark::Cells(colours.clone(), cells), Mark::Title(subject.layout().name(unit))])
+    };
+    let left_out = subject.presses.channels - units;
+    let figure = Figure {
+        title: load.title(),
+        subtitle: format!("{}; one scale for all", load.told(presses.len())),
+        height_px: axes.height_px(columns),
+        panels: order.into_iter().map(panel).collect(),
+        grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
+        notes: if left_out > 0 { vec![format!("{left_out} more outputs are not shown.")] } else { Vec::new() },
+        ..Figure::default()
+    };
+    Some(Drawn::plain(figure))
+}
+
+/// The order in which panels of the first units are where the units are: rows from the largest y down, each from the smallest x; and
+/// how many columns they make. None where units have several channels, or rows differ in length.
+pub fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)> {
+    let layout = subject.placed()?;
+    let places = layout.places().get(..units)?;
+    let mut order: Vec<usize> = (0..units).collect();
+    let key = |unit: &usize| (-places[*unit].y_mm, places[*unit].x_mm);
+    order.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
+    let rows = || order.chunk_by(|a, b| (places[*a].y_mm - places[*b].y_mm).abs() < SAME_MM);
+    let columns = rows().next()?.len();
+    let is_grid = rows().all(|row| row.len() == columns) && (0..units).all(|unit| layout.unit(unit) == unit);
+    is_grid.then_some((order, columns))
+}
+
+/// Load of a calibration's presses, N.
+#[derive(Clone, Copy)]
+enum Load {
+    /// All presses with one force.
+    One(f64),
+    /// Presses with forces in this range; outputs are divided by the forces.
+    Many(f64, f64),
+}
+
+impl Load {
+    fn of(presses: &[&Press]) -> Load {
+        let forces = || presses.iter().map(|row| set_n(row));
+        match (forces().reduce(f64::min), forces().reduce(f64::max)) {
+            (Some(least), Some(most)) if least < most && least > 0.0 => Load::Many(least, most),
+            (least, _) => Load::One(least.unwrap_or_default()),
+        }
+    }
+
+    /// Returns the value that is drawn for an output.
+    fn share(self, row: &Press, output: f64) -> f64 {
+        match self {
+            Load::One(_) => output,
+            Load::Many(..) => output / set_n(row),
+        }
+    }
+
+    /// Label of the drawn quantity, with its unit.
+    fn label(self, unit: &str) -> String {
+        match self {
+            Load::One(_) => format!("output, {unit}"),
+            Load::Many(..) => format!("output over force, {unit}/N"),
+        }
+    }
+
+    fn title(self) -> String {
+        match self {
+            Load::One(0.0) => "Output of each unit at each place".to_owned(),
+            Load::One(force_n) => format!("Output of each unit for {force_n} N at each place"),
+            Load::Many(..) => "Output of each unit over the force, at each place".to_owned(),
+        }
+    }
+
+    fn told(self, presses: usize) -> String {
+        let presses = counted(presses, "press");
+        match self {
+            Load::One(_) => presses,
+            Load::Many(least, most) => format!("{presses} of {} to {} N", round(least, 3), round(most, 3)),
+        }
+    }
+}
+
+/// Returns the commanded force, N. For an imported press it is the measured force.
+fn set_n(row: &Press) -> f64 {
+    row.force_set_n.or(row.force_n).unwrap_or_default()
+}
+
+/// Largest ratio of a map's height to its width. The second constant is the least ratio.
+const HIGHEST: f64 = 1.2;
+const LOWEST: f64 = 0.25;
+
+/// Axes in x and y with the same scale.
+pub struct Axes {
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Axes {
+    /// Creates axes around an area with some margin. A narrow strip gets a larger margin at its sides, so that the panel is
+    /// neither too flat nor too tall.
+    pub fn around(least: Place, most: Place, room_mm: f64) -> Axes {
+        let (width_mm, height_mm) = (most.x_mm - least.x_mm + 2.0 * room_mm, most.y_mm - least.y_mm + 2.0 * room_mm);
+        let beside_mm = room_mm + 0.5 * (height_mm / HIGHEST - width_mm).max(0.0);
+        let above_mm = room_mm + 0.5 * (width_mm * LOWEST - height_mm).max(0.0);
+        Axes { x: (least.x_mm - beside_mm, most.x_mm + beside_mm), y: (least.y_mm - above_mm, most.y_mm + above_mm) }
+    }
+
+    /// Creates a panel over the area.
+    pub fn panel(&self, marks: Vec<Mark>) -> Panel {
+        Panel { x: ChartAxis::linear("x, mm", self.x), y: ChartAxis::linear("y, mm", self.y), marks }
+    }
+
+    /// Returns the height of a panel for equal scales, with `columns` panels side by side, px.
+    pub fn height_px(&self, columns: usize) -> f64 {
+        let beside_px = SHARED_GAP_PX * (columns as f64 - 1.0);
+        let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
+        width_px * (self.y.1 - self.y.0) / (self.x.1 - self.x.0)
+    }
+}
+
+/// Returns a cell around a place.
+pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
+    Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
+}
+
+/// Returns half the side of a cell, mm. On a grid the cells touch their neighbours. For irregular places the cell has the mean
+/// area per place.
+pub fn half_cell_mm(places: &[Place]) -> f64 {
+    // extent, and how many coordinates there are
+    let along = |coordinate: fn(&Place) -> f64| {
+        let mut all: Vec<f64> = places.iter().map(coordinate).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup_by(|a, b| (*a - *b).abs() < SAME_MM);
+        (all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first), all.len())
+    };
+    let ((width_mm, columns), (height_mm, rows)) = (along(|place| place.x_mm), along(|place| place.y_mm));
+    if width_mm.max(height_mm) == 0.0 {
+        return LONE_MM;
+    }
+    let of_grid = |extent_mm: f64, count: usize| extent_mm / count.saturating_sub(1).max(1) as f64;
+    if columns * rows <= 2 * places.len() {
+        0.5 * of_grid(width_mm, columns).max(of_grid(height_mm, rows)).max(SAME_MM)
+    } else {
+        0.5 * (width_mm * height_mm / places.len() as f64).sqrt().max(SAME_MM)
+    }
+}
+
+/// Distance below which coordinates are the same, mm.
+const SAME_MM: f64 = 1e-4;
+/// Half the side of a single place's cell, mm. It isn't a round number, because then the numbers of two panels would meet.
+const LONE_MM: f64 = 0.6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_of_a_grid_meet_and_those_of_scattered_places_cover_their_area() {
+        let grid: Vec<Place> = (0..25).map(|i| Place::new(0.5 * f64::from(i % 5), 0.5 * f64::from(i / 5))).collect();
+        assert!((half_cell_mm(&grid) - 0.25).abs() < 1e-12);
+        assert!((half_cell_mm(&grid[..5]) - 0.25).abs() < 1e-12, "a line");
+        let scattered: Vec<Place> = (0..100)
+            .map(|i| (f64::from(i) * 0.7549).fract())
+            .zip((0..100).map(|i| (f64::from(i) * 0.5698).fract()))
+            .map(|(x, y)| Place::new(10.0 * x, 10.0 * y))
+            .collect();
+        assert!((half_cell_mm(&scattered) - 0.5).abs() < 0.02);
+        assert_eq!(half_cell_mm(&grid[..1]), LONE_MM);
+    }
+}

@@ -1,0 +1,88 @@
+//! Verdict at the top of the page, with the rule, each limit and the measured value.
+
+use super::frame::{capital, none, number, table, words};
+use super::{Judged, Subject};
+use maud::{Markup, html};
+use palpate_data::acceptance::{Check, Decision, Judgement, Verdict};
+use palpate_data::dataset::Status;
+
+/// Creates the verdict, or the reason why there is none.
+pub fn section(subject: &Subject, judged: &Judged) -> Markup {
+    let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
+    let class = match (broken, judged.judgement.as_ref().map(|judgement| judgement.verdict)) {
+        (Some(_), _) | (None, Some(Verdict::NotAccepted)) => "verdict bad",
+        (None, Some(Verdict::Accepted)) => "verdict good",
+        (None, Some(Verdict::NotDecided) | None) => "verdict",
+    };
+    html! {
+        div class=(class) {
+            @if let Some(run) = broken {
+                strong { (run.name()) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
+                    (run.manifest.facts.presses_planned) " presses" }
+                @match (&run.manifest.trip, &run.manifest.failure) {
+                    // of a trip the failure says the same
+                    (Some(trip), _) => p { (trip) }
+                    (None, Some(failure)) => p { (failure) }
+                    (None, None) => {}
+                }
+            }
+            @match &judged.judgement {
+                Some(judgement) => (by_rule(judgement)),
+                None => (without_rule(judged)),
+            }
+            @if let Some(why) = &judged.why_not { p { (why) } }
+        }
+    }
+}
+
+fn without_rule(judged: &Judged) -> Markup {
+    html! {
+        strong { "No verdict" }
+        p { "No acceptance rule was given."
+            @if let Some(evaluation) = judged.decisive() {
+                " Mean errors of " (number("", evaluation.location_error_mm.mean, 3, " mm"))
+                @if let Some(error) = evaluation.force_error_n { " and " (number("", error.mean, 4, " N")) }
+                " by " (evaluation.solver) ", on " (evaluation.points) " test presses."
+            }
+        }
+    }
+}
+
+fn by_rule(judgement: &Judgement) -> Markup {
+    let Judgement { verdict, method, calibration_presses, test_presses, checks, .. } = judgement;
+    let is_guarded = judgement.rule == Decision::Guarded.word();
+    let meaning = match verdict {
+        _ if is_guarded => {
+            "Guarded rule: the one-sided 95 % bound of each figure must be within its limit, so that about 5 % of \
+                            sensors at a limit are accepted at most."
+        }
+        _ => "Simple rule: each figure must be within its limit; about half of the sensors at a limit are accepted.",
+    };
+    let mut head = vec![words(""), words("found")];
+    head.extend(is_guarded.then(|| words("95 % bound")));
+    head.extend(["limit", "n", ""].map(words));
+    let row = |check: &Check| {
+        let mut cells = vec![words(check.kind.full_name(check.reach)), value(check, check.value)];
+        cells.extend(is_guarded.then(|| value(check, check.bound)));
+        cells.extend([value(check, Some(check.limit)), words(check.n), words(check.verdict.told())]);
+        cells
+    };
+    html! {
+        strong { (capital(verdict.told())) }
+        p { (meaning) " Judged by the method " (method) ", on " (calibration_presses) " calibration and " (test_presses) " test presses."
+            @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
+        }
+        (table(&head, &checks.iter().map(row).collect::<Vec<_>>()))
+        @for note in &judgement.notes { p.note { (capital(note)) "." } }
+        @for reason in judgement.all_reasons() { p.note { (capital(&reason)) "." } }
+    }
+}
+
+/// Returns a value of a checked figure with its unit.
+fn value(check: &Check, value: Option<f64>) -> Markup {
+    let unit = match check.kind.unit() {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    value.map_or_else(none, |value| html! { data value=(value) data-key="" { (check.shown(Some(value))) } (unit) })
+}

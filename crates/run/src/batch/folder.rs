@@ -1,0 +1,314 @@
+//! A batch on disk: its journal, copies of its texts, and the run folders of its sensors.
+
+use super::{Event, Facts, Session, State};
+use miette::Diagnostic;
+use palpate_data::dataset::{DatasetError, JOURNAL, Journal, JournalError, Text, hold_folder, make_folder};
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// Folder of the runs in a batch folder.
+pub const RUNS: &str = "runs";
+
+/// Largest number of names that are tried for a run's folder.
+const NAMES_MAX: u64 = 100_000;
+
+/// A batch on disk, locked by this program.
+#[derive(Debug)]
+pub struct BatchFolder {
+    path: PathBuf,
+    /// Lock that is released when its owner ends, for any reason.
+    _lock: File,
+    journal: Journal<Event>,
+    state: State,
+}
+
+/// Reason why a batch couldn't be recorded or read.
+#[derive(Debug, Error, Diagnostic)]
+pub enum BatchError {
+    /// There is no batch at the path.
+    #[error("{} is not a batch folder (journal.log not found)", path.display())]
+    #[diagnostic(help("give the folder of a batch; `palpate batch run` makes one, and prints its name"))]
+    NoBatch {
+        /// Named folder.
+        path: PathBuf,
+    },
+    /// Another program works on the batch.
+    #[error("{} is in use by another program", path.display())]
+    #[diagnostic(help(
+        "type the command in the `palpate batch run` that uses it (`.repeat SERIAL`), or end that program first"
+    ))]
+    Held {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The folder or its journal can't be written or read.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Dataset(#[from] DatasetError),
+}
+
+impl From<JournalError> for BatchError {
+    fn from(error: JournalError) -> Self {
+        BatchError::Dataset(error.into())
+    }
+}
+
+impl BatchFolder {
+    /// Creates the folder of a new batch, with its first events. The complete folder appears by one rename.
+    ///
+    /// # Errors
+    /// The folder already exists, or can't be created.
+    pub fn create(out: &Path, name: &str, beginning: &[Event]) -> Result<BatchFolder, BatchError> {
+        make_folder(Some(out), name, |draft| fill(draft, beginning))?;
+        BatchFolder::open(out)
+    }
+
+    /// Opens a batch to continue it, and cuts off an incomplete last record. Changes nothing else.
+    ///
+    /// # Errors
+    /// There is no batch, its journal is damaged, or another program works on it. Nothing is changed in these cases.
+    pub fn open(path: &Path) -> Result<BatchFolder, BatchError> {
+        check_batch(path)?;
+        let lock = hold_folder(path).map_err(|error| match error {
+            DatasetError::Held { path } => BatchError::Held { path },
+            error => error.into(),
+        })?;
+        let mut state = State::default();
+        let journal = Journal::open(&path.join(JOURNAL), |_, event| state.take_in(event))?;
+        Ok(BatchFolder { path: path.to_owned(), _lock: lock, journal, state })
+    }
+
+    /// Adds an event. When this returns, the event is on the disk.
+    ///
+    /// # Errors
+    /// An event that contradicts those before, or an error of the operating system. Nothing is added in both cases.
+    pub fn record(&mut self, event: &Event) -> Result<(), BatchError> {
+        let mut state = self.state.clone();
+        let contradicts = |problem: String| DatasetError::Io {
+            doing: "recording in",
+            path: self.path.clone(),
+            why: std::io::Error::other(problem),
+        };
+        state.take_in(event).map_err(contradicts)?;
+        self.journal.append(event)?;
+        self.state = state;
+        Ok(())
+    }
+
+    /// Returns the state after all events.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Returns the path of the folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns an unused folder for a sensor's next run, relative to the batch folder: `runs/SERIAL`, `runs/SERIAL-2`, ... A name
+    /// that is the serial number of another sensor isn't used.
+    ///
+    /// # Errors
+    /// There are too many runs.
+    pub fn next_run(&self, serial: &str) -> Result<String, BatchError> {
+        let name = |number: u64| if number == 1 { serial.to_owned() } else { format!("{serial}-{number}") };
+        let is_free = |name: &String| {
+            let is_anothers = name != serial && self.state.item(name).is_some();
+            !is_anothers && self.path.join(RUNS).join(name).symlink_metadata().is_err()
+        };
+        let free = (1..=NAMES_MAX).map(name).find(is_free);
+        let exists = || DatasetError::Exists { path: self.path.join(RUNS).join(serial) };
+        Ok(format!("{RUNS}/{}", free.ok_or_else(exists)?))
+    }
+}
+
+/// Reads the state of a batch from its journal. The batch may be in use.
+///
+/// # Errors
+/// There is no batch, or its journal is damaged.
+pub fn read_state(path: &Path) -> Result<State, BatchError> {
+    let mut state = State::default();
+    read_events(path, |event| state.take_in(event))?;
+    Ok(state)
+}
+
+/// Passes each event of a batch's journal to `accept`, which may refuse it as damage.
+pub(super) fn read_events(path: &Path, mut accept: impl FnMut(&Event) -> Result<(), String>) -> Result<(), BatchError> {
+    check_batch(path)?;
+    Journal::<Event>::read(&path.join(JOURNAL), |_, event| accept(event))?;
+    Ok(())
+}
+
+fn check_batch(path: &Path) -> Result<(), BatchError> {
+    match path.join(JOURNAL).is_file() {
+        true => Ok(()),
+        false => Err(BatchError::NoBatch { path: path.to_owned() }),
+    }
+}
+
+/// Returns the first events of a batch.
+pub fn beginning(facts: Facts, texts: &[Text], serials: &[String], session: Session) -> Vec<Event> {
+    let added = Event::Added { at: facts.at.clone(), serials: serials.to_vec() };
+    let texts = texts.iter().cloned().map(Event::Text);
+    [Event::Batch(facts)].into_iter().chain(texts).chain([added, Event::Session(session)]).collect()
+}
+
+/// Writes everything that a batch folder contains before its first sensor.
+fn fill(draft: &Path, beginning: &[Event]) -> Result<(), DatasetError> {
+    let mut journal = Journal::create(&draft.join(JOURNAL))?;
+    for event in beginning {
+        journal.append(event)?;
+        if let Event::Text(Text { name, text }) = event {
+            let path = draft.join(name);
+            let written = File::create_new(&path).and_then(|mut file| {
+                file.write_all(text.as_bytes())?;
+                file.sync_all()
+            });
+            written.map_err(DatasetError::io("writing", path))?;
+        }
+    }
+    let runs = draft.join(RUNS);
+    fs::create_dir(&runs).map_err(DatasetError::io("making", runs))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::tests::{at, began, ended};
+    use super::super::{Reference, Standing};
+    use super::*;
+    use palpate_data::acceptance::Verdict;
+    use palpate_data::dataset::Status;
+
+    fn texts() -> [Text; 1] {
+        [Text { name: "batch.toml".to_owned(), text: "name = \"day\"\n".to_owned() }]
+    }
+
+    fn created(out: &Path) -> BatchFolder {
+        let facts = Facts { format: 1, name: "day".to_owned(), at: at(), reference: None, ..Facts::default() };
+        let serials = ["A-1", "A-2", "A-3"].map(str::to_owned);
+        BatchFolder::create(out, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap()
+    }
+
+    /// A whole day: A-1 is judged, A-2 ends, A-3 begins.
+    fn events() -> [Event; 5] {
+        let judged = |serial| ended(serial, Status::Complete, Some(Verdict::Accepted));
+        [began("A-1"), judged("A-1"), began("A-2"), judged("A-2"), began("A-3")]
+    }
+
+    /// Largest number of times that a held folder is opened again.
+    const OPENS_MOST: usize = 100_000;
+
+    #[test]
+    fn a_journal_cut_at_every_byte_of_its_last_events_loses_no_event_and_judges_nothing_twice() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let mut batch = created(&path);
+        let journal = path.join(JOURNAL);
+        let mut ends = Vec::new();
+        for event in events() {
+            batch.record(&event).unwrap();
+            ends.push(fs::metadata(&journal).unwrap().len() as usize);
+        }
+        drop(batch);
+        let whole = fs::read(&journal).unwrap();
+        let kept_after = |cut: usize| ends.iter().filter(|end| **end <= cut).count();
+        for cut in ends[1]..=whole.len() {
+            fs::write(&journal, &whole[..cut]).unwrap();
+            let kept = kept_after(cut);
+            assert_eq!(read_state(&path).unwrap().mountings, [1, 2, 2, 3][kept - 2], "{cut}");
+            // a program that another test starts holds the lock until it executes
+            let opened = (0..OPENS_MOST).find_map(|_| match BatchFolder::open(&path) {
+                Err(BatchError::Held { .. }) => None,
+                other => Some(other),
+            });
+            let mut batch = opened.expect("not held for long").unwrap();
+            let standing = |batch: &BatchFolder, serial: &str| batch.state().item(serial).unwrap().standing;
+            let expected = [Standing::Waiting, Standing::Interrupted, Standing::Accepted, Standing::Accepted][kept - 2];
+            assert_eq!((standing(&batch, "A-1"), standing(&batch, "A-2")), (Standing::Accepted, expected), "{cut}");
+            // a sensor that began or has its result isn't begun again, and the batch continues
+            assert_eq!(batch.state().admit("A-2", &[]).is_ok(), kept == 2, "{cut}");
+            assert!(batch.state().admit("A-1", &[]).is_err());
+            let last = batch.state().clone();
+            batch.record(&Event::Noted { at: at(), serial: "A-1".to_owned(), note: "n".to_owned() }).unwrap();
+            drop(batch);
+            let noted = read_state(&path).unwrap();
+            assert_eq!(noted.item("A-1").unwrap().note.as_deref(), Some("n"));
+            assert_eq!((noted.items[1..].to_vec(), noted.mountings), (last.items[1..].to_vec(), last.mountings));
+        }
+    }
+
+    #[test]
+    fn a_batch_is_held_by_one_program_and_read_by_any() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let batch = created(&path);
+        let held = BatchFolder::open(&path).unwrap_err();
+        assert!(matches!(held, BatchError::Held { .. }), "{held}");
+        assert_eq!(read_state(&path).unwrap(), *batch.state());
+        drop(batch);
+        BatchFolder::open(&path).unwrap();
+        assert_eq!(fs::read_to_string(path.join("batch.toml")).unwrap(), texts()[0].text);
+    }
+
+    #[test]
+    fn an_event_that_contradicts_the_batch_is_not_recorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut batch = created(&folder.path().join("day"));
+        let before = (batch.state().clone(), fs::read(batch.path().join(JOURNAL)).unwrap());
+        let error = batch.record(&began("B-1")).unwrap_err().to_string();
+        assert!(error.ends_with("the batch has no sensor \"B-1\""), "{error}");
+        assert_eq!((batch.state().clone(), fs::read(batch.path().join(JOURNAL)).unwrap()), before);
+    }
+
+    #[test]
+    fn a_run_folder_is_no_batch_and_the_other_way_round() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        drop(created(&path));
+        let as_run = palpate_data::dataset::Recorded::read(&path).unwrap_err().to_string();
+        assert!(as_run.ends_with("the journal of a batch, not of a run"), "{as_run}");
+        let missing = read_state(folder.path()).unwrap_err().to_string();
+        assert!(missing.ends_with("is not a batch folder (journal.log not found)"), "{missing}");
+    }
+
+    #[test]
+    fn a_run_never_takes_the_name_of_another_sensor_or_of_a_folder_that_is_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let facts = Facts {
+            format: 1,
+            name: "day".to_owned(),
+            reference: Some(Reference { serial: "S-3".to_owned(), every: 1 }),
+            ..Facts::default()
+        };
+        let serials = ["S", "S-2"].map(str::to_owned);
+        let batch =
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
+        let next = || batch.next_run("S").unwrap();
+        assert_eq!(next(), "runs/S");
+        fs::create_dir(path.join("runs/S")).unwrap();
+        assert_eq!(next(), "runs/S-4", "S-2 and S-3 are sensors");
+        fs::create_dir(path.join("runs/S-4")).unwrap();
+        assert_eq!(next(), "runs/S-5");
+    }
+
+    #[test]
+    fn five_thousand_sensors_are_read_in_one_pass() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let facts = Facts { format: 1, name: "day".to_owned(), ..Facts::default() };
+        let serials: Vec<String> = (0..5000).map(|number| format!("S{number}")).collect();
+        let mut batch =
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
+        batch.journal.keep_for(palpate_data::dataset::Durability::Fast);
+        for serial in &serials {
+            batch.journal.append(&began(serial)).unwrap();
+            batch.journal.append(&ended(serial, Status::Complete, Some(Verdict::Accepted))).unwrap();
+        }
+        drop(batch);
+        let state = read_state(&path).unwrap();
+        assert_eq!((state.count(Standing::Accepted), state.mountings), (5000, 5000));
+    }
+}

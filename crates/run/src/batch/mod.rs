@@ -1,0 +1,41 @@
+//! A batch: sensors of one design, calibrated one after another at one bench.
+//!
+//! A batch is a folder with a journal of its own and the run folders of its sensors. The run folders stay the record of what was
+//! measured; the journal keeps what was done with which sensor, and the result. An [`Event`] is one record of it.
+//! A [`BatchFile`] states what is to be done, and a [`State`] follows from the events alone.
+
+mod admit;
+mod chance;
+pub mod chart;
+mod conclude;
+mod design;
+mod event;
+mod file;
+mod folder;
+mod history;
+mod keys;
+mod monitor;
+mod seed;
+mod serial;
+mod state;
+
+pub use admit::{Admitted, Tray};
+pub use chance::{Chance, DRAWS, Test, chance};
+pub use conclude::{Basis, Conclusion, conclude};
+pub use design::ByDesign;
+pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session};
+pub use file::{BatchFile, Nest, PriorRuns, Typical, parse};
+pub use folder::{BatchError, BatchFolder, RUNS, beginning, read_state};
+pub use history::History;
+pub use monitor::{Monitor, Quantity};
+pub use seed::{run_seed, specimen_seed};
+pub use serial::{SERIAL_MOST, check_serial};
+pub use state::{Item, Standing, State};
+
+use palpate_document::Keys;
+
+/// All keys that a batch file may have.
+pub const KEYS: Keys = keys::root::KEYS;
+
+/// Largest number of serial numbers of a batch.
+pub const SERIALS_MAX: usize = 100_000;

@@ -1,0 +1,375 @@
+//! State of a batch: what became of each sensor, and what is due. It follows from the events alone, in one pass.
+
+use super::{Began, Ended, Event, Facts, Monitor, Reference, SERIALS_MAX, Session};
+use palpate_data::acceptance::Verdict;
+use palpate_data::dataset::{Status, Text};
+use serde::Serialize;
+use std::collections::HashMap;
+
+/// State of a batch. Its size is bounded by the number of sensors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State {
+    /// Description of the batch.
+    pub facts: Facts,
+    /// Latest text of each name.
+    pub texts: Vec<Text>,
+    /// Last program that worked on the batch.
+    pub session: Option<Session>,
+    /// Sensors, in the order in which they were listed.
+    pub items: Vec<Item>,
+    /// The reference sensor.
+    pub reference: Option<Item>,
+    /// Number of sensors and reference measurements that began.
+    pub mountings: u64,
+    /// Number of refused serial numbers.
+    pub refused: u64,
+    /// Number of alarms of control charts.
+    pub alarms: u64,
+    /// Control charts.
+    pub monitor: Monitor,
+    /// Serial number of the sensor that ended last.
+    pub last: Option<String>,
+    /// Position of each serial number among the items.
+    places: HashMap<String, usize>,
+    /// Number of sensors that were measured since the reference sensor was; `None` if it never was.
+    since_reference: Option<u64>,
+    is_postponed: bool,
+}
+
+/// A sensor of a batch.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Item {
+    /// Serial number.
+    pub serial: String,
+    /// What became of it.
+    pub standing: Standing,
+    /// How many times it began.
+    pub times: u64,
+    /// Folder of its last run, relative to the batch folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// Time of the last event about it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at: Option<String>,
+    /// Time that its runs took, minutes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub minutes: Option<f64>,
+    /// First reason for its standing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Last note of a person.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub note: Option<String>,
+}
+
+/// What became of a sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Standing {
+    /// Its turn is ahead, for the first time or again.
+    #[default]
+    Waiting,
+    /// Its run began and didn't end, or a person stopped it.
+    Interrupted,
+    /// It was calibrated, and there is no verdict because there is no rule; or it is the reference sensor.
+    Calibrated,
+    /// It is accepted.
+    Accepted,
+    /// It isn't accepted.
+    NotAccepted,
+    /// Too little was measured to decide.
+    NotDecided,
+    /// A device failed, or the quick check found a fault.
+    Failed,
+    /// A safety rule was broken.
+    Tripped,
+    /// A person skipped it.
+    Skipped,
+}
+
+impl Standing {
+    /// All standings, in the order in which they are reported.
+    pub const ALL: [Standing; 9] = [
+        Standing::Accepted,
+        Standing::NotAccepted,
+        Standing::NotDecided,
+        Standing::Calibrated,
+        Standing::Failed,
+        Standing::Tripped,
+        Standing::Interrupted,
+        Standing::Skipped,
+        Standing::Waiting,
+    ];
+
+    /// Returns the standing in words.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Standing::Waiting => "waiting",
+            Standing::Interrupted => "interrupted",
+            Standing::Calibrated => "calibrated",
+            Standing::Accepted => "accepted",
+            Standing::NotAccepted => "not accepted",
+            Standing::NotDecided => "not decided",
+            Standing::Failed => "failed",
+            Standing::Tripped => "tripped",
+            Standing::Skipped => "skipped",
+        }
+    }
+
+    /// Whether the sensor has its result.
+    pub const fn is_judged(self) -> bool {
+        matches!(self, Standing::Accepted | Standing::NotAccepted | Standing::NotDecided | Standing::Calibrated)
+    }
+
+    fn of(ended: &Ended) -> Standing {
+        match (ended.status, ended.verdict) {
+            (Status::Stopped, _) => Standing::Interrupted,
+            (Status::Tripped, _) => Standing::Tripped,
+            (Status::Failed, _) => Standing::Failed,
+            (Status::Complete, None) => Standing::Calibrated,
+            (Status::Complete, Some(Verdict::Accepted)) => Standing::Accepted,
+            (Status::Complete, Some(Verdict::NotAccepted)) => Standing::NotAccepted,
+            (Status::Complete, Some(Verdict::NotDecided)) => Standing::NotDecided,
+        }
+    }
+}
+
+impl State {
+    /// Adds an event. A journal begins with exactly one description of the batch, and names no sensor that wasn't added.
+    ///
+    /// # Errors
+    /// What contradicts the events before.
+    pub fn take_in(&mut self, event: &Event) -> Result<(), String> {
+        let is_first = self.facts.format == 0;
+        match event {
+            Event::Batch(_) if !is_first => return Err("a second start of the batch".to_owned()),
+            _ if is_first && !matches!(event, Event::Batch(_)) => return Err("the first record is missing".to_owned()),
+            Event::Batch(facts) => {
+                self.facts = facts.clone();
+                self.monitor = Monitor::new(&facts.charted);
+                let item = |Reference { serial, .. }: &Reference| Item { serial: serial.clone(), ..Item::default() };
+                self.reference = facts.reference.as_ref().map(item);
+            }
+            Event::Text(text) => match self.texts.iter_mut().find(|kept| kept.name == text.name) {
+                Some(kept) => *kept = text.clone(),
+                None => self.texts.push(text.clone()),
+            },
+            Event::Session(session) => self.session = Some(session.clone()),
+            Event::Added { serials, .. } => serials.iter().try_for_each(|serial| self.add(serial))?,
+            Event::Began(began) => self.began(began)?,
+            Event::Ended(ended) => self.ended(ended)?,
+            Event::Postponed { .. } => self.is_postponed = true,
+            Event::Skipped { at, serial } => self.mark(serial, at, Standing::Skipped)?,
+            Event::Retry { at, serial } => self.mark(serial, at, Standing::Waiting)?,
+            Event::Noted { serial, note, .. } => self.item_mut(serial)?.note = Some(note.clone()),
+            Event::Refused { .. } => self.refused += 1,
+            Event::Alarm(_) => self.alarms += 1,
+            Event::Paused { .. } | Event::Closed { .. } => {}
+        }
+        Ok(())
+    }
+
+    /// Returns a sensor or the reference sensor by its serial number.
+    pub fn item(&self, serial: &str) -> Option<&Item> {
+        let place = self.places.get(serial).map(|place| &self.items[*place]);
+        place.or(self.reference.as_ref().filter(|reference| reference.serial == serial))
+    }
+
+    /// Whether a serial number is that of the reference sensor.
+    pub fn is_reference(&self, serial: &str) -> bool {
+        self.reference.as_ref().is_some_and(|reference| reference.serial == serial)
+    }
+
+    /// Whether the reference sensor is due: at the beginning, after every `every` sensors, and if a control chart asks for it,
+    /// unless a person postponed it.
+    pub fn is_reference_due(&self) -> bool {
+        let Some(Reference { every, .. }) = &self.facts.reference else { return false };
+        let is_time = self.since_reference.is_none_or(|sensors| sensors >= *every);
+        !self.is_postponed && (is_time || self.monitor.is_reference_due())
+    }
+
+    /// Returns the next sensor in the order of the list.
+    pub fn next(&self) -> Option<&Item> {
+        self.items.iter().find(|item| item.standing == Standing::Waiting)
+    }
+
+    /// Returns the number of sensors of a standing.
+    pub fn count(&self, standing: Standing) -> usize {
+        self.items.iter().filter(|item| item.standing == standing).count()
+    }
+
+    fn add(&mut self, serial: &str) -> Result<(), String> {
+        if self.item(serial).is_some() {
+            return Err(format!("the sensor {serial:?} was added twice"));
+        }
+        if self.items.len() >= SERIALS_MAX {
+            return Err(format!("more than {SERIALS_MAX} sensors"));
+        }
+        self.places.insert(serial.to_owned(), self.items.len());
+        self.items.push(Item { serial: serial.to_owned(), ..Item::default() });
+        Ok(())
+    }
+
+    fn began(&mut self, began: &Began) -> Result<(), String> {
+        self.mountings += 1;
+        let item = self.item_mut(&began.serial)?;
+        item.times += 1;
+        (item.run, item.minutes, item.reason) = (Some(began.run.clone()), None, None);
+        self.mark(&began.serial, &began.at, Standing::Interrupted)
+    }
+
+    fn ended(&mut self, ended: &Ended) -> Result<(), String> {
+        let standing = Standing::of(ended);
+        let item = self.item_mut(&ended.serial)?;
+        item.run = ended.runs.last().cloned().or(item.run.take());
+        (item.minutes, item.reason) = (Some(ended.minutes), ended.reasons.first().cloned());
+        self.mark(&ended.serial, &ended.at, standing)?;
+        self.last = Some(ended.serial.clone());
+        self.monitor.take_in(ended);
+        match (ended.reference, ended.status) {
+            (true, Status::Complete) => self.since_reference = Some(0),
+            (false, Status::Complete) => self.since_reference = self.since_reference.map(|sensors| sensors + 1),
+            _ => {}
+        }
+        self.is_postponed &= ended.reference;
+        Ok(())
+    }
+
+    fn mark(&mut self, serial: &str, at: &str, standing: Standing) -> Result<(), String> {
+        let item = self.item_mut(serial)?;
+        (item.standing, item.at) = (standing, Some(at.to_owned()));
+        Ok(())
+    }
+
+    fn item_mut(&mut self, serial: &str) -> Result<&mut Item, String> {
+        let reference = self.reference.as_mut().filter(|reference| reference.serial == serial);
+        let place = self.places.get(serial).map(|place| &mut self.items[*place]);
+        place.or(reference).ok_or_else(|| format!("the batch has no sensor {serial:?}"))
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub fn at() -> String {
+        "2026-11-23T10:00:00+01:00[Europe/Berlin]".to_owned()
+    }
+
+    pub fn began(serial: &str) -> Event {
+        let reference = serial == "REF";
+        Event::Began(Began {
+            at: at(),
+            serial: serial.to_owned(),
+            reference,
+            nest: None,
+            run: format!("runs/{serial}"),
+        })
+    }
+
+    pub fn ended(serial: &str, status: Status, verdict: Option<Verdict>) -> Event {
+        Event::Ended(Ended {
+            at: at(),
+            serial: serial.to_owned(),
+            reference: serial == "REF",
+            runs: vec![format!("runs/{serial}")],
+            status,
+            verdict,
+            reasons: vec!["a reason".to_owned()],
+            found: Vec::new(),
+            calibration_presses: 9,
+            test_presses: 20,
+            minutes: 3.5,
+            change: Vec::new(),
+            refused: false,
+            model: None,
+        })
+    }
+
+    /// State of a batch with the sensors and a reference sensor every second one.
+    pub fn begun() -> State {
+        let mut state = State::default();
+        let reference = Some(Reference { serial: "REF".to_owned(), every: 2 });
+        let facts = Facts { format: 1, name: "day".to_owned(), reference, ..Facts::default() };
+        let serials = (1..=4).map(|number| format!("A-{number}")).collect();
+        for event in [Event::Batch(facts), Event::Added { at: at(), serials }] {
+            state.take_in(&event).unwrap();
+        }
+        state
+    }
+
+    fn take(state: &mut State, events: &[Event]) {
+        events.iter().for_each(|event| state.take_in(event).unwrap());
+    }
+
+    fn standing(state: &State, serial: &str) -> Standing {
+        state.item(serial).unwrap().standing
+    }
+
+    #[test]
+    fn the_standing_of_a_sensor_follows_from_its_last_events() {
+        let mut state = begun();
+        assert_eq!(state.next().unwrap().serial, "A-1");
+        take(&mut state, &[began("A-1")]);
+        assert_eq!(standing(&state, "A-1"), Standing::Interrupted, "until it ends");
+        for (status, verdict, expected) in [
+            (Status::Complete, Some(Verdict::Accepted), Standing::Accepted),
+            (Status::Complete, Some(Verdict::NotAccepted), Standing::NotAccepted),
+            (Status::Complete, Some(Verdict::NotDecided), Standing::NotDecided),
+            (Status::Complete, None, Standing::Calibrated),
+            (Status::Failed, None, Standing::Failed),
+            (Status::Tripped, None, Standing::Tripped),
+            (Status::Stopped, None, Standing::Interrupted),
+        ] {
+            take(&mut state, &[ended("A-1", status, verdict)]);
+            assert_eq!(standing(&state, "A-1"), expected);
+        }
+        let serial = || "A-1".to_owned();
+        take(&mut state, &[Event::Skipped { at: at(), serial: serial() }]);
+        assert_eq!((standing(&state, "A-1"), state.next().unwrap().serial.as_str()), (Standing::Skipped, "A-2"));
+        take(
+            &mut state,
+            &[
+                Event::Retry { at: at(), serial: serial() },
+                Event::Noted { at: at(), serial: serial(), note: "n".to_owned() },
+            ],
+        );
+        let item = state.item("A-1").unwrap();
+        assert_eq!((item.standing, item.times, item.note.as_deref()), (Standing::Waiting, 1, Some("n")));
+        assert_eq!((state.count(Standing::Waiting), state.mountings), (4, 1));
+    }
+
+    #[test]
+    fn the_reference_sensor_is_due_first_and_after_every_second_sensor_and_can_be_postponed_by_one() {
+        let mut state = begun();
+        let done = |serial: &str| ended(serial, Status::Complete, None);
+        assert!(state.is_reference_due());
+        take(&mut state, &[began("REF"), ended("REF", Status::Failed, None)]);
+        assert!(state.is_reference_due(), "it wasn't measured");
+        take(&mut state, &[began("REF"), done("REF")]);
+        assert!(!state.is_reference_due());
+        take(&mut state, &[began("A-1"), done("A-1"), began("A-2"), ended("A-2", Status::Failed, None)]);
+        assert!(!state.is_reference_due(), "only one was measured");
+        take(&mut state, &[began("A-3"), done("A-3")]);
+        assert!(state.is_reference_due());
+        take(&mut state, &[Event::Postponed { at: at() }]);
+        assert!(!state.is_reference_due());
+        take(&mut state, &[began("A-4"), done("A-4")]);
+        assert!(state.is_reference_due(), "after the next sensor");
+    }
+
+    #[test]
+    fn events_that_contradict_those_before_are_damage() {
+        assert_eq!(State::default().take_in(&began("A-1")).unwrap_err(), "the first record is missing");
+        let mut state = begun();
+        let wrong = [
+            (Event::Batch(Facts::default()), "a second start of the batch"),
+            (began("B-1"), "the batch has no sensor \"B-1\""),
+            (ended("B-1", Status::Complete, None), "the batch has no sensor \"B-1\""),
+            (Event::Added { at: at(), serials: vec!["A-1".to_owned()] }, "the sensor \"A-1\" was added twice"),
+        ];
+        for (event, problem) in wrong {
+            assert_eq!(state.take_in(&event).unwrap_err(), problem);
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! Devices that send lines or frames. A line profile states how a reading looks.
+
+use super::{Beside, Family, Links, Role, counted, own_file};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, Wiring};
+use palpate_core::quantity::ArrayLayout;
+use palpate_document::{Bounds, Problem, Table, keys};
+use palpate_drivers::lines::{LineArray, LineLoadCell, LineProfile, SHIPPED};
+use palpate_drivers::{AnyArray, AnyLoadCell};
+use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::wire::Link;
+use palpate_sim::emulator::lines::{Board, Firmware, Hx711, Hx711Sketch, Mark10, MlxText, ReSkin, Velostat};
+use palpate_sim::scene::Device;
+use std::sync::Arc;
+
+pub const FAMILY: Family = Family {
+    name: "lines",
+    meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
+    simulated: "hx711 and mark-10 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
+    stage: None,
+    load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::Stream, read: read_load_cell }),
+    array: Some(Role { words: &[], keys: array::KEYS.always, links: Links::Stream, read: read_array }),
+};
+
+/// Rate of the emulated magnetometers, 1/s (paper of ReSkin).
+const MAGNETOMETERS_HZ: f64 = 400.0;
+
+/// Baud rate of the emulated pressure matrix.
+const MATRIX_BAUD: f64 = 115_200.0;
+
+const FACTOR: Bounds = Bounds::within(-1e12, 1e12, "");
+
+keys! {
+    /// `driver = { lines = ... }` of a load cell.
+    load_cell {
+        lines: Text, Refused, "a line profile shipped with the program, or a .toml file in the rig's folder", "\"hx711\"";
+        newton_per_unit: Number(FACTOR), Allowed, "N per unit of the device; without it, that of the profile", "0.0000025";
+        offset: Number(FACTOR), Allowed, "its number without force; without it, that of the profile", "84000.0";
+    }
+}
+
+keys! {
+    /// `driver = { lines = ... }` of an array.
+    array {
+        lines: Text, Refused, "a line profile shipped with the program, or a .toml file in the rig's folder", "\"reskin\"";
+        scale: Number(FACTOR), Allowed, "factor of each output, after the offset; without it, that of the profile", "-1.0";
+        offset: Number(FACTOR), Allowed, "what is subtracted from each number; without it, that of the profile", "1023.0";
+    }
+}
+
+/// A device, its profile, and the profile's origin.
+#[derive(Clone, Debug)]
+struct Sender {
+    file: OwnFile,
+    profile: LineProfile,
+}
+
+#[derive(Debug)]
+struct LoadCell(Sender);
+
+#[derive(Debug)]
+struct Array(Sender);
+
+fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDriver>> {
+    let mut sender = read_profile(table, &load_cell::lines, beside)?;
+    let name = sender.file.name.clone();
+    let Some(force) = &mut sender.profile.force else {
+        let told = format!("the line profile \"{name}\" has no [force], which a load cell needs");
+        table.complain(Problem::new(table.span_of(&load_cell::lines), told));
+        return None;
+    };
+    force.newton_per_unit = table.number(&load_cell::newton_per_unit).or(force.newton_per_unit);
+    force.offset = table.number(&load_cell::offset).unwrap_or(force.offset);
+    if force.newton_per_unit.is_none_or(|factor| factor == 0.0) {
+        let problem =
+            Problem::new(table.span(), format!("the line profile \"{name}\" doesn't state N per unit of its numbers"));
+        let help = "add newton_per_unit to `driver`: weigh a known mass, and divide its weight in N by the change of the number";
+        table.complain(problem.help(help));
+        return None;
+    }
+    Some(Arc::new(LoadCell(sender)))
+}
+
+fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
+    let mut sender = read_profile(table, &array::lines, beside)?;
+    let Some(outputs) = &mut sender.profile.outputs else {
+        let told = format!("the line profile \"{}\" has no [outputs], which an array needs", sender.file.name);
+        table.complain(Problem::new(table.span_of(&array::lines), told));
+        return None;
+    };
+    outputs.scale = table.number(&array::scale).unwrap_or(outputs.scale);
+    outputs.offset = table.number(&array::offset).unwrap_or(outputs.offset);
+    if outputs.scale == 0.0 {
+        table.complain(Problem::new(table.span_of(&array::scale), "`scale` is 0, so every output would read 0"));
+        return None;
+    }
+    Some(Arc::new(Array(sender)))
+}
+
+fn read_profile(table: &Table, key: &palpate_document::Key, beside: Beside) -> Option<Sender> {
+    let shipped = SHIPPED.map(|(name, _)| name);
+    let (file, profile) =
+        own_file(table, key, "line profile", &shipped, LineProfile::shipped, LineProfile::parse, beside)?;
+    Some(Sender { file, profile })
+}
+
+impl Driver for LoadCell {
+    fn shares_port(&self) -> bool {
+        true
+    }
+
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
+    }
+
+    /// Two roles on one link are one device.
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        let Some(Array(array)) = super::as_a::<Array>(&*rig.array.driver) else { return Vec::new() };
+        let is_shared = rig.load_cell.link == rig.array.link && rig.array.link != Link::Sim;
+        let differ = is_shared && array.file != self.0.file;
+        let told = format!(
+            "load cell and array have the same `link`, but the line profiles \"{}\" and \"{}\"",
+            self.0.file.name, array.file.name
+        );
+        let help = Some("one port sends one kind of line: use one profile with [force] and [outputs] for both");
+        differ.then_some(Misfit { role: Device::Array, told, help }).into_iter().collect()
+    }
+}
+
+impl Driver for Array {
+    fn shares_port(&self) -> bool {
+        true
+    }
+
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
+    }
+}
+
+impl LoadCellDriver for LoadCell {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+        let cell = &wiring.rig.load_cell;
+        let force = self.0.profile.force.clone().ok_or_else(|| super::unfit("load cell", &self.0.file.name))?;
+        let port = wiring.line_port(&cell.link, &self.0.profile, dial);
+        let (link, hz) = (cell.link.to_string(), cell.conversions_hz);
+        Ok(AnyLoadCell::Lines(LineLoadCell::new(port, force, link, hz, wiring.origin)))
+    }
+
+    fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        let hz = rig.load_cell.conversions_hz;
+        match self.0.file.name.as_str() {
+            "hx711" => Ok(board(Hx711::new(Hx711Sketch::Bare, hz))),
+            "mark-10" => Ok(board(Mark10::new(2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n)))),
+            _ => Err(self.0.not_emulated(Device::LoadCell)),
+        }
+    }
+}
+
+impl ArrayDriver for Array {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+        let array = &wiring.rig.array;
+        let outputs = self.0.profile.outputs.clone().ok_or_else(|| super::unfit("array", &self.0.file.name))?;
+        let port = wiring.line_port(&array.link, &self.0.profile, dial);
+        Ok(AnyArray::Lines(LineArray::new(port, outputs, array.link.to_string())))
+    }
+
+    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        match self.0.file.name.as_str() {
+            "reskin" => Ok(board(ReSkin::new(MAGNETOMETERS_HZ))),
+            "mlx90393-text" => Ok(board(MlxText::new(MAGNETOMETERS_HZ))),
+            "velostat-16" => Ok(board(Velostat::new(b',', MATRIX_BAUD))),
+            _ => Err(self.0.not_emulated(Device::Array)),
+        }
+    }
+
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
+        let columns = self.0.profile.outputs.as_ref().map_or(0, |own| own.columns.len());
+        let told = format!("{}, but the line profile \"{}\" has {columns} outputs", counted(layout), self.0.file.name);
+        let help = "change the layout, or `columns` of [outputs] in a profile of your own";
+        (layout.len() != columns).then_some((told, Some(help)))
+    }
+}
+
+impl Sender {
+    fn not_emulated(&self, role: Device) -> DeviceError {
+        let section = if role == Device::LoadCell { "load_cell" } else { "array" };
+        let told = format!(
+            "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
+             write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}], whose emulator has any array and any force, or one \
+             of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
+            self.file.name, section
+        );
+        let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
+        DeviceError { device, doing, problem: DeviceProblem::Mismatch(told) }
+    }
+}
+
+fn board<F: Firmware + 'static>(firmware: F) -> EmulatedDevice {
+    EmulatedDevice::serial(Board::new(firmware), "lines")
+}

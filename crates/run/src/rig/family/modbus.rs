@@ -1,0 +1,171 @@
+//! Modbus transmitters and converters. A register map defines the meaning of registers.
+
+use super::{Beside, Family, Links, Role, counted, own_file, unfit};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, Wiring};
+use palpate_core::quantity::ArrayLayout;
+use palpate_document::{Problem, Table, keys};
+use palpate_drivers::modbus::{Framing, ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
+use palpate_drivers::{AnyArray, AnyLoadCell};
+use palpate_link::device::{self, DeviceError};
+use palpate_link::wire::Link;
+use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
+use palpate_sim::scene::Device;
+use std::sync::Arc;
+
+pub const FAMILY: Family = Family {
+    name: "modbus",
+    meaning: "any Modbus device with a register map",
+    simulated: "generic-rs485, laumas-tlb, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
+    stage: None,
+    load_cell: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_load_cell }),
+    array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
+};
+
+/// Ratio of the emulated transmitters' range to the specimen's force limit.
+const RANGE_OVER_LIMIT: f64 = 2.5;
+
+keys! {
+    /// `driver = { modbus = ... }`
+    driver {
+        modbus: Text, Refused, "a register map shipped with the program, or a .toml file in the rig's folder",
+            "\"labjack-t7\"";
+    }
+}
+
+/// A device, its register map, and the map's origin.
+#[derive(Debug)]
+struct MappedDevice {
+    file: OwnFile,
+    profile: Profile,
+}
+
+#[derive(Debug)]
+struct LoadCell(MappedDevice);
+
+#[derive(Debug)]
+struct Array(MappedDevice);
+
+fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDriver>> {
+    Some(Arc::new(LoadCell(read_map(table, "force", |profile| profile.force.is_some(), beside)?)))
+}
+
+fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
+    Some(Arc::new(Array(read_map(table, "outputs", |profile| profile.outputs.is_some(), beside)?)))
+}
+
+/// Reads `modbus = "NAME"`: a map that is part of the program, or a file in the rig's folder.
+fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: Beside) -> Option<MappedDevice> {
+    let key = &driver::modbus;
+    let shipped = SHIPPED.map(|(name, _)| name);
+    let (file, profile) = own_file(table, key, "register map", &shipped, Profile::shipped, Profile::parse, beside)?;
+    if !fits(&profile) {
+        let help = format!("name another map, or add [{part}]: `palpate reference register-map` lists its keys");
+        let told = format!("the register map \"{}\" has no [{part}], which this device needs", file.name);
+        table.complain(Problem::new(table.span_of(key), told).help(help));
+        return None;
+    }
+    Some(MappedDevice { file, profile })
+}
+
+impl Driver for LoadCell {
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
+    }
+
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        self.0.misfits(Device::LoadCell, &rig.load_cell.link)
+    }
+}
+
+impl Driver for Array {
+    fn own_file(&self) -> Option<&OwnFile> {
+        Some(&self.0.file)
+    }
+
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        self.0.misfits(Device::Array, &rig.array.link)
+    }
+}
+
+impl LoadCellDriver for LoadCell {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+        let cell = &wiring.rig.load_cell;
+        let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
+        let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
+        Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.file.name))?))
+    }
+
+    fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        let (range_n, unit_id) =
+            (RANGE_OVER_LIMIT * rig.full_scale_n.unwrap_or(rig.limits.force_n), self.0.profile.unit_id);
+        match self.0.file.name.as_str() {
+            "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
+            "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
+            "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
+            "seneca-zsg2" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id))),
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::LoadCell)))),
+            _ => Err(self.0.not_emulated(Device::LoadCell)),
+        }
+    }
+}
+
+impl ArrayDriver for Array {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+        let array = &wiring.rig.array;
+        let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
+        let driver = ModbusArray::new(dial(), self.0.framing(&array.link), profile, &link, units);
+        Ok(AnyArray::Modbus(driver.ok_or_else(|| unfit("array", &self.0.file.name))?))
+    }
+
+    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        match self.0.file.name.as_str() {
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::Array)))),
+            _ => Err(self.0.not_emulated(Device::Array)),
+        }
+    }
+    fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
+        let Profile { name, outputs: own, .. } = &self.0.profile;
+        let most = own.as_ref().map_or(0, |own| own.count_max);
+        let told = format!("{}, but {name} has {most} outputs", counted(layout));
+        let help = "a register map of your own can have more, on real links; to simulate more outputs, use { process = [...] }: `palpate init \
+                    --from magnetic` writes such a rig";
+        (layout.len() > most).then_some((told, Some(help)))
+    }
+}
+
+impl MappedDevice {
+    fn framing(&self, link: &Link) -> Framing {
+        Framing::of(link, self.profile.transport)
+    }
+
+    /// Returns the reason why the device can't be on a link: one that speaks Modbus TCP only has no RTU on a serial port.
+    fn misfits(&self, role: Device, link: &Link) -> Vec<Misfit> {
+        if self.profile.transport == Transport::Rtu || !matches!(link, Link::Serial { .. }) {
+            return Vec::new();
+        }
+        let told = format!("{} speaks Modbus over TCP only, but its link is the serial port {link}", self.profile.name);
+        let help = "connect it through Ethernet or WiFi and use link = \"tcp://ADDRESS:502\". The USB port of a LabJack has a \
+                    protocol of its own, which isn't Modbus. A device of your own that speaks RTU needs transport = \"rtu\" \
+                    in its map";
+        vec![Misfit { role, told, help: Some(help) }]
+    }
+
+    fn not_emulated(&self, role: Device) -> DeviceError {
+        let told = format!(
+            "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
+             seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
+            self.file.name
+        );
+        let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
+        DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(told) }
+    }
+}
+
+fn rtu<I: Instrument + 'static>(instrument: I) -> EmulatedDevice {
+    EmulatedDevice::serial(instrument, "modbus-rtu")
+}
+
+fn tcp<I: Instrument + 'static>(instrument: I) -> EmulatedDevice {
+    EmulatedDevice::network(instrument, "modbus-tcp")
+}

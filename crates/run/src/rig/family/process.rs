@@ -1,0 +1,133 @@
+//! Programs written by the user that use the process protocol (docs/process.md), in any role.
+
+use super::{Family, Links, Role};
+use crate::rig::emulated::EmulatedDevice;
+use crate::rig::spec::{
+    ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring, outside_stock,
+};
+use palpate_core::quantity::seconds;
+use palpate_document::{Bounds, Problem, Table, keys};
+use palpate_drivers::process::{ProcessArray, ProcessLoadCell, ProcessStage};
+use palpate_drivers::{AnyArray, AnyLoadCell, AnyStage};
+use palpate_link::device::DeviceError;
+use palpate_link::wire::Link;
+use palpate_sim::emulator;
+use palpate_sim::scene::Scene;
+use std::sync::Arc;
+use std::time::Duration;
+
+pub const FAMILY: Family = Family {
+    name: "process",
+    meaning: "your own program that uses the process protocol",
+    simulated: "programs in memory that use the protocol",
+    stage: Some(Role {
+        words: &[],
+        keys: driver::KEYS.always,
+        links: Links::Program,
+        read: |table, _| Some(Arc::new(read(table)?)),
+    }),
+    load_cell: Some(Role {
+        words: &[],
+        keys: driver::KEYS.always,
+        links: Links::Program,
+        read: |table, _| Some(Arc::new(read(table)?)),
+    }),
+    array: Some(Role {
+        words: &[],
+        keys: driver::KEYS.always,
+        links: Links::Program,
+        read: |table, _| Some(Arc::new(read(table)?)),
+    }),
+};
+
+keys! {
+    /// `driver = { process = ... }`
+    driver {
+        process: Texts, Refused, "command of a program that uses the process protocol, and its arguments",
+            "[\"python3\", \"my_daq.py\"]";
+        start_s: Number(START), or(START_S), "longest time until the started program answers `identify`", "30.0";
+    }
+}
+
+/// Default of `start_s`, s: an interpreter that loads a large library needs several seconds.
+const START_S: f64 = 10.0;
+const START: Bounds = Bounds::above(0.0, 600.0, "s");
+
+/// A program of the user.
+#[derive(Debug)]
+struct Program {
+    /// Command and its arguments.
+    command: Vec<String>,
+    /// Longest time until it answers `identify`.
+    start: Duration,
+}
+
+fn read(table: &Table) -> Option<Program> {
+    let command: Vec<String> = table.texts(&driver::process)?.into_iter().map(str::to_owned).collect();
+    if command.first().is_none_or(String::is_empty) {
+        let told = "`process` is the command and its arguments: [\"python3\", \"my_daq.py\"]";
+        table.complain(Problem::new(table.span_of(&driver::process), told));
+        return None;
+    }
+    Some(Program { command, start: seconds(table.number(&driver::start_s)?) })
+}
+
+impl Driver for Program {
+    fn own_link(&self) -> Option<Link> {
+        Some(Link::Process(self.command.clone()))
+    }
+}
+
+impl StageDriver for Program {
+    fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
+        AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string(), self.start))
+    }
+
+    fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
+        let StageSpec { steps, travel, .. } = rig.stage;
+        // nobody takes a simulated specimen away for a search toward it
+        let homed = rig.stage.home_side == HomeSide::Toward;
+        let stage = match steps.is_fine() && !homed {
+            true => emulator::ProcessStage::new(scene),
+            false => {
+                let printer = emulator::Printer { ends_mm: travel.axes, steps, homed };
+                emulator::ProcessStage::printer(scene, printer)
+            }
+        };
+        EmulatedDevice::pipe(stage, "process")
+    }
+
+    fn homes_toward(&self) -> bool {
+        true
+    }
+
+    fn simulated_misfit(&self, rig: &RigSpec) -> Option<String> {
+        // the emulator of a printer has the travel of its rig
+        let is_printer = !rig.stage.steps.is_fine() || rig.stage.home_side == HomeSide::Toward;
+        if is_printer { None } else { outside_stock(rig) }
+    }
+}
+
+impl LoadCellDriver for Program {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+        let cell = &wiring.rig.load_cell;
+        let driver =
+            ProcessLoadCell::new(dial(), cell.link.to_string(), self.start, cell.conversions_hz, wiring.origin);
+        Ok(AnyLoadCell::Process(driver))
+    }
+
+    fn emulated(&self, _: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
+        Ok(EmulatedDevice::pipe(emulator::ProcessLoadCell, "process"))
+    }
+}
+
+impl ArrayDriver for Program {
+    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+        let array = &wiring.rig.array;
+        Ok(AnyArray::Process(ProcessArray::new(dial(), array.link.to_string(), self.start, array.layout.len())))
+    }
+
+    fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
+        Ok(EmulatedDevice::pipe(emulator::ProcessArray, "process"))
+    }
+}

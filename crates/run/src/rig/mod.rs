@@ -1,0 +1,43 @@
+//! The rig: driver and link of each role, position of the specimen, and its limits.
+//!
+//! A [`RigSpec`] is a parsed rig file. [`RigSpec::open`] is the only place that chooses between a real link and an emulator in
+//! memory. After this choice, the driver, the framing and the time-outs are the same.
+
+mod bench;
+mod cell;
+mod certificate;
+mod compare;
+mod driver;
+mod emulated;
+mod family;
+mod keys;
+mod open;
+mod parse;
+mod scene;
+mod scene_keys;
+mod simulated;
+mod skin;
+mod spec;
+mod which_way;
+
+pub use bench::Bench;
+pub use cell::{AdjustedCell, GAIN_UNKNOWN};
+pub use compare::{Consequence, Difference, differences};
+pub use emulated::{EmulatedDevice, FarEnd};
+pub use family::{FAMILIES, Family, Links, Role};
+pub use open::OpenRig;
+pub use parse::parse;
+pub use simulated::{SceneProbe, SimulatedRig};
+pub use spec::{
+    ArrayDriver, ArraySpec, Driver, Home, HomeSide, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec,
+    StageDriver, StageSpec, Wiring,
+};
+pub use which_way::WhichWay;
+
+use palpate_document::Keys;
+
+/// Every key that a rig may have.
+pub const KEYS: Keys = keys::root::KEYS;
+
+/// The paper's rig, simulated, as supplied.
+pub const SIM_RIG: &str = include_str!("../../../../rigs/sim.toml");

@@ -1,0 +1,156 @@
+//! Connects a rig's drivers to their links.
+
+use super::cell::AdjustedCell;
+use super::emulated::EmulatedDevice;
+use super::simulated::{SceneProbe, SimulatedRig};
+use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
+use palpate_core::quantity::Axis;
+use palpate_drivers::{AnyArray, AnyStage};
+use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
+use palpate_link::wire::{Claims, Connector, Link};
+use palpate_sim::emulator::{self, Instrument, Shared};
+use palpate_sim::scene::Scene;
+use std::cell::{OnceCell, RefCell};
+use tokio::io::duplex;
+use tokio::time::Instant;
+
+/// Number of bytes that can wait in a link in memory before its writer has to wait.
+const DUPLEX_BYTES: usize = 4096;
+
+/// A rig with its drivers connected to their links. Nothing has been sent yet.
+pub struct OpenRig {
+    /// The drivers.
+    pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
+    /// Settings for the use of the stage.
+    pub stage_use: StageUse,
+    /// Access to the truth of a simulated rig.
+    pub probe: Option<SceneProbe>,
+    /// Real links, reserved for this program as long as the drivers exist.
+    pub claims: Claims,
+}
+
+impl RigSpec {
+    /// Connects the drivers to their links. In a simulated rig, this program's emulators are at the far ends, in a scene with
+    /// this seed. Real links are reserved for this program.
+    ///
+    /// # Errors
+    /// Another program uses a real link, a device has no emulator for its simulated link, or NI's library is missing.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    pub fn open(&self, seed: u64) -> Result<OpenRig, DeviceError> {
+        if self.is_simulated() {
+            return self.open_on(self.emulators(seed)?);
+        }
+        let claims = self.claims()?;
+        let real = |link: &Link| {
+            let link = link.clone();
+            move || Connector::Real(link.clone())
+        };
+        let (stage, load_cell, array) = (real(&self.stage.link), real(&self.load_cell.link), real(&self.array.link));
+        Ok(OpenRig { claims, ..self.wired([&stage, &load_cell, &array], None, Instant::now())? })
+    }
+
+    /// Connects the drivers to links in memory with these devices at the far ends. The time of their scene begins now.
+    ///
+    /// # Errors
+    /// A register map is unsuitable for its role.
+    ///
+    /// # Panics
+    /// Outside a tokio runtime.
+    pub fn open_on(&self, simulated: SimulatedRig) -> Result<OpenRig, DeviceError> {
+        let origin = Instant::now();
+        let SimulatedRig { scene, stage, load_cell, array } = simulated;
+        let [stage, load_cell, array] =
+            [stage, load_cell, array].map(|device: EmulatedDevice| in_memory(device, scene.clone(), origin));
+        self.wired([&stage, &load_cell, &array], Some(scene), origin)
+    }
+
+    /// Returns the stage's driver on links that the caller opens; nothing is sent.
+    pub fn stage_on(&self, dial: Dial) -> AnyStage {
+        self.stage.driver.open(dial, self)
+    }
+
+    /// Returns the load cell's driver on a link that the caller opens, with readings timed from `origin`; nothing is sent.
+    ///
+    /// # Errors
+    /// A register map is unsuitable for the role, or NI's library is missing.
+    pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
+        self.adjusted_cell(
+            dial,
+            &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() },
+        )
+    }
+
+    fn adjusted_cell(&self, dial: Dial, wiring: &Wiring) -> Result<AdjustedCell, DeviceError> {
+        Ok(AdjustedCell::new(self.load_cell.driver.open(dial, wiring)?, &self.load_cell))
+    }
+
+    fn wired(
+        &self,
+        [stage, load_cell, array]: [Dial; 3],
+        scene: Option<Shared<Scene>>,
+        origin: Instant,
+    ) -> Result<OpenRig, DeviceError> {
+        let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() };
+        let instruments = Instruments {
+            stage: self.stage_on(stage),
+            load_cell: self.adjusted_cell(load_cell, &wiring)?,
+            array: self.array.driver.open(array, &wiring)?,
+        };
+        let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });
+        Ok(OpenRig { instruments, stage_use: self.stage_use(), probe, claims: Claims::default() })
+    }
+
+    /// Returns the settings for the use of the stage, as this rig states them.
+    pub(super) fn stage_use(&self) -> StageUse {
+        let away = -self.frame.down.sign();
+        StageUse {
+            travel: self.permitted_travel(),
+            away,
+            speed_mm_s: self.stage.speed_mm_s,
+            acceleration_mm_s2: self.stage.acceleration_mm_s2,
+            home_speed_mm_s: self.stage.speed_mm_s,
+            home_z_mm: self.stage.home_z_mm.unwrap_or_else(|| self.stage.travel.along(Axis::Z).end(away)),
+            homed: self.stage.homed,
+            by_hand: self.stage.home == Home::ByHand,
+            steps: self.stage.steps,
+            home_search: HomeSearch::Away,
+        }
+    }
+
+    /// Claims the real links exclusively for this program. Each link is claimed once, even if several roles share it.
+    fn claims(&self) -> Result<Claims, DeviceError> {
+        let mut claims = Claims::default();
+        let roles: [(&dyn Driver, &Link, &str); 3] = [
+            (&*self.stage.driver, &self.stage.link, "stage"),
+            (&*self.load_cell.driver, &self.load_cell.link, "load cell"),
+            (&*self.array.driver, &self.array.link, "array"),
+        ];
+        for (driver, link, role) in roles {
+            driver.claim(link, &mut claims).map_err(|error| DeviceError {
+                device: role.to_owned(),
+                doing: "opening its link".to_owned(),
+                problem: DeviceProblem::Claim(error.to_string()),
+            })?;
+        }
+        Ok(claims)
+    }
+}
+
+/// Returns links in memory. Each time a link is opened, an emulator begins to serve its other end.
+fn in_memory(device: EmulatedDevice, scene: Shared<Scene>, origin: Instant) -> impl Fn() -> Connector {
+    move || match device.instrument() {
+        Some(instrument) => dial(instrument.clone(), scene.clone(), origin),
+        None => Connector::Real(Link::Sim), // a library has no stream; nobody opens this
+    }
+}
+
+fn dial(instrument: Shared<dyn Instrument>, scene: Shared<Scene>, origin: Instant) -> Connector {
+    Connector::Memory(Box::new(move || {
+        let (near, far) = duplex(DUPLEX_BYTES);
+        // its only error is that the near end has gone
+        drop(tokio::spawn(emulator::serve(far, instrument.clone(), scene.clone(), origin)));
+        near
+    }))
+}

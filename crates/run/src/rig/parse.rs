@@ -1,0 +1,480 @@
+//! Reads a rig's text into a [`RigSpec`].
+
+use super::certificate::{read_certificate, read_check, read_stage_certificate};
+use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
+use super::family::Beside;
+use super::keys::{
+    self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm,
+};
+use super::scene::{paper_scene, read_scene};
+use super::simulated::TOO_MANY_CHANNELS;
+use super::spec::{Driver, Home, HomeSide};
+use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
+use palpate_control::SEARCH_ROOM_MM;
+use palpate_core::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
+use palpate_document::layout::{LayoutKeys, read_unit};
+use palpate_document::notify::read_command;
+use palpate_document::{self as document, Key, Problem, Problems, Span, Table};
+use palpate_link::wire::Link;
+use palpate_sim::scene::SKIN_CHANNELS_MAX;
+
+/// Reads a rig's text. `file` is its name in messages. `beside` gives the text of a file in the same folder, for the user's own
+/// register maps.
+///
+/// # Errors
+/// Every problem of the text, each with its line.
+pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
+    if document::has_key(text, "step") && !document::has_key(text, root::stage.name) {
+        let problem = Problem::new(0..0, "this is a recipe, not a rig");
+        let problem = problem.help("give the recipe first, and the rig with --rig");
+        return Err(Problems::new(file, text, vec![problem]));
+    }
+    document::read(file, text, &root::KEYS, |table| {
+        let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
+        let load_cell = table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside));
+        let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
+        let limits = table.table(&root::limits);
+        let (limits, stiffness_least_n_mm) = match limits.as_ref() {
+            Some(table) => (read_limits(table), read_least(table)),
+            None => (None, None),
+        };
+        let frame = table.table(&root::frame);
+        let u_origin_mm = frame.as_ref().and_then(|table| table.number(&frame::u_origin_mm));
+        let frame = frame.and_then(|table| read_frame(&table));
+        let units = array.as_ref().map(|array| array.layout.units().len());
+        let scene = match table.table(&root::scene) {
+            Some(table) => read_scene(&table, units),
+            None => paper_scene(units.unwrap_or_default()).ok(), // a test shows that the shipped text is sound
+        };
+        let notify = document::optional(table.table(&root::notify), read_command);
+        let spec = RigSpec {
+            stage: stage?,
+            load_cell: load_cell?,
+            array: array?,
+            limits: limits?,
+            stiffness_least_n_mm: stiffness_least_n_mm?,
+            frame: frame?,
+            u_origin_mm,
+            scene: scene?,
+            full_scale_n: None,
+            notify: notify?.unwrap_or_default(),
+            which_way: None,
+        };
+        check_links(&spec, table);
+        check_ports(&spec, table);
+        check_zero(&spec, table);
+        check_steps(&spec, table);
+        check_drivers(&spec, table);
+        check_room(&spec, table);
+        Some(spec)
+    })
+}
+
+fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
+    let driver = read_stage_driver(table, beside);
+    let travel = table.table(&stage::travel_mm).and_then(|table| {
+        let axes = [travel_mm::x, travel_mm::y, travel_mm::z].map(|axis| table.range(&axis));
+        let [Some(x), Some(y), Some(z)] = axes else { return None };
+        Some(Travel { axes: [x, y, z] })
+    });
+    let speed_mm_s = table.number(&stage::speed_mm_s);
+    let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
+    let approach_mm_s = table.number(&stage::approach_mm_s);
+    let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
+    let steps = document::optional(table.table(&stage::step_mm), read_steps);
+    let certificate = document::optional(table.table(&stage::certificate), read_stage_certificate);
+    let homed = table.flag(&stage::homed);
+    let home = table.word(&stage::home, &keys::HOMES);
+    let home_side = table.word(&stage::home_side, &keys::HOME_SIDES);
+    let (driver, link) = driver?;
+    if home_side == Some(HomeSide::Toward) && !driver.homes_toward() {
+        let told = "this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own";
+        table.complain(Problem::new(table.span_of(&stage::home_side), told).help("remove `home_side`"));
+    }
+    if home == Some(Home::ByHand) && !driver.homes_by_hand() {
+        let told = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
+        table.complain(Problem::new(table.span_of(&stage::home), told).help("remove `home`"));
+    }
+    Some(StageSpec {
+        driver,
+        link,
+        travel: travel?,
+        speed_mm_s: speed_mm_s?,
+        acceleration_mm_s2: acceleration_mm_s2?,
+        approach_mm_s: approach_mm_s?,
+        settle_s: settle_s?,
+        steps: steps?.unwrap_or(Steps::FINE),
+        certificate: certificate?,
+        home_z_mm: table.number(&stage::home_z_mm),
+        homed: homed?,
+        home: home?,
+        home_side: home_side?,
+    })
+}
+
+fn read_steps(table: &Table) -> Option<Steps> {
+    let [Some(x), Some(y), Some(z)] = [step_mm::x, step_mm::y, step_mm::z].map(|axis| table.number(&axis)) else {
+        return None;
+    };
+    Some(Steps { mm: [x, y, z] })
+}
+
+fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
+    let driver = read_load_cell_driver(table, beside);
+    let conversions_hz = table.number(&load_cell::conversions_hz);
+    let lag_s = table.number(&load_cell::lag_ms).map(|ms| ms / 1000.0);
+    let certificate = document::optional(table.table(&load_cell::certificate), read_certificate);
+    let check = document::optional(table.table(&load_cell::check), read_check);
+    let (driver, link) = driver?;
+    let (certificate, check) = (certificate?, check?);
+    let air_n = table.range(&load_cell::air_n);
+    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, air_n, certificate, check })
+}
+
+fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
+    let driver = read_array_driver(table, beside);
+    let layout = LAYOUT.read(table);
+    let unit = read_unit(table, &array::unit);
+    let misfit = driver.as_ref().zip(layout.as_ref()).and_then(|((driver, _), layout)| driver.misfit(layout));
+    if let Some((told, help)) = misfit {
+        table.complain(problem(table.span_of(LAYOUT.place(table)), told, help));
+    }
+    let range_v = table.number(&array::range_v);
+    let (driver, link) = driver?;
+    let range_v = range_v.or(driver.range_v());
+    let layout = layout?;
+    let many = layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX);
+    if link == Link::Sim && many {
+        table.complain(Problem::new(table.span_of(&array::channels_per_unit), TOO_MANY_CHANNELS));
+    }
+    Some(ArraySpec { driver, link, layout, range_v, unit: unit?.to_owned() })
+}
+
+/// Keys of `[array]` that state the origin of its outputs.
+const LAYOUT: LayoutKeys =
+    LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
+
+fn read_limits(table: &Table) -> Option<Limits> {
+    let [force_n, depth_mm, stiffness_n_mm] =
+        [limits::force_n, limits::depth_mm, limits::stiffness_n_mm].map(|limit| table.number(&limit));
+    Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
+}
+
+/// Reads the least stiffness if it is declared. The outer value is `None` if it is invalid.
+fn read_least(table: &Table) -> Option<Option<f64>> {
+    if !table.has(&limits::stiffness_least_n_mm) {
+        return Some(None);
+    }
+    let least_n_mm = table.number(&limits::stiffness_least_n_mm)?;
+    let most_n_mm = table.number(&limits::stiffness_n_mm)?;
+    if least_n_mm > most_n_mm {
+        let told = format!("`stiffness_least_n_mm` is {least_n_mm}, over `stiffness_n_mm` of {most_n_mm} N/mm");
+        table.complain(Problem::new(table.span_of(&limits::stiffness_least_n_mm), told));
+        return None;
+    }
+    Some(Some(least_n_mm))
+}
+
+fn read_frame(table: &Table) -> Option<Frame> {
+    let surface = table.table(&frame::surface_mm).and_then(|table| {
+        let (z, uncertainty) = (table.number(&surface_mm::z), table.number(&surface_mm::uncertainty));
+        Some((z?, uncertainty?))
+    });
+    let down = table.word(&frame::down, &keys::DOWN);
+    let origin = match table.table(&frame::origin_mm) {
+        None => Some(Place::default()),
+        Some(table) => {
+            let (x, y) = (table.number(&origin_mm::x), table.number(&origin_mm::y));
+            x.zip(y).map(|(x, y)| Place::new(x, y))
+        }
+    };
+    let rotation_deg = table.number(&frame::rotation_deg);
+    let tilt = read_tilt(table, &frame::tilt_mm_per_mm);
+    if let Some(tilt) = tilt.filter(|tilt| !tilt.is_allowed()) {
+        let told = format!("the surface is tilted by {:.2} degrees, over {TILT_MOST_DEG}", tilt.degrees());
+        let help = "shim the specimen until it is level, and run `palpate align` again";
+        table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), told).help(help));
+        return None;
+    }
+    let (surface_z_mm, uncertainty_mm) = surface?;
+    Some(Frame { origin: origin?, rotation_deg: rotation_deg?, surface_z_mm, uncertainty_mm, down: down?, tilt: tilt? })
+}
+
+/// Reads a tilt that may be missing; then the surface is level.
+pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
+    let tilt = document::optional(table.table(key), |table| {
+        let (per_x, per_y) = (table.number(&tilt_mm_per_mm::x), table.number(&tilt_mm_per_mm::y));
+        Some(Tilt { per_x: per_x?, per_y: per_y? })
+    });
+    tilt.map(|tilt| tilt.unwrap_or(Tilt::LEVEL))
+}
+
+fn check_links(spec: &RigSpec, table: &Table) {
+    let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
+    let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
+    if simulated != 0 && simulated != links.len() {
+        let told = "some links are simulated and others are real: they can't use the same clock";
+        let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+    }
+}
+
+/// Checks that a serial port belongs to one device. Only devices that send lines for load cell and array share one.
+fn check_ports(spec: &RigSpec, table: &Table) {
+    let cell_and_array = [&*spec.load_cell.driver as &dyn Driver, &*spec.array.driver];
+    let is_shared = spec.load_cell.link == spec.array.link && cell_and_array.iter().all(|driver| driver.shares_port());
+    let roles =
+        [(&spec.stage.link, root::stage), (&spec.load_cell.link, root::load_cell), (&spec.array.link, root::array)];
+    for (i, (link, key)) in roles.iter().enumerate() {
+        let Link::Serial { port, .. } = link else { continue };
+        let is_same = |other: &&(&Link, Key)| matches!(other.0, Link::Serial { port: other, .. } if other == port);
+        let Some((_, first)) = roles[..i].iter().find(is_same).filter(|(_, first)| *first == root::stage || !is_shared)
+        else {
+            continue;
+        };
+        let told = format!("[{}] and [{}] have the same serial port {port}", first.name, key.name);
+        let help = "each device has a port of its own: `palpate ports` lists them. Only a load cell and an array that are one \
+                    device with one line profile have the same `link`";
+        table.complain(Problem::new(table.span_of(key), told).help(help));
+    }
+}
+
+/// Checks that a stage that is brought to its zero may stand there.
+fn check_zero(spec: &RigSpec, table: &Table) {
+    let outside = Axis::ALL.into_iter().find(|axis| !spec.stage.travel.along(*axis).contains(0.0));
+    if let (Home::ByHand, Some(axis)) = (spec.stage.home, outside) {
+        let told = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
+        let help = "state the travel from the place to which a person brings the stage";
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+    }
+}
+
+/// Largest part of the force limit that one step of z may add. With more, hardly a motion would be permitted.
+const STEP_SHARE: f64 = 0.05;
+
+/// Checks that the steps of z are fine enough for the limits.
+fn check_steps(spec: &RigSpec, table: &Table) {
+    let limits = &spec.limits;
+    let (step_mm, most_n) = (spec.stage.steps.along(Axis::Z), STEP_SHARE * limits.force_n);
+    let step_n = limits.stiffness_n_mm * step_mm;
+    if step_n > most_n {
+        let told = format!(
+            "a step of z of {step_mm} mm changes the force by up to {} N at `stiffness_n_mm` = {}, over {} N, which is {} % of \
+             `force_n`: it is too coarse to press by force",
+            round(step_n, 4),
+            limits.stiffness_n_mm,
+            round(most_n, 4),
+            100.0 * STEP_SHARE,
+        );
+        let help = "use finer steps of z (more microsteps, a finer screw), or put a softer layer or a spring under the specimen";
+        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+    }
+}
+
+/// Checks that the drivers can work together.
+fn check_drivers(spec: &RigSpec, table: &Table) {
+    let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
+    for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
+        let role = [root::stage, root::load_cell, root::array][misfit.role as usize];
+        table.complain(problem(table.span_of(&role), misfit.told, misfit.help));
+    }
+}
+
+fn problem(span: Span, told: String, help: Option<&str>) -> Problem {
+    let problem = Problem::new(span, told);
+    match help {
+        Some(help) => problem.help(help),
+        None => problem,
+    }
+}
+
+/// Checks that z can move from clearance height to the deepest press.
+fn check_room(spec: &RigSpec, table: &Table) {
+    let frame = &spec.frame;
+    let travel = spec.stage.travel.along(Axis::Z);
+    let clear = frame.to_stage(Place::default(), spec.clear_mm()).z_mm;
+    let deepest = frame.to_stage(Place::default(), frame.uncertainty_mm + spec.limits.depth_mm).z_mm;
+    let least_mm = 2.0 * frame.uncertainty_mm + SEARCH_ROOM_MM;
+    if spec.limits.depth_mm < least_mm {
+        let told = format!(
+            "with `depth_mm` = {} the search ends above the deepest possible surface, {} mm + and -",
+            spec.limits.depth_mm, frame.uncertainty_mm
+        );
+        let help = format!("use at least {least_mm:.2} mm, or a smaller `surface_mm.uncertainty`");
+        table.complain(Problem::new(table.span_of(&root::limits), told).help(help));
+    }
+    if !travel.contains(clear) || !travel.contains(deepest) {
+        let Range { min, max } = travel;
+        let (clear, deepest) = (round(clear, 4), round(deepest, 4));
+        let told =
+            format!("pressing takes z from {clear} to {deepest} mm, but the stage's z goes from {min} to {max} mm");
+        let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";
+        table.complain(Problem::new(table.span_of(&root::frame), told).help(help));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SIM_RIG;
+    use super::*;
+    use palpate_core::quantity::ArrayLayout;
+
+    fn problems(from: &str, to: &str) -> Vec<String> {
+        assert!(SIM_RIG.contains(from), "{from}");
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        match parse("rig.toml", &SIM_RIG.replacen(from, to, 1), &none) {
+            Ok(_) => Vec::new(),
+            Err(problems) => problems.lines().iter().map(|line| line.split_once(": ").unwrap().1.to_owned()).collect(),
+        }
+    }
+
+    #[test]
+    fn two_devices_on_one_serial_port_are_refused() {
+        let text = include_str!("../../../../rigs/esp301.toml");
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        assert!(parse("rig.toml", text, &none).is_ok());
+        let told = parse("rig.toml", &text.replace("ttyUSB1", "ttyUSB0"), &none).unwrap_err().lines();
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(told[0].contains("[stage] and [load_cell] have the same serial port /dev/ttyUSB0"), "{told:?}");
+    }
+
+    #[test]
+    fn a_layout_that_is_given_twice_is_told_at_both_lines() {
+        let told = problems("range_v = 10.0", "places_mm = [[0.0, 0.0]]\nrange_v = 10.0");
+        let twice = "`array` gives the positions of its units twice: `grid` and `places_mm`";
+        assert_eq!(told, [twice, twice]);
+    }
+
+    #[test]
+    fn the_failure_twins_of_the_shipped_rig() {
+        assert_eq!(problems("force_n", "force_n"), [""; 0]);
+        for (from, to, told) in [
+            (
+                "\"esp301\"",
+                "\"esp310\"",
+                "`driver` is \"esp310\", expected one of esp301, esp300, grbl, or a table: { xps = ... }, { process = [...] }",
+            ),
+            ("modbus = \"labjack-t7\"", "modbus = \"labjack\"", "there is no register map \"labjack\""),
+            (
+                "modbus = \"labjack-t7\"",
+                "modbus = \"generic-rs485\"",
+                "the register map \"generic-rs485\" has no [outputs], which this device needs",
+            ),
+            (
+                "stiffness_n_mm = 2.0",
+                "stiffness_n_mm = -2.0",
+                "`stiffness_n_mm` is -2, must be over 0, at most 100000 N/mm",
+            ),
+            (
+                "stiffness_n_mm = 2.0",
+                "stifness_n_mm = 2.0",
+                "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0, at most 100000",
+            ),
+            ("{ modbus = \"labjack-t7\" }", "\"labjack-t7\"", "`driver` is a string, expected a table"),
+            ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
+            ("\"esp301\"", "3", "`driver` is an integer, expected a table"),
+            ("\"esp301\"", "{}", "unknown driver: expected one of xps, process, or only a name: esp301, esp300, grbl"),
+            ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, lines, daqmx, process"),
+            ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
+        ] {
+            assert_eq!(problems(from, to)[0], told);
+        }
+    }
+
+    #[test]
+    fn a_rig_that_mixes_real_and_simulated_links_is_refused() {
+        let told = problems("link = \"sim\"", "link = \"serial:///dev/ttyUSB0?baud=921600\"");
+        assert_eq!(told, ["some links are simulated and others are real: they can't use the same clock"]);
+    }
+
+    #[test]
+    fn a_labjack_on_a_serial_port_is_refused_and_its_network_named() {
+        let text = SIM_RIG.replace("link = \"sim\"", "link = \"serial:///dev/ttyACM0?baud=115200\"");
+        let text = text.split("[scene]").next().unwrap();
+        let problems = parse("rig.toml", text, &|_| unreachable!()).unwrap_err();
+        let told =
+            "LabJack T7 speaks Modbus over TCP only, but its link is the serial port serial:///dev/ttyACM0?baud=115200";
+        assert!(problems.lines().iter().any(|line| line.ends_with(told)), "{:?}", problems.lines());
+        let whole = format!("{problems:?}");
+        assert!(whole.contains("tcp://ADDRESS:502") && whole.contains("USB port of a LabJack"), "{whole}");
+    }
+
+    #[test]
+    fn a_tilt_above_five_degrees_is_refused_at_its_line() {
+        let with =
+            |tilt: &str| SIM_RIG.replacen("down = \"-z\"", &format!("down = \"-z\"\ntilt_mm_per_mm = {tilt}"), 1);
+        let read = |tilt: &str| parse("rig.toml", &with(tilt), &|_| unreachable!());
+        let tilt = read("{ x = 0.06, y = -0.06 }").unwrap().frame.tilt;
+        assert_eq!(tilt, Tilt { per_x: 0.06, per_y: -0.06 });
+        assert_eq!(read("{ y = 0.01 }").unwrap().frame.tilt, Tilt { per_x: 0.0, per_y: 0.01 });
+        let line = 1 + with("{ x = 0.07, y = 0.06 }").lines().position(|line| line.starts_with("tilt_mm")).unwrap();
+        let told = read("{ x = 0.07, y = 0.06 }").unwrap_err().lines();
+        let expected = format!("rig.toml:{line}:18: the surface is tilted by 5.27 degrees, over 5");
+        assert!(told.len() == 1 && told[0].starts_with(&expected), "{expected} {told:?}");
+        assert!(read("{ x = nan, y = 0.0 }").is_err() && read("{ x = 0.01, z = 0.0 }").is_err());
+    }
+
+    #[test]
+    fn a_specimen_out_of_the_stages_reach_is_refused() {
+        let told = problems("z = 0.0", "z = -12.0");
+        assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
+    }
+
+    #[test]
+    fn steps_are_of_all_axes_and_not_too_coarse_for_the_limits() {
+        let steps = |text: &str| problems("settle_ms = 10.0", &format!("settle_ms = 10.0\nstep_mm = {text}"));
+        assert_eq!(steps("{ x = 0.0125, y = 0.0125, z = 0.0025 }"), [""; 0]);
+        assert_eq!(
+            steps("{ x = 0.0125, y = 0.0125 }"),
+            ["`z` is missing in `stage.step_mm`: a number in mm, over 0, at most 0.05"]
+        );
+        assert_eq!(steps("{ x = 0.1, y = 0.01, z = 0.0025 }"), ["`x` is 0.1, must be over 0, at most 0.05 mm"]);
+        assert_eq!(
+            problems(
+                "stiffness_n_mm = 2.0",
+                "stiffness_n_mm = 50.0\n[stage.step_mm]\nx = 0.0125\ny = 0.0125\nz = 0.0025"
+            ),
+            [
+                "a step of z of 0.0025 mm changes the force by up to 0.125 N at `stiffness_n_mm` = 50, over 0.1 N, which is 5 % of \
+              `force_n`: it is too coarse to press by force"
+            ]
+        );
+    }
+
+    #[test]
+    fn only_a_program_homes_on_the_specimens_side() {
+        assert_eq!(
+            problems("settle_ms = 10.0", "home_side = \"toward\""),
+            ["this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own"]
+        );
+        let rig = SIM_RIG.replacen("\"esp301\"", "{ process = [\"a\"] }", 1);
+        let rig = rig.replacen("settle_ms = 10.0", "home_side = \"toward\"", 1);
+        let read = parse("rig.toml", &rig, &|_| unreachable!()).expect("a rig");
+        assert_eq!(read.stage.home_side, HomeSide::Toward);
+    }
+
+    #[test]
+    fn a_label_and_channels_of_the_outputs_are_read() {
+        let array = |more: &str| {
+            let text = SIM_RIG.replacen("range_v = 10.0", &format!("range_v = 10.0\n{more}\n"), 1);
+            let text = text.replacen("modbus = \"labjack-t7\"", "process = [\"a\"]", 1);
+            parse("rig.toml", &text, &|_| unreachable!()).map(|rig| rig.array).map_err(|problems| problems.lines())
+        };
+        let plain = array("").unwrap();
+        assert_eq!((plain.unit.as_str(), plain.layout), ("V", ArrayLayout::grid(3, 3, 4.5)));
+        let three = array("unit = \"N/mm²\"\nchannels_per_unit = 3").unwrap();
+        assert_eq!((three.unit.as_str(), three.layout.len()), ("N/mm²", 27));
+        for (text, told) in [
+            ("unit = \"\"", "`unit` is \"\", expected 1 to 16 printable characters"),
+            ("unit = \"seventeen letters\"", "expected 1 to 16 printable characters"),
+            ("unit = \"a\\tb\"", "expected 1 to 16 printable characters"),
+            ("channels_per_unit = 0", "`channels_per_unit` is 0, must be 1 to 16"),
+            ("channels_per_unit = 4", "a simulated unit has at most 3 channels"),
+        ] {
+            let problems = array(text).unwrap_err();
+            assert!(problems.len() == 1 && problems[0].contains(told), "{text}: {problems:?}");
+        }
+        let told = problems("range_v = 10.0", "channels_per_unit = 2");
+        assert_eq!(told, ["18 outputs of 9 units, but LabJack T7 has 14 outputs"]);
+    }
+}

@@ -1,0 +1,250 @@
+//! Reads a rig's `[scene]` into a [`SceneSpec`].
+
+use super::parse::read_tilt;
+use super::scene_keys::{
+    contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,
+};
+use super::skin::read_skin;
+use super::{KEYS, SIM_RIG, keys};
+use palpate_core::quantity::{Place, Range, Tilt};
+use palpate_document::{self as document, Key, Problem, Problems, Table, Value};
+use palpate_sim::scene::{
+    ContactLaw, Fault, FaultKind, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
+    Stiffness, Wave,
+};
+
+/// Returns the scene of the paper's rig, with which a rig without a `[scene]` is simulated. An array with another number than
+/// nine units repeats Table 1 from its top.
+pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
+    let mut paper = document::read("rigs/sim.toml", SIM_RIG, &KEYS, |table| {
+        table.table(&keys::root::scene).and_then(|table| read_scene(&table, None))
+    })?;
+    let noise = paper.skin.noise.as_mut().map(|noise| &mut noise.repeatability_percent);
+    for percents in [noise, paper.skin.hysteresis_percent.as_mut()].into_iter().flatten() {
+        *percents = percents.iter().copied().cycle().take(units).collect();
+    }
+    Ok(paper)
+}
+
+/// Reads `[scene]`. Each term exists only if it is named.
+pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpec> {
+    let skin = read_skin(table, units);
+    let contact = table.table(&scene::contact).and_then(|table| {
+        let linear_n_mm = table.number(&contact::linear_n_mm);
+        let quadratic_n_mm2 = table.number(&contact::quadratic_n_mm2);
+        let toe_mm = table.number(&contact::toe_mm);
+        Some(ContactLaw { linear_n_mm: linear_n_mm?, quadratic_n_mm2: quadratic_n_mm2?, toe_mm: toe_mm? })
+    });
+    let relaxation = document::all(table.tables(&scene::relaxation).iter().map(|table| {
+        let (share, time_s) = (table.number(&relaxation::share), table.number(&relaxation::time_s));
+        Some(RelaxationBranch { share: share?, time_s: time_s? })
+    }));
+    // a term that is named and wrong has been reported
+    let mounting = table.table(&scene::mounting).and_then(|table| {
+        let [x, y, z_mm, rotation_deg] =
+            [mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg].map(|key| table.number(&key));
+        Some(Mounting { origin: Place::new(x?, y?), rotation_deg: rotation_deg?, z_mm: z_mm? })
+    });
+    let surface = table.table(&scene::surface);
+    let surface_tilt = surface.as_ref().map_or(Some(Tilt::LEVEL), |table| read_tilt(table, &surface::tilt_mm_per_mm));
+    let (surface_tilt_mm, surface_wave, relief) =
+        surface.and_then(|table| read_surface(&table)).unwrap_or((0.0, None, None));
+    let stiffness = table.table(&scene::stiffness).and_then(|table| {
+        let (smooth_percent, white_percent) =
+            (table.number(&stiffness::smooth_percent), table.number(&stiffness::white_percent));
+        Some(Stiffness { smooth_percent: smooth_percent?, white_percent: white_percent? })
+    });
+    let stage = table.table(&scene::stage).and_then(|table| {
+        let [servo_ms, quantum_mm, backlash_mm] =
+            [stage::servo_ms, stage::quantum_mm, stage::backlash_mm].map(|key| table.number(&key));
+        Some(Servo { lag_s: servo_ms? / 1000.0, quantum_mm: quantum_mm?, backlash_mm: backlash_mm? })
+    });
+    let load_cell = table.table(&scene::load_cell).and_then(|table| read_load_cell(&table));
+    let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
+    let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
+    Some(SceneSpec {
+        skin: skin?,
+        contact: contact?,
+        relaxation: relaxation?,
+        mounting,
+        surface_tilt_mm,
+        surface_tilt: surface_tilt?,
+        surface_wave,
+        relief,
+        stiffness,
+        stage,
+        load_cell,
+        latencies: latencies?,
+        faults: faults?,
+        specimen: None,
+    })
+}
+
+/// Reads the plane's tilt, mm, and the deviations from the plane.
+fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
+    let tilt_mm = table.number(&surface::tilt_mm);
+    let bumps_mm = table.number(&surface::bumps_mm);
+    let wavelength = table.range(&surface::bumps_wavelength_mm);
+    let roughness_mm = table.number(&surface::roughness_mm);
+    if table.has(&surface::bumps_wavelength_mm) && !table.has(&surface::bumps_mm) {
+        let told = "`bumps_wavelength_mm` requires `bumps_mm`";
+        table.complain(Problem::new(table.span_of(&surface::bumps_wavelength_mm), told));
+    }
+    let Range { min, max } = wavelength?;
+    let relief = (bumps_mm.is_some() || roughness_mm.is_some()).then(|| Relief {
+        bumps_mm: bumps_mm.unwrap_or(0.0),
+        bumps_wavelength_mm: (min, max),
+        roughness_mm: roughness_mm.unwrap_or(0.0),
+    });
+    let (wave_mm, wave_s) = (table.number(&surface::wave_mm), table.number(&surface::wave_s));
+    Some((tilt_mm?, wave(wave_mm?, wave_s?), relief))
+}
+
+fn read_fault(table: &Table) -> Option<Fault> {
+    let kind = table.word(&fault::kind, &FaultKind::ALL);
+    let from_s = table.number(&fault::from_s);
+    let value = match kind? {
+        FaultKind::Saturated => table.number(&fault::saturated::value),
+        FaultKind::HardContact => table.number(&fault::hard_contact::value),
+        FaultKind::SlowStage => table.number(&fault::slow_stage::value),
+        FaultKind::Noisy => table.number(&fault::noisy::value),
+        FaultKind::DriftedZero => table.number(&fault::drifted_zero::value),
+        _ => None,
+    };
+    Some(Fault { kind: kind?, from_s: from_s?, value })
+}
+
+/// Returns a wave; `None` if the amplitude is 0.
+fn wave(amplitude: f64, period_s: f64) -> Option<Wave> {
+    (amplitude > 0.0).then_some(Wave { amplitude, period_s })
+}
+
+fn read_load_cell(table: &Table) -> Option<LoadCell> {
+    use load_cell as key;
+    let [noise_n, noise_ahead_n, offset_n, drift_n_min, gain_error_percent, transport_ms] =
+        [key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min, key::gain_error_percent, key::transport_ms]
+            .map(|key| table.number(&key));
+    let [wander_n, wander_s, hum_n, hum_hz, tool_kg] =
+        [key::wander_n, key::wander_s, key::hum_n, key::hum_hz, key::tool_kg].map(|key| table.number(&key));
+    Some(LoadCell {
+        noise_n: noise_n?,
+        noise_ahead_n: noise_ahead_n?,
+        offset_n: offset_n?,
+        drift_n_s: drift_n_min? / 60.0,
+        wander: wave(wander_n?, wander_s?),
+        hum: wave(hum_n?, 1.0 / hum_hz?),
+        gain: 1.0 + gain_error_percent? / 100.0,
+        transport_s: transport_ms? / 1000.0,
+        low_pass_hz: table.number(&key::low_pass_hz),
+        stiffness_n_mm: table.number(&key::stiffness_n_mm),
+        tool_kg: tool_kg?,
+    })
+}
+
+fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
+    let seconds = |key: Key| {
+        let range = table.map_or_else(|| key.default().and_then(Value::range), |table| table.range(&key));
+        range.map(|ms| (ms.min / 1000.0, ms.max / 1000.0))
+    };
+    let (stage_s, load_cell_s, array_s) =
+        (seconds(latency_ms::stage), seconds(latency_ms::load_cell), seconds(latency_ms::array));
+    let stage_spikes = table.and_then(|table| table.table(&latency_ms::spikes)).and_then(|table| {
+        let (share, longer_ms) = (table.number(&spikes::share), table.number(&spikes::ms));
+        Some(Spikes { share: share?, longer_s: longer_ms? / 1000.0 })
+    });
+    Some(Latencies { stage_s: stage_s?, load_cell_s: load_cell_s?, array_s: array_s?, stage_spikes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rig_without_a_scene_is_simulated_with_the_papers() {
+        let (with, without) = (SIM_RIG, SIM_RIG.split("[scene]").next().unwrap());
+        let scene = |text| super::super::parse("rig.toml", text, &|_| unreachable!()).unwrap().scene;
+        assert_eq!(scene(with), scene(without));
+        let wider = without.replace("columns = 3", "columns = 4");
+        let noise = scene(&wider).skin.noise.unwrap().repeatability_percent;
+        assert_eq!((noise.len(), noise[9]), (12, noise[0]));
+    }
+
+    fn changed(from: &str, to: &str) -> Result<SceneSpec, Vec<String>> {
+        assert!(SIM_RIG.contains(from), "{from}");
+        let text = SIM_RIG.replace(from, to);
+        let rig = super::super::parse("rig.toml", &text, &|_| unreachable!());
+        rig.map(|rig| rig.scene).map_err(|problems| problems.lines())
+    }
+
+    /// The term, on a line before the one of relaxation.
+    fn surface(terms: &str) -> String {
+        format!("surface = {{ {terms} }}\nrelaxation =")
+    }
+
+    #[test]
+    fn each_term_is_there_if_it_is_named_and_in_the_units_it_is_named_in() {
+        let plain = changed("[scene]", "[scene]").unwrap();
+        assert_eq!(
+            (plain.relief, plain.stiffness, plain.stage, plain.latencies.stage_spikes),
+            (None, None, None, None)
+        );
+        assert_eq!(plain.surface_tilt_mm, 0.0);
+        assert!(plain.faults.is_empty());
+        let cell = LoadCell { noise_n: 0.003, ..LoadCell::default() };
+        assert_eq!(plain.load_cell, Some(cell));
+
+        let scene = changed("noise_n = 0.003", "noise_n = 0.003, transport_ms = 2.0, low_pass_hz = 100.0").unwrap();
+        assert_eq!(scene.load_cell, Some(LoadCell { transport_s: 0.002, low_pass_hz: Some(100.0), ..cell }));
+        let scene = changed("relaxation =", &surface("bumps_mm = 0.03, bumps_wavelength_mm = [1.0, 2.0]")).unwrap();
+        let short = Relief { bumps_mm: 0.03, bumps_wavelength_mm: (1.0, 2.0), roughness_mm: 0.0 };
+        assert_eq!((scene.surface_tilt_mm, scene.relief), (0.0, Some(short)));
+        let scene = changed("relaxation =", &surface("tilt_mm = 0.2, bumps_mm = 0.005, roughness_mm = 0.001")).unwrap();
+        let nominal = Relief { bumps_mm: 0.005, bumps_wavelength_mm: (6.0, 12.0), roughness_mm: 0.001 };
+        assert_eq!((scene.surface_tilt_mm, scene.relief), (0.2, Some(nominal)));
+        let more = "stiffness = { smooth_percent = 6.0, white_percent = 0.5 }\nstage = { servo_ms = 7.0, quantum_mm = 0.0001 }\nelastomer";
+        let scene = changed("elastomer", more).unwrap();
+        assert_eq!(scene.stiffness, Some(Stiffness { smooth_percent: 6.0, white_percent: 0.5 }));
+        assert_eq!(scene.stage, Some(Servo { lag_s: 0.007, quantum_mm: 0.0001, backlash_mm: 0.0 }));
+        let scene = changed("latency_ms = {", "latency_ms = { spikes = { share = 0.02, ms = 200.0 },").unwrap();
+        assert_eq!(scene.latencies.stage_spikes, Some(Spikes { share: 0.02, longer_s: 0.2 }));
+    }
+
+    #[test]
+    fn every_fault_can_be_named() {
+        let last = "array = [1.0, 2.0] }";
+        for (name, kind) in FaultKind::ALL {
+            let fault = format!("{last}\n[[scene.fault]]\nkind = \"{name}\"\nfrom_s = 12.0\n");
+            assert_eq!(changed(last, &fault).unwrap().faults, [Fault { kind, from_s: 12.0, value: None }]);
+            let valued = changed(last, &format!("{fault}value = 1.5\n"));
+            match kind.usual() {
+                Some(_) => assert_eq!(valued.unwrap().faults[0].value, Some(1.5), "{name}"),
+                None => assert!(valued.unwrap_err()[0].contains("value"), "{name} takes no value"),
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_in_a_scene_is_told() {
+        let last = "array = [1.0, 2.0] }";
+        let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
+        for (from, to, told) in [
+            ("relaxation =", surface("bumps_wavelength_mm = [6.0, 12.0]").as_str(), "requires `bumps_mm`"),
+            ("relaxation =", &surface("bumps_mm = -0.1"), "bumps_mm"),
+            ("relaxation =", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
+            ("noise_n = 0.003", "low_pass_hz = 0.0", "low_pass_hz"),
+            ("noise_n = 0.003", "transport_ms = -1.0", "transport_ms"),
+            ("elastomer", "stiffness = { smooth_percent = 60.0 }\nelastomer", "smooth_percent"),
+            ("elastomer", "stage = { servo_ms = -1.0 }\nelastomer", "servo_ms"),
+            ("elastomer", "stage = { lag_ms = 1.0 }\nelastomer", "lag_ms"),
+            ("latency_ms = {", "latency_ms = { spikes = { share = 1.5, ms = 200.0 },", "share"),
+            ("latency_ms = {", "latency_ms = { spikes = { share = 0.5 },", "`ms` is missing"),
+            (last, &fault("kind = \"stuk\"\nfrom_s = 1.0"), "stuck"),
+            (last, &fault("kind = \"stuck\""), "`from_s` is missing"),
+            (last, &fault("kind = \"slow-stage\"\nfrom_s = 1.0\nvalue = -1.0"), "value"),
+            (last, &fault("from_s = 1.0"), "`kind` is missing"),
+        ] {
+            let problems = changed(from, to).expect_err(to);
+            assert!(problems.iter().any(|line| line.contains(told)), "{to}: {problems:?}");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! A rig's emulators, acting on one scene.
+
+use super::emulated::EmulatedDevice;
+use super::spec::{Home, RigSpec};
+use palpate_core::quantity::{Axis, Place, Position};
+use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_sim::emulator::Shared;
+use palpate_sim::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::time::Instant;
+
+/// Half the side of the loading area (PAPER S8), mm.
+const LOADING_HALF_MM: f64 = 6.0;
+
+/// Distance of the axes from the specimen when an emulated controller is switched on, mm.
+const POWER_ON_MM: f64 = 5.0;
+
+/// Reason why an array has no emulator if its units have more channels than a scene supports.
+pub(super) const TOO_MANY_CHANNELS: &str =
+    "a simulated unit has at most 3 channels: the stress, and its slopes along x and y";
+
+/// A rig's emulators, acting on one scene.
+pub struct SimulatedRig {
+    /// The scene.
+    pub scene: Shared<Scene>,
+    /// The stage's controller.
+    pub stage: EmulatedDevice,
+    /// The load cell's transmitter.
+    pub load_cell: EmulatedDevice,
+    /// The array's converter.
+    pub array: EmulatedDevice,
+}
+
+/// Time in which a simulated person puts a weight on or takes it off after the request, s.
+const PERSON_S: f64 = 2.0;
+
+/// Access of a run to a simulated scene: names the presses, reads the truth, and requests actions of a person.
+#[derive(Clone)]
+pub struct SceneProbe {
+    pub(super) scene: Shared<Scene>,
+    pub(super) origin: Instant,
+}
+
+impl RigSpec {
+    /// Returns the rig's emulators in a scene with this seed.
+    ///
+    /// # Errors
+    /// A device has no emulator.
+    pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
+        if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
+            return Err(not_simulated(Device::Array, TOO_MANY_CHANNELS.to_owned()));
+        }
+        if let Some(told) = self.stage.driver.simulated_misfit(self) {
+            return Err(not_simulated(Device::Stage, told));
+        }
+        let spec = self.scene.clone();
+        // the drivers go by the rig's word, the scene by how the specimen really lies
+        let frame =
+            spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm));
+        let away = frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;
+        let travel = &self.stage.travel;
+        let within = |axis: Axis, mm: f64| mm.clamp(travel.along(axis).min, travel.along(axis).max);
+        let setting = Surroundings {
+            frame,
+            layout: self.array.layout.clone(),
+            full_scale_n: self.full_scale_n.unwrap_or(self.limits.force_n),
+            half_extent_mm: LOADING_HALF_MM,
+            power_on: match self.stage.home {
+                Home::ByHand => Position::default(),
+                Home::Switches => Position {
+                    x_mm: within(Axis::X, self.frame.origin.x_mm + 1.3),
+                    y_mm: within(Axis::Y, self.frame.origin.y_mm - 0.8),
+                    z_mm: within(Axis::Z, away),
+                },
+            },
+            conversions_hz: self.load_cell.conversions_hz,
+            latencies: spec.latencies,
+        };
+        let scene = Scene::new(spec, setting, seed);
+        let stage = self.stage.driver.emulated(&scene, self);
+        let load_cell = self.load_cell.driver.emulated(self, &stage)?;
+        let array = self.array.driver.emulated(self)?;
+        Ok(SimulatedRig { scene: Arc::new(Mutex::new(scene)), stage, load_cell, array })
+    }
+}
+
+/// Returns the error of a rig's device that can't be simulated.
+fn not_simulated(device: Device, why: String) -> DeviceError {
+    let (device, doing) = (device.name().to_owned(), "opening it".to_owned());
+    DeviceError { device, doing, problem: DeviceProblem::Mismatch(why) }
+}
+
+impl SimulatedRig {
+    /// Returns the devices with their roles.
+    pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
+        [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
+            .map(|(device, role)| (device, role.name()))
+    }
+}
+
+impl SceneProbe {
+    /// Sets the number of the next press.
+    pub fn begin_press(&self, press: u64) {
+        self.scene().begin_press(press, self.now_s());
+    }
+
+    /// Begins to average the true force.
+    pub fn open_window(&self) {
+        self.scene().open_window(self.now_s());
+    }
+
+    /// Ends the average of the true force.
+    pub fn close_window(&self) {
+        self.scene().close_window(self.now_s());
+    }
+
+    /// Returns the true values since the previous call.
+    pub fn take_truth(&self) -> Truth {
+        self.scene().take_truth(self.now_s())
+    }
+
+    /// Requests a known weight on the tip.
+    pub fn put_weight(&self, nominal_n: f64, u_n: f64) {
+        self.scene().put_weight(nominal_n, u_n, self.now_s() + PERSON_S);
+    }
+
+    /// Requests the removal of the weight.
+    pub fn take_weight(&self) {
+        self.scene().take_weight(self.now_s() + PERSON_S);
+    }
+
+    fn scene(&self) -> MutexGuard<'_, Scene> {
+        self.scene.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+}

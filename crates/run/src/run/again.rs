@@ -1,0 +1,121 @@
+//! Checks before a run continues: whether this is still the same specimen, and the return to the position after the last contact.
+
+use super::Halt;
+use super::past::{Past, TouchedPlace};
+use super::press::TRAVEL_CLEARANCE_MM;
+use super::shift::sideways_shift;
+use super::walk::{Listener, Standby, Walker};
+use crate::rig::Home;
+use palpate_control::{Rule, Standing, Strategy, Task, Trip};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Air, Ledger, Record, Retouch};
+use palpate_data::recipe::Plan;
+use palpate_link::device::{LoadCell, SensorArray, Stage};
+
+/// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
+const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
+
+/// Force with which a place is touched again if it carried more before, as a fraction of the specimen's limit.
+const TOUCH_SHARE: f64 = 0.25;
+
+/// Tolerance of that force, as a fraction of the force. The second constant is the sampling time, s. Only the start of the
+/// contact matters.
+const TOUCH_TOLERANCE: f64 = 0.2;
+const TOUCH_SAMPLE_S: f64 = 0.05;
+
+/// Number of the first contact outside the plan. It is far above the numbers of planned contacts.
+const UNCOUNTED: u64 = 1 << 62;
+
+/// Largest difference between two looks at the same air, in standard deviations.
+const SAME_SIGMAS: f64 = 5.0;
+
+/// Largest sideways shift of a stage that a person brought to its zero again, mm: below the error of the best sensors.
+const SHIFT_MOST_MM: f64 = 0.3;
+
+/// Returns the task that repeats the first level of the press at a place; `None` if no level was pressed there.
+fn again(known: &TouchedPlace, plan: &Plan) -> Option<Task> {
+    let (_, force_set_n) = known.felt.as_ref()?;
+    let entry = plan.entries.iter().find(|entry| entry.press == known.press)?;
+    Some(Task { levels: Task::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
+    /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
+    /// that the zero moved sideways.
+    pub async fn touch_again(
+        &mut self,
+        past: &Past,
+        plan: &Plan,
+        next: Place,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        let by_hand = self.conditions.spec.stage.home == Home::ByHand;
+        let (landmarks, mut repeated) = (past.landmarks(plan), Vec::new());
+        for (nth, known) in landmarks.iter().enumerate() {
+            let next = landmarks.get(nth + 1).map_or(next, |known| known.place);
+            let force_n = known.force_n.min(TOUCH_SHARE * self.conditions.spec.limits.force_n);
+            let task = Task {
+                levels: Task::press(force_n),
+                force_tolerance_n: TOUCH_TOLERANCE * force_n,
+                hold_s: 0.0,
+                sample_s: TOUCH_SAMPLE_S,
+                strategy: Strategy::Guarded,
+                sample_after_s: None,
+            };
+            let task = if by_hand { again(known, plan).unwrap_or(task) } else { task };
+            let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;
+            let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
+            let t_s = self.conditions.clock.now_s();
+            let retouch = Retouch { t_s, place: known.place, before_mm: known.z_mm, touched_mm };
+            ledger.record(&Record::Retouch(retouch))?;
+            listener.retouched(&retouch);
+            let moved_mm = touched_mm - known.z_mm;
+            let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
+            if !is_there {
+                return Err(Trip::new(Rule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
+            }
+            if let (true, Some((before, _)), Some(now)) = (by_hand, &known.felt, pressed.felt(known.place)) {
+                repeated.push((before.clone(), now));
+            }
+        }
+        if let Some(shift) = sideways_shift(&repeated, &past.felt()) {
+            let shift_mm = shift.distance_mm(Place::default());
+            if shift_mm > SHIFT_MOST_MM {
+                return Err(Trip::new(Rule::ZeroShifted, shift_mm, SHIFT_MOST_MM, "mm").into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes to the position where the last contact ended, above the next place. The earlier air readings of the cell remain valid
+    /// if the cell still reads the same.
+    pub async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
+        self.go_to(place).await?;
+        self.hand.cell.open_air();
+        let now = self.hand.cell.close_air().await?;
+        let zero = *self.hand.cell.watch.zero();
+        let first_mm = self.map.expect(place).first_mm;
+        // no nearer, even if a journal says so, than x and y may move
+        let back_mm = before.z_mm.min(self.permit.clear_mm(first_mm));
+        if self.hand.z_mm < back_mm {
+            let standing = Standing {
+                z_mm: self.hand.z_mm,
+                force_n: now.mean_n - zero.offset_n,
+                sigma_n: zero.sigma_mean_n(now.readings),
+                age_s: self.hand.cell.age_s(),
+                first_mm,
+            };
+            let granted = self.permit.advance(&standing, back_mm, self.hand.usage.speed_mm_s)?;
+            self.hand.move_z(granted, None).await?;
+            self.hand.cell.settle().await?;
+        }
+        let is_same = |before: &Air| {
+            let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.force.readings));
+            (now.mean_n - before.force.mean_n).abs() <= most_n
+        };
+        self.standby = Some(Standby { air: before.air.filter(is_same), ..before });
+        Ok(())
+    }
+}

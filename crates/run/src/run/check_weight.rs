@@ -1,0 +1,341 @@
+//! Check of the load cell with a known weight. A person puts the weight on the tip and removes it. The cell itself detects both,
+//! and the stage doesn't move.
+
+use super::Halt;
+use super::hand::Gauge;
+use crate::rig::SceneProbe;
+use palpate_control::{Mean, Rule, Trip, Zero, mean_of};
+use palpate_core::quantity::{COVERAGE, Certificate, GRAVITY_M_S2, WeightCheck};
+use palpate_link::device::LoadCell;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Number of times that the weight is put on.
+pub const WEIGHT_TIMES: u32 = 3;
+
+/// Longest wait until the weight is put on or removed, and rests.
+pub const WEIGHT_WAIT: Duration = Duration::from_secs(60);
+
+/// Least move of the mean that shows that the weight is on, as a fraction of the weight. It is small enough for a cell in wrong
+/// units too.
+const MOVED_SHARE: f64 = 0.05;
+/// Largest rest of the weight's reading after the weight is removed, as a fraction of the reading.
+const LEFT_SHARE: f64 = 0.25;
+/// Largest difference of two successive means at rest, in sd. The second constant is an allowance, as a fraction of the weight.
+const REST_SIGMAS: f64 = 4.0;
+const REST_SHARE: f64 = 0.001;
+/// Least duration of a look, s, and least number of its readings.
+const LOOK_S: f64 = 0.25;
+const LOOK_READINGS: usize = 4;
+/// Least duration of the window of a weight at rest, s, and least number of readings in each half.
+const WINDOW_S: f64 = 1.0;
+const HALF_READINGS: usize = 10;
+/// Least number of readings and least time for the zero in air, s.
+const ZERO_READINGS: usize = 100;
+const ZERO_S: f64 = 1.0;
+/// Largest standard deviation of the gain over time.
+const UNSTEADY: f64 = 0.01;
+
+/// A weight that a load cell is checked with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownWeight {
+    /// Its force, N.
+    pub weight_n: f64,
+    /// Expanded uncertainty of the force, k = 2, N.
+    pub u_n: f64,
+    /// Whether the weight hangs from the tip and pulls. Otherwise it acts in the direction of contact.
+    pub pull: bool,
+}
+
+/// Request to a person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ask {
+    /// Put the weight on, for the repetition of this number, counted from 1.
+    PutOn(u32),
+    /// Remove the weight.
+    TakeOff(u32),
+}
+
+/// A check with a weight: the weight and the person who is asked.
+pub struct Weighing<'a> {
+    /// The weight.
+    pub weight: KnownWeight,
+    /// Asks the person.
+    pub ask: &'a mut dyn FnMut(Ask),
+}
+
+/// Result of the measurement of a known weight.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weighed {
+    /// The weight.
+    pub weight: KnownWeight,
+    /// Cell readings of the weight, as fractions of the weight, one for each repetition.
+    pub gains: Vec<f64>,
+    /// Standard deviation of one gain from the noise of the readings alone.
+    pub noise: f64,
+}
+
+impl Weighed {
+    /// The mean of the gains.
+    pub fn gain(&self) -> f64 {
+        self.gains.iter().sum::<f64>() / self.gains.len().max(1) as f64
+    }
+
+    /// Returns the repeatability: standard deviation of a gain between repetitions, at least the value that the noise of the
+    /// readings explains.
+    pub fn gain_sd(&self) -> f64 {
+        let mean = self.gain();
+        let squares: f64 = self.gains.iter().map(|gain| (gain - mean).powi(2)).sum();
+        (squares / (self.gains.len().max(2) - 1) as f64).sqrt().max(self.noise)
+    }
+
+    /// Returns the check as stored in a rig file.
+    pub fn check(&self, date: &str, adjusted: bool) -> WeightCheck {
+        let KnownWeight { weight_n, u_n: weight_u_n, pull } = self.weight;
+        WeightCheck {
+            weight_n,
+            weight_u_n,
+            pull,
+            gain: self.gain(),
+            gain_sd: self.gain_sd(),
+            times: self.gains.len() as u32,
+            date: date.to_owned(),
+            adjusted,
+        }
+    }
+}
+
+/// Asks the operator to put the weight on and take it off. Reads the weight each time between two readings of air. It uses the
+/// cell's own readings, without the rig's adjustment.
+///
+/// # Errors
+/// Returns a halt if the operator stops the check, the cell fails, or the weight isn't put on, isn't taken off or doesn't repeat.
+pub(super) async fn weigh<C: LoadCell>(
+    gauge: &mut Gauge<'_, C>,
+    probe: Option<&SceneProbe>,
+    weighing: &mut Weighing<'_>,
+) -> Result<Weighed, Halt> {
+    let weight = weighing.weight;
+    let sign = if weight.pull { -1.0 } else { 1.0 };
+    let readings = gauge.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let zero = Zero::of(&readings, gauge.cell.conversion().as_secs_f64());
+    let scale = Scale { zero, weight_n: weight.weight_n };
+    let mut before = scale.window(gauge).await?.0;
+    let mut weighed = Weighed { weight, gains: Vec::new(), noise: 0.0 };
+    for time in 1..=WEIGHT_TIMES {
+        (weighing.ask)(Ask::PutOn(time));
+        if let Some(probe) = probe {
+            probe.put_weight(sign * weight.weight_n, weight.u_n);
+        }
+        let on = scale.wait(gauge, before.value, Waits::On).await?;
+        (weighing.ask)(Ask::TakeOff(time));
+        if let Some(probe) = probe {
+            probe.take_weight();
+        }
+        let after = scale.wait(gauge, before.value, Waits::Off { read_n: on.value - before.value }).await?;
+        // the zero as it was when the weight was read, evenly with the time
+        let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);
+        let air_n = before.value + share * (after.value - before.value);
+        weighed.gains.push((on.value - air_n) / (sign * weight.weight_n));
+        weighed.noise = (1.5f64.sqrt() * scale.zero.sigma_own_n(on.readings)) / weight.weight_n;
+        before = after;
+    }
+    let sd = weighed.gain_sd() / weighed.gain().abs().max(1.0);
+    if sd > UNSTEADY {
+        return Err(Trip::new(Rule::WeightUnsteady, 100.0 * sd, 100.0 * UNSTEADY, "%").into());
+    }
+    Ok(weighed)
+}
+
+/// Event that is awaited.
+#[derive(Clone, Copy)]
+enum Waits {
+    On,
+    Off { read_n: f64 },
+}
+
+/// Load cell used as a balance.
+struct Scale {
+    zero: Zero,
+    weight_n: f64,
+}
+
+impl Scale {
+    /// Returns the mean of a weight that is on or off, and at rest.
+    async fn wait<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, air_n: f64, waits: Waits) -> Result<Mean, Halt> {
+        let began = Instant::now();
+        let mut last: Option<Mean> = None;
+        loop {
+            let look = self.look(gauge, LOOK_S, LOOK_READINGS).await?;
+            let rests = last.is_some_and(|last| self.agree(&last, &look));
+            last = Some(look);
+            if self.is_there(look.value - air_n, look.readings, waits) && rests {
+                let (window, halves_agree) = self.window(gauge).await?;
+                if halves_agree && self.is_there(window.value - air_n, window.readings, waits) {
+                    return Ok(window);
+                }
+                last = None;
+            }
+            if began.elapsed() > WEIGHT_WAIT {
+                return Err(self.in_vain(look.value - air_n, look.readings, waits).into());
+            }
+        }
+    }
+
+    fn is_there(&self, moved_n: f64, readings: u32, waits: Waits) -> bool {
+        let most_n = self.threshold_n(readings, waits);
+        match waits {
+            Waits::On => moved_n.abs() > most_n,
+            Waits::Off { .. } => moved_n.abs() < most_n,
+        }
+    }
+
+    fn threshold_n(&self, readings: u32, waits: Waits) -> f64 {
+        let noise_n = 2.0 * REST_SIGMAS * self.zero.sigma_own_n(readings);
+        match waits {
+            Waits::On => noise_n.max(MOVED_SHARE * self.weight_n),
+            Waits::Off { read_n } => LEFT_SHARE * read_n.abs(),
+        }
+    }
+
+    fn in_vain(&self, moved_n: f64, readings: u32, waits: Waits) -> Trip {
+        let rule = match waits {
+            Waits::On => Rule::NoWeight,
+            Waits::Off { .. } => Rule::WeightLeftOn,
+        };
+        Trip::new(rule, moved_n, self.threshold_n(readings, waits), "N")
+    }
+
+    /// Returns the mean of a window, and whether its halves agree.
+    async fn window<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>) -> Result<(Mean, bool), Halt> {
+        let first = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
+        let second = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
+        let both = Mean {
+            value: (first.value + second.value) / 2.0,
+            middle_s: (first.middle_s + second.middle_s) / 2.0,
+            readings: first.readings + second.readings,
+        };
+        Ok((both, self.agree(&first, &second)))
+    }
+
+    /// Returns the mean of some readings over complete periods of the hum, N as the cell reads.
+    async fn look<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, least_s: f64, least: usize) -> Result<Mean, Halt> {
+        let least_s = self.zero.mean_s(least_s);
+        let mut read: Vec<(f64, f64)> = Vec::new();
+        while read.len() < least || gauge.now_s() - read[0].0 < least_s {
+            let reading = gauge.sound_reading().await?;
+            read.push((gauge.now_s(), reading.force_n));
+        }
+        mean_of(&read, &self.zero).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 1.0, "readings").into())
+    }
+
+    fn agree(&self, a: &Mean, b: &Mean) -> bool {
+        let noise_n = self.zero.sigma_own_n(a.readings).hypot(self.zero.sigma_own_n(b.readings));
+        (a.value - b.value).abs() <= REST_SIGMAS * noise_n + REST_SHARE * self.weight_n
+    }
+}
+
+/// Result of a check.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Whether the cell can be relied on.
+    pub verdict: Verdict,
+    /// Difference of the gain from its correct value, as a fraction. The correct value is 1, or the gain that the rig adjusts
+    /// for.
+    pub off: f64,
+    /// Part of the difference that can be explained, as a fraction.
+    pub explained: f64,
+}
+
+/// Whether a load cell can be relied on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Verdict {
+    /// The gain is correct, within what weight and certificate can show.
+    Verified,
+    /// The gain is wrong, but the error is small enough to adjust for.
+    Off,
+    /// A weight that presses gives a negative reading.
+    WrongSign,
+    /// The gain is so wrong that there is a fault; the text states a possible cause.
+    Fault(Option<&'static str>),
+}
+
+/// Ratios of a reading to the weight that indicate a wrong unit. The second constant is the largest distance of a gain from a
+/// ratio, as a fraction of the ratio.
+const UNITS: [(f64, &str); 6] = [
+    (1.0 / GRAVITY_M_S2, "the cell's unit is the kilogram-force (9.80665 N), or its range is ten times too large"),
+    (GRAVITY_M_S2, "the weight was given in kilograms-force (9.80665 N), or the cell's range is ten times too small"),
+    (1000.0 / GRAVITY_M_S2, "the cell's unit is the gram-force (9.80665 mN)"),
+    (1.0 / 4.448_221_6, "the cell's unit is the pound-force (4.448 N)"),
+    (4.448_221_6, "the weight was given in pounds-force (4.448 N)"),
+    (1000.0, "the cell's unit is the millinewton"),
+];
+const UNIT_NEAR: f64 = 0.03;
+
+/// Judges a check from the cell's own readings. `before` is the check that the rig has so far.
+pub fn judged(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Option<&Certificate>) -> Judged {
+    let (off, explained) = match before.filter(|before| before.adjusted) {
+        Some(before) => {
+            let u = (new.standard_uncertainty() / new.gain).hypot(before.standard_uncertainty() / before.gain);
+            (new.gain / before.gain - 1.0, COVERAGE * u)
+        }
+        None => (new.gain - 1.0, new.explained(certificate)),
+    };
+    let verdict = if new.gain < 0.0 {
+        Verdict::WrongSign
+    } else if !new.is_adjustable() {
+        let near = |(ratio, _): &&(f64, &str)| (new.gain / ratio - 1.0).abs() < UNIT_NEAR;
+        Verdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told))
+    } else if off.abs() <= explained {
+        Verdict::Verified
+    } else {
+        Verdict::Off
+    };
+    Judged { verdict, off, explained }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(gain: f64) -> WeightCheck {
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
+        Weighed { weight, gains: vec![gain; 3], noise: 0.0001 }.check("2026-05-04", false)
+    }
+
+    fn verdict(new: &WeightCheck, before: Option<&WeightCheck>) -> Verdict {
+        judged(new, before, None).verdict
+    }
+
+    #[test]
+    fn a_gain_is_judged_by_what_the_rig_adjusts_for() {
+        assert_eq!(verdict(&check(1.0005), None), Verdict::Verified);
+        assert_eq!(verdict(&check(1.01), None), Verdict::Off);
+        let adjusted = WeightCheck { adjusted: true, ..check(1.0101) };
+        assert_eq!(verdict(&check(1.01), Some(&adjusted)), Verdict::Verified);
+        assert_eq!(verdict(&check(1.0), Some(&adjusted)), Verdict::Off);
+        assert_eq!(verdict(&check(1.0), Some(&check(1.02))), Verdict::Verified);
+    }
+
+    #[test]
+    fn a_fault_is_named_where_its_ratio_is_one_of_units() {
+        assert_eq!(verdict(&check(-1.0), None), Verdict::WrongSign);
+        for gain in [0.5, 0.8, 1.25, 0.0] {
+            assert_eq!(verdict(&check(gain), None), Verdict::Fault(None), "{gain}");
+        }
+        for (gain, word) in
+            [(0.102, "kilogram"), (9.81, "given in kilograms"), (102.0, "gram-force"), (0.2248, "pound")]
+        {
+            let Verdict::Fault(Some(told)) = verdict(&check(gain), None) else { panic!("{gain}") };
+            assert!(told.contains(word), "{gain}: {told}");
+        }
+    }
+
+    #[test]
+    fn repeatability_is_no_less_than_the_noise_explains() {
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
+        let weighed = |gains: &[f64], noise| Weighed { weight, gains: gains.to_vec(), noise };
+        assert_eq!(weighed(&[1.0; 3], 0.0002).gain_sd(), 0.0002);
+        assert!((weighed(&[0.99, 1.0, 1.01], 0.0002).gain_sd() - 0.01).abs() < 1e-12);
+    }
+}

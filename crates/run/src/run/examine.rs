@@ -1,0 +1,154 @@
+//! Identity and speed of each device, checked without pressing.
+
+use super::check_weight::{Weighed, Weighing, weigh};
+use super::hand::Hand;
+use super::home::{AtHome, at_home, unless_stopped};
+use super::ready::check_air;
+use super::{Cancel, Halt};
+use crate::rig::RigSpec;
+use palpate_control::{Permit, Reaction, Trip, Zero};
+use palpate_core::quantity::Axis;
+use palpate_link::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
+use tokio::time::Instant;
+
+/// Number of timed exchanges with each device.
+const TIMED: usize = 200;
+
+/// Least number of readings in air for the zero, and least time for them, s.
+const ZERO_READINGS: usize = 200;
+const ZERO_S: f64 = 1.0;
+
+/// Result of an examination of a rig, without pressing.
+#[derive(Debug, Default)]
+pub struct Examination {
+    /// Devices in the order stage, load cell, array: the identity that each reports, or the reason why it isn't usable.
+    pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
+    /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
+    pub exchanges_s: [Vec<f64>; 3],
+    /// Load cell in air, or the reason why it can't be trusted.
+    pub air: Option<Result<CellInAir, Trip>>,
+    /// Times from a force to the braking of the stage, s: one for each pair of exchanges, conversion and lag included.
+    pub reactions_s: Vec<f64>,
+    /// Reaction time that a run would use.
+    pub reaction: Option<Reaction>,
+    /// Fastest approach that results, mm/s.
+    pub approach_mm_s: Option<f64>,
+    /// Result of a known weight, or the reason why there is none. `None` if no weight was requested, or if stage or load cell
+    /// weren't usable.
+    pub weighed: Option<Result<Weighed, Trip>>,
+}
+
+/// Load cell in air.
+#[derive(Clone, Copy, Debug)]
+pub struct CellInAir {
+    /// Zero of the load cell, and its noise.
+    pub zero: Zero,
+    /// Fraction of the readings that differ from the reading before.
+    pub fresh_share: f64,
+    /// Largest standard deviation of any unit's output, V; `None` if the array failed.
+    pub outputs_sigma_v: Option<f64>,
+}
+
+/// Examines a rig: identifies each device and compares it with the rig file, moves the stage home and to the clear, measures the
+/// time of the links, and measures the zero. Then, if requested, asks for a known weight on the load cell. If one device fails,
+/// the others are still examined.
+///
+/// # Errors
+/// A person requests a stop, NI's library is required and missing, or a stage loses its position.
+pub async fn examine(
+    spec: &RigSpec,
+    seed: u64,
+    cancel: &Cancel,
+    weighing: Option<Weighing<'_>>,
+) -> Result<Examination, Halt> {
+    let AtHome { mut hand, stage, load_cell } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let mut found = Examination { devices: vec![("stage", stage), ("load_cell", load_cell)], ..Examination::default() };
+    found.devices.push(("array", unless_stopped(cancel, hand.array.prepare()).await?));
+    look(&mut hand, spec, cancel, &mut found).await?;
+    if let (Some(mut weighing), Some(Ok(_)), true) = (weighing, &found.air, found.devices[0].1.is_ok()) {
+        let probe = hand.probe.clone();
+        found.weighed = match weigh(&mut hand.cell, probe.as_ref(), &mut weighing).await {
+            Ok(weighed) => Some(Ok(weighed)),
+            Err(Halt::Tripped(trip)) => Some(Err(trip)),
+            Err(halt) => return Err(halt),
+        };
+    }
+    Ok(found)
+}
+
+async fn look<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    spec: &RigSpec,
+    cancel: &Cancel,
+    found: &mut Examination,
+) -> Result<(), Halt> {
+    let answers: Vec<bool> = found.devices.iter().map(|(_, device)| device.is_ok()).collect();
+    let mut outputs = vec![0.0; hand.array.units()];
+    for (device, answers) in answers.iter().enumerate() {
+        for _ in 0..if *answers { TIMED } else { 0 } {
+            if cancel.asked() {
+                return Err(Halt::Cancelled);
+            }
+            let asked = Instant::now();
+            match device {
+                0 => _ = hand.stage.position_mm(Axis::Z, &Reins::default()).await?,
+                1 => _ = hand.cell.cell.read().await?,
+                _ => hand.array.read(&mut outputs).await?,
+            }
+            found.exchanges_s[device].push(asked.elapsed().as_secs_f64());
+        }
+    }
+    if answers[1] {
+        found.air = Some(in_air(hand, answers[2]).await?);
+    }
+    let [stage_s, load_cell_s, _] = &found.exchanges_s;
+    if let (Some(Ok(air)), false) = (&found.air, stage_s.is_empty()) {
+        let (conversion_s, lag_s) = (hand.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
+        let longest = |exchanges_s: &[f64]| exchanges_s.iter().copied().fold(0.0, f64::max);
+        let pairs = stage_s.iter().zip(load_cell_s);
+        found.reactions_s = pairs.map(|(stage_s, cell_s)| conversion_s + lag_s + stage_s + cell_s).collect();
+        let reaction = Reaction { conversion_s, load_cell_s: longest(load_cell_s), stage_s: longest(stage_s), lag_s };
+        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &air.zero);
+        let permit = permit.on(spec.stage.steps);
+        let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
+        found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
+        found.reaction = Some(reaction);
+        if let Err(trip) = check_air(&air.zero, spec) {
+            found.air = Some(Err(trip));
+        }
+    }
+    Ok(())
+}
+
+async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    has_array: bool,
+) -> Result<Result<CellInAir, Trip>, Halt> {
+    let readings = match hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
+        Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
+        readings => readings?,
+    };
+    let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
+    let outputs_sigma_v = if has_array { Some(spread_v(&mut hand.array).await?) } else { None };
+    Ok(Ok(CellInAir {
+        zero: Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64()),
+        fresh_share: fresh as f64 / (readings.len() - 1) as f64,
+        outputs_sigma_v,
+    }))
+}
+
+/// Returns the largest spread of any unit's output, V.
+async fn spread_v<A: SensorArray>(array: &mut A) -> Result<f64, DeviceError> {
+    let mut rows = Vec::with_capacity(TIMED);
+    for _ in 0..TIMED {
+        let mut outputs = vec![0.0; array.units()];
+        array.read(&mut outputs).await?;
+        rows.push(outputs);
+    }
+    let spread = |unit: usize| {
+        let mean = rows.iter().map(|row| row[unit]).sum::<f64>() / TIMED as f64;
+        let squares: f64 = rows.iter().map(|row| (row[unit] - mean).powi(2)).sum();
+        (squares / (TIMED - 1) as f64).sqrt()
+    };
+    Ok((0..array.units()).map(spread).fold(0.0, f64::max))
+}

@@ -1,0 +1,451 @@
+//! The instruments in use.
+
+use super::window::OutputMeans;
+use super::{Cancel, Halt};
+use crate::rig::{ArraySpec, SceneProbe};
+use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
+use palpate_core::quantity::{ForceReading, Frame, Place};
+use palpate_data::dataset::Air;
+use palpate_link::device::{Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
+use palpate_link::wire::Claims;
+use std::cmp::Ordering::{Equal, Less};
+use std::collections::VecDeque;
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep, sleep_until, timeout};
+
+/// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
+const AIR_S: f64 = 0.3;
+const AIR_MAX: usize = 4096;
+/// Least time for reading the air, s, so that its mean is almost as good as a window's.
+const AIR_LEAST_S: f64 = 0.05;
+/// Largest change of an output between two looks of the first descent, in sd of a reading. The other constants allow for a
+/// converter's steps and a slow drift, as fractions of the array's range, or of the output if the range is unknown.
+const OUTPUT_SIGMAS: f64 = 10.0;
+const RANGE_SHARE: f64 = 5e-4;
+const OUTPUT_SHARE: f64 = 1e-3;
+/// Number of successive readings that must show such a change.
+const OUTPUT_LOOKS: usize = 3;
+/// Number of force readings that detect a light touch, and least mean above zero, in sd.
+const LIGHT_READINGS: u32 = 20;
+const LIGHT_SIGMAS: f64 = 4.0;
+/// Least number of output readings in air, and largest number on the way from place to place. The largest number is that of a
+/// window.
+const OUTPUTS_IN_AIR: u32 = 10;
+pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
+/// Number of successive readings that must show a rise of the force before the rise stops a withdrawal.
+const RISE_READINGS: usize = 5;
+/// Longest wait for the reading in progress at the end of a withdrawal.
+const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
+
+/// Instruments in use, which carry out the commands of a press.
+pub(super) struct Hand<'a, S, C, A> {
+    pub stage: S,
+    pub cell: Gauge<'a, C>,
+    pub array: A,
+    pub frame: Frame,
+    pub usage: StageUse,
+    pub timing: Timing,
+    pub probe: Option<SceneProbe>,
+    /// Outputs in air; outputs are relative to them.
+    pub air: Vec<f64>,
+    /// Standard deviation of one reading of each output.
+    air_sigmas: Vec<f64>,
+    /// Outputs that are being read in air now.
+    pub outputs_in_air: OutputMeans,
+    /// Position of the indenter: specimen frame, read back.
+    pub place: Place,
+    pub z_mm: f64,
+    /// Place at which a stage with steps really stands, read back; the target of any other.
+    pub pressed: Place,
+    /// Claims on the links, so that nobody else drives the instruments during this time.
+    _claims: Claims,
+}
+
+/// Load cell with its watch, read no faster than it converts.
+pub(super) struct Gauge<'a, C> {
+    pub cell: C,
+    pub watch: Watch,
+    pub cancel: &'a Cancel,
+    /// Called for every force, to show it to a person.
+    pub shown: &'a dyn Fn(f64),
+    began: Instant,
+    next: Instant,
+    last: Option<Instant>,
+    /// Time at which the stage is at rest. No earlier force belongs to a stage at rest.
+    pub settled: Instant,
+    air: ForcesInAir,
+}
+
+/// Newest readings of the cell in air, collected as they arrive.
+#[derive(Debug, Default)]
+struct ForcesInAir {
+    /// Whether the current readings are readings in air.
+    open: bool,
+    /// Times of the readings, and the cell's readings, N.
+    readings: VecDeque<(Instant, f64)>,
+}
+
+impl<'a, C: LoadCell> Gauge<'a, C> {
+    pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
+        let now = Instant::now();
+        let air = ForcesInAir::default();
+        Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
+    }
+
+    /// Waits until the cell's next conversion is due.
+    pub async fn due(&mut self) -> Result<(), Halt> {
+        self.cancel.check()?;
+        let now = Instant::now();
+        if self.next > now {
+            sleep_until(self.next).await;
+        }
+        self.next = self.next.max(now) + self.cell.conversion();
+        Ok(())
+    }
+
+    /// Begins a press with a new conversion. The earlier readings no longer matter. The clock of the press starts here.
+    pub async fn begin(&mut self) {
+        sleep(self.cell.conversion()).await;
+        self.cell.afresh();
+        self.began = Instant::now();
+        self.next = self.began;
+    }
+
+    /// Reads before there is a zero: at least `least` readings and for at least `seconds`. The readings are sound, but no forces
+    /// yet.
+    pub async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
+        let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
+        let mut readings = Vec::with_capacity(count);
+        for _ in 0..count {
+            readings.push(self.sound_reading().await?);
+        }
+        Ok(readings)
+    }
+
+    /// Returns the next sound reading, which is no force yet.
+    pub async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
+        self.due().await?;
+        let reading = self.cell.read().await?;
+        check_sound(&reading)?;
+        Ok(reading)
+    }
+
+    /// Returns the next force, N from the zero. Every reading passes the trip rules.
+    pub async fn force_n(&mut self) -> Result<f64, Halt> {
+        self.due().await?;
+        let reading = self.cell.read().await?;
+        Ok(self.watched(&reading)?)
+    }
+
+    /// Returns a reading's force, N from the zero.
+    pub fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+        let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
+        self.take(reading, force_n);
+        Ok(force_n)
+    }
+
+    fn take(&mut self, reading: &ForceReading, force_n: f64) {
+        (self.shown)(force_n);
+        let now = Instant::now();
+        self.last = Some(now);
+        self.air.take(now, reading.force_n);
+    }
+
+    /// Returns the real cause of a broken rule: in air, noise that has grown breaks the other rules first.
+    pub fn in_air(&self, trip: Trip) -> Trip {
+        let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
+        let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
+        match trip.rule {
+            Rule::WrongSign | Rule::StillTouching if noisy => Trip::new(Rule::Noisy, sigma_n, most_n, "N"),
+            _ => trip,
+        }
+    }
+
+    /// Returns the real cause of a broken rule at rest, before the first touch. Noise that has grown looks like an early touch.
+    /// It also hides a real touch from the force while the outputs show it.
+    pub async fn at_first_touch(&mut self, trip: Trip) -> Trip {
+        if !matches!(trip.rule, Rule::SurfaceElsewhere | Rule::OutputsMoved) {
+            return trip;
+        }
+        let mut still = ForcesInAir { open: true, ..ForcesInAir::default() };
+        for _ in 0..LIGHT_READINGS {
+            let Ok(reading) = self.sound_reading().await else { return trip };
+            still.take(Instant::now(), reading.force_n);
+        }
+        let (sigma_n, most_n) = (still.sigma_n(), self.watch.zero().noise_most_n());
+        if sigma_n > most_n { Trip::new(Rule::Noisy, sigma_n, most_n, "N") } else { trip }
+    }
+
+    /// Time used by the parts of a press, s.
+    pub fn now_s(&self) -> f64 {
+        self.began.elapsed().as_secs_f64()
+    }
+
+    /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
+    /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
+    /// answer or gives no number doesn't stop the withdrawal.
+    pub async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
+        let most_n = self.watch.rise_most_n();
+        let none_n = self.watch.zero().offset_n;
+        let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
+        let mut risen = Ok(());
+        loop {
+            let reading = async {
+                sleep(self.cell.conversion()).await;
+                self.cell.read().await
+            };
+            tokio::pin!(reading);
+            let read = tokio::select! {
+                biased;
+                () = over.notified() => {
+                    // an exchange that is answered in time isn't dropped half-way
+                    let _ = timeout(LAST_READING_DEADLINE, reading).await;
+                    return risen;
+                }
+                read = &mut reading => read,
+            };
+            let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
+            last.rotate_left(1);
+            last[RISE_READINGS - 1] = read.force_n;
+            lowest_n = lowest_n.min(read.force_n);
+            // all of the last ones: a cell that spikes is no reason to stay
+            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
+            if risen.is_ok() && rise_n > most_n {
+                risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
+                reins.stop();
+            }
+        }
+    }
+
+    /// Whether readings count as air.
+    pub fn is_air_open(&self) -> bool {
+        self.air.open
+    }
+
+    /// Treats the readings from now on as air.
+    pub fn open_air(&mut self) {
+        self.air = ForcesInAir { open: true, ..ForcesInAir::default() };
+    }
+
+    /// Returns the newest readings in air, and reads more until there are enough; the stage must be at rest. Later readings are
+    /// no longer air.
+    pub async fn close_air(&mut self) -> Result<AirReadings, Halt> {
+        if !self.air.open {
+            self.open_air();
+        }
+        let least_s = self.watch.zero().mean_s(AIR_LEAST_S);
+        while self.air.count() < AIR_READINGS || self.air.span_s() < least_s {
+            self.due().await?;
+            let reading = self.cell.read().await?;
+            let force_n = self.watch.in_air_n(&reading)?;
+            self.take(&reading, force_n);
+        }
+        self.air.open = false;
+        let sigma_n = self.air.sigma_n();
+        let newest = self.air.readings.back().map_or(self.began, |(at, _)| *at);
+        let before = |at: Instant| -(newest - at).as_secs_f64();
+        let readings: Vec<(f64, f64)> = self.air.readings.iter().map(|&(at, n)| (before(at), n)).collect();
+        let mean = mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 0.0, "readings"))?;
+        Ok(AirReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
+    }
+
+    /// Age of the last good reading, s.
+    pub fn age_s(&self) -> f64 {
+        self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
+    }
+
+    /// Reads until the stage is at rest and the cell has followed.
+    pub async fn settle(&mut self) -> Result<(), Halt> {
+        while Instant::now() < self.settled {
+            self.force_n().await?;
+        }
+        Ok(())
+    }
+
+    /// Returns the mean of at least `readings` readings of a stage at rest, N from the zero.
+    pub async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
+        self.settle().await?;
+        let least_s = self.whole_s(f64::from(readings) * self.cell.conversion().as_secs_f64());
+        Ok(self.read_for(readings, least_s).await?.value)
+    }
+
+    /// Least duration of a mean, independent of its number of readings, s: complete periods of the hum; 0 if there is no hum.
+    pub fn whole_s(&self, least_s: f64) -> f64 {
+        let zero = self.watch.zero();
+        if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
+    }
+
+    /// Returns the mean of at least `readings` readings over at least `seconds` after the first reading. Its middle is in the
+    /// time of the press' clock.
+    pub async fn read_for(&mut self, readings: u32, seconds: f64) -> Result<Mean, Halt> {
+        let mut read: Vec<(f64, f64)> = Vec::new();
+        while read.len() < readings.max(1) as usize || self.now_s() - read[0].0 < seconds {
+            let force_n = self.force_n().await?;
+            read.push((self.now_s(), force_n));
+        }
+        Ok(mean_of(&read, self.watch.zero()).unwrap_or(Mean { value: f64::NAN, middle_s: self.now_s(), readings: 0 }))
+    }
+
+    /// Reads for this time, s.
+    pub async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
+        let until = Instant::now() + Duration::from_secs_f64(seconds);
+        while Instant::now() < until {
+            self.force_n().await?;
+        }
+        Ok(())
+    }
+}
+
+impl ForcesInAir {
+    fn count(&self) -> u32 {
+        self.readings.len() as u32
+    }
+
+    fn span_s(&self) -> f64 {
+        let ends = self.readings.front().zip(self.readings.back());
+        ends.map_or(0.0, |((first, _), (last, _))| (*last - *first).as_secs_f64())
+    }
+
+    /// Noise of one reading, from the differences of successive readings. An increasing force or a drifting zero isn't noise.
+    fn sigma_n(&self) -> f64 {
+        let following = self.readings.iter().skip(1);
+        let squares: f64 = self.readings.iter().zip(following).map(|((_, a), (_, b))| (b - a).powi(2)).sum();
+        (squares / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
+    }
+
+    fn take(&mut self, now: Instant, read_n: f64) {
+        if !self.open {
+            return;
+        }
+        let is_old = |&(at, _): &(Instant, f64)| (now - at).as_secs_f64() > AIR_S;
+        while self.readings.len() >= AIR_MAX
+            || (self.count() > AIR_READINGS && self.readings.front().is_some_and(is_old))
+        {
+            self.readings.pop_front();
+        }
+        self.readings.push_back((now, read_n));
+    }
+}
+
+impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
+    /// Creates prepared instruments with a measured zero; the axes are read back.
+    pub fn new(
+        instruments: Instruments<S, Gauge<'a, C>, A>,
+        frame: Frame,
+        usage: StageUse,
+        timing: Timing,
+        probe: Option<SceneProbe>,
+        claims: Claims,
+    ) -> Self {
+        let Instruments { stage, load_cell: cell, array } = instruments;
+        let (air, air_sigmas) = (vec![0.0; array.units()], Vec::new());
+        let (place, z_mm, outputs_in_air) = (Place::default(), 0.0, OutputMeans::default());
+        let pressed = place;
+        Hand {
+            stage,
+            cell,
+            array,
+            frame,
+            usage,
+            timing,
+            probe,
+            air,
+            air_sigmas,
+            outputs_in_air,
+            place,
+            z_mm,
+            pressed,
+            _claims: claims,
+        }
+    }
+
+    /// Treats the readings from now on as air.
+    pub fn open_air(&mut self) {
+        self.cell.open_air();
+        self.outputs_in_air = OutputMeans::default();
+    }
+
+    /// Returns the readings of cell and array in air, and reads more until there are enough; the stage must be at rest.
+    pub async fn close_air(&mut self) -> Result<Air, Halt> {
+        let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
+        let over = Notify::new();
+        let force = async {
+            let force = gauge.close_air().await;
+            if force.is_err() {
+                over.notify_one(); // the stage is stopped at once
+            }
+            force
+        };
+        let goes_on = |readings| readings < OUTPUTS_IN_AIR;
+        let outputs = means.take_while(array, &over, || true, goes_on, |_, _| Ok(()));
+        let (force, read) = tokio::join!(force, outputs);
+        let force = force?;
+        read?;
+        self.air_sigmas = means.sigmas();
+        Ok(Air { force, outputs: std::mem::take(means).means })
+    }
+
+    /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs in air. Before the first touch,
+    /// the outputs are a second witness. A cell that reads zero with plausible noise under any load shows nothing of a contact. A
+    /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch.
+    pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
+        let mut now = vec![0.0; self.array.units()];
+        let mut worst = (0.0, 0.0);
+        for _ in 0..OUTPUT_LOOKS {
+            self.array.read(&mut now).await?;
+            match moved_beyond(known, &now, &self.air_sigmas, array.range_v) {
+                Some(beyond) => worst = beyond,
+                None => {
+                    known.clone_from(&now);
+                    return Ok(());
+                }
+            }
+        }
+        let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
+        if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
+            return Ok(());
+        }
+        let moved = Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit);
+        Err(self.cell.at_first_touch(moved).await.into())
+    }
+
+    /// Makes forces and outputs relative to this air.
+    pub fn count_from(&mut self, air: &Air) {
+        self.cell.watch.count_from(&air.force);
+        self.air.clone_from(&air.outputs);
+    }
+}
+
+/// Returns the first output that changed by more than allowed, and its change. Returns `None` if no output changed.
+fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
+    // few readings know one output's noise badly: none counts as quieter than all together
+    let common = (sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / sigmas.len().max(1) as f64).sqrt();
+    let mut all = known.iter().zip(now).zip(sigmas).map(|((known, now), sigma)| {
+        let steps = range.map_or(OUTPUT_SHARE * known.abs(), |range| RANGE_SHARE * range);
+        ((now - known).abs(), OUTPUT_SIGMAS * sigma.max(common) + steps)
+    });
+    // asked for what must hold, so that a NaN is refused
+    all.find(|(moved, most)| !matches!(moved.partial_cmp(most), Some(Less | Equal)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_of_the_converter_and_noise_are_no_contact_and_what_is_no_number_is() {
+        let known = [0.5, -1.0, 1200.0];
+        let sigmas = [0.0, 0.0, 0.0];
+        assert_eq!(moved_beyond(&known, &[0.5 + 0.003, -1.0, 1200.0], &sigmas, Some(10.0)), None, "one step of 12 bit");
+        assert_eq!(moved_beyond(&known, &[0.5, -1.0, 1201.0], &sigmas, None), None, "one count");
+        assert!(moved_beyond(&known, &[0.5, -1.0, 1202.0], &sigmas, None).is_some());
+        assert!(moved_beyond(&known, &[0.53, -1.0, 1200.0], &sigmas, Some(10.0)).is_some());
+        assert_eq!(
+            moved_beyond(&known[..2], &[0.53, -1.0], &[0.001, 0.005], Some(10.0)),
+            None,
+            "within the noise of all"
+        );
+        assert!(moved_beyond(&known, &[f64::NAN, -1.0, 1200.0], &sigmas, Some(10.0)).is_some());
+    }
+}

@@ -1,0 +1,398 @@
+//! Homing of the stage before there is a zero: identify it, confirm the direction of z, home it, move z to the top. The cell is
+//! read all the time.
+
+use super::hand::{Gauge, Hand};
+use super::motion::{unless_it_rises, watched};
+use super::{Cancel, Halt};
+use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
+use palpate_control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
+use palpate_core::quantity::{Axis, seconds};
+use palpate_drivers::{AnyArray, AnyStage};
+use palpate_link::device::{
+    DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
+};
+use std::cell::Cell;
+use std::time::Duration;
+use tokio::time::{Instant, sleep, timeout};
+
+/// Least number of readings before anything moves, and least time for them, s.
+const STILL_READINGS: usize = 20;
+const STILL_S: f64 = 0.1;
+
+/// Number of the cell's readings that are timed before the stage moves.
+const TIMED: usize = 5;
+
+/// Assumed time of an exchange with the stage before any is timed, s. An ESP301 takes up to 80 ms.
+const STAGE_EXCHANGE_S: f64 = 0.1;
+
+/// Fraction of the force limit that homing into an obstacle may use up, because the indenter may already be in contact.
+const HOMING_SHARE: f64 = 0.5;
+
+/// Slowest search for home, mm/s. With a specimen too stiff to stop in time, a safe search would take hours.
+const HOMING_LEAST_MM_S: f64 = 0.5;
+
+/// Distance that z moves to show its direction to the operator, mm.
+const NUDGE_MM: f64 = 1.0;
+
+/// Reason why z isn't withdrawn by a stage that would search for home toward the specimen first.
+const NO_WITHDRAWAL: &str = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. \
+                             Bring z away from the specimen by hand";
+
+/// Longest wait for a stage that was stopped during homing, and for the stop to be sent again.
+const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
+
+/// Rig whose stage is home, with z at the top. If the stage or the load cell can't be used, nothing moves, because the force
+/// couldn't be read.
+pub(super) struct AtHome<'a, S, C, A> {
+    pub hand: Hand<'a, S, C, A>,
+    pub stage: Result<Identity, DeviceError>,
+    pub load_cell: Result<Identity, DeviceError>,
+}
+
+/// Identifies load cell and stage, brings the stage to rest, homes the axes that aren't homed (z first, away) and moves z to the
+/// top. The cell is read during the motions.
+pub(super) async fn at_home<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Result<AtHome<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    let mut hand = hand_of(rig, spec, cancel, shown);
+    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
+    let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
+    let stage = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await?;
+    let stage = match (stage, &reaction) {
+        (Ok(identity), Some(reaction)) => match hand.come_home(spec, &identity, reaction).await {
+            Ok(()) => Ok(identity),
+            Err(Unmoved::Stage(error)) => Err(error),
+            Err(Unmoved::Halted(halt)) => return Err(halt),
+        },
+        (stage, _) => stage,
+    };
+    Ok(AtHome { hand, stage, load_cell })
+}
+
+fn hand_of<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Hand<'a, AnyStage, AdjustedCell, AnyArray> {
+    let OpenRig { instruments, stage_use, probe, claims } = rig;
+    let Instruments { stage, load_cell, array } = instruments;
+    let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
+    let parts = Instruments { stage, load_cell: gauge, array };
+    Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims)
+}
+
+/// Moves z away from the specimen and does nothing else. The load cell is read if it answers. A stage that can't move before
+/// homing is homed.
+///
+/// # Errors
+/// The stage doesn't work, the direction of z isn't confirmed, or the force rises.
+pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Withdrawn, Halt> {
+    let mut hand = hand_of(spec.open(seed)?, spec, cancel, &|_| {});
+    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
+    let identity = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await??;
+    if let Some(which_way) = spec.which_way().filter(|way| !way.is_known(&identity, spec.frame.down)) {
+        which_way.announce(&identity, NUDGE_MM, HomeSearch::Away).map_err(Halt::Unconfirmed)?;
+    }
+    if spec.stage.home_side == HomeSide::Toward {
+        if !hand.stage.is_homed().await? {
+            return Err(Halt::Unconfirmed(NO_WITHDRAWAL.to_owned()));
+        }
+        hand.usage.home_search = HomeSearch::Never;
+    }
+    hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
+    if load_cell.is_ok() {
+        // a cell that doesn't answer any more holds up nothing
+        let _ = hand.set_home_speed(spec).await;
+        let _ = hand.watch_from_rest(spec).await;
+    }
+    let reading = Reading::IfItAnswers;
+    let z = spec.stage.travel.along(Axis::Z);
+    let by_hand = spec.stage.home == Home::ByHand;
+    // without switches nothing stops z at the end of its travel
+    let way_mm = if by_hand { spec.limits.depth_mm - spec.clear_mm() } else { z.max - z.min };
+    let mut nudges = 0;
+    while f64::from(nudges) * NUDGE_MM < way_mm && hand.nudge_away(reading).await? {
+        nudges += 1;
+    }
+    if nudges == 0 && !by_hand {
+        hand.home_all(reading).await?;
+        let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
+        hand.moves(reading, async |stage, usage, reins| {
+            let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
+            let at_mm = stage.position_mm(Axis::Z, reins).await?;
+            if (top_mm - at_mm) * usage.away > 0.0 {
+                stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, reins).await?;
+                stage.follow(&[Axis::Z], longest, reins).await?;
+            }
+            Ok(())
+        })
+        .await?;
+    }
+    let z_mm = hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
+    Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
+}
+
+/// Reason why the stage didn't move as ordered.
+enum Unmoved {
+    /// The stage reported an error.
+    Stage(DeviceError),
+    /// Anything else prevented it.
+    Halted(Halt),
+}
+
+impl From<Halt> for Unmoved {
+    fn from(halt: Halt) -> Self {
+        Unmoved::Halted(halt)
+    }
+}
+
+impl From<Unmoved> for Halt {
+    fn from(unmoved: Unmoved) -> Self {
+        match unmoved {
+            Unmoved::Stage(error) => error.into(),
+            Unmoved::Halted(halt) => halt,
+        }
+    }
+}
+
+/// Way in which the load cell is read while the stage moves.
+#[derive(Clone, Copy, Debug)]
+enum Reading {
+    /// Every reading passes the watch. A cell that falls silent stops the stage.
+    Watched,
+    /// A rise of the force stops the stage. A cell that doesn't answer doesn't stop it.
+    IfItAnswers,
+}
+
+/// Result of the withdrawal of z.
+#[derive(Clone, Debug)]
+pub struct Withdrawn {
+    /// Position of z in stage coordinates, mm.
+    pub z_mm: f64,
+    /// Reason why the load cell wasn't read on the way; `None` if it was read.
+    pub load_cell: Option<String>,
+}
+
+/// Returns the device's description of itself. If the operator requests a stop, it doesn't wait for a device that hangs, and
+/// sends no more questions.
+pub(super) async fn unless_stopped(
+    cancel: &Cancel,
+    identified: impl Future<Output = Result<Identity, DeviceError>>,
+) -> Result<Result<Identity, DeviceError>, Halt> {
+    tokio::select! {
+        biased;
+        identified = identified => Ok(identified),
+        () = cancel.wait() => Err(Halt::Cancelled),
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+    /// Times the load cell and sets the speed of the search for home. At this speed, a search that runs into the declared
+    /// specimen stops within the force limit.
+    async fn set_home_speed(&mut self, spec: &RigSpec) -> Result<Reaction, Halt> {
+        let mut load_cell_s = 0.0f64;
+        for _ in 0..TIMED {
+            let asked = Instant::now();
+            self.cell.cell.read().await?;
+            load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
+        }
+        let (conversion_s, lag_s) = (self.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
+        let reaction = Reaction { conversion_s, load_cell_s, stage_s: STAGE_EXCHANGE_S, lag_s };
+        let (limits, acceleration_mm_s2) = (&spec.limits, spec.stage.acceleration_mm_s2);
+        let room_n = HOMING_SHARE * limits.force_n - Watch::rise_n(limits, spec.air_n(), acceleration_mm_s2);
+        let safe_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, reaction.worst_s(), acceleration_mm_s2);
+        self.usage.home_speed_mm_s = safe_mm_s.max(HOMING_LEAST_MM_S).min(spec.stage.speed_mm_s);
+        Ok(reaction)
+    }
+
+    /// Homes the stage and moves z to the top.
+    async fn come_home(&mut self, spec: &RigSpec, identity: &Identity, reaction: &Reaction) -> Result<(), Unmoved> {
+        self.confirm_zero(spec, identity).await?;
+        self.confirm_clear(spec, identity).await?;
+        self.watch_from_rest(spec).await?;
+        self.confirm_away(spec, identity).await?;
+        // x and y are homed once nothing touches
+        let is_alone =
+            self.moves(Reading::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await?;
+        if is_alone {
+            self.come_to_the_top(spec, reaction).await?;
+        }
+        self.home_all(Reading::Watched).await?;
+        match is_alone {
+            true => self.find_itself().await?,
+            false => self.come_to_the_top(spec, reaction).await?,
+        }
+        Ok(())
+    }
+
+    async fn home_all(&mut self, reading: Reading) -> Result<(), Unmoved> {
+        self.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await
+    }
+
+    /// Moves z slightly away from the specimen. Returns whether z moved.
+    async fn nudge_away(&mut self, reading: Reading) -> Result<bool, Unmoved> {
+        self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
+    }
+
+    /// Starts the watch: from now on the force mustn't rise above its present value at rest.
+    async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        let still = self.at_rest().await?;
+        self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
+        Ok(())
+    }
+
+    /// Asks the operator to confirm the position of a stage without switches.
+    async fn confirm_zero(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        let Some(person) = spec.which_way().filter(|_| spec.stage.home == Home::ByHand) else { return Ok(()) };
+        let mut at_mm = [0.0; 3];
+        for axis in Axis::ALL {
+            let position = self.stage.position_mm(axis, &Reins::default()).await;
+            at_mm[axis.index()] = position.map_err(Unmoved::Stage)?;
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_zero(identity, at_mm, &|| cancel.asked());
+        cancel.check()?;
+        Ok(confirmed.map_err(Halt::Unconfirmed)?)
+    }
+
+    /// Asks the operator to confirm that z may search for home on the specimen's side. A stage that knows its home doesn't search.
+    async fn confirm_clear(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        if spec.stage.home_side == HomeSide::Away {
+            return Ok(());
+        }
+        self.usage.home_search = HomeSearch::Never;
+        let Some(person) = spec.which_way() else { return Ok(()) };
+        if self.stage.is_homed().await.map_err(Unmoved::Stage)? {
+            return Ok(());
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_clear(identity, &|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.usage.home_search = HomeSearch::Toward;
+        Ok(())
+    }
+
+    /// Asks the operator to put back what was in the way of a search for home. Only then is the air read.
+    async fn confirm_back(&mut self, spec: &RigSpec) -> Result<(), Halt> {
+        let Some(person) = spec.which_way().filter(|_| self.usage.home_search == HomeSearch::Toward) else {
+            return Ok(());
+        };
+        let cancel = self.cell.cancel;
+        let confirmed = person.confirm_back(&|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.watch_from_rest(spec).await
+    }
+
+    /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this
+    /// direction. No measurement in air shows the direction.
+    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+        let down = spec.frame.down;
+        let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
+        which_way.announce(identity, NUDGE_MM, self.usage.home_search).map_err(Halt::Unconfirmed)?;
+        self.cell.watch.pause();
+        if !self.nudge_away(Reading::Watched).await? {
+            // what can't move a little before it is homed is watched while it homes
+            self.home_all(Reading::Watched).await?;
+            if spec.stage.home_side == HomeSide::Toward {
+                self.find_itself().await?;
+                self.creep((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
+            }
+        }
+        let cancel = self.cell.cancel;
+        let confirmed = which_way.confirm(identity, down, &|| cancel.asked());
+        cancel.check()?;
+        confirmed.map_err(Halt::Unconfirmed)?;
+        self.cell.watch.pause();
+        Ok(())
+    }
+
+    /// Moves the stage while the cell is read. Some time after the operator's stop request it leaves the stage alone, in any
+    /// state.
+    async fn moves<T>(
+        &mut self,
+        reading: Reading,
+        motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
+    ) -> Result<T, Unmoved> {
+        let (reins, cancel) = (Reins::default(), self.cell.cancel);
+        let told_to_stop = async {
+            cancel.wait().await;
+            reins.stop();
+            sleep(STOPPED_DEADLINE).await;
+        };
+        let Hand { stage, cell, usage, .. } = self;
+        let due = Cell::new(None); // how long it takes isn't known
+        let motion = async { Ok(motion(stage, usage, &reins).await) };
+        let motion = async {
+            match reading {
+                Reading::Watched => watched(cell, motion, &reins, &due, |_, _| Steer::On).await,
+                Reading::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
+            }
+        };
+        let moved = tokio::select! {
+            biased;
+            moved = motion => Some(moved),
+            () = told_to_stop => None,
+        };
+        match moved {
+            Some(moved) => {
+                cancel.check()?;
+                moved?.map_err(Unmoved::Stage)
+            }
+            None => {
+                // it may not yet follow the reins; the outcome of this one can't be known any more
+                let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
+                Err(Halt::Cancelled.into())
+            }
+        }
+    }
+
+    /// Moves z to the top if z is deeper, and checks that the cell is in air there. Its reading must stay the same slightly
+    /// farther away, or slightly nearer if z can't go farther.
+    async fn come_to_the_top(&mut self, spec: &RigSpec, reaction: &Reaction) -> Result<(), Halt> {
+        self.find_itself().await?;
+        let top_mm = spec.top_mm();
+        if self.z_mm > top_mm {
+            // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
+            self.creep(top_mm).await?;
+        }
+        self.confirm_back(spec).await?;
+        let (here, taken) = (self.at_rest().await?, Instant::now());
+        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &here);
+        let permit = permit.on(spec.stage.steps);
+        let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
+        let toward = |from_mm, to_mm| {
+            let sigma_n = here.offset_sigma_n;
+            let standing = Standing { z_mm: from_mm, force_n: 0.0, sigma_n, age_s: 0.0, first_mm: from_mm };
+            permit.advance(&standing, to_mm, speed_mm_s)
+        };
+        let is_farther = from_mm - way_mm >= spec.end_mm();
+        let there = match is_farther {
+            true => permit.withdraw(from_mm, from_mm - way_mm, speed_mm_s)?,
+            false => toward(from_mm, from_mm + way_mm)?,
+        };
+        self.cell.watch.pause();
+        self.move_z(there, None).await?;
+        self.cell.settle().await?;
+        let there = self.at_rest().await?;
+        let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
+        permit.air_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
+        let back = match is_farther {
+            true => toward(self.z_mm, from_mm)?,
+            false => permit.withdraw(self.z_mm, from_mm, speed_mm_s)?,
+        };
+        self.cell.watch.pause();
+        self.move_z(back, None).await
+    }
+
+    /// Returns the cell's reading while the stage is at rest.
+    async fn at_rest(&mut self) -> Result<Zero, Halt> {
+        let readings = self.cell.sound_readings(STILL_READINGS, STILL_S).await?;
+        Ok(Zero::of(&readings, self.cell.cell.conversion().as_secs_f64()))
+    }
+}

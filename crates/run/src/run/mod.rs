@@ -1,0 +1,75 @@
+//! Executes a plan on a rig: prepares the instruments, makes each press, records it, and always parks the stage.
+//!
+//! [`palpate_control`] decides; this module carries out the decisions. It prints nothing, but informs a [`Listener`] of all
+//! events.
+
+mod again;
+mod align;
+mod cancel;
+mod check_weight;
+mod clock;
+mod estimate;
+mod examine;
+mod hand;
+mod home;
+mod motion;
+mod pace;
+mod past;
+mod press;
+mod ready;
+mod shift;
+mod walk;
+mod window;
+
+pub use align::{AlignError, Alignment, align, plan as align_plan};
+pub use cancel::Cancel;
+pub use check_weight::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged};
+pub use estimate::{estimated_s, first_descent};
+pub use examine::{CellInAir, Examination, examine};
+pub use home::{Withdrawn, withdraw};
+pub use pace::keep_pace;
+pub use ready::NOISE_SHARE;
+pub use walk::{Ending, Listener, Walk, walk, walk_on};
+
+use palpate_control::{Rule, Trip};
+use palpate_data::dataset::DatasetError;
+use palpate_link::device::{DeviceError, DeviceProblem};
+
+/// Reason why a run ended before its plan did.
+#[derive(Debug)]
+pub enum Halt {
+    /// A person requested the stop.
+    Cancelled,
+    /// A safety rule was broken.
+    Tripped(Trip),
+    /// A device failed.
+    Device(DeviceError),
+    /// The record couldn't be written.
+    Record(DatasetError),
+    /// No reading has confirmed that z moves away from the specimen when it is commanded to.
+    Unconfirmed(String),
+}
+
+impl From<Trip> for Halt {
+    fn from(trip: Trip) -> Self {
+        Halt::Tripped(trip)
+    }
+}
+
+impl From<DeviceError> for Halt {
+    fn from(error: DeviceError) -> Self {
+        match error.problem {
+            DeviceProblem::Guarded { limit_n } => Trip::new(Rule::Guarded, limit_n, limit_n, "N").into(),
+            _ => Halt::Device(error),
+        }
+    }
+}
+
+impl From<DatasetError> for Halt {
+    fn from(error: DatasetError) -> Self {
+        Halt::Record(error)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,475 @@
+//! Motions during which the force is read.
+
+use super::Halt;
+use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
+use super::window::OutputMeans;
+use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
+use palpate_core::quantity::{Axis, Place, Range, seconds};
+use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
+use std::cell::Cell;
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep, sleep_until, timeout};
+
+/// Largest distance from the target, mm, without an error, that a stage with coarser steps than stated explains. At a larger
+/// distance something blocks the axis.
+const COARSE_MM: f64 = 0.05;
+
+/// Number of readings averaged before x and y move from rest. Nothing moves sideways in contact.
+const SIDEWAYS_READINGS: u32 = 2;
+
+/// Longest time without an answer after a motion should have ended, s.
+const SILENT_S: f64 = 0.5;
+
+/// Number of conversions after which a cell has shown a contact that ended. Two conversions make a force, and one was in
+/// progress.
+const CONVERSIONS_HEARD: f64 = 4.0;
+
+/// Interval between looks at z during the withdrawal from a contact.
+const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
+/// triggers once. A third attempt costs only seconds.
+const WITHDRAW_TRIES: usize = 3;
+
+/// Axes that move the indenter from place to place.
+const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
+
+/// Motion that has ended.
+struct Driven {
+    /// Positions of the axes, in the given order.
+    places_mm: Vec<f64>,
+    stopped: bool,
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+    /// Moves along z to a permitted end. The force is read meanwhile and passed to the press, which may change the speed or stop
+    /// the motion.
+    pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
+        let target_mm = self.stage_z_mm(granted.z_mm());
+        let from_mm = self.stage_z_mm(self.z_mm);
+        let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
+        let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await?;
+        if driven.stopped {
+            // it still comes to rest after its controller says so
+            self.cell.settle().await?;
+            self.watch_z().await?;
+        } else {
+            self.arrived_z(driven.places_mm.first().copied(), target_mm).await?;
+        }
+        let at_mm = self.stage_z_mm(self.z_mm);
+        let way = Range { min: from_mm.min(target_mm), max: from_mm.max(target_mm) };
+        let way = way.widened(self.usage.steps.in_position_mm(Axis::Z));
+        if !way.contains(at_mm) {
+            let told = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
+            return Err(lost(DeviceProblem::Motion(told)));
+        }
+        Ok(())
+    }
+
+    /// Withdraws from a contact for good, and continues sideways as soon as the z that was read back is clear. Later readings are
+    /// in air. `first_mm` is the earliest z at which contact is possible, here and at the next place.
+    pub async fn depart(
+        &mut self,
+        granted: Permitted,
+        next: Place,
+        permit: &Permit,
+        first_mm: f64,
+    ) -> Result<(), Halt> {
+        if next == self.place {
+            self.move_z(granted, None).await?;
+            self.cell.settle().await?;
+            self.open_air();
+            return Ok(());
+        }
+        let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
+        let there = frame.to_stage(next, granted.z_mm());
+        let sideways = SIDEWAYS.map(|axis| (axis, there.along(axis)));
+        let withdrawal =
+            MotionProfile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
+        let clears_s = withdrawal.reaches_s(self.z_mm - permit.clear_mm(first_mm));
+        let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
+        let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
+        let due_after = seconds(withdrawal.duration_s() + travel_s);
+        let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
+        let touch_n = permit.detect_n();
+        // a slow cell still shows the contact when z has long left it
+        let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
+        let ends_after = seconds(withdrawal.duration_s() + heard_s);
+        let stage = &mut self.stage;
+        let motion = async {
+            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &reins).await?;
+            let begun = Instant::now();
+            due.set(Some(begun + due_after));
+            tokio::select! {
+                biased;
+                () = reins.pulled().notified() => {}
+                () = sleep_until(begun + seconds(clears_s)) => {}
+            }
+            let mut refused = None;
+            while !reins.stopped() {
+                let has_ended = begun.elapsed() > ends_after;
+                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z, &reins).await?);
+                match permit.sideways(z_mm, first_mm, force_n.get()) {
+                    Ok(leave) if !reins.stopped() => {
+                        clear.set(true);
+                        begin_sideways(stage, leave, &sideways, speed_mm_s, &reins).await?;
+                        due.set(Some(Instant::now() + seconds(travel_s)));
+                        refused = None;
+                        break;
+                    }
+                    Ok(_) => {}
+                    Err(trip) => refused = Some(trip),
+                }
+                if has_ended {
+                    break;
+                }
+                sleep(LOOK_EVERY).await;
+            }
+            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
+            Ok((places_mm, refused))
+        };
+        self.outputs_in_air = OutputMeans::default();
+        let motion = async {
+            let moved = motion.await;
+            due.set(None); // what is still awaited is the array
+            moved
+        };
+        let motion = with_outputs(motion, &clear, &mut self.array, &mut self.outputs_in_air);
+        let steer = |gauge: &mut Gauge<'_, C>, now_n: f64| {
+            // two readings make a force: a lone outlier sends nothing sideways
+            let mean_n = gauge.watch.mean_n().unwrap_or(now_n);
+            force_n.set(mean_n);
+            if clear.get() && !gauge.is_air_open() {
+                gauge.open_air();
+            }
+            if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
+        };
+        let (places_mm, refused) = watched(&mut self.cell, motion, &reins, &due, steer).await?;
+        if let Some(trip) = refused {
+            return Err(trip.into());
+        }
+        if reins.stopped() {
+            return Err(self.touched_on_the_way(touch_n));
+        }
+        self.arrived_at(next, sideways, &places_mm).await?;
+        self.arrived_z(places_mm.last().copied(), target_mm).await
+    }
+
+    /// Moves x and y from rest in the clear.
+    pub async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
+        if place == self.place {
+            return Ok(());
+        }
+        self.cell.watch.pause();
+        let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
+        let Sideways { .. } = permit.sideways(self.z_mm, first_mm, force_n)?;
+        self.open_air();
+        let target = self.frame.to_stage(place, self.z_mm);
+        let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
+        let touch_n = permit.detect_n();
+        let steer = |force_n: f64, _| if force_n.abs() >= touch_n { Steer::Stop } else { Steer::On };
+        let driven = self.drive(&targets, self.usage.speed_mm_s, way_mm(self.place, place), steer).await?;
+        if driven.stopped {
+            return Err(self.touched_on_the_way(touch_n));
+        }
+        self.arrived_at(place, targets, &driven.places_mm).await
+    }
+
+    /// Moves z slowly away from the specimen to a position; every force is checked.
+    pub async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
+        self.cell.watch.pause();
+        let speed_mm_s = self.usage.home_speed_mm_s;
+        let driven = self.drive(&[(Axis::Z, target_mm)], speed_mm_s, target_mm - from_mm, |_, _| Steer::On).await?;
+        self.arrived_z(driven.places_mm.first().copied(), target_mm).await
+    }
+
+    /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
+    /// A force that rises during the motion stops the stage.
+    async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.read_back_z().await?;
+        if self.z_mm <= z_mm {
+            return Ok(());
+        }
+        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
+        let speed_mm_s = self.usage.speed_mm_s;
+        let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
+        let reins = Reins::default();
+        let Hand { stage, cell, .. } = self;
+        let motion = async {
+            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
+            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await?)
+        };
+        let places_mm = unless_it_rises(cell, motion, &reins).await?;
+        sleep(seconds(self.timing.settle_s)).await;
+        self.arrived_z(places_mm.first().copied(), target_mm).await
+    }
+
+    /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
+    /// start, because an earlier program may have left the axes in contact.
+    pub async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let mut withdrawn = Ok(());
+        for _ in 0..WITHDRAW_TRIES {
+            withdrawn = self.stop_and_retreat(z_mm).await;
+            // what rose once is not tried again
+            if matches!(withdrawn, Ok(()) | Err(Halt::Tripped(_))) {
+                break;
+            }
+        }
+        withdrawn
+    }
+
+    /// Stops the stage and withdraws z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
+    /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
+    async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.stage.stop().await?;
+        // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        let _ = self.stage.guard(None).await;
+        self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.retreat(z_mm).await
+    }
+
+    /// Reads back x, y and z at any position of the axes.
+    pub async fn find_itself(&mut self) -> Result<(), Halt> {
+        let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
+        let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;
+        self.place = self.frame.place_from_stage(x_mm, y_mm);
+        self.pressed = self.place;
+        self.read_back_z().await
+    }
+
+    /// Moves axes toward targets until they are at rest. Every force is watched and passed to `steer`.
+    async fn drive(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        way_mm: f64,
+        mut steer: impl FnMut(f64, f64) -> Steer,
+    ) -> Result<Driven, Halt> {
+        let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
+        let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
+        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now() + expected)));
+        let ends = Cell::new(None);
+        let stage = &mut self.stage;
+        let motion = async {
+            stage.begin(targets, speed_mm_s, &reins).await?;
+            ends.set(Some(Instant::now() + expected));
+            Ok(stage.follow(&axes, expected, &reins).await?)
+        };
+        let steered = |gauge: &mut Gauge<'_, C>, force_n: f64| steer(force_n, gauge.now_s());
+        let places_mm = watched(&mut self.cell, motion, &reins, &due, steered).await?;
+        let stopped = reins.stopped();
+        // a motion that ran its way ended when its profile did, however late that was heard
+        let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
+        self.cell.settled = ended + seconds(self.timing.settle_s);
+        Ok(Driven { places_mm, stopped })
+    }
+
+    /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.
+    fn touched_on_the_way(&self, touch_n: f64) -> Halt {
+        self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into()
+    }
+
+    /// Checks that x and y are at their targets.
+    async fn arrived_at(&mut self, place: Place, targets: [(Axis, f64); 2], at_mm: &[f64]) -> Result<(), Halt> {
+        for ((axis, target_mm), at_mm) in targets.into_iter().zip(at_mm) {
+            self.check_arrival(axis, *at_mm, target_mm).await?;
+        }
+        self.place = place;
+        self.pressed = match *at_mm {
+            [x_mm, y_mm, ..] if !self.usage.steps.is_fine() => self.frame.place_from_stage(x_mm, y_mm),
+            _ => place,
+        };
+        Ok(())
+    }
+
+    /// Checks that z is at its target. The read-back may still be short by the stage's settling distance, so it only counts where a
+    /// stage with steps can't go to its target.
+    async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
+        let at_mm = at_mm.unwrap_or(f64::NAN);
+        self.check_arrival(Axis::Z, at_mm, target_mm).await?;
+        let has_steps = self.usage.steps.along(Axis::Z) > 0.0;
+        self.z_mm = self.frame.z_from_stage(if has_steps { at_mm } else { target_mm });
+        Ok(())
+    }
+
+    /// Reads z back in contact while the force is read.
+    async fn watch_z(&mut self) -> Result<(), Halt> {
+        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
+        let stage = &mut self.stage;
+        let look = async { Ok(stage.position_mm(Axis::Z, &reins).await?) };
+        let at_mm = watched(&mut self.cell, look, &reins, &due, |_, _| Steer::On).await?;
+        self.z_mm = self.frame.z_from_stage(at_mm);
+        Ok(())
+    }
+
+    async fn read_back_z(&mut self) -> Result<(), Halt> {
+        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z, &Reins::default()).await?);
+        Ok(())
+    }
+
+    /// Checks that an axis arrived. A controller that refused a motion is detected here, and its error queue states the reason.
+    async fn check_arrival(&mut self, axis: Axis, position_mm: f64, target_mm: f64) -> Result<(), Halt> {
+        let most_mm = self.usage.steps.in_position_mm(axis);
+        if (position_mm - target_mm).abs() <= most_mm {
+            return Ok(());
+        }
+        Err(lost(missed(axis, (position_mm, target_mm, most_mm), &self.stage.complaints().await?)))
+    }
+
+    fn stage_z_mm(&self, z_mm: f64) -> f64 {
+        self.frame.to_stage(self.place, z_mm).z_mm
+    }
+}
+
+/// Runs a motion to its end while every force is watched. Both always run to their end, so that no exchange is dropped half-way.
+/// A motion that isn't reported done long after its due time trips.
+pub(super) async fn watched<C: LoadCell, T>(
+    gauge: &mut Gauge<'_, C>,
+    motion: impl Future<Output = Result<T, Halt>>,
+    reins: &Reins,
+    due: &Cell<Option<Instant>>,
+    mut steer: impl FnMut(&mut Gauge<'_, C>, f64) -> Steer,
+) -> Result<T, Halt> {
+    let ended = Cell::new(false);
+    let motion = async {
+        let moved = motion.await;
+        ended.set(true);
+        moved
+    };
+    let watch = async {
+        while !ended.get() {
+            let heard = {
+                let silent_after = seconds(STALE_S) + gauge.cell.conversion();
+                let heard = gauge.force_n();
+                tokio::pin!(heard);
+                match timeout(silent_after, &mut heard).await {
+                    Ok(heard) => heard,
+                    Err(_) => {
+                        reins.stop(); // nothing moves unwatched
+                        heard.await
+                    }
+                }
+            };
+            let force_n = match heard {
+                Ok(force_n) => force_n,
+                Err(halt) => {
+                    reins.stop();
+                    return Err(halt);
+                }
+            };
+            match steer(gauge, force_n) {
+                Steer::On => {}
+                Steer::Stop => reins.stop(),
+                Steer::Speed(mm_s) => {
+                    due.set(None); // slower than it was reckoned
+                    reins.speed(mm_s);
+                }
+            }
+            let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
+            if silent_s > SILENT_S {
+                reins.stop();
+                return Err(Trip::new(Rule::StageSilent, silent_s, SILENT_S, "s").into());
+            }
+        }
+        Ok(())
+    };
+    let (moved, watched) = tokio::join!(motion, watch);
+    watched?;
+    moved
+}
+
+/// Runs a motion away from the specimen until it ends or the force rises. A cell that doesn't answer doesn't delay the motion.
+pub(super) async fn unless_it_rises<C: LoadCell, T>(
+    gauge: &mut Gauge<'_, C>,
+    motion: impl Future<Output = Result<T, Halt>>,
+    reins: &Reins,
+) -> Result<T, Halt> {
+    let over = Notify::new();
+    let motion = async {
+        let moved = motion.await;
+        over.notify_one();
+        moved
+    };
+    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
+    risen?;
+    moved
+}
+
+/// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen.
+async fn with_outputs<A: SensorArray, T>(
+    motion: impl Future<Output = Result<T, Halt>>,
+    clear: &Cell<bool>,
+    array: &mut A,
+    means: &mut OutputMeans,
+) -> Result<T, Halt> {
+    let over = Notify::new();
+    let motion = async {
+        let moved = motion.await;
+        over.notify_one();
+        moved
+    };
+    let goes_on = |readings| readings < OUTPUTS_ON_THE_WAY;
+    let outputs = means.take_while(array, &over, || clear.get(), goes_on, |_, _| Ok(()));
+    let (moved, read) = tokio::join!(motion, outputs);
+    let moved = moved?;
+    read.map(|()| moved)
+}
+
+/// Starts a motion of x and y. Consumes the permission.
+async fn begin_sideways<S: Stage>(
+    stage: &mut S,
+    _leave: Sideways,
+    targets: &[(Axis, f64)],
+    speed_mm_s: f64,
+    reins: &Reins,
+) -> Result<(), DeviceError> {
+    stage.begin(targets, speed_mm_s, reins).await
+}
+
+/// Longer of the distances in x and y, mm.
+fn way_mm(from: Place, to: Place) -> f64 {
+    (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
+}
+
+/// Returns why an axis isn't at its target within this distance. A small distance without an error indicates a coarse stage.
+fn missed(axis: Axis, (position_mm, target_mm, most_mm): (f64, f64, f64), complaints: &[String]) -> DeviceProblem {
+    let (off_mm, name) = ((position_mm - target_mm).abs(), axis.name());
+    let told = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");
+    match complaints {
+        [] if off_mm <= COARSE_MM => DeviceProblem::Coarse(format!(
+            "{told}, {off_mm:.4} mm off without an error: the stage's steps are coarser than the {most_mm} mm that count as in \
+             position"
+        )),
+        [] => DeviceProblem::Motion(format!("{told}; it reports no error")),
+        _ => DeviceProblem::Motion(format!("{told}; {}", complaints.join("; "))),
+    }
+}
+
+fn lost(problem: DeviceProblem) -> Halt {
+    let doing = "checking where a motion ended".to_owned();
+    DeviceError { device: "stage".to_owned(), doing, problem }.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coarse_stage_is_told_from_one_that_is_blocked() {
+        let coarse = missed(Axis::X, (1.02, 1.0125, 0.003), &[]);
+        assert_eq!(
+            coarse.to_string(),
+            "x was commanded to 1.0125 mm but is at 1.0200 mm, 0.0075 mm off without an error: the stage's steps are coarser \
+             than the 0.003 mm that count as in position"
+        );
+        assert!(matches!(coarse, DeviceProblem::Coarse(_)));
+        assert!(
+            matches!(missed(Axis::X, (1.5, 1.0, 0.003), &[]), DeviceProblem::Motion(_)),
+            "half a millimetre is no resolution"
+        );
+        let refused = missed(Axis::X, (1.02, 1.0125, 0.003), &["following error".to_owned()]);
+        assert!(matches!(refused, DeviceProblem::Motion(_)) && refused.to_string().ends_with("; following error"));
+    }
+}

@@ -1,0 +1,221 @@
+//! Information from a record about the presses so far.
+
+use super::shift::Felt;
+use super::walk::Standby;
+use palpate_control::{Lesson, Map};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Contact, DatasetError, Ledger, Left, Record};
+use palpate_data::recipe::Plan;
+use palpate_link::device::{DeviceError, DeviceProblem, Identity};
+
+/// Largest number of places that are remembered for another touch.
+const KNOWN_MAX: usize = 4096;
+
+/// Knowledge of a continued run from its own records: everything except the rig that a press depends on.
+pub(super) struct Past {
+    /// Knowledge from the presses so far.
+    pub map: Map,
+    /// Load cell reading in air when the run began, N; `None` before the first zero.
+    pub first_zero_n: Option<f64>,
+    /// Time that has passed in the run, s.
+    pub elapsed_s: f64,
+    /// Last completed entry, and the state after it.
+    pub last: Option<(u64, Option<Standby>)>,
+    /// Identities that the devices reported.
+    pub devices: Vec<Identity>,
+    /// Places that were touched.
+    known: Vec<TouchedPlace>,
+}
+
+/// Place that was touched.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct TouchedPlace {
+    pub place: Place,
+    /// Position where contact began, mm into the specimen.
+    pub z_mm: f64,
+    /// The largest force on the way from the touch to the first level, N.
+    pub force_n: f64,
+    /// Number of its press in the plan.
+    pub press: u64,
+    /// What the array felt at the first level under force, and that level's requested force, N.
+    pub felt: Option<(Felt, f64)>,
+}
+
+impl Past {
+    /// Reads the content of a ledger. By the frame, the surface is within `uncertainty_mm` of z = 0.
+    pub fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
+        let mut past = Past {
+            map: Map::new(uncertainty_mm),
+            first_zero_n: None,
+            elapsed_s: 0.0,
+            last: None,
+            devices: Vec::new(),
+            known: Vec::new(),
+        };
+        ledger.recall(&mut |record| past.take_in(record))?;
+        Ok(past)
+    }
+
+    /// Checks that the devices are the devices of the run's start.
+    pub fn check_devices(&self, devices: &[Identity]) -> Result<(), DeviceError> {
+        let differing = |before: &&Identity| {
+            devices
+                .iter()
+                .find(|now| now.role == before.role && now.identity != before.identity)
+                .map(|now| (before.identity.clone(), now))
+        };
+        match self.devices.iter().find_map(|before| differing(&before)) {
+            None => Ok(()),
+            Some((before, now)) => Err(DeviceError {
+                device: now.role.clone(),
+                doing: "identifying it, to continue the run".to_owned(),
+                problem: DeviceProblem::Mismatch(format!(
+                    "it was \"{before}\" and is now \"{}\": connect the original device, or start a new run",
+                    now.identity
+                )),
+            }),
+        }
+    }
+
+    fn take_in(&mut self, record: &Record) {
+        self.elapsed_s = record.t_s().map_or(self.elapsed_s, |t_s| self.elapsed_s.max(t_s));
+        match record {
+            Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
+            Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Contact(contact) => {
+                let air = Some(contact.air_after.clone());
+                let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
+                self.last = Some((contact.press, standby));
+                contact.lesson.iter().for_each(|lesson| self.learn(lesson, contact));
+            }
+            _ => {}
+        }
+    }
+
+    fn learn(&mut self, lesson: &Lesson, contact: &Contact) {
+        self.map.learn(lesson);
+        if let Lesson::Touch { place, z_mm, path } = lesson
+            && let Some((_, force_n)) = path.last()
+            && *force_n > 0.0
+            && self.known.len() < KNOWN_MAX
+        {
+            self.known.push(TouchedPlace {
+                place: *place,
+                z_mm: *z_mm,
+                force_n: *force_n,
+                press: contact.press,
+                felt: felt(contact, *place),
+            });
+        }
+    }
+
+    /// Returns what the array felt at each place that was touched.
+    pub fn felt(&self) -> Vec<Felt> {
+        self.known.iter().filter_map(|known| Some(known.felt.as_ref()?.0.clone())).collect()
+    }
+
+    /// Returns three places of the plan that were touched, or all of them if there are fewer. The places are as far from one
+    /// another as possible. A surface that has sunk, risen or tilted shows at one of these places.
+    pub fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
+        let planned = |known: &&TouchedPlace| plan.entries.iter().any(|entry| entry.place == known.place);
+        let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).cloned().into_iter().collect();
+        while chosen.len() < 3 {
+            let apart_mm = |known: &TouchedPlace| {
+                chosen.iter().map(|other| other.place.distance_mm(known.place)).fold(f64::INFINITY, f64::min)
+            };
+            let farthest = self.known.iter().filter(planned).max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
+            match farthest.filter(|known| apart_mm(known) > 0.0) {
+                Some(known) => chosen.push(known.clone()),
+                None => break,
+            }
+        }
+        chosen
+    }
+}
+
+/// Returns what the array felt at the first level of a contact under force, and that level's requested force, N.
+fn felt(contact: &Contact, place: Place) -> Option<(Felt, f64)> {
+    contact.levels.iter().find_map(|level| {
+        let (force_set_n, force_n) = (level.force_set_n?, level.force_n?);
+        let felt = Felt::new(place, &level.outputs, &contact.air_before.outputs, force_n);
+        (force_set_n > 0.0 && force_n > 0.0).then_some((felt, force_set_n))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_control::{Strategy, Task};
+    use palpate_data::dataset::Memory;
+    use palpate_data::recipe::{Entry, Phase};
+
+    fn contact(press: u64, lesson: Lesson) -> Record {
+        let left = Some(Left { z_mm: -0.2 - press as f64 });
+        Record::Contact(Contact { press, lesson: Some(lesson), left, ..Contact::default() })
+    }
+
+    /// A plan of presses at these places.
+    fn plan(places: &[(f64, f64)]) -> Plan {
+        let entry = |(press, &(x_mm, y_mm)): (u64, &(f64, f64))| Entry {
+            press,
+            phase: Phase::Test,
+            place: Place::new(x_mm, y_mm),
+            task: Task {
+                levels: Task::press(1.0),
+                force_tolerance_n: 0.05,
+                hold_s: 0.0,
+                sample_s: 0.1,
+                strategy: Strategy::Guarded,
+                sample_after_s: None,
+            },
+            rest_after_s: 0.0,
+        };
+        Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect() }
+    }
+
+    fn touch(x_mm: f64, y_mm: f64) -> Lesson {
+        Lesson::Touch { place: Place::new(x_mm, y_mm), z_mm: 0.02, path: vec![(0.1, 0.1), (0.5, 0.7)] }
+    }
+
+    #[test]
+    fn what_is_recalled_is_what_the_records_say_in_their_order() {
+        let mut memory = Memory::default();
+        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, hum: None, outputs: vec![] };
+        let shot = Lesson::Shot { place: Place::new(5.0, 5.0), z_mm: 0.4, force_n: 0.5, expected_n: 0.5, faded: 0.0 };
+        let lessons = [touch(0.0, 0.0), touch(0.1, 0.0), shot, touch(6.0, 0.0), touch(0.0, 6.0)];
+        let contacts = (0..).zip(lessons.clone()).map(|(press, lesson)| contact(press, lesson));
+        for record in [zero(1.0, 0.25)].into_iter().chain(contacts).chain([zero(9.0, 0.3)]) {
+            memory.record(&record).unwrap();
+        }
+        let past = Past::of(&memory, 0.3).unwrap();
+        let mut map = Map::new(0.3);
+        lessons.iter().for_each(|lesson| map.learn(lesson));
+        assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
+        assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
+        assert_eq!(
+            past.last.as_ref().and_then(|(_, standby)| standby.as_ref()).map(|standby| standby.z_mm),
+            Some(-4.2),
+            "the last contact's"
+        );
+        let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
+        let landmarks: Vec<Place> = past.landmarks(&plan).iter().map(|known| known.place).collect();
+        assert_eq!(
+            landmarks,
+            [Place::new(0.0, 0.0), Place::new(0.0, 6.0), Place::new(6.0, 0.0)],
+            "touched, and far apart"
+        );
+        assert_eq!(past.landmarks(&plan)[0].force_n, 0.7);
+    }
+
+    #[test]
+    fn where_less_was_touched_less_is_touched_again() {
+        let mut memory = Memory::default();
+        let plan = plan(&[(1.0, 1.0)]);
+        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks(&plan), []);
+        memory.record(&contact(0, touch(1.0, 1.0))).unwrap();
+        memory.record(&contact(1, touch(1.0, 1.0))).unwrap();
+        memory.record(&contact(2, touch(999.0, 1.0))).unwrap();
+        let landmarks = Past::of(&memory, 0.3).unwrap().landmarks(&plan);
+        assert_eq!(landmarks.len(), 1, "one place is one, and one that no plan names is none");
+    }
+}

@@ -1,0 +1,319 @@
+//! Execution of one press.
+
+use super::Halt;
+use super::shift::Felt;
+use super::walk::Walker;
+use super::window::Window;
+use palpate_control::{
+    Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Permit, Softest, Strategy, Task,
+};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{self, Air, Contact, Flag, Left, PressTruth};
+use palpate_data::recipe::Entry;
+use palpate_link::device::{LoadCell, SensorArray, Stage};
+use tokio::time::Instant;
+
+/// Clearance above the learned surface at which the indenter travels from place to place, mm.
+pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
+
+/// Margin of the controller's guard for noise, in sd of one reading. The guard checks each reading separately, thousands in each
+/// press.
+const GUARD_SIGMAS: f64 = 8.0;
+
+/// Least decrease of the air reading after a press, N, and margin in sd of a mean, that indicates a cell that sticks to the
+/// specimen. The third constant is the additional distance at which the cell is read again, mm.
+const STICKS_N: f64 = 0.010;
+const STICKS_SIGMAS: f64 = 5.0;
+const FARTHER_MM: f64 = 0.5;
+
+/// Largest age of the air reading while the first descent continues, s. In this time the zero of a cell that drifts by 30 mN/min
+/// moves by 0.5 mN.
+const AIR_FRESH_S: f64 = 1.0;
+
+/// Contact that has ended.
+pub(super) struct Pressed {
+    levels: Vec<Held>,
+    air: Air,
+    /// Time of that air by the press' clock, s.
+    air_s: f64,
+    pub touched_mm: Option<f64>,
+    lesson: Option<Lesson>,
+}
+
+impl Pressed {
+    /// Returns what the array felt at the first level.
+    pub fn felt(&self, place: Place) -> Option<Felt> {
+        let window = &self.levels.first()?.window;
+        Some(Felt::new(place, &window.outputs, &self.air.outputs, window.force_n))
+    }
+}
+
+/// One level that was held.
+struct Held {
+    window: Window,
+    /// Place where it was held; on a stage with steps, as read back.
+    place: Place,
+    z_mm: f64,
+    truth: Option<PressTruth>,
+}
+
+/// Move of the load cell's zero from the air before a press to the air after it, by the press' clock.
+struct ZeroMoved {
+    from_s: f64,
+    to_s: f64,
+    by_n: f64,
+}
+
+impl ZeroMoved {
+    /// Move of the zero up to a time, N, proportional to the time.
+    fn at_n(&self, at_s: f64) -> f64 {
+        self.by_n * self.share(at_s)
+    }
+
+    /// Fraction of the time that has passed at `at_s`.
+    fn share(&self, at_s: f64) -> f64 {
+        ((at_s - self.from_s) / (self.to_s - self.from_s)).clamp(0.0, 1.0)
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    /// Executes one entry of the plan, from the clear to the clear above the `next` place.
+    pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
+        let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
+        if let Some(next) = next {
+            self.go_to(next).await?; // a staircase that ended in air is still where it was
+        }
+        let after = self.air_after(&pressed.air).await?;
+        self.hand.cell.watch.pause();
+        let Pressed { levels: mut held, air: before, air_s, touched_mm, lesson } = pressed;
+        let moved = ZeroMoved {
+            from_s: air_s,
+            to_s: self.hand.cell.now_s() - after.force.age_s,
+            by_n: after.force.mean_n - before.force.mean_n,
+        };
+        held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
+        let along_normal = 1.0 / self.hand.frame.tilt.cosine();
+        let budget = |held: &Held| self.budget(held, [&before, &after], &moved).times(along_normal);
+        let budgets: Vec<Budget> = held.iter().map(budget).collect();
+        let level = |((level, held), budget): ((usize, &Held), &Budget)| dataset::Press {
+            u_force_n: budget.u_n(),
+            air_before_n: Some(before.force.mean_n),
+            air_after_n: Some(after.force.mean_n),
+            ..self.row(entry, level, held, touched_mm)
+        };
+        let levels = held.iter().enumerate().zip(&budgets).map(level).map(dataset::Press::rounded).collect();
+        let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
+        let left = next.map(|_| Left { z_mm: self.hand.z_mm });
+        let budgets = budgets.into_iter().map(Budget::rounded).collect();
+        Ok(Contact { press: entry.press, levels, budgets, truth, lesson, air_before: before, air_after: after, left })
+    }
+
+    /// Returns the uncertainty budget of a level's force.
+    fn budget(&self, held: &Held, airs: [&Air; 2], moved: &ZeroMoved) -> Budget {
+        let Window { force_n, middle_s, forces, seconds, .. } = held.window;
+        let share = moved.share(middle_s);
+        let averaged = Averaged { readings: forces, seconds, airs: airs.map(|air| air.force), share };
+        let cell_n = self.conditions.spec.load_cell.standard_uncertainty_n(force_n);
+        Budget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
+    }
+
+    /// Reads the air after a press. If the specimen seems to pull at the cell, the cell may stick to it, so the air is read again
+    /// from farther away.
+    async fn air_after(&mut self, before: &Air) -> Result<Air, Halt> {
+        let air = self.hand.close_air().await?;
+        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(air.force.readings);
+        if before.force.mean_n - air.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
+            return Ok(air);
+        }
+        let (from_mm, speed_mm_s) = (self.hand.z_mm, self.hand.usage.speed_mm_s);
+        let farther_mm = (from_mm - FARTHER_MM).max(self.conditions.spec.clear_mm()).min(from_mm);
+        self.hand.cell.watch.pause();
+        let granted = self.permit.withdraw(from_mm, farther_mm, speed_mm_s)?;
+        self.hand.move_z(granted, None).await?;
+        self.hand.cell.settle().await?;
+        self.hand.open_air();
+        self.hand.close_air().await
+    }
+
+    /// Makes a contact at a place. In a simulated contact, all random values follow from its number. So the contact is the same
+    /// right after the one before or on another day.
+    pub async fn contact(&mut self, number: u64, place: Place, task: &Task, next: Place) -> Result<Pressed, Halt> {
+        self.go_to(place).await?;
+        self.hand.stage.afresh();
+        self.hand.cell.begin().await;
+        if let Some(probe) = &self.hand.probe {
+            probe.begin_press(number);
+        }
+        let mut air = self.air().await?;
+        let mut air_s = -air.force.age_s;
+        let first_mm = self.first_mm(place, next);
+        let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
+        self.hand.count_from(&air);
+        self.zeroed = Instant::now();
+        self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
+        self.hand.cell.watch.pause();
+        self.hand.cell.force_n().await?;
+        let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
+        let mut known = air.outputs.clone();
+        let mut event = Event::Begin { z_mm: self.hand.z_mm, air: air.force };
+        loop {
+            let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
+            event = match press.next(event, moment) {
+                Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
+                Command::Move(granted) => {
+                    if press.is_first_descent() {
+                        self.hand.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
+                        self.freshen(&mut air, &mut air_s).await?;
+                    }
+                    self.hand.move_z(granted, Some(&mut press)).await?;
+                    Event::Moved { z_mm: self.hand.z_mm }
+                }
+                Command::Depart(granted) => {
+                    self.hand.depart(granted, next, &self.permit, first_mm).await?;
+                    Event::Moved { z_mm: self.hand.z_mm }
+                }
+                Command::Dwell(seconds) => {
+                    self.hand.cell.dwell(seconds).await?;
+                    Event::Dwelt
+                }
+                Command::Sample(seconds) => {
+                    let window = self.hand.sample(seconds, self.conditions.spec.array.range_v).await?;
+                    let force_n = window.force_n;
+                    let (place, z_mm) = (self.hand.pressed, self.hand.z_mm);
+                    levels.push(Held { window, place, z_mm, truth: self.truth() });
+                    Event::Sampled { force_n }
+                }
+                Command::Done => break,
+                Command::Trip(trip) => return Err(self.hand.cell.at_first_touch(trip).await.into()),
+            };
+        }
+        self.hand.stage.guard(None).await?;
+        if let (Some(last), Some(after)) = (levels.last_mut().and_then(|held| held.truth.as_mut()), self.truth()) {
+            last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
+            last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
+        }
+        Ok(Pressed { levels, air, air_s, touched_mm: press.touched_mm(), lesson: press.lesson() })
+    }
+
+    /// Reads the air again during the descent before the first touch. Without this, a drifting zero would look like a touch. A
+    /// move larger than a drift may be a touch, so in that case the older air remains valid.
+    async fn freshen(&mut self, air: &mut Air, air_s: &mut f64) -> Result<(), Halt> {
+        let age_s = self.hand.cell.now_s() - *air_s;
+        if age_s < AIR_FRESH_S {
+            return Ok(());
+        }
+        self.hand.cell.settle().await?;
+        self.hand.open_air();
+        let newer = self.hand.close_air().await?;
+        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(newer.force.readings);
+        if Permit::is_drift(newer.force.mean_n - air.force.mean_n, sigma_n, age_s) {
+            *air_s = self.hand.cell.now_s() - newer.force.age_s;
+            self.hand.count_from(&newer);
+            *air = newer;
+        }
+        Ok(())
+    }
+
+    /// Moves to a place in the clear.
+    pub async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
+        let first_mm = self.first_mm(self.hand.place, place);
+        self.hand.travel(place, &self.permit, first_mm).await
+    }
+
+    /// Returns the air readings from clearance height: those from the way here, or new ones.
+    async fn air(&mut self) -> Result<Air, Halt> {
+        match self.standby.take().and_then(|standby| standby.air) {
+            Some(air) => Ok(air),
+            None => {
+                self.hand.cell.watch.pause();
+                self.hand.open_air();
+                self.hand.close_air().await
+            }
+        }
+    }
+
+    /// Reading at which the controller's own guard ends a motion, N: slightly above the force at which the watch trips.
+    fn guard_n(&self) -> f64 {
+        let zero = self.hand.cell.watch.zero();
+        let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
+        reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
+    }
+
+    fn context(&self, place: Place, task: &Task, first_mm: f64) -> Context {
+        let (force_set_n, limits) = (task.most_n(), self.conditions.spec.limits);
+        let asks = task.strategy == Strategy::Map && task.levels.len() == 1;
+        Context {
+            place,
+            limits,
+            permit: self.permit,
+            zero: *self.hand.cell.watch.zero(),
+            zero_age_s: self.zeroed.elapsed().as_secs_f64(),
+            expected: self.map.expect(place),
+            shot: asks.then(|| self.map.shot(place, force_set_n, &limits)).flatten(),
+            softest: Softest {
+                declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
+                taught: self.map.taught(place),
+            },
+            clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
+            approach_mm_s: self.conditions.spec.stage.approach_mm_s,
+            speed_mm_s: self.hand.usage.speed_mm_s,
+            timing: self.hand.timing,
+        }
+    }
+
+    /// Earliest z at which contact is possible at either of two places, mm.
+    fn first_mm(&self, here: Place, there: Place) -> f64 {
+        self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
+    }
+
+    /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.
+    fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> dataset::Press {
+        let Held { window, z_mm, .. } = held;
+        let force_set_n = entry.task.levels[level].force_set_n;
+        let in_contact = force_set_n > 0.0;
+        let flags = self.flags(entry, level, held);
+        let tilt = self.hand.frame.tilt;
+        let along_z_mm = touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm);
+        dataset::Press {
+            press: entry.press,
+            level: level as u64,
+            phase: Some(entry.phase),
+            x_mm: held.place.x_mm,
+            y_mm: held.place.y_mm,
+            force_set_n: Some(force_set_n),
+            force_n: Some(tilt.normal_n(window.force_n)),
+            depth_mm: Some(tilt.normal_mm(along_z_mm)),
+            t_s: Some(self.conditions.clock.at_s(window.began)),
+            outputs: window.outputs.clone(),
+            flags,
+            z_mm: Some(self.hand.frame.to_stage(entry.place, *z_mm).z_mm),
+            ..dataset::Press::default()
+        }
+    }
+
+    /// Returns the problems of a level that was held.
+    fn flags(&mut self, entry: &Entry, level: usize, held: &Held) -> Vec<Flag> {
+        let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
+        let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
+        let felt = (entry.place, force_set_n);
+        // twice the same load may read twice the same
+        let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
+        let frozen = force_set_n > 0.0 && window.is_frozen(before);
+        if force_set_n > 0.0 {
+            self.felt = Some((felt, window.outputs.clone()));
+        }
+        let all =
+            [(Flag::OutOfTolerance, missed), (Flag::Saturated, window.saturated), (Flag::Stale, window.late || frozen)];
+        all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
+    }
+
+    /// Returns the true events since the last call, in a simulated run.
+    pub fn truth(&self) -> Option<PressTruth> {
+        let truth = self.hand.probe.as_ref()?.take_truth();
+        Some(PressTruth {
+            force_true_n: truth.force_true_n,
+            force_peak_n: truth.force_peak_n,
+            depth_peak_mm: truth.depth_peak_mm,
+        })
+    }
+}

@@ -1,0 +1,112 @@
+//! Prepares a rig: moves the stage to the clear, homes it, measures the time of the links, and measures the zero.
+
+use super::clock::RunClock;
+use super::hand::Hand;
+use super::home::{AtHome, at_home, unless_stopped};
+use super::{Cancel, Halt};
+use crate::rig::{OpenRig, RigSpec};
+use palpate_control::{Reaction, Rule, Timing, Trip, Watch, Zero};
+use palpate_core::quantity::{Axis, Range};
+use palpate_data::dataset::Record;
+use palpate_link::device::{Identity, LoadCell, Reins, SensorArray, Stage};
+use tokio::time::Instant;
+
+/// Number of exchanges that are timed to measure the rig's reaction time.
+const TIMED: usize = 10;
+/// Least number of readings in air for the zero, and least time for them, s.
+const ZERO_READINGS: usize = 100;
+const ZERO_S: f64 = 0.5;
+/// Largest noise of one reading, as a fraction of the force limit. With more noise, contact can't be detected in time.
+pub const NOISE_SHARE: f64 = 0.02;
+/// Largest distance of the zero from the run's first zero, as a fraction of the force limit.
+const DRIFT_SHARE: f64 = 0.2;
+
+/// Rig whose instruments are identified, homed, at clearance height, timed and zeroed.
+pub(super) struct Ready<'a, S, C, A> {
+    pub hand: Hand<'a, S, C, A>,
+    pub devices: Vec<Identity>,
+    pub reaction: Reaction,
+    pub zero: Record,
+}
+
+/// Conditions for preparing a rig, in addition to the rig itself.
+pub(super) struct Conditions<'a> {
+    pub spec: &'a RigSpec,
+    pub cancel: &'a Cancel,
+    pub shown: &'a dyn Fn(f64),
+    pub clock: RunClock,
+    /// Load cell's zero when the run began, N, if this run continues an earlier one.
+    pub first_zero_n: Option<f64>,
+}
+
+/// Identifies each device, homes the axes that aren't homed (z first, away), goes to clearance height, times the links and takes
+/// the zero.
+pub(super) async fn make_ready<'a>(
+    rig: OpenRig,
+    conditions: &Conditions<'a>,
+) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+    conditions.spec.load_cell.check_gain()?;
+    conditions.cancel.preparing();
+    let AtHome { mut hand, stage, load_cell } =
+        at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
+    let (stage_identity, cell_identity) = (stage?, load_cell?);
+    let array_identity = unless_stopped(conditions.cancel, hand.array.prepare()).await??;
+    let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
+    hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
+    let zero = take_zero(&mut hand, conditions).await?;
+    conditions.cancel.prepared();
+    Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
+}
+
+async fn time<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    lag_s: f64,
+) -> Result<Reaction, Halt> {
+    let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
+    for _ in 0..TIMED {
+        let asked = Instant::now();
+        hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
+        stage_s = stage_s.max(asked.elapsed().as_secs_f64());
+        let asked = Instant::now();
+        hand.cell.cell.read().await?;
+        load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
+    }
+    Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
+}
+
+/// Takes the zero, in air.
+pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
+    hand: &mut Hand<'_, S, C, A>,
+    conditions: &Conditions<'_>,
+) -> Result<Record, Halt> {
+    let readings = hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let zero = Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64());
+    let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
+    if zero.sigma_n > most_n {
+        return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
+    }
+    if let Some(first_n) = conditions.first_zero_n {
+        let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
+        if drift_n.abs() > most_n {
+            return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
+        }
+    }
+    check_air(&zero, conditions.spec)?;
+    hand.cell.watch = Watch::new(&conditions.spec.limits, zero);
+    hand.open_air();
+    let outputs = hand.close_air().await?.outputs;
+    hand.air.clone_from(&outputs);
+    let t_s = conditions.clock.now_s();
+    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, hum: zero.hum, outputs })
+}
+
+/// Checks whether the cell may have this zero in air.
+pub(super) fn check_air(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
+    let Range { min, max } = spec.air_n();
+    let outside = |bound_n| Err(Trip::new(Rule::ZeroOutside, zero.offset_n, bound_n, "N"));
+    match zero.offset_n {
+        offset_n if offset_n > max => outside(max),
+        offset_n if offset_n < min => outside(min),
+        _ => Ok(()),
+    }
+}

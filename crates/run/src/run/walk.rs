@@ -1,0 +1,304 @@
+//! Execution of a plan on a rig.
+
+use super::clock::RunClock;
+use super::hand::Hand;
+use super::past::Past;
+use super::ready::{Conditions, Ready, make_ready, take_zero};
+use super::{Cancel, Halt};
+use crate::rig::{OpenRig, RigSpec};
+use palpate_control::{Map, Permit, Reaction};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Air, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
+use palpate_data::recipe::{Entry, Plan};
+use palpate_link::device::{Identity, LoadCell, SensorArray, Stage};
+use std::collections::VecDeque;
+use std::pin::Pin;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
+/// again. Then noise and hum are up to date too.
+const NEW_ZERO_SHARE: f64 = 0.05;
+
+/// Task of a walk: a plan on a rig, recorded in a ledger.
+pub struct Walk<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// The rig.
+    pub spec: &'a RigSpec,
+    /// Ledger that records the entries. Entries that are already in the ledger aren't repeated.
+    pub ledger: &'a mut dyn Ledger,
+    /// Requests of a person to pause or to stop.
+    pub cancel: &'a Cancel,
+    /// Called for every force, N, to show it to a person.
+    pub shown: &'a dyn Fn(f64),
+}
+
+/// End of a walk.
+#[derive(Debug)]
+pub struct Ending {
+    /// Reason why the walk ended early; `None` if the plan is complete.
+    pub halt: Option<Halt>,
+    /// Reason why the stage couldn't be parked, if there is one.
+    pub unparked: Option<Halt>,
+    /// Time of the end, s since the run's start.
+    pub t_s: f64,
+}
+
+/// Receiver of information about events.
+pub trait Listener {
+    /// Reports that the instruments are ready, with their identities.
+    fn ready(&mut self, _devices: &[Identity]) {}
+    /// Reports that a place was touched again before the run continues.
+    fn retouched(&mut self, _retouch: &Retouch) {}
+    /// Reports that an entry of the plan begins.
+    fn begins(&mut self, _entry: &Entry) {}
+    /// Reports that a contact is on disk.
+    fn recorded(&mut self, _contact: &Contact) {}
+    /// Reports that the indenter rests in air for this time, s.
+    fn rests(&mut self, _seconds: f64) {}
+    /// Reports that the stage is parked between two presses, because the operator requested a pause. Returns whether someone can
+    /// end the pause; if not, the run ends here.
+    fn paused(&mut self) -> bool {
+        false
+    }
+}
+
+/// Makes every press of the plan that isn't recorded yet. The stage is always parked in the clear at the end.
+pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
+    match errand.spec.open(errand.plan.seed) {
+        Ok(rig) => walk_on(rig, errand, listener).await,
+        Err(error) => Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },
+    }
+}
+
+/// Does the same on a rig that is already open.
+///
+/// The future is boxed so that the library compiles it once. Code that is `async` is compiled again in each program that awaits
+/// it.
+pub fn walk_on<'w, 'e: 'w>(
+    rig: OpenRig,
+    errand: Walk<'e>,
+    listener: &'w mut dyn Listener,
+) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
+    Box::pin(walk_from(rig, errand, listener))
+}
+
+async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
+    let Walk { plan, spec, ledger, cancel, shown } = errand;
+    let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
+        Ok(past) => past,
+        Err(error) => return Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },
+    };
+    let clock = RunClock::going_on_from(past.elapsed_s);
+    let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
+    let mut ending = Ending { halt: None, unparked: None, t_s: 0.0 };
+    match make_ready(rig, &conditions).await {
+        Ok(Ready { hand, devices, reaction, zero }) => {
+            let permit = permit(&hand, spec, &reaction);
+            let map = Map::new(spec.frame.uncertainty_mm);
+            let full_zero_n = hand.cell.watch.zero().offset_n;
+            let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
+            let mut walker =
+                Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
+            ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
+            // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
+            let peaks = walker.truth().map(|truth| {
+                let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
+                Peaks { force_peak_n, depth_peak_mm }
+            });
+            note_trip(ledger, &ending, walker.pressing, peaks, clock.now_s());
+            ending.unparked = walker.hand.withdraw(walker.park_mm()).await.err();
+        }
+        Err(halt) => {
+            ending.halt = Some(halt);
+            note_trip(ledger, &ending, None, None, clock.now_s());
+        }
+    }
+    ending.t_s = clock.now_s();
+    ending
+}
+
+impl Ending {
+    /// Returns the status for the run's manifest.
+    pub fn status(&self) -> Status {
+        match (&self.halt, &self.unparked) {
+            (None, None) => Status::Complete,
+            (Some(Halt::Cancelled), None) => Status::Stopped,
+            (Some(Halt::Tripped(_)), _) => Status::Tripped,
+            _ => Status::Failed,
+        }
+    }
+
+    /// Returns the end of the run for its journal.
+    pub fn end(&self, ended: String, wall_s: f64) -> End {
+        End { status: self.status(), t_s: self.t_s, ended, wall_s, failure: self.told() }
+    }
+
+    /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
+    pub fn told(&self) -> Option<String> {
+        let told = |halt: &Halt| match halt {
+            Halt::Cancelled => None,
+            Halt::Tripped(trip) => Some(trip.to_string()),
+            Halt::Device(error) => Some(error.to_string()),
+            Halt::Record(error) => Some(error.to_string()),
+            Halt::Unconfirmed(why) => Some(why.clone()),
+        };
+        let unparked = self.unparked.as_ref().and_then(told).map(|why| format!("the stage could not be parked: {why}"));
+        let parts: Vec<String> = self.halt.as_ref().and_then(told).into_iter().chain(unparked).collect();
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+}
+
+/// Records a trip. If the record can't be stored any more, the trip is still reported.
+fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
+    if let Some(Halt::Tripped(trip)) = &ending.halt {
+        let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
+    }
+}
+
+fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction) -> Permit {
+    Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
+        .on(spec.stage.steps)
+}
+
+/// Position where the indenter waits for the next press.
+pub(super) struct Standby {
+    /// Position in the clear above the next place, specimen frame, mm.
+    pub z_mm: f64,
+    /// Readings in air on the way there; `None` if the air may have changed since.
+    pub air: Option<Air>,
+}
+
+/// Driver of the run, which goes from press to press.
+pub(super) struct Walker<'a, S, C, A> {
+    pub hand: Hand<'a, S, C, A>,
+    pub permit: Permit,
+    pub map: Map,
+    pub reaction: Reaction,
+    pub conditions: Conditions<'a>,
+    /// Entry that is under way.
+    pub pressing: Option<u64>,
+    /// State after the last contact, if nothing has happened since.
+    pub standby: Option<Standby>,
+    /// Time of the air that forces are relative to.
+    pub zeroed: Instant,
+    /// Load cell reading in air at the last complete measurement of the zero, N.
+    pub full_zero_n: f64,
+    /// Last contact in which the array was sampled: place, force, and outputs, V.
+    pub felt: Option<((Place, f64), Vec<f64>)>,
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    /// Records the rig's devices, checks that they are those with which the run began, and executes the plan.
+    async fn begin(
+        &mut self,
+        plan: &Plan,
+        past: Past,
+        devices: Vec<Identity>,
+        zero: &Record,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        listener.ready(&devices);
+        past.check_devices(&devices)?;
+        ledger.record(&Record::Devices(devices))?;
+        ledger.record(zero)?;
+        let left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
+        let Some(first) = left.front() else { return Ok(()) };
+        self.touch_again(&past, plan, first.place, ledger, listener).await?;
+        self.map = past.map;
+        let mut owed_s = 0.0;
+        if let Some((last, how)) = past.last {
+            // how much of it had passed isn't known
+            owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
+            if let Some(how) = how {
+                self.go_back(first.place, how).await?;
+            }
+        }
+        self.rest(owed_s, first.place, ledger, listener).await?;
+        self.presses(left, ledger, listener).await
+    }
+
+    /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
+    fn park_mm(&self) -> f64 {
+        let spec = self.conditions.spec;
+        if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
+    }
+
+    async fn presses(
+        &mut self,
+        mut left: VecDeque<&Entry>,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        while let Some(entry) = left.pop_front() {
+            self.pressing = Some(entry.press);
+            listener.begins(entry);
+            let next = left.front().map(|next| next.place);
+            let contact = self.press(entry, next).await?;
+            contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
+            let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
+            self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
+            let record = Record::Contact(contact);
+            ledger.record(&record)?;
+            self.pressing = None;
+            record.contact().into_iter().for_each(|contact| listener.recorded(contact));
+            let Some(next) = next else { break };
+            if drifted_n.abs() > NEW_ZERO_SHARE * self.conditions.spec.limits.force_n {
+                self.zero_again(next, ledger).await?;
+            }
+            self.rest(entry.rest_after_s, next, ledger, listener).await?;
+        }
+        Ok(())
+    }
+
+    /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.
+    async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
+        self.hand.withdraw(self.park_mm()).await?;
+        if !listener.paused() {
+            return Err(Halt::Cancelled);
+        }
+        self.conditions.cancel.while_pausing().await;
+        self.conditions.cancel.check()?;
+        self.zero_again(next, ledger).await
+    }
+
+    /// Takes a new zero, away from the specimen, and goes back to where the last contact ended.
+    async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
+        self.hand.withdraw(self.park_mm()).await?;
+        let zero = take_zero(&mut self.hand, &self.conditions).await?;
+        self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
+        (self.zeroed, self.full_zero_n) = (Instant::now(), self.hand.cell.watch.zero().offset_n);
+        ledger.record(&zero)?;
+        match self.standby.take() {
+            Some(before) => self.go_back(next, before).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Rests in air for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
+    async fn rest(
+        &mut self,
+        seconds: f64,
+        next: Place,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        let rested = Instant::now() + Duration::from_secs_f64(seconds);
+        loop {
+            let rest = rested.saturating_duration_since(Instant::now());
+            if !rest.is_zero() {
+                self.standby = self.standby.take().map(|standby| Standby { air: None, ..standby });
+                listener.rests(rest.as_secs_f64());
+                self.conditions.cancel.sleep(rest).await;
+            }
+            self.conditions.cancel.check()?;
+            if self.conditions.cancel.pausing() {
+                self.pause(next, ledger, listener).await?;
+            } else if Instant::now() >= rested {
+                return Ok(());
+            }
+        }
+    }
+}

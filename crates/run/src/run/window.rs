@@ -1,0 +1,201 @@
+//! Readings averaged over a window.
+
+use super::Halt;
+use super::hand::Hand;
+use palpate_control::{Mean, STALE_S, mean_of};
+use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep_until};
+
+/// Least number of readings in a window of any duration.
+const READINGS_LEAST: u32 = 2;
+/// Least interval between readings of the outputs. Changes of taxels within a window are slower.
+const OUTPUTS_EVERY: Duration = Duration::from_millis(5);
+
+/// Fraction of the range from which an output may be beyond the end of the range.
+const FULL_SCALE: f64 = 0.999;
+
+/// Means of the outputs, updated as the outputs are read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct OutputMeans {
+    pub means: Vec<f64>,
+    pub readings: u32,
+    /// Sums of the squares of the readings' differences from their mean.
+    squares: Vec<f64>,
+}
+
+impl OutputMeans {
+    /// Adds one reading of all outputs. If all readings are equal, the mean equals them exactly, to the last bit.
+    pub fn take(&mut self, outputs: &[f64]) {
+        self.means.resize(outputs.len(), 0.0);
+        self.squares.resize(outputs.len(), 0.0);
+        self.readings += 1;
+        let share = 1.0 / f64::from(self.readings);
+        for ((mean, square), output) in self.means.iter_mut().zip(&mut self.squares).zip(outputs) {
+            let off = output - *mean;
+            *mean += off * share;
+            *square += off * (output - *mean);
+        }
+    }
+
+    /// Adds readings one by one, no faster than outputs change, while `goes_on` and until `over` is notified. It adds no reading
+    /// before `begins`. `check` checks every reading, with its duration.
+    pub async fn take_while<A: SensorArray>(
+        &mut self,
+        array: &mut A,
+        over: &Notify,
+        begins: impl Fn() -> bool,
+        goes_on: impl Fn(u32) -> bool,
+        mut check: impl FnMut(&[f64], Duration) -> Result<(), DeviceError>,
+    ) -> Result<(), Halt> {
+        let mut now = vec![0.0; array.units()];
+        while goes_on(self.readings) {
+            let asked = Instant::now();
+            if begins() {
+                array.read(&mut now).await?;
+                check(&now, asked.elapsed())?;
+                self.take(&now);
+            }
+            tokio::select! {
+                biased;
+                () = over.notified() => break,
+                () = sleep_until(asked + OUTPUTS_EVERY) => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Standard deviation of one reading of each output.
+    pub fn sigmas(&self) -> Vec<f64> {
+        self.squares.iter().map(|square| (square / f64::from(self.readings.max(2) - 1)).sqrt()).collect()
+    }
+}
+
+/// Result of a window.
+#[derive(Clone, Debug)]
+pub(super) struct Window {
+    /// Time when the window began.
+    pub began: Instant,
+    /// Mean force, N relative to the air before.
+    pub force_n: f64,
+    /// Middle of the forces, s by the press' clock.
+    pub middle_s: f64,
+    /// Number of forces, and their duration, s.
+    pub forces: u32,
+    pub seconds: f64,
+    /// Mean outputs minus the outputs in air, in the array's unit.
+    pub outputs: Vec<f64>,
+    /// Whether an output was at the end of its range.
+    pub saturated: bool,
+    /// Whether the outputs delayed the window by more than the allowed age of a reading.
+    pub late: bool,
+}
+
+impl Window {
+    /// Whether the array can't have measured this contact: no unit has changed since the air before, or since another contact.
+    pub fn is_frozen(&self, before: Option<&[f64]>) -> bool {
+        self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+    /// Samples force and outputs together for `seconds`, or for complete periods of the hum, with z at rest. An output that is
+    /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
+    pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
+        self.cell.settle().await?;
+        let began = Instant::now();
+        let hums = self.cell.watch.zero().hum.is_some();
+        // two readings more, so that the whole periods lie within
+        let seconds = if hums { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
+        let until = began + Duration::from_secs_f64(seconds);
+        if let Some(probe) = &self.probe {
+            probe.open_window();
+        }
+        let mut means = OutputMeans::default();
+        let (mut saturated, mut late) = (false, false);
+        // the cell shows a force later, by its lag: its readings are those of the outputs' time
+        let lag = Duration::from_secs_f64(self.timing.lag_s);
+        // each as fast as it goes: neither waits for the other
+        let (gauge, array) = (&mut self.cell, &mut self.array);
+        let over = Notify::new();
+        let forces = async {
+            let mut read: Vec<(f64, f64)> = Vec::new();
+            while Instant::now() < until + lag || read.len() < READINGS_LEAST as usize {
+                match gauge.force_n().await {
+                    Ok(force_n) if Instant::now() > began + lag => read.push((gauge.now_s(), force_n)),
+                    Ok(_) => {}
+                    Err(halt) => {
+                        over.notify_one(); // nothing of a window is waited for that is lost
+                        return Err(halt);
+                    }
+                }
+            }
+            Ok::<Option<Mean>, Halt>(mean_of(&read, gauge.watch.zero()))
+        };
+        let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
+        let check = |now: &[f64], took: Duration| {
+            late |= took.as_secs_f64() > STALE_S;
+            saturated |= is_saturated(now, range_v)?;
+            Ok(())
+        };
+        let probe = &self.probe;
+        let outputs = async {
+            let outputs = means.take_while(array, &over, || true, goes_on, check).await;
+            probe.iter().for_each(|probe| probe.close_window());
+            outputs
+        };
+        let (force, outputs) = tokio::join!(forces, outputs);
+        let force = force?;
+        outputs?;
+        let Mean { value: force_n, middle_s, readings: forces } =
+            force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
+        let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
+        Ok(Window { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
+    }
+}
+
+/// Whether any output is at the end of the range.
+fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceError> {
+    if let Some((unit, output)) = (1..).zip(outputs).find(|(_, output)| !output.is_finite()) {
+        let (answer, expected) = (format!("{output} from unit {unit}"), "a number from every unit".to_owned());
+        let (device, doing) = ("array".to_owned(), "sampling the outputs".to_owned());
+        return Err(DeviceError { device, doing, problem: DeviceProblem::Misfit { answer, expected } });
+    }
+    Ok(range_v.is_some_and(|range_v| outputs.iter().any(|output| output.abs() >= FULL_SCALE * range_v)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_at_the_end_of_its_range_is_noted_and_one_that_is_no_number_is_refused() {
+        assert!(is_saturated(&[0.1, -9.995], Some(10.0)).unwrap());
+        assert!(!is_saturated(&[0.1, -9.9], Some(10.0)).unwrap() && !is_saturated(&[99.0], None).unwrap());
+        for output in [f64::NAN, f64::INFINITY] {
+            let told = is_saturated(&[0.1, output], None).unwrap_err().to_string();
+            assert!(told.contains("from unit 2"), "{told}");
+        }
+    }
+
+    #[test]
+    fn outputs_that_no_contact_moves_are_frozen() {
+        let window = |outputs: Vec<f64>| {
+            let (force_n, middle_s) = (1.0, 0.0);
+            Window {
+                began: Instant::now(),
+                force_n,
+                middle_s,
+                forces: 40,
+                seconds: 0.2,
+                outputs,
+                saturated: false,
+                late: false,
+            }
+        };
+        assert!(window(vec![0.0, 0.0]).is_frozen(None), "as in air");
+        assert!(window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1])), "as in the contact before");
+        assert!(!window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1001])) && !window(vec![0.0, 0.1]).is_frozen(None));
+    }
+}

@@ -1,0 +1,186 @@
+//! The Newport ESP301 with three VP-25XL stages: text lines in, text lines out. It follows the manual of the ESP300/301 and
+//! observations of a real ESP301 with firmware 1.1.1.
+//!
+//! Axes 1, 2 and 3 are x, y and z. If the manual isn't clear, this controller follows the stricter of two readings. A target is
+//! accepted only by an axis at rest (x32, or x30 while it homes), a line has at most 80 characters, and numbers have no exponent.
+//! Groups are refused (27), because the rig doesn't use them. Jogs, relative moves, resets, waits except `WS`, and settings of
+//! jerks and acceleration limits are unknown here (6), because no client of this program sends them.
+
+mod drive;
+mod errors;
+mod syntax;
+#[cfg(test)]
+mod tests;
+
+use super::Instrument;
+use crate::scene::{Device, Scene};
+use drive::{Drive, UNIT_LAST, decimal};
+use errors::{AxisFault, ErrorQueue, EspError, General};
+use palpate_core::quantity::Axis;
+use syntax::{Argument, Command};
+
+/// Answer to `VE?`, from the recorded controller.
+const VERSION: &str = "ESP301 Version 1.1.1 16/01/14";
+/// Serial number of the first axis' stage. The other stages have the following numbers.
+const FIRST_SERIAL: usize = 171_801;
+/// Longest stall, s. A longer wait for a motion ends early. Otherwise a wrong `VA` could block the program for ever.
+const STALL_MOST_S: f64 = 86_400.0;
+/// Longest time that `WS` adds, ms.
+const DELAY_MOST_MS: f64 = 60_000.0;
+/// Commands that concern one axis and need its number.
+const OF_ONE_AXIS: [&[u8; 2]; 25] = [
+    b"ID", b"MO", b"MF", b"PA", b"PR", b"OR", b"OH", b"SH", b"DH", b"SN", b"VA", b"VU", b"AC", b"AG", b"SL", b"SR",
+    b"VB", b"JH", b"JL", b"FR", b"SU", b"QM", b"QS", b"KP", b"LC",
+];
+
+/// Answer to a command: a line, or nothing.
+type Answer = Result<Option<String>, EspError>;
+
+/// A Newport ESP301 motion controller with three VP-25XL stages: 12.5 mm to either side, 25 mm/s.
+///
+/// At power-on its motors are off. The present place of each axis counts as zero until the axis is homed.
+pub struct Esp301 {
+    drives: [Drive; 3],
+    errors: ErrorQueue,
+    deaf_until_s: f64,
+}
+
+impl Esp301 {
+    /// Creates a controller that is switched on at the present place of the scene's axes.
+    pub fn new(scene: &Scene) -> Self {
+        let drives = Axis::ALL.map(|axis| Drive::new(axis, scene));
+        Esp301 { drives, errors: ErrorQueue::default(), deaf_until_s: 0.0 }
+    }
+}
+
+impl Instrument for Esp301 {
+    fn device(&self) -> Device {
+        Device::Stage
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        syntax::take_line(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let mut reply = String::new();
+        for command in syntax::commands(request) {
+            self.notice(scene, now_s);
+            match command.and_then(|command| self.run(&command, scene, now_s)) {
+                Ok(Some(line)) => reply += &(line + "\r\n"),
+                Ok(None) => {}
+                Err(fault) => self.errors.push(fault, now_s),
+            }
+        }
+        reply.into_bytes()
+    }
+
+    /// Time until which the command port is deaf, s. A wait or a reset stalls the port on every link.
+    fn deaf_until_s(&self) -> f64 {
+        self.deaf_until_s
+    }
+}
+
+impl Esp301 {
+    /// Updates the state of motions that have ended. The update happens when the controller next looks, which has the same effect
+    /// as an update at the motion's end.
+    fn notice(&mut self, scene: &Scene, now_s: f64) {
+        for drive in &mut self.drives {
+            if let Some((fault, at_s)) = drive.notice(scene, now_s) {
+                self.errors.push(fault, at_s);
+            }
+        }
+    }
+
+    fn run(&mut self, command: &Command, scene: &mut Scene, now_s: f64) -> Answer {
+        match &command.name {
+            b"VE" => tell(command, || VERSION.into()),
+            b"TE" => tell(command, || self.errors.pop_code()),
+            b"TB" => tell(command, || self.errors.pop_message(now_s)),
+            b"TP" => self.tell_of_axes(command, |drive| drive.place(scene, now_s)),
+            b"MD" => self.tell_of_axes(command, |drive| u8::from(!drive.moving()).to_string()),
+            b"ST" => self.halt(command.axis_or_all()?, now_s, |drive| drive.stop(scene, now_s)),
+            // all axes, even with the number that some clients put before it
+            b"AB" => self.halt(None, now_s, |drive| drive.cut_power(scene, now_s)),
+            b"WS" => self.wait(command, scene, now_s),
+            // the configuration word of limits and faults, and the controller's activity
+            b"ZB" if command.argument == Argument::Query => Ok(Some("0H".to_owned())),
+            b"TX" => tell(command, || "P".into()),
+            name if OF_ONE_AXIS.contains(&name) => self.run_on_axis(command, scene, now_s),
+            // HN, HL, HS and the like: groups
+            [b'H', _] => Err(General::NOT_ALLOWED.into()),
+            _ => Err(General::UNKNOWN_COMMAND.into()),
+        }
+    }
+
+    fn run_on_axis(&mut self, command: &Command, scene: &mut Scene, now_s: f64) -> Answer {
+        let axis = command.axis()?;
+        let drive = &mut self.drives[axis.index()];
+        let out_of_range = drive.fault(AxisFault::PARAMETER_OUT_OF_RANGE);
+        let argument = &command.argument;
+        let number = || argument.number(out_of_range);
+        let asked = *argument == Argument::Query;
+        match &command.name {
+            b"ID" => return tell(command, || format!("VP-25XL, SN{}", FIRST_SERIAL + axis.index())),
+            // MF? reports the same as MO?: whether the motor is on
+            b"MO" | b"MF" if asked => return Ok(Some(u8::from(drive.motor_on).to_string())),
+            b"MO" => drive.motor_on = true,
+            b"MF" => return self.halt(Some(axis), now_s, |drive| drive.cut_power(scene, now_s)),
+            b"PA" if asked => return Ok(Some(drive.target())),
+            b"PA" => drive.go_to(number()?, scene, now_s)?,
+            b"PR" => drive.go_by(number()?, scene, now_s)?,
+            b"OR" => drive.home(whole(number()?, 6, out_of_range)? as u8, scene, now_s)?,
+            b"DH" => drive.define(argument.number_or(0.0, out_of_range)?, scene, now_s)?,
+            b"SN" if asked => return Ok(Some(drive.unit.to_string())),
+            b"SN" => drive.unit = whole(number()?, UNIT_LAST, out_of_range)?,
+            name if asked => return Ok(drive.number(name).map(decimal)),
+            name => drive.set_number(name, number()?, scene, now_s)?,
+        }
+        Ok(None)
+    }
+
+    /// Returns one axis' answer, or all axes' answers separated by a comma and a blank (manual, page TP).
+    fn tell_of_axes(&self, command: &Command, mut each: impl FnMut(&Drive) -> String) -> Answer {
+        let axis = command.axis_or_all()?;
+        tell(command, || match axis {
+            Some(axis) => each(&self.drives[axis.index()]),
+            None => self.drives.iter().map(each).collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// Halts one axis or all axes. An interrupted homing reports an error.
+    fn halt(&mut self, axis: Option<Axis>, now_s: f64, mut halt: impl FnMut(&mut Drive) -> bool) -> Answer {
+        for each in Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each)) {
+            let drive = &mut self.drives[each.index()];
+            if halt(drive) {
+                self.errors.push(drive.fault(AxisFault::HOMING_ABORTED), now_s);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Handles the waits. After `WS[ms]` and `WPx` the port accepts nothing until the axis (or all axes) stopped, or passed x.
+    /// After `WTms` it accepts nothing for a time.
+    fn wait(&mut self, command: &Command, scene: &Scene, now_s: f64) -> Answer {
+        let out_of_range = General::PARAMETER_OUT_OF_RANGE.into();
+        let axis = command.axis_or_all()?;
+        let ends = Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each));
+        let until_s = ends.map(|axis| self.drives[axis.index()].end_s(scene)).fold(now_s, f64::max);
+        let delay_ms = command.argument.number_or(0.0, out_of_range)?;
+        if !(0.0..=DELAY_MOST_MS).contains(&delay_ms) {
+            return Err(out_of_range);
+        }
+        self.deaf_until_s = (until_s + delay_ms / 1000.0).min(now_s + STALL_MOST_S);
+        Ok(None)
+    }
+}
+
+/// Returns the answer to a query, with or without its question mark.
+fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
+    if command.argument.tells() { Ok(Some(answer())) } else { Err(General::PARAMETER_OUT_OF_RANGE.into()) }
+}
+
+/// Returns an integer from 0 to `last`.
+fn whole(number: f64, last: u16, out_of_range: EspError) -> Result<u16, EspError> {
+    (0..=last).find(|&whole| f64::from(whole) == number).ok_or(out_of_range)
+}

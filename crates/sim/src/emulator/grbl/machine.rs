@@ -1,0 +1,342 @@
+//! The three axes: planned motions, the running motion, and homing.
+
+use super::board::Board;
+use super::settings::Settings;
+use crate::scene::{Scene, Trajectory};
+use palpate_core::quantity::Axis;
+use std::collections::VecDeque;
+
+/// Number of blocks that the planner holds.
+pub const BLOCKS_MOST: usize = 15;
+/// Axes that GRBL homes together, in order. z is first, so that it is out of the way.
+const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
+/// Ratio of the deceleration after a cut-off of the steps to the normal braking. GRBL doesn't count the remaining motion.
+const CUT_OFF_FACTOR: f64 = 4.0;
+/// Tolerance for rounding: of a point on a line (fraction of the line's length), and of a pressed switch (mm).
+const ROUNDING: f64 = 1e-9;
+
+/// The three axes and the controller's knowledge of them. Places are machine coordinates: counted steps in mm. They differ from
+/// the true places until the frame is homed. There is no encoder, so the controller reports the commanded place.
+///
+/// Blocks are planned ahead as motions of the scene, so they run even if nobody asks. An axis stops at each corner (GRBL would
+/// round it, slowly). Blocks on one line at one rate are joined into one block.
+pub struct Machine {
+    /// The frame and the settings.
+    pub board: Board,
+    /// True place minus counted place, mm.
+    offset_mm: [f64; 3],
+    blocks: VecDeque<Block>,
+    /// Time at which the braking of the cancelled motion ends, s; the blocks are removed then.
+    cancelled_s: Option<f64>,
+}
+
+/// Request of a line: a motion to a place, machine mm, at a feed, mm/min, or as fast as possible.
+#[derive(Clone, Copy, Debug)]
+pub struct PlannedLine {
+    /// Target of the motion.
+    pub to_mm: [f64; 3],
+    /// Speed of the motion.
+    pub feed_mm_min: Option<f64>,
+    /// Whether it is a jog.
+    pub jog: bool,
+}
+
+/// Straight motion.
+#[derive(Debug)]
+struct Block {
+    to_mm: [f64; 3],
+    /// Components of the distance along each axis.
+    way: [f64; 3],
+    /// Programmed rate, mm/s; `None`: as fast as possible.
+    feed_mm_s: Option<f64>,
+    most_mm_s: f64,
+    acceleration_mm_s2: f64,
+    jog: bool,
+    end_s: f64,
+    /// Whether the motion runs into an end of the frame.
+    hits: bool,
+}
+
+/// Activity of the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Activity {
+    /// No motion.
+    Idle,
+    /// Lines with G0 and G1.
+    Run,
+    /// Jogs.
+    Jog,
+}
+
+/// The result of a search for home.
+#[derive(Clone, Copy, Debug)]
+pub struct Homed {
+    /// Time of the end, s.
+    pub end_s: f64,
+    /// True place minus counted place at that time, mm.
+    offset_mm: [f64; 3],
+}
+
+impl Machine {
+    /// Creates a frame at power-on: its present place counts as zero.
+    pub fn new(board: Board, scene: &Scene) -> Self {
+        let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
+        Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None }
+    }
+
+    /// Switches the controller off and on: the axes stop, and their present places count as zero.
+    pub fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
+        self.cut_off(scene, now_s);
+        self.offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
+    }
+
+    /// Applies the effects of everything that has ended by `now_s`.
+    pub fn settle(&mut self, scene: &mut Scene, now_s: f64) {
+        if let Some(cancelled_s) = self.cancelled_s {
+            if now_s >= cancelled_s {
+                self.blocks.clear();
+                self.cancelled_s = None;
+            }
+            return;
+        }
+        while self.blocks.front().is_some_and(|block| block.end_s <= now_s) {
+            if let Some(block) = self.blocks.pop_front().filter(|block| block.hits) {
+                // the motor stalled at the end: the steps were counted all the same
+                let ends_mm = self.targets(&block);
+                self.offset_mm = std::array::from_fn(|n| ends_mm[n] - block.to_mm[n]);
+                self.plan(scene, now_s);
+            }
+        }
+    }
+
+    /// Activity of the axes, as of the last [`settle`](Self::settle).
+    pub fn activity(&self) -> Activity {
+        match self.blocks.front() {
+            None => Activity::Idle,
+            Some(block) if block.jog => Activity::Jog,
+            Some(_) => Activity::Run,
+        }
+    }
+
+    /// Time at which another block can be accepted, s. This is at once unless the planner is full or a motion is being cancelled.
+    pub fn ready_s(&self) -> f64 {
+        match (self.cancelled_s, self.blocks.front()) {
+            (Some(cancelled_s), _) => cancelled_s,
+            (None, Some(front)) if self.blocks.len() == BLOCKS_MOST => front.end_s,
+            _ => 0.0,
+        }
+    }
+
+    /// Time at which all planned motions have ended, s.
+    pub fn end_s(&self) -> f64 {
+        self.cancelled_s.unwrap_or_else(|| self.blocks.back().map_or(0.0, |block| block.end_s))
+    }
+
+    /// Positions of the axes, machine mm, rounded to steps.
+    pub fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+        self.whole_steps(std::array::from_fn(|n| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n]))
+    }
+
+    /// End of the planned motions, machine mm.
+    pub fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+        self.blocks.back().map_or_else(|| self.places_mm(scene, now_s), |block| block.to_mm)
+    }
+
+    /// Speed of the tool, mm/s.
+    pub fn speed_mm_s(&self, scene: &Scene, now_s: f64) -> f64 {
+        Axis::ALL.map(|axis| scene.motion(axis).speed_mm_s(now_s).powi(2)).iter().sum::<f64>().sqrt()
+    }
+
+    /// Axes whose limit switch is pressed.
+    pub fn switches(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
+        std::array::from_fn(|n| {
+            let (min_mm, max_mm) = self.board.ends_mm(n);
+            let place_mm = scene.motion(Axis::ALL[n]).position_mm(now_s);
+            place_mm <= min_mm + ROUNDING || place_mm >= max_mm - ROUNDING
+        })
+    }
+
+    /// Plans one more line. There is always room, because GRBL checks this first ([`ready_s`](Self::ready_s)).
+    pub fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
+        let from_mm = self.end_mm(scene, now_s);
+        let to_mm = self.whole_steps(line.to_mm);
+        let way_mm: [f64; 3] = std::array::from_fn(|n| to_mm[n] - from_mm[n]);
+        let length_mm = way_mm.iter().map(|way| way * way).sum::<f64>().sqrt();
+        if length_mm < ROUNDING || self.blocks.len() >= BLOCKS_MOST {
+            return;
+        }
+        let way = way_mm.map(|way_mm| way_mm / length_mm);
+        // along the line, no axis may do more than its own most
+        let settings = &self.board.settings;
+        let most_along = |most: &dyn Fn(usize) -> f64| {
+            (0..3).filter(|&n| way[n] != 0.0).map(|n| most(n) / way[n].abs()).fold(f64::INFINITY, f64::min)
+        };
+        let block = Block {
+            to_mm,
+            way,
+            feed_mm_s: line.feed_mm_min.map(|feed| feed / 60.0),
+            most_mm_s: most_along(&|n| settings.most_mm_s(n)),
+            acceleration_mm_s2: most_along(&|n| settings.acceleration_mm_s2(n)),
+            jog: line.jog,
+            end_s: 0.0,
+            hits: false,
+        };
+        match self.blocks.back_mut() {
+            Some(last) if last.runs_into(&block) => last.to_mm = block.to_mm,
+            _ => self.blocks.push_back(block),
+        }
+        self.plan(scene, now_s);
+    }
+
+    /// Starts all blocks again, from the present places and speeds of the axes.
+    pub fn plan(&mut self, scene: &mut Scene, now_s: f64) {
+        if self.cancelled_s.is_some() || self.blocks.is_empty() {
+            return;
+        }
+        let mut ways = Axis::ALL.map(|axis| rest(scene.motion(axis).position_mm(now_s), now_s));
+        let mut states = Axis::ALL.map(|axis| commanded(scene, axis, now_s));
+        let mut from_s = now_s;
+        for index in 0..self.blocks.len() {
+            let block = &self.blocks[index];
+            let targets = self.targets(block);
+            let speed_mm_s = block.feed_mm_s.unwrap_or(f64::INFINITY).min(block.most_mm_s);
+            let mut end_s = from_s;
+            for n in 0..3 {
+                let share = block.way[n].abs();
+                if share <= ROUNDING {
+                    continue;
+                }
+                let acceleration_mm_s2 = block.acceleration_mm_s2 * share;
+                let leg = Trajectory::to(from_s, states[n], targets[n], speed_mm_s * share, acceleration_mm_s2);
+                end_s = end_s.max(leg.end_s());
+                states[n] = (targets[n], 0.0);
+                ways[n] = ways[n].clone().then(&leg);
+            }
+            let hits = (0..3).any(|n| (targets[n] - block.to_mm[n] - self.offset_mm[n]).abs() > ROUNDING);
+            let block = &mut self.blocks[index];
+            (block.end_s, block.hits) = (end_s, hits);
+            from_s = end_s;
+        }
+        for (axis, way) in Axis::ALL.into_iter().zip(ways) {
+            scene.set_motion(axis, way, now_s);
+        }
+    }
+
+    /// Brakes, and removes all blocks when the axes are at rest.
+    pub fn cancel(&mut self, scene: &mut Scene, now_s: f64) {
+        if let Some(front) = self.blocks.front().filter(|_| self.cancelled_s.is_none()) {
+            let decelerations_mm_s2 = front.way.map(|way| way.abs() * front.acceleration_mm_s2);
+            self.cancelled_s = Some(self.brake(decelerations_mm_s2, scene, now_s));
+        }
+    }
+
+    /// Stops the steps at once and removes all blocks. The count stays unchanged, but moving axes continue a little by inertia.
+    pub fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
+        let counted_mm = self.places_mm(scene, now_s);
+        let coasts = self.speed_mm_s(scene, now_s) > 0.0;
+        self.blocks.clear();
+        self.cancelled_s = None;
+        if coasts {
+            let decelerations_mm_s2 =
+                std::array::from_fn(|n| CUT_OFF_FACTOR * self.board.settings.acceleration_mm_s2(n));
+            self.brake(decelerations_mm_s2, scene, now_s);
+            self.offset_mm = std::array::from_fn(|n| scene.motion(Axis::ALL[n]).end_mm() - counted_mm[n]);
+        }
+    }
+
+    /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only a search that has reached
+    /// its end [counts](Self::is_home).
+    pub fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
+        self.cut_off(scene, now_s);
+        let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
+        let mut offset_mm = self.offset_mm;
+        for turn in HOMING_TURNS {
+            let mut turn_ends_s = from_s;
+            for &axis in turn {
+                let way = self.homing_way(axis, from_s, scene);
+                turn_ends_s = turn_ends_s.max(way.end_s());
+                let motion = scene.motion(axis);
+                let first = if motion.moving(now_s) { motion.clone() } else { rest(motion.end_mm(), now_s) };
+                scene.set_motion(axis, first.then(&way), now_s);
+                offset_mm[axis.index()] = way.end_mm() - self.board.home_mm(axis.index());
+            }
+            from_s = turn_ends_s;
+        }
+        Homed { end_s: from_s, offset_mm }
+    }
+
+    /// Ends the search for home: the position is now known.
+    pub fn is_home(&mut self, homed: Homed) {
+        self.offset_mm = homed.offset_mm;
+    }
+
+    /// Returns the end of a block, true mm: its target, or the end of the frame before the target.
+    fn targets(&self, block: &Block) -> [f64; 3] {
+        std::array::from_fn(|n| {
+            let (min_mm, max_mm) = self.board.ends_mm(n);
+            (block.to_mm[n] + self.offset_mm[n]).clamp(min_mm, max_mm)
+        })
+    }
+
+    fn whole_steps(&self, places_mm: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|n| {
+            let steps_per_mm = self.board.settings.steps_per_mm(n);
+            (places_mm[n] * steps_per_mm).round() / steps_per_mm
+        })
+    }
+
+    /// Brings all axes to rest, and returns the time at which they are at rest, s.
+    fn brake(&self, decelerations_mm_s2: [f64; 3], scene: &mut Scene, now_s: f64) -> f64 {
+        let mut end_s = now_s;
+        for axis in Axis::ALL {
+            let (place_mm, speed_mm_s) = commanded(scene, axis, now_s);
+            let way = if speed_mm_s == 0.0 {
+                rest(place_mm, now_s)
+            } else {
+                // the end of the frame stops what the brake doesn't
+                let (min_mm, max_mm) = self.board.ends_mm(axis.index());
+                let room_mm = if speed_mm_s > 0.0 { max_mm - place_mm } else { place_mm - min_mm };
+                let needed_mm_s2 = speed_mm_s * speed_mm_s / (2.0 * room_mm.max(ROUNDING));
+                Trajectory::stop(now_s, (place_mm, speed_mm_s), decelerations_mm_s2[axis.index()].max(needed_mm_s2))
+            };
+            end_s = end_s.max(way.end_s());
+            scene.set_motion(axis, way, now_s);
+        }
+        end_s
+    }
+
+    fn homing_way(&self, axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
+        let settings: &Settings = &self.board.settings;
+        let (switch_mm, off_mm) = self.board.switch_mm(axis.index());
+        let (seek_mm_s, locate_mm_s) = (settings.seek_mm_s(), settings.locate_mm_s());
+        let start_mm = scene.motion(axis).end_mm();
+        let phases = [(switch_mm, seek_mm_s), (off_mm, seek_mm_s), (switch_mm, locate_mm_s), (off_mm, locate_mm_s)];
+        let mut way = rest(start_mm, from_s);
+        let mut at = (from_s, start_mm);
+        for (target_mm, speed_mm_s) in phases {
+            let acceleration_mm_s2 = settings.acceleration_mm_s2(axis.index());
+            let leg = Trajectory::to(at.0, (at.1, 0.0), target_mm, speed_mm_s, acceleration_mm_s2);
+            at = (leg.end_s() + settings.debounce_s(), target_mm);
+            way = way.then(&leg);
+        }
+        way
+    }
+}
+
+impl Block {
+    /// Whether the next block continues along the same line at the same rate.
+    fn runs_into(&self, next: &Block) -> bool {
+        let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);
+        self.jog == next.jog && self.feed_mm_s == next.feed_mm_s && turn < ROUNDING
+    }
+}
+
+/// Trajectory of an axis that is at rest from `since_s` on.
+fn rest(place_mm: f64, since_s: f64) -> Trajectory {
+    Trajectory::stop(since_s, (place_mm, 0.0), 1.0)
+}
+
+fn commanded(scene: &Scene, axis: Axis, now_s: f64) -> (f64, f64) {
+    let motion = scene.motion(axis);
+    (motion.position_mm(now_s), motion.speed_mm_s(now_s))
+}

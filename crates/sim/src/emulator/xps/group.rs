@@ -1,0 +1,302 @@
+//! A group: its life cycle, its homing and its motions.
+
+use super::errors::Code;
+use super::positioner::Positioner;
+use crate::scene::Scene;
+use palpate_core::quantity::Axis;
+use std::sync::{Arc, OnceLock};
+
+/// Duration of the initialisation of the motors, s.
+const INITIALIZE_S: f64 = 0.3;
+/// Duration of the calibration of the encoders before the initialisation, s. The stage doesn't move during it here.
+const CALIBRATE_S: f64 = 2.0;
+
+/// Object of a call, by index: a group, or a positioner of a group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Object {
+    Group(usize),
+    Positioner(usize, usize),
+}
+
+/// Returns the object with this name: a group, or `group.positioner`.
+pub fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
+    let index_of = |name: &str| groups.iter().position(|group| group.name == name);
+    let Some((group, positioner)) = name.split_once('.') else {
+        return index_of(name).map(Object::Group).ok_or(Code::GROUP_NAME);
+    };
+    let group = index_of(group).ok_or(Code::POSITIONER_NAME)?;
+    let index = groups[group].positioners.iter().position(|each| each.name == positioner);
+    index.map(|index| Object::Positioner(group, index)).ok_or(Code::POSITIONER_NAME)
+}
+
+/// Possible states of a group, by their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    NotInitialized = 0,
+    Killed = 7,
+    ReadyFromAbort = 10,
+    ReadyFromHoming = 11,
+    ReadyFromMotion = 12,
+    ReadyFromEnable = 13,
+    Disabled = 20,
+    Braking = 40,
+    Initializing = 41,
+    NotReferenced = 42,
+    Homing = 43,
+    Moving = 44,
+    Calibrating = 49,
+}
+
+/// Future result of a call that is answered when it is finished. The group writes it, and the waiting link reads it. A closed
+/// link has dropped it.
+pub type Outcome = Arc<OnceLock<Code>>;
+
+/// One group of one to three positioners, its life cycle and its motions. It does one thing at a time.
+pub struct Group {
+    name: String,
+    pub positioners: Vec<Positioner>,
+    state: State,
+    errand: Option<Errand>,
+    /// Whether something that a link may wait for has begun or ended.
+    pub stirred: bool,
+}
+
+/// Present action of the group, until an instant.
+struct Errand {
+    end_s: f64,
+    then: Then,
+    /// Result code if the activity isn't interrupted.
+    code: Code,
+    outcome: Outcome,
+}
+
+/// Next state after an errand.
+#[derive(Clone, Copy)]
+enum Then {
+    Rest(State),
+    /// z is homed; x and y are next.
+    HomeOthers,
+    /// All axes are homed.
+    Homed,
+}
+
+impl State {
+    /// Returns the text of `GroupStatusStringGet` for a number.
+    pub fn text(number: i32) -> &'static str {
+        match number {
+            0 => "Not initialized state",
+            7 => "Not initialized state due to a GroupKill or KillAll command",
+            10 => "Ready state due to an AbortMove command",
+            11 => "Ready state from homing",
+            12 => "Ready state from motion",
+            13 => "Ready state due to a MotionEnable command",
+            20 => "Disable state",
+            40 => "Emergency braking",
+            41 => "Motor initialization state",
+            42 => "Not referenced state",
+            43 => "Homing state",
+            44 => "Moving state",
+            49 => "Encoder calibrating state",
+            1..=9 => "Not initialized state for another reason",
+            14..=19 => "Ready state for another reason",
+            21..=39 => "Disable state for another reason",
+            _ => "Unknown state",
+        }
+    }
+
+    fn is_ready(self) -> bool {
+        (10..=19).contains(&(self as i32))
+    }
+}
+
+impl Group {
+    /// Creates a group as it is at power-on.
+    pub fn new(name: &str, positioners: Vec<Positioner>) -> Self {
+        Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
+    }
+
+    /// The number of its state.
+    pub fn status(&self) -> i32 {
+        self.state as i32
+    }
+
+    /// Whether there is a motion that an abort can stop and that hasn't been aborted.
+    pub fn can_be_aborted(&self) -> bool {
+        self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
+    }
+
+    /// Whether each positioner moves.
+    pub fn moves(&self, scene: &Scene, now_s: f64) -> Vec<bool> {
+        self.positioners.iter().map(|positioner| positioner.moves(scene, now_s)).collect()
+    }
+
+    /// Time at which the activity ends, s; infinite if it never ends by itself.
+    pub fn end_s(&self) -> f64 {
+        self.errand.as_ref().map_or(f64::INFINITY, |errand| errand.end_s)
+    }
+
+    /// Whether no link waits for the activity.
+    pub fn is_unattended(&self) -> bool {
+        self.errand.as_ref().is_none_or(|errand| Arc::strong_count(&errand.outcome) == 1)
+    }
+
+    /// Applies the effects of everything that has ended by `now_s`.
+    pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+        while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
+            match errand.then {
+                Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
+                Then::HomeOthers => {
+                    self.positioners.iter_mut().filter(|each| each.axis == Axis::Z).for_each(Positioner::set_homed);
+                    self.home(|axis| axis != Axis::Z, Then::Homed, errand.outcome, scene, now_s);
+                }
+                Then::Homed => {
+                    self.positioners.iter_mut().for_each(Positioner::set_homed);
+                    self.rest(State::ReadyFromHoming, errand.code, &errand.outcome);
+                }
+            }
+        }
+    }
+
+    /// `GroupInitialize`, and `GroupInitializeWithEncoderCalibration`: from not initialised to not referenced.
+    pub fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(matches!(self.state, State::NotInitialized | State::Killed))?;
+        self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
+        let end_s = now_s + INITIALIZE_S + if calibrates { CALIBRATE_S } else { 0.0 };
+        let state = if calibrates { State::Calibrating } else { State::Initializing };
+        Ok(self.begin(state, end_s, Then::Rest(State::NotReferenced)))
+    }
+
+    /// `GroupHomeSearch`: z if it is in the group, then x and y together.
+    pub fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(self.state == State::NotReferenced)?;
+        self.state = State::Homing;
+        self.stirred = true;
+        let outcome = Outcome::default();
+        if self.positioners.len() > 1 && self.positioners.iter().any(|each| each.axis == Axis::Z) {
+            self.home(|axis| axis == Axis::Z, Then::HomeOthers, outcome.clone(), scene, now_s);
+        } else {
+            self.home(|_| true, Then::Homed, outcome.clone(), scene, now_s);
+        }
+        Ok(outcome)
+    }
+
+    /// `GroupMoveAbsolute`: the positioners with a target start together and arrive together.
+    pub fn move_to(&mut self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        self.must(self.state.is_ready())?;
+        self.must_allow(counts_mm)?;
+        let end_s = self.start(counts_mm, scene, now_s);
+        Ok(self.begin(State::Moving, end_s, Then::Rest(State::ReadyFromMotion)))
+    }
+
+    /// `GroupMoveRelative`: moves from the controller's setpoints.
+    pub fn move_by(&mut self, ways_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+        let from = |(way_mm, positioner): (&Option<f64>, &Positioner)| {
+            way_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm)
+        };
+        let counts_mm: Vec<_> = ways_mm.iter().zip(&self.positioners).map(from).collect();
+        self.move_to(&counts_mm, scene, now_s)
+    }
+
+    /// `GroupMoveAbort`: stops each positioner with the deceleration of its motion. The move under way ends then, with its error.
+    pub fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
+        self.must(self.state == State::Moving)?;
+        self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
+        self.cut_short(State::Moving, State::ReadyFromAbort, Code::ABORTED, scene, now_s);
+        Ok(())
+    }
+
+    /// `GroupKill`: stops as hard as the stage can, and turns the motors off.
+    pub fn kill(&mut self, scene: &mut Scene, now_s: f64) {
+        self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
+        self.cut_short(State::Braking, State::Killed, Code::EMERGENCY, scene, now_s);
+        self.notice(scene, now_s);
+    }
+
+    /// `GroupMotionEnable` and `GroupMotionDisable`.
+    pub fn enable(&mut self, on: bool) -> Result<(), Code> {
+        self.must(if on { self.state == State::Disabled } else { self.state.is_ready() })?;
+        self.state = if on { State::ReadyFromEnable } else { State::Disabled };
+        Ok(())
+    }
+
+    /// `PositionerUserTravelLimitsSet`: within the travel, and not while something moves.
+    pub fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
+        self.must(!matches!(self.state, State::Moving | State::Homing))?;
+        let travel_mm = super::positioner::TRAVEL_MM;
+        if limits_mm.0 < -travel_mm || limits_mm.1 > travel_mm || limits_mm.0 >= limits_mm.1 {
+            return Err(Code::OUT_OF_RANGE);
+        }
+        self.positioners[positioner].limits_mm = limits_mm;
+        Ok(())
+    }
+
+    fn must(&self, allowed: bool) -> Result<(), Code> {
+        if allowed { Ok(()) } else { Err(Code::NOT_ALLOWED) }
+    }
+
+    fn must_allow(&self, counts_mm: &[Option<f64>]) -> Result<(), Code> {
+        let within = self
+            .positioners
+            .iter()
+            .zip(counts_mm.iter().copied())
+            .filter_map(both)
+            .all(|(each, count_mm)| each.allows(count_mm));
+        if within { Ok(()) } else { Err(Code::OUT_OF_RANGE) }
+    }
+
+    fn begin(&mut self, state: State, end_s: f64, then: Then) -> Outcome {
+        let outcome = Outcome::default();
+        self.state = state;
+        self.stirred = true;
+        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome: outcome.clone() });
+        outcome
+    }
+
+    fn home(&mut self, is_one: fn(Axis) -> bool, then: Then, outcome: Outcome, scene: &mut Scene, now_s: f64) {
+        let mut end_s = now_s;
+        for positioner in self.positioners.iter().filter(|each| is_one(each.axis)) {
+            positioner.go_home(scene, now_s);
+            end_s = end_s.max(positioner.end_s(scene));
+        }
+        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome });
+    }
+
+    /// Starts a group motion and returns its end time, s. The axis with the longest travel time moves at its own speed. The
+    /// others are slowed so that all arrive together. An axis without a distance to move stays.
+    fn start(&self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> f64 {
+        let time_s = |(positioner, count_mm): (&Positioner, &Option<f64>)| {
+            count_mm.map_or(0.0, |count_mm| positioner.time_to_s(count_mm, scene))
+        };
+        let times_s: Vec<f64> = self.positioners.iter().zip(counts_mm).map(time_s).collect();
+        let longest_s = times_s.iter().copied().fold(0.0, f64::max);
+        let mut end_s = now_s;
+        for (time_s, (positioner, count_mm)) in times_s.into_iter().zip(self.positioners.iter().zip(counts_mm)) {
+            if let Some(count_mm) = count_mm.filter(|_| time_s > 0.0) {
+                positioner.go_to(count_mm, longest_s / time_s, scene, now_s);
+                end_s = end_s.max(positioner.end_s(scene));
+            }
+        }
+        end_s
+    }
+
+    /// Ends the action in progress with an error when all axes are at rest. Until then the group's state is `meanwhile`.
+    fn cut_short(&mut self, meanwhile: State, then: State, code: Code, scene: &Scene, now_s: f64) {
+        let end_s = self.positioners.iter().map(|positioner| positioner.end_s(scene)).fold(now_s, f64::max);
+        let outcome = self.errand.take().map(|errand| errand.outcome).unwrap_or_default();
+        self.errand = Some(Errand { end_s, then: Then::Rest(then), code, outcome });
+        self.state = meanwhile;
+        self.stirred = true;
+    }
+
+    fn rest(&mut self, state: State, code: Code, outcome: &Outcome) {
+        self.state = state;
+        self.stirred = true;
+        // set once: an errand has one end
+        let _ = outcome.set(code);
+    }
+}
+
+/// Returns the pair if its second value is present.
+fn both<A, B>((first, second): (A, Option<B>)) -> Option<(A, B)> {
+    second.map(|second| (first, second))
+}

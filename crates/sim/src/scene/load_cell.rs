@@ -1,0 +1,184 @@
+//! Load cell reading of the true force.
+
+use super::faults::{FaultKind, Faults};
+use super::spec::LoadCell;
+use palpate_core::quantity::Stream;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+/// Longest stretch over which the low-pass approximates the force by a ramp, s. Within it the contact force deviates from a ramp
+/// by some 0.1 mN at 10 mm/s. At first touch it deviates by a few mN, which the low-pass forgets within its time constant.
+const STRETCH_S: f64 = 0.002;
+
+/// Number of time constants after which a low-pass has forgotten an event, to 2e-9.
+const MEMORY: f64 = 20.0;
+
+/// State of the load cell: the low-passed force at its conversions, the conversions that can't be read yet, and the noise. The
+/// noise is one draw for each conversion.
+#[derive(Clone)]
+pub(super) struct LoadCellState {
+    spec: Option<LoadCell>,
+    conversions_hz: f64,
+    transport_s: f64,
+    /// Rate of the low-pass, 1/s.
+    low_pass: Option<f64>,
+    rng: Stream,
+    /// Start of the press under way, s; conversions are timed from it.
+    began_s: f64,
+    /// Force after the low-pass, N.
+    passed_n: f64,
+    /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
+    held: VecDeque<(u64, f64)>,
+    read: Option<(u64, f64)>,
+    /// Conversion that was read last, and the part of its noise that passed the low-pass, N.
+    filtered: Option<(u64, f64)>,
+}
+
+impl LoadCellState {
+    pub fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
+        let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
+        LoadCellState {
+            spec,
+            conversions_hz,
+            transport_s: spec.map_or(0.0, |cell| cell.transport_s),
+            low_pass: spec.and_then(|cell| cell.low_pass_hz).map(|hz| TAU * hz),
+            rng: palpate_core::quantity::stream(0, 0, "load cell noise"),
+            began_s: 0.0,
+            passed_n: unloaded_n,
+            held: VecDeque::from([(0, unloaded_n)]),
+            read: None,
+            filtered: None,
+        }
+    }
+
+    /// Force reading caused by the tool while the stage accelerates toward the specimen, N.
+    pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
+        self.spec.map_or(0.0, |cell| cell.tool_n(acceleration_mm_s2))
+    }
+
+    /// Begins another press, with its own noise. The press begins with a conversion, because the phase of the cell's free-running
+    /// clock relative to the press is random anyway. Conversions on their way to the reader get the force of this moment.
+    pub fn begin(&mut self, rng: Stream, now_s: f64) {
+        self.rng = rng;
+        let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
+        self.began_s = now_s - under_way as f64 / self.conversions_hz;
+        self.held = (0..=under_way).map(|conversion| (conversion, self.passed_n)).collect();
+        self.read = None;
+        self.filtered = None;
+    }
+
+    /// Latest time at which the scene must stop on its way from `now_s` to `to_s`, s. The scene stops at every conversion that
+    /// can be read at `to_s` or later; a long way has few of these. It stops often while the low-pass still has a memory of
+    /// earlier forces.
+    pub fn next_knot(&self, now_s: f64, to_s: f64) -> f64 {
+        let earliest = self.conversion_at(to_s - self.transport_s);
+        let conversion = earliest.max(self.newest() + 1);
+        let mut knot_s = to_s;
+        if conversion <= self.conversion_at(to_s) {
+            knot_s = knot_s.min(self.began_s + conversion as f64 / self.conversions_hz);
+        }
+        if let Some(rate) = self.low_pass {
+            let remembered_s = to_s - self.transport_s - 1.0 / self.conversions_hz - MEMORY / rate;
+            knot_s = knot_s.min(if now_s < remembered_s { remembered_s } else { now_s + STRETCH_S });
+        }
+        knot_s
+    }
+
+    /// Takes a change of the force from one value to another in `dt_s`.
+    pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
+        self.passed_n = match self.low_pass {
+            None => to_n,
+            Some(rate) => {
+                // the response to a ramp, less what is left of where it began
+                let slope = (to_n - from_n) / dt_s;
+                let left = (-rate * dt_s).exp();
+                to_n + slope / rate * (-rate * dt_s).exp_m1() + (self.passed_n - from_n) * left
+            }
+        };
+    }
+
+    /// Stores the force if a conversion that hasn't been stored yet is due at `now_s`.
+    pub fn latch(&mut self, now_s: f64) {
+        let conversion = self.conversion_at(now_s);
+        if conversion > self.newest() {
+            self.held.push_back((conversion, self.passed_n));
+        }
+        let readable = self.conversion_at(now_s - self.transport_s);
+        while self.held.get(1).is_some_and(|(next, _)| *next <= readable) {
+            self.held.pop_front();
+        }
+    }
+
+    /// Returns the cell's reading at `now_s`, N; the scene must have advanced to that time.
+    pub fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
+        let (conversion, held_n) = self.held[0];
+        if let Some((last, read_n)) = self.read
+            && (last == conversion || faults.any(FaultKind::Stuck, now_s))
+        {
+            return read_n;
+        }
+        let read_n = match faults.is_empty() {
+            true => self.sound(conversion, held_n),
+            false => self.faulty(conversion, held_n, now_s, faults),
+        };
+        self.read = Some((conversion, read_n));
+        read_n
+    }
+
+    fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {
+        match self.spec {
+            None => held_n,
+            Some(cell) => cell.gain * held_n + self.in_air_n(&cell, conversion) + cell.noise_n * self.draw(),
+        }
+    }
+
+    /// Reading of a conversion without a force, N, minus the white noise.
+    fn in_air_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+        let at_s = self.began_s + conversion as f64 / self.conversions_hz;
+        let waves_n: f64 = cell.wander.iter().chain(&cell.hum).map(|wave| wave.at(at_s)).sum();
+        cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
+    }
+
+    /// Noise that enters before the low-pass, so that neighbouring conversions share part of it.
+    fn filtered_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+        if cell.noise_ahead_n == 0.0 {
+            return 0.0;
+        }
+        let between_s =
+            self.filtered.map_or(f64::INFINITY, |(last, _)| (conversion - last) as f64 / self.conversions_hz);
+        let kept = self.low_pass.map_or(0.0, |rate| (-rate * between_s).exp());
+        let before_n = self.filtered.map_or(0.0, |(_, noise_n)| noise_n);
+        let noise_n = kept * before_n + (1.0 - kept * kept).sqrt() * cell.noise_ahead_n * self.draw();
+        self.filtered = Some((conversion, noise_n));
+        noise_n
+    }
+
+    fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &Faults) -> f64 {
+        let cell = self.spec.unwrap_or_default();
+        let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
+            (true, _) => 0.0,
+            (false, true) => -1.0,
+            (false, false) => 1.0,
+        };
+        let zero_n = self.in_air_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
+        let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
+        let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
+        (share * cell.gain * held_n + zero_n + noise_n * self.draw()).min(most_n)
+    }
+
+    fn draw(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.rng)
+    }
+
+    fn newest(&self) -> u64 {
+        self.held.back().map_or(0, |(conversion, _)| *conversion)
+    }
+
+    /// Number of the conversion at a time. A small shift prevents a time computed as n / hz from being rounded down to conversion
+    /// n - 1.
+    fn conversion_at(&self, at_s: f64) -> u64 {
+        ((at_s - self.began_s) * self.conversions_hz + 1e-6) as u64
+    }
+}

@@ -1,0 +1,366 @@
+//! Physics of a simulated rig, as pure code: axis positions, contact force, and the readings of load cell and taxels.
+//!
+//! A [`Scene`] is given the time and advances to it in closed form. It owns its random streams and depends on nothing else that
+//! changes. Terms that a [`SceneSpec`] doesn't name aren't computed. Emulators act on the scene: they set motions and read
+//! values.
+
+mod contact;
+mod faults;
+mod load_cell;
+mod motion;
+mod play;
+mod skin;
+mod spec;
+mod spots;
+mod surface;
+mod taxels;
+mod truth;
+mod weight;
+
+pub use faults::{Fault, FaultKind};
+pub use motion::Trajectory;
+pub use skin::{
+    Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
+};
+pub use spec::{
+    ContactLaw, Device, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes, Stiffness,
+    Surroundings, Wave,
+};
+pub use truth::Truth;
+
+use contact::ContactState;
+use faults::Faults;
+use load_cell::LoadCellState;
+use palpate_core::quantity::{Axis, Place, Stream, stream};
+use play::Play;
+use rand::RngExt;
+use spots::SpotMap;
+use surface::Surface;
+use taxels::TaxelState;
+use truth::Witness;
+use weight::Weight;
+
+/// Wavelengths of the smooth part of a stiffness map, mm.
+const STIFFNESS_WAVELENGTH_MM: (f64, f64) = (6.0, 12.0);
+
+/// Value added before rounding down to a step of the stage. The excess over one half is larger than the rounding of numbers. So a
+/// target midway between two steps always goes to the same side, and equal distances give equal numbers of steps.
+const HALF: f64 = 0.5 + 1e-6;
+
+/// Least factor of a stiffness map for the contact curve, because a normal draw has no bound.
+const SOFTEST: f64 = 0.1;
+
+/// A simulated specimen under a simulated indenter, at one moment. A copy continues independently.
+#[derive(Clone)]
+pub struct Scene {
+    setting: Surroundings,
+    seed: u64,
+    now_s: f64,
+    /// Motions of the axes as planned by the controller.
+    profiles: [Trajectory; 3],
+    /// Actual motions of the axes.
+    axes: [Trajectory; 3],
+    servo: Servo,
+    /// Play of z.
+    play: Option<Play>,
+    surface: Surface,
+    surface_wave: Option<Wave>,
+    /// Distance of the surface beyond its plane, into the specimen, mm.
+    relief: Option<SpotMap>,
+    curve: CurveAt,
+    contact: ContactState,
+    load_cell: LoadCellState,
+    weight: Weight,
+    taxels: TaxelState,
+    latency: [Stream; 3],
+    faults: Faults,
+    witness: Witness,
+}
+
+/// Contact curve, and the relative change of its force from place to place (1 = twice as much).
+#[derive(Clone)]
+struct CurveAt {
+    nominal: ContactLaw,
+    more: Option<SpotMap>,
+}
+
+impl Scene {
+    /// Creates a scene at time 0, with the axes at rest at their power-on places. `seed` determines all noise, and
+    /// the specimen unless the scene states a seed for it.
+    pub fn new(spec: SceneSpec, setting: Surroundings, seed: u64) -> Self {
+        let specimen = spec.specimen.unwrap_or(seed);
+        let power_on = setting.power_on;
+        let axes = Axis::ALL.map(|axis| Trajectory::at_rest(power_on.along(axis)));
+        let surface = Surface::tilted(&setting.frame, spec.surface_tilt_mm, setting.half_extent_mm, specimen)
+            .further(spec.surface_tilt);
+        let relief = spec.relief.map(|relief| {
+            let Relief { bumps_mm, bumps_wavelength_mm, roughness_mm } = relief;
+            SpotMap::new(bumps_mm, bumps_wavelength_mm, roughness_mm, ["bumps", "roughness"], specimen)
+        });
+        let more = spec.stiffness.map(|stiffness| {
+            let (smooth, white) = (stiffness.smooth_percent / 100.0, stiffness.white_percent / 100.0);
+            SpotMap::new(smooth, STIFFNESS_WAVELENGTH_MM, white, ["stiffness", "stiffness of spots"], specimen)
+        });
+        let mut scene = Scene {
+            seed,
+            now_s: 0.0,
+            profiles: axes.clone(),
+            axes,
+            servo: spec.stage.unwrap_or_default(),
+            play: spec.stage.and_then(|stage| Play::new(stage.backlash_mm)),
+            surface,
+            surface_wave: spec.surface_wave,
+            relief,
+            curve: CurveAt { nominal: spec.contact, more },
+            contact: ContactState::new(
+                spec.contact,
+                spec.relaxation,
+                spec.load_cell.and_then(|cell| cell.stiffness_n_mm),
+            ),
+            load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
+            weight: Weight::default(),
+            taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
+            latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
+            setting: Surroundings { latencies: spec.latencies, ..setting },
+            faults: Faults::new(spec.faults),
+            witness: Witness::default(),
+        };
+        scene.reseed(0, 0.0);
+        scene.strike(f64::NEG_INFINITY, 0.0);
+        scene
+    }
+
+    /// Starts the press of this number at `now_s`. From here on every random stream and the load cell's clock belong to that
+    /// press, independent of the history.
+    pub fn begin_press(&mut self, press: u64, now_s: f64) {
+        self.advance(now_s);
+        self.reseed(press + 1, now_s); // 0 is what happens before the first press
+        self.contact.forget_peaks();
+    }
+
+    /// Position and speed of an axis at `now_s`, in the stage frame: (mm, mm/s).
+    pub fn axis(&mut self, axis: Axis, now_s: f64) -> (f64, f64) {
+        self.advance(now_s);
+        let trajectory = &self.axes[axis.index()];
+        (trajectory.position_mm(now_s), trajectory.speed_mm_s(now_s))
+    }
+
+    /// Motion of an axis as planned by the controller. The axis itself is later by the scene's servo lag.
+    pub fn motion(&self, axis: Axis) -> &Trajectory {
+        &self.profiles[axis.index()]
+    }
+
+    /// Returns the actual target of the stage for a requested target, mm: the nearest step, or the upper of two equally near
+    /// steps.
+    pub fn target_mm(&self, wanted_mm: f64) -> f64 {
+        let quantum_mm = self.servo.quantum_mm;
+        if quantum_mm > 0.0 { (wanted_mm / quantum_mm + HALF).floor() * quantum_mm } else { wanted_mm }
+    }
+
+    /// Starts a new motion of an axis at `now_s`. The trajectory must start at the position that the last
+    /// [`motion`](Self::motion) has at that time.
+    pub fn set_motion(&mut self, axis: Axis, trajectory: Trajectory, now_s: f64) {
+        self.advance(now_s);
+        let real = &mut self.axes[axis.index()];
+        *real = real.followed_by(&trajectory, now_s, self.servo.lag_s);
+        self.profiles[axis.index()] = trajectory;
+        if axis != Axis::Z && !self.contact.touching() {
+            self.contact.forget_load(); // another spot knows nothing of what this one bore
+        }
+    }
+
+    /// Returns the load cell's reading at `now_s`, N: its last conversion that has arrived, pressing positive, with noise,
+    /// without a zero subtracted.
+    pub fn load_cell_n(&mut self, now_s: f64) -> f64 {
+        self.advance(now_s);
+        self.load_cell.read(now_s, &self.faults)
+    }
+
+    /// Writes the outputs of all taxels at `now_s` to `outputs`, in units of the reading for 1 N straight above.
+    ///
+    /// # Panics
+    /// If the length of `outputs` isn't the number of outputs.
+    pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
+        self.advance(now_s);
+        self.taxels.outputs(self.contact.force_n(), self.place(now_s), outputs);
+    }
+
+    /// Number of outputs of the array: one for each channel of each taxel.
+    pub fn taxels(&self) -> usize {
+        self.setting.layout.len()
+    }
+
+    /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
+    pub fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
+        let silent = match device {
+            Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
+            Device::LoadCell => self.faults.any(FaultKind::Stale, now_s),
+            Device::Array => self.faults.any(FaultKind::ArrayLost, now_s),
+        };
+        if silent {
+            return None;
+        }
+        let (least, most) = self.setting.latencies.of(device);
+        let rng = &mut self.latency[device as usize];
+        let mut latency_s = rng.random_range(least..=most);
+        if device == Device::Stage {
+            if let Some(spikes) = self.setting.latencies.stage_spikes
+                && rng.random_bool(spikes.share)
+            {
+                latency_s += spikes.longer_s;
+            }
+            latency_s += self.faults.values(FaultKind::SlowStage, now_s).sum::<f64>() / 1000.0;
+        }
+        Some(latency_s)
+    }
+
+    /// The true contact force at `now_s`, N.
+    pub fn true_force_n(&mut self, now_s: f64) -> f64 {
+        self.advance(now_s);
+        self.contact.force_n()
+    }
+
+    /// Starts to average the true force.
+    pub fn open_window(&mut self, now_s: f64) {
+        self.advance(now_s);
+        self.witness.open_window();
+    }
+
+    /// Ends the average that [`open_window`](Self::open_window) started. If no time has passed, the average is the force of this
+    /// moment.
+    pub fn close_window(&mut self, now_s: f64) {
+        self.advance(now_s);
+        self.witness.close_window(self.contact.force_n());
+    }
+
+    /// Returns the true events since the last call (peaks: or since the press began): the window's mean and the largest values.
+    pub fn take_truth(&mut self, now_s: f64) -> Truth {
+        self.advance(now_s);
+        let peaks = self.contact.peaks();
+        self.contact.forget_peaks();
+        self.witness.take(peaks)
+    }
+
+    /// Returns the events that would follow without further requests. They are the largest values from `now_s` until the axes
+    /// rest, and the force at rest as `force_true_n`. The scene itself stays unchanged.
+    pub fn run_out(&self, now_s: f64) -> Truth {
+        let mut scene = self.clone();
+        scene.take_truth(now_s);
+        let rest_s = scene.axes.iter().map(Trajectory::end_s).fold(scene.now_s, f64::max);
+        Truth { force_true_n: scene.true_force_n(rest_s), ..scene.take_truth(rest_s) }
+    }
+
+    /// Puts a known weight on the tip at `at_s`, which must not be past. The true force is within `u_n` of the nominal force, and
+    /// follows from the seed. A negative weight pulls.
+    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, at_s: f64) {
+        self.weight.change(at_s, weight::true_force_n(nominal_n, u_n, self.seed));
+    }
+
+    /// Removes the weight at `at_s`, which must not be past.
+    pub fn take_weight(&mut self, at_s: f64) {
+        self.weight.change(at_s, 0.0);
+    }
+
+    fn reseed(&mut self, press: u64, now_s: f64) {
+        self.latency = Device::ALL.map(|device| stream(self.seed, press, device.name()));
+        self.load_cell.begin(stream(self.seed, press, "load cell noise"), now_s);
+        self.taxels.reseed(stream(self.seed, press, "taxel noise"));
+    }
+
+    /// Advances the physics to `to_s`. Stops at every instant at which something changes the laws of motion or contact.
+    fn advance(&mut self, to_s: f64) {
+        while self.now_s < to_s {
+            let until_s = self.next_knot(to_s);
+            self.advance_smooth(until_s);
+            self.strike(self.now_s, until_s);
+            self.now_s = until_s;
+            self.weight.strike(until_s);
+            self.load_cell.latch(self.now_s);
+        }
+    }
+
+    /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
+    /// the force. It is at most `to_s`.
+    fn next_knot(&self, to_s: f64) -> f64 {
+        let z = &self.axes[Axis::Z.index()];
+        let engages_s = self.play.as_ref().map_or(f64::INFINITY, |play| play.engages_in_s(z.state(self.now_s)));
+        let others = [
+            self.now_s + engages_s,
+            self.load_cell.next_knot(self.now_s, to_s),
+            self.faults.next_s(self.now_s),
+            self.weight.next_s(),
+            self.witness.next_knot(self.now_s),
+        ];
+        let knots = self.axes.iter().filter_map(|axis| axis.next_knot(self.now_s)).chain(others);
+        knots.filter(|&knot_s| knot_s > self.now_s).fold(to_s, f64::min)
+    }
+
+    /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
+    /// properties of the specimen are those at the place where the stretch begins; x and y move in air.
+    fn advance_smooth(&mut self, until_s: f64) {
+        let dt_s = until_s - self.now_s;
+        let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
+        let z_acceleration_mm_s2 = z.2;
+        let z = self.play.as_mut().map_or(z, |play| play.follow(z, dt_s));
+        let place = self.setting.frame.place_from_stage(x.0, y.0);
+        let mut depth = self.surface.depth(x, y, z);
+        if let Some(wave) = self.surface_wave {
+            depth.mm -= wave.at(self.now_s);
+            depth.speed_mm_s -= wave.slope_at(self.now_s);
+        }
+        if let Some(relief) = &mut self.relief {
+            depth.mm -= relief.at(place);
+        }
+        let cosine = self.surface.cosine();
+        let depth = depth.times(cosine);
+        let was_touching = self.contact.touching();
+        let before_n = self.contact.force_n();
+        if !was_touching {
+            self.lay_under_the_tip(place);
+        }
+        self.contact.advance(depth, dt_s);
+        let (touching, after_n) = (self.contact.touching(), self.contact.force_n());
+        if touching && !was_touching {
+            self.taxels.touch();
+        }
+        self.taxels.follow(before_n, after_n, touching);
+        let hung_n =
+            self.weight.force_n() + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
+        self.load_cell.follow(dt_s, before_n * cosine + hung_n, after_n * cosine + hung_n);
+        self.witness.follow(dt_s, before_n, after_n);
+        let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
+        if sideways && (touching || was_touching) {
+            self.witness.slide(self.place(until_s).distance_mm(place));
+        }
+    }
+
+    /// Sets the contact law for the place under the tip. The tip is in air, and will meet this place.
+    fn lay_under_the_tip(&mut self, place: Place) {
+        if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
+            self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
+        } else if let Some(more) = &mut self.curve.more {
+            self.contact.will_meet(self.curve.nominal.times((1.0 + more.at(place)).max(SOFTEST)), true);
+        }
+    }
+
+    /// Applies to the contact the faults that begin after `after_s` and at most at `now_s`.
+    fn strike(&mut self, after_s: f64, now_s: f64) {
+        for kind in self.faults.beginning(after_s, now_s) {
+            let before_n = self.contact.force_n();
+            match kind {
+                FaultKind::Slip => self.contact.slip(),
+                FaultKind::NoContact => self.contact.vanish(),
+                _ => continue,
+            }
+            self.taxels.follow(before_n, self.contact.force_n(), self.contact.touching());
+        }
+    }
+
+    fn place(&self, now_s: f64) -> Place {
+        let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(now_s));
+        self.setting.frame.place_from_stage(x, y)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,167 @@
+//! Chooses the method with the smallest errors on held-out presses.
+
+use super::fitted::Candidate;
+use super::heldout::HeldPress;
+use std::collections::BTreeMap;
+
+/// Method and its trials.
+pub(super) struct Tried {
+    /// Name of the method.
+    pub solver: &'static str,
+    /// Results on presses whose place was held out; empty if the method couldn't be fitted.
+    pub trials: Vec<HeldPress>,
+}
+
+/// Ratio of a method's mean error on the first part of the places to the least mean error above which the method isn't tried
+/// further. The second constant is the number of standard errors by which the difference must also exceed zero.
+const HOPELESS: f64 = 1.3;
+const HOPELESS_SIGMAS: f64 = 3.0;
+/// Largest ratio of two mean force errors that counts as an improvement. The second constant is the allowed factor for the
+/// location error.
+const FORCE_GAIN: f64 = 0.5;
+const LOCATION_COST: f64 = 1.1;
+/// Least number of places from which this can be decided.
+const FEWEST_PLACES: usize = 30;
+
+impl Tried {
+    /// Returns the mean error of location, mm, and of force, N. A press without an answer counts with the largest error that
+    /// occurred.
+    pub fn candidate(&self) -> Candidate {
+        let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
+        Candidate {
+            solver: self.solver.to_owned(),
+            location_error_mm: mean(&self.location_errors()),
+            force_error_n: mean(&force_errors),
+        }
+    }
+
+    /// Whether its mean force error is at most half of another's: then its force is worth a slightly larger location error.
+    pub fn halves_the_force_error_of(&self, other: &Tried) -> bool {
+        let of = |tried: &Tried| tried.candidate().force_error_n;
+        of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
+    }
+
+    fn location_errors(&self) -> Vec<f64> {
+        self.errors(|trial| Some(trial.answer.as_ref().ok()?.place.distance_mm(trial.place)))
+    }
+
+    /// Returns the error of each trial inside the area. Returns an empty list if no trial has an answer.
+    fn errors(&self, error: impl Fn(&HeldPress) -> Option<f64>) -> Vec<f64> {
+        let errors: Vec<Option<f64>> = self.inside().map(error).collect();
+        let Some(largest) = errors.iter().flatten().copied().reduce(f64::max) else { return Vec::new() };
+        errors.into_iter().map(|error| error.unwrap_or(largest)).collect()
+    }
+
+    fn inside(&self) -> impl Iterator<Item = &HeldPress> {
+        self.trials.iter().filter(|trial| trial.is_inside)
+    }
+
+    /// Returns the mean of the values at each place. There is one value for each trial inside the area.
+    fn by_place(&self, values: impl IntoIterator<Item = f64>) -> Vec<f64> {
+        let mut places: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
+        for (trial, value) in self.inside().zip(values) {
+            let um = |mm: f64| (1000.0 * mm).round() as i64;
+            let (sum, count) = places.entry((um(trial.place.x_mm), um(trial.place.y_mm))).or_default();
+            *sum += value;
+            *count += 1.0;
+        }
+        places.into_values().map(|(sum, count)| sum / count).collect()
+    }
+
+    /// Returns the factor by which the mean location error is smaller than the other method's; 1 if the factor is unknown.
+    pub fn lead(&self, other: &Tried) -> f64 {
+        let errors_mm = mean(&other.location_errors()).zip(mean(&self.location_errors()));
+        errors_mm.map_or(1.0, |(other_mm, own_mm)| other_mm / own_mm)
+    }
+
+    /// Returns the number of standard errors by which the location errors are smaller than the other method's. Both methods are
+    /// compared on the same presses, counted by place.
+    pub fn lead_sigmas(&self, other: &Tried) -> f64 {
+        let errors = other.location_errors().into_iter().zip(self.location_errors());
+        let means = self.by_place(errors.map(|(other, own)| other - own));
+        let Some(lead) = mean(&means) else { return 0.0 };
+        let n = means.len() as f64;
+        let variance = means.iter().map(|mean| (mean - lead).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        lead / (variance / n).sqrt()
+    }
+}
+
+/// Ranks methods by location error. First come the methods that were tried on all parts of the places, then those that were given
+/// up. Methods without an error come last, in the given order.
+pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
+    let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
+    let key = |tried: &Tried| match mean(&tried.location_errors()) {
+        Some(error_mm) => (u8::from(tried.trials.len() < most), error_mm),
+        None => (2, 0.0),
+    };
+    let mut ranked: Vec<_> = tried.iter().map(|tried| (key(tried), tried)).collect();
+    ranked.sort_by(|(a, _), (b, _)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    ranked.into_iter().map(|(_, tried)| tried).collect()
+}
+
+/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen for its location error.
+/// Another method is chosen if it has at most half the first method's force error and nearly as small a location error.
+pub(super) fn leader(ranked: &[&Tried], may_lead: impl FnMut(&usize) -> bool) -> usize {
+    let first = (0..ranked.len()).find(may_lead).unwrap_or(0);
+    let is_near = |rank: &usize| ranked[*rank].lead(ranked[first]) >= 1.0 / LOCATION_COST;
+    let halves = |rank: &usize| ranked[*rank].halves_the_force_error_of(ranked[first]);
+    (0..ranked.len()).find(|rank| *rank != first && is_near(rank) && halves(rank)).unwrap_or(first)
+}
+
+/// Returns for each method whether it should be tried on the other parts of the places, according to its trials on the first
+/// part. `counts` states whether others are compared with a method.
+pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
+    let ranked = tried.iter().filter(|tried| counts(tried));
+    let ranked = ranked.filter_map(|tried| Some((tried, mean(&tried.location_errors())?)));
+    let best = ranked.min_by(|a, b| a.1.total_cmp(&b.1));
+    let Some((best, least_mm)) = best.filter(|(best, _)| best.by_place(best.location_errors()).len() >= FEWEST_PLACES)
+    else {
+        return vec![true; tried.len()];
+    };
+    let is_hopeful = |tried: &Tried| {
+        let mean_mm = mean(&tried.location_errors());
+        mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
+            || tried.halves_the_force_error_of(best)
+    };
+    tried.iter().map(is_hopeful).collect()
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Located, SolveError};
+    use palpate_core::quantity::Place;
+
+    /// A method whose answers are all off by so much.
+    fn tried(solver: &'static str, location_error_mm: f64, force_error_n: f64) -> Tried {
+        let trial = |index: u32| {
+            let place = Place::new(f64::from(index), 0.0);
+            let place_found = Place::new(f64::from(index), location_error_mm);
+            let answer: Result<Located, SolveError> =
+                Ok(Located { place: place_found, force_n: 1.0 + force_error_n, ..Located::PLAIN });
+            HeldPress { place, force_n: 1.0, is_inside: true, loudness: 1.0, answer }
+        };
+        Tried { solver, trials: (0..40).map(trial).collect() }
+    }
+
+    #[test]
+    fn a_method_that_halves_the_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
+        let leader_of = |second: Tried| {
+            let tried = [tried("a", 0.100, 0.040), second];
+            leader(&ranked(&tried), |_| true)
+        };
+        assert_eq!(leader_of(tried("b", 0.109, 0.019)), 1);
+        assert_eq!(leader_of(tried("b", 0.109, 0.021)), 0, "not half of the force error");
+        assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
+    }
+
+    #[test]
+    fn a_method_that_is_far_behind_is_tried_further_for_its_force_alone() {
+        let tried = [tried("a", 0.100, 0.040), tried("b", 0.150, 0.039), tried("c", 0.150, 0.001)];
+        assert_eq!(hopeful(&tried, |_| true), [true, false, true]);
+    }
+}

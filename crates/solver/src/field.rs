@@ -1,0 +1,281 @@
+//! Smooth functions of a place, stored as splines.
+
+use palpate_core::quantity::{Place, Range, cell_centres};
+use serde::{Deserialize, Serialize};
+
+/// Smooth functions of the place, one for each channel, tabulated over an area: uniform cubic B-splines in x and y. A value and
+/// its gradient need sixteen rows of the table, for any origin of the functions.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Field {
+    area: Area,
+    channels: usize,
+    x: Axis,
+    y: Axis,
+    /// Coefficients, row-major, y nodes x x nodes x channels.
+    coefficients: Vec<f64>,
+}
+
+/// Rectangle that contains the calibration points, mm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Area {
+    /// Lower left corner.
+    pub least: Place,
+    /// Upper right corner.
+    pub most: Place,
+}
+
+impl Area {
+    /// Returns the smallest area that contains all places; `None` if there are no places.
+    pub fn around(places: impl IntoIterator<Item = Place>) -> Option<Self> {
+        places.into_iter().map(|place| Area { least: place, most: place }).reduce(|a, b| Area {
+            least: Place::new(a.least.x_mm.min(b.least.x_mm), a.least.y_mm.min(b.least.y_mm)),
+            most: Place::new(a.most.x_mm.max(b.most.x_mm), a.most.y_mm.max(b.most.y_mm)),
+        })
+    }
+
+    /// Returns the length of the longer side, mm.
+    pub fn side_mm(&self) -> f64 {
+        (self.most.x_mm - self.least.x_mm).max(self.most.y_mm - self.least.y_mm)
+    }
+
+    /// Whether a place is inside the area and not on its border. An area with a side of length 0 has no inside.
+    pub fn has_inside(&self, place: Place) -> bool {
+        let within = |mm: f64, least: f64, most: f64| least == most || (mm > least + SAME_MM && mm < most - SAME_MM);
+        within(place.x_mm, self.least.x_mm, self.most.x_mm) && within(place.y_mm, self.least.y_mm, self.most.y_mm)
+    }
+
+    /// Returns an even grid with `side` places along each side.
+    pub fn grid(&self, side: usize) -> Vec<Place> {
+        let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (side - 1) as f64;
+        let place = |i: usize| {
+            let x_mm = along(self.least.x_mm, self.most.x_mm, i % side);
+            Place::new(x_mm, along(self.least.y_mm, self.most.y_mm, i / side))
+        };
+        (0..side * side).map(place).collect()
+    }
+
+    /// Returns the centres of equal cells, `side` along each side.
+    pub fn cells(&self, side: usize) -> Vec<Place> {
+        let range = |min: f64, max: f64| Range { min, max };
+        let (least, most) = (self.least, self.most);
+        cell_centres(range(least.x_mm, most.x_mm), range(least.y_mm, most.y_mm), side, side)
+    }
+
+    /// Returns the place in the area that is nearest to the given place.
+    pub fn clamp(&self, place: Place) -> Place {
+        Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))
+    }
+}
+
+/// Distance below which two places are the same, mm.
+const SAME_MM: f64 = 1e-3;
+/// Largest number of cells along one axis. A table of 100 channels then takes less than 5 MB.
+const MOST_CELLS: usize = 64;
+/// Least number of cells along one axis.
+const FEWEST_CELLS: usize = 4;
+
+impl Field {
+    /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
+    /// channels). The places go up to two cells beyond the area.
+    pub fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
+        let x = Axis::new(area.least.x_mm, area.most.x_mm, step_mm);
+        let y = Axis::new(area.least.y_mm, area.most.y_mm, step_mm);
+        // One more node each way than coefficients: a coefficient is made from three samples.
+        let (wide, high) = (x.coefficients() + 2, y.coefficients() + 2);
+        let place = |node: usize| Place::new(x.node(node % wide), y.node(node / wide));
+        let samples = sample(&(0..wide * high).map(place).collect::<Vec<_>>());
+        let along_x = quasi_interpolated(&samples, high, wide, channels);
+        let row = x.coefficients() * channels;
+        Field { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
+    }
+
+    /// Returns the area of the table.
+    pub fn area(&self) -> Area {
+        self.area
+    }
+
+    /// Returns the length of a cell, mm.
+    pub fn step_mm(&self) -> f64 {
+        self.x.step.min(self.y.step)
+    }
+
+    /// Returns the number of functions.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// Returns the lengths of a cell, mm, and the numbers of cells along x and y, and the coefficients.
+    pub fn table(&self) -> ([f64; 2], [usize; 2], &[f64]) {
+        ([self.x.step, self.y.step], [self.x.cells, self.y.cells], &self.coefficients)
+    }
+
+    /// Returns the values at a place.
+    pub fn value(&self, place: Place, value: &mut [f64]) {
+        let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
+        value.fill(0.0);
+        for (row, wy) in y.weights.into_iter().enumerate() {
+            for (column, wx) in x.weights.into_iter().enumerate() {
+                let weight = wx * wy;
+                for (value, c) in value.iter_mut().zip(self.node(x.first + column, y.first + row)) {
+                    *value += weight * c;
+                }
+            }
+        }
+    }
+
+    /// Returns the values at a place and their changes with x and with y, per mm.
+    pub fn value_and_gradient(&self, place: Place, value: &mut [f64], along_x: &mut [f64], along_y: &mut [f64]) {
+        let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
+        value.fill(0.0);
+        along_x.fill(0.0);
+        along_y.fill(0.0);
+        for (row, (wy, sy)) in y.weights.into_iter().zip(y.slopes).enumerate() {
+            for (column, (wx, sx)) in x.weights.into_iter().zip(x.slopes).enumerate() {
+                let (weight, slope_x, slope_y) = (wx * wy, sx * wy, wx * sy);
+                let sums = value.iter_mut().zip(along_x.iter_mut()).zip(along_y.iter_mut());
+                for (((value, along_x), along_y), c) in sums.zip(self.node(x.first + column, y.first + row)) {
+                    *value += weight * c;
+                    *along_x += slope_x * c;
+                    *along_y += slope_y * c;
+                }
+            }
+        }
+    }
+
+    /// Returns the value of one channel and its changes with x and with y, per mm.
+    pub fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
+        let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
+        let mut sums = [0.0; 3];
+        for (row, (wy, sy)) in y.weights.into_iter().zip(y.slopes).enumerate() {
+            for (column, (wx, sx)) in x.weights.into_iter().zip(x.slopes).enumerate() {
+                let c = self.node(x.first + column, y.first + row)[channel];
+                sums.iter_mut().zip([wx * wy, sx * wy, wx * sy]).for_each(|(sum, weight)| *sum += weight * c);
+            }
+        }
+        sums
+    }
+
+    fn node(&self, x: usize, y: usize) -> &[f64] {
+        &self.coefficients[(y * self.x.coefficients() + x) * self.channels..][..self.channels]
+    }
+}
+
+/// Equal cells between two values.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Axis {
+    least: f64,
+    step: f64,
+    cells: usize,
+}
+
+/// Four coefficients that affect a value: their weights, and the derivatives of the weights.
+struct Stencil {
+    first: usize,
+    weights: [f64; 4],
+    slopes: [f64; 4],
+}
+
+impl Axis {
+    fn new(least: f64, most: f64, step: f64) -> Self {
+        let width = most - least;
+        if width <= 0.0 {
+            return Axis { least, step, cells: 1 }; // all places on one line: nothing is known beside it
+        }
+        let cells = (width / step).ceil().clamp(FEWEST_CELLS as f64, MOST_CELLS as f64) as usize;
+        Axis { least, step: width / cells as f64, cells }
+    }
+
+    fn coefficients(&self) -> usize {
+        self.cells + 3
+    }
+
+    /// Position of a sample. The third sample is at the axis' least value.
+    fn node(&self, index: usize) -> f64 {
+        self.least + (index as f64 - 2.0) * self.step
+    }
+
+    fn find(&self, value: f64) -> Stencil {
+        let cell = ((value - self.least) / self.step).clamp(0.0, self.cells as f64);
+        let first = (cell as usize).min(self.cells - 1);
+        let t = cell - first as f64;
+        let (u, slope) = (1.0 - t, 0.5 / self.step);
+        Stencil {
+            first,
+            weights: [
+                u * u * u / 6.0,
+                (4.0 + 3.0 * t * t * (t - 2.0)) / 6.0,
+                (4.0 + 3.0 * u * u * (u - 2.0)) / 6.0,
+                t * t * t / 6.0,
+            ],
+            slopes: [-u * u * slope, t * (3.0 * t - 4.0) * slope, u * (4.0 - 3.0 * u) * slope, t * t * slope],
+        }
+    }
+}
+
+/// Returns coefficients of cubic B-splines from samples along the middle one of three dimensions: (-f- + 8 f - f+) / 6, which is
+/// exact for cubics (de Boor and Fix 1973). The result has two values fewer than the input.
+fn quasi_interpolated(samples: &[f64], outer: usize, count: usize, inner: usize) -> Vec<f64> {
+    let mut coefficients = Vec::with_capacity(outer * (count - 2) * inner);
+    for block in samples.chunks_exact(count * inner) {
+        for at in inner..(count - 1) * inner {
+            coefficients.push((8.0 * block[at] - block[at - inner] - block[at + inner]) / 6.0);
+        }
+    }
+    coefficients
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AREA: Area = Area { least: Place { x_mm: -3.0, y_mm: 1.0 }, most: Place { x_mm: 5.0, y_mm: 7.0 } };
+
+    #[test]
+    fn cubics_and_their_gradients_are_exact() {
+        let cubic = |place: Place, values: &mut [f64]| {
+            let (x, y) = (place.x_mm, place.y_mm);
+            values.copy_from_slice(&[x * x * x - 2.0 * x * y * y, y * y * y + x]);
+        };
+        let field = Field::new(AREA, 1.3, 2, |places| {
+            let mut values = vec![0.0; 2 * places.len()];
+            places.iter().zip(values.chunks_exact_mut(2)).for_each(|(place, row)| cubic(*place, row));
+            values
+        });
+        let (mut value, mut along_x, mut along_y) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        for (x, y) in [(-3.0, 1.0), (5.0, 7.0), (0.31, 4.2), (4.99, 1.01)] {
+            let mut truth = [0.0; 2];
+            cubic(Place::new(x, y), &mut truth);
+            field.value_and_gradient(Place::new(x, y), &mut value, &mut along_x, &mut along_y);
+            let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b} at {x} {y}");
+            near(value[0], truth[0]);
+            near(value[1], truth[1]);
+            near(along_x[0], 3.0 * x * x - 2.0 * y * y);
+            near(along_y[0], -4.0 * x * y);
+            near(along_x[1], 1.0);
+            near(along_y[1], 3.0 * y * y);
+            let mut alone = [0.0; 2];
+            field.value(Place::new(x, y), &mut alone);
+            assert_eq!(alone, value);
+        }
+    }
+
+    #[test]
+    fn beyond_the_area_the_border_counts() {
+        let field = Field::new(AREA, 1.0, 1, |places| places.iter().map(|place| place.x_mm + place.y_mm).collect());
+        let mut value = [0.0];
+        field.value(Place::new(99.0, -99.0), &mut value);
+        assert!((value[0] - 6.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_area_may_be_a_line_or_a_place() {
+        let place = Place::new(1.0, 2.0);
+        let area = Area::around([place]).unwrap();
+        let field = Field::new(area, 0.5, 1, |places| places.iter().map(|place| place.y_mm).collect());
+        let mut value = [0.0];
+        field.value(place, &mut value);
+        assert!((value[0] - 2.0).abs() < 1e-12);
+        assert_eq!(area.clamp(Place::new(7.0, 7.0)), place);
+        assert_eq!(Area::around([]), None);
+    }
+}

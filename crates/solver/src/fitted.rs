@@ -1,0 +1,166 @@
+//! Result of a fit: a method ready to solve.
+
+use super::appraised::Appraised;
+use super::forward::Forward;
+use super::pearson::check;
+use super::{Broken, Calibration, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
+use palpate_core::quantity::Place;
+use serde::{Deserialize, Serialize};
+
+/// A method fitted to a calibration: the result of [`fit`](super::fit).
+#[derive(Serialize, Deserialize)]
+pub struct Fitted {
+    solver: Answering,
+    units: usize,
+    /// Units that the method uses, in its order; `None` if it uses all.
+    kept: Option<Vec<usize>>,
+    broken: Vec<Broken>,
+    choice: Option<Choice>,
+    /// Factors by which the stated errors of location and of force are multiplied.
+    widened: [f64; 2],
+}
+
+/// Method that states the uncertainty of its answers, from its own map or from held-out presses.
+#[derive(Serialize, Deserialize)]
+pub(super) enum Answering {
+    Forward(Box<Forward>),
+    Appraised(Box<Appraised>),
+}
+
+impl Answering {
+    fn solver(&self) -> &dyn Solver {
+        match self {
+            Answering::Forward(forward) => &**forward,
+            Answering::Appraised(appraised) => &**appraised,
+        }
+    }
+}
+
+/// How the method was chosen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Choice {
+    /// Every method that was tried: the chosen one first, then the others by error.
+    pub candidates: Vec<Candidate>,
+}
+
+/// A method that was tried on presses to which it hadn't been fitted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Name of the method.
+    pub solver: String,
+    /// Mean location error, mm; null if the method couldn't be fitted or had no answers.
+    pub location_error_mm: Option<f64>,
+    /// Mean force error, N.
+    pub force_error_n: Option<f64>,
+}
+
+impl Fitted {
+    /// Returns a method for an array of `units`, all of which are used.
+    pub(super) fn new(solver: Answering, units: usize) -> Self {
+        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2] }
+    }
+
+    /// Returns the same method for an array of `units`, of which some are left out.
+    pub(super) fn without(self, broken: Vec<Broken>, units: usize) -> Self {
+        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
+        let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
+        Fitted { units, kept, broken, ..self }
+    }
+
+    pub(super) fn chosen(self, choice: Choice) -> Self {
+        Fitted { choice: Some(choice), ..self }
+    }
+
+    /// Returns an inverted map with half-widths from presses to which it wasn't fitted.
+    pub(super) fn with_half_widths_of(mut self, test: &Calibration) -> Self {
+        if let Answering::Forward(forward) = &mut self.solver {
+            forward.learn_half_widths(test);
+        }
+        self
+    }
+
+    /// Returns an inverted map without half-widths.
+    pub(super) fn without_half_widths(mut self) -> Self {
+        if let Answering::Forward(forward) = &mut self.solver {
+            forward.forget_half_widths();
+        }
+        self
+    }
+
+    /// Multiplies the stated errors of location and of force, in addition to earlier factors.
+    pub(super) fn widen(&mut self, location: f64, force: f64) {
+        self.widened = [self.widened[0] * location, self.widened[1] * force];
+    }
+
+    /// Returns the same fit with another fit's factors for the stated errors.
+    pub(super) fn widened_as(self, other: &Fitted) -> Self {
+        Fitted { widened: other.widened, ..self }
+    }
+
+    /// Returns the solution with the stated errors widened. Numbers that aren't finite end here: a reading with such a solution
+    /// has no answer, and such an error isn't stated.
+    fn stated(&self, solution: Solution) -> Result<Solution, SolveError> {
+        let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
+        if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
+            return Err(SolveError::OutOfProportion);
+        }
+        let [location, force] = self.widened;
+        let covariance = covariance.map(|sd| sd.widened([location, location, force]));
+        let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
+        let half_widths = half_widths.map(|half| half.times(location, force)).filter(HalfWidths::is_finite);
+        Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
+    }
+
+    pub(super) fn answering(&self) -> &Answering {
+        &self.solver
+    }
+
+    /// Returns the units that the method uses, in its order.
+    pub(super) fn kept(&self) -> Vec<usize> {
+        self.kept.clone().unwrap_or_else(|| (0..self.units).collect())
+    }
+
+    /// Returns how the method was chosen; `None` if it was requested by name.
+    pub fn choice(&self) -> Option<&Choice> {
+        self.choice.as_ref()
+    }
+
+    /// Returns the units that are excluded. Their readings change nothing.
+    pub fn broken(&self) -> &[Broken] {
+        &self.broken
+    }
+}
+
+impl Solver for Fitted {
+    fn name(&self) -> &'static str {
+        self.solver.solver().name()
+    }
+
+    fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
+        let Some(kept) = &self.kept else {
+            check(outputs, self.units)?;
+            return self.stated(self.solver.solver().solve(outputs, workspace)?);
+        };
+        if outputs.len() != self.units {
+            return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
+        }
+        let mut row = std::mem::take(&mut workspace.kept);
+        row.clear();
+        row.extend(kept.iter().map(|&unit| outputs[unit]));
+        let solved = check(&row, row.len()).and_then(|()| self.solver.solver().solve(&row, workspace));
+        workspace.kept = row;
+        let mut solution = solved.map_err(|error| match error {
+            SolveError::NotFinite { unit } => SolveError::NotFinite { unit: kept[unit - 1] + 1 },
+            other => other,
+        })?;
+        if let Verdict::ChannelFault(unit) = &mut solution.verdict {
+            *unit = kept[*unit];
+        }
+        self.stated(solution)
+    }
+
+    fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {
+        let [location, force] = self.widened;
+        self.solver.solver().expected(place, force_n).map(|sd| sd.widened([location, location, force]))
+    }
+}

@@ -1,0 +1,253 @@
+//! The inverse problem: finds place and force of a contact from a calibration and one reading of the array.
+//!
+//! A [`Calibration`] is presses of known place and force. [`fit`] prepares a [`Solver`] from it once; `solve` then
+//! turns a reading (one output for each) into a [`Solution`], or returns the reason: a reading without an answer is an
+//! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
+//!
+//! Nothing here reads files, asks the time or logs.
+//!
+//! # The methods
+//!
+//! | name | file | description |
+//! |---|---|---|
+//! | `pearson`, `pearson-lsq` | `pearson` | the paper's: the calibration point of the highest correlation |
+//! | `pearson-knn` | `knn` | the mean of the four best points |
+//! | `whitened` | `whitened` | the point of the highest cosine, each unit weighed by its noise |
+//! | `surrogate` | `surrogate` | a smooth map of the calibration, inverted |
+//! | `physics` | `physics` | an elastic map with four parameters a unit, inverted |
+//! | `gaussian-process` | `gaussian_process` | a regression from readings to places |
+//! | `pattern-map` | `pattern_map` | a smooth map of the pattern, inverted with the errors of all units correlated |
+//! | `blend` | `blend` | the weighed mean of `gaussian-process` and a map |
+//! | `extra-trees` | `extra_trees` | extremely randomised trees from readings to places |
+//!
+//! The first three search a table (`scan`). `surrogate` and `physics` each make a `Response` (map, its error, noise), which
+//! `Forward` inverts: `field` tabulates it, `descent` and `normal` refine, `threshold` gives the largest misfit
+//! of a single contact. Methods without a map answer through `Appraised`. It learns the size of their errors from held-out
+//! presses (`heldout`). `best` ranks all methods by these errors. `surrogate` and `gaussian-process` share `kriging`. [`fit`]
+//! returns a [`Fitted`]; a [`Session`] solves one reading after another with it.
+//!
+//! A new method implements `Locate` in a file of its own, with a name in [`SOLVERS`], a variant of `Method` and an arm in
+//! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
+//! older calibration and a few new presses (`adapt`).
+//! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
+
+mod adapt;
+mod adapted;
+mod appraised;
+mod best;
+mod blend;
+mod broken;
+mod calibration;
+mod centred;
+mod correlation;
+mod descent;
+mod evaluation;
+mod extra_trees;
+mod field;
+mod fits;
+mod fitted;
+mod forward;
+mod gaussian_process;
+mod heldout;
+mod knn;
+mod kriging;
+mod method;
+mod model;
+mod noise;
+mod normal;
+mod pattern_map;
+mod pearson;
+mod physics;
+mod placement;
+mod plane;
+mod prepared;
+mod prior;
+mod process;
+mod response;
+mod scan;
+mod session;
+mod setting;
+mod solution;
+mod sought;
+mod spots;
+mod starts;
+mod surrogate;
+pub mod tables;
+mod threshold;
+mod tridiagonal;
+mod view;
+mod whitened;
+mod widths;
+mod workspace;
+
+pub use adapt::{Change, Extent, UnitChange};
+pub use adapted::{AdaptError, Adapted, FEWEST_PRESSES, HeldOut, MeanErrors};
+pub use broken::{Broken, Fault};
+pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
+pub use evaluation::{
+    Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
+    TestPress, Unsolved, Verdicts, Within, evaluate,
+};
+pub use fits::{Fits, MOST_FITS};
+pub use fitted::{Candidate, Choice, Fitted};
+pub use knn::{NEIGHBOURS, PearsonKnn};
+pub use model::{Model, ModelError, Validity};
+pub use pearson::{ForceRule, Pearson, correlation};
+pub use placement::{Placement, PlacementError, place_array};
+pub use plane::Plane;
+pub use prepared::Prepared;
+pub use prior::{Belongs, Deviation, Deviations, Prior, PriorError, SENSORS_LEAST, Sibling, Spread};
+pub use session::{MOST_PARTIAL, Session, Unanswered};
+pub use setting::{ForceKnown, Setting};
+pub use solution::{Covariance, Solution, Verdict};
+pub use whitened::Whitened;
+pub use widths::HalfWidths;
+pub use workspace::Workspace;
+
+use palpate_core::quantity::Place;
+
+/// Names that [`fit`] accepts; the paper's own method is first.
+pub const SOLVERS: [&str; 10] = [
+    "pearson",
+    "pearson-lsq",
+    "pearson-knn",
+    "whitened",
+    "surrogate",
+    "physics",
+    "gaussian-process",
+    "pattern-map",
+    "blend",
+    "extra-trees",
+];
+
+/// A fitted method.
+pub trait Solver: Send + Sync {
+    /// The name it goes by in [`SOLVERS`].
+    fn name(&self) -> &'static str;
+
+    /// Returns the contact that caused one reading. `outputs` holds one value for each unit, in the units and the order of the
+    /// calibration.
+    ///
+    /// After the workspace was first used with this solver, no more memory is allocated.
+    fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError>;
+
+    /// Returns the expected error at a place, specimen frame, under a force in N. It is the Cramer-Rao bound on the map that the
+    /// solver inverts, including the map's own error. `None` if there is no such map, or if the units don't determine the
+    /// contact.
+    fn expected(&self, _place: Place, _force_n: f64) -> Option<Covariance> {
+        None
+    }
+}
+
+/// Method that returns place and force. [`Appraised`] adds the uncertainty.
+trait Locate: Send + Sync {
+    /// The name it goes by in [`SOLVERS`].
+    fn name(&self) -> &'static str;
+
+    /// Returns the contact that caused one reading.
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError>;
+}
+
+/// A contact without its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Located {
+    /// Place of the contact, specimen frame, mm.
+    place: Place,
+    /// Force, N.
+    force_n: f64,
+    /// Misfit between the reading and a contact there, in a measure of the method's own; 0 is a perfect fit.
+    residue: f64,
+    /// Improvement of the fit if the contact could be beyond the calibrated area, in the same measure.
+    beyond: f64,
+    /// Quantities to which the errors of location, mm, and of force, N, are proportional. The factor is the same for all answers
+    /// of the method. The value is 1 if the method doesn't distinguish readings.
+    scale_mm: f64,
+    scale_n: f64,
+}
+
+impl Located {
+    /// Default values for a method that gives only place, force and residue.
+    const PLAIN: Located = Located {
+        place: Place { x_mm: 0.0, y_mm: 0.0 },
+        force_n: 0.0,
+        residue: 0.0,
+        beyond: 0.0,
+        scale_mm: 1.0,
+        scale_n: 1.0,
+    };
+}
+
+/// Name under which [`fit`] chooses the method itself.
+pub const BEST: &str = "best";
+
+/// Fits the method of that name, or the method that cross-validation on the calibration finds best.
+///
+/// Units that are dead or saturated in the calibration are excluded. Methods without a map of the array are tried on held-out
+/// presses, with the force unknown to the methods. These trials give the methods' errors and the method for [`BEST`].
+///
+/// # Errors
+/// No method has that name, the layout belongs to another array, or the method can't be fitted to the calibration.
+pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
+    Prepared::new(calibration.clone(), setting)?.fit(name)
+}
+
+/// Reason why a method couldn't be fitted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// No method has that name.
+    #[error("unknown solver `{name}`; expected one of {BEST}, {}", SOLVERS.join(", "))]
+    UnknownSolver {
+        /// Requested name.
+        name: String,
+    },
+    /// The layout belongs to another array.
+    #[error("the array's layout has {layout} units, the calibration {calibration}")]
+    Layout {
+        /// Number of units in the layout.
+        layout: usize,
+        /// Number of units in the calibration.
+        calibration: usize,
+    },
+    /// There are too few places for the method.
+    #[error("the calibration has {places} places, the method requires {needed}")]
+    TooFewPlaces {
+        /// Number of places in the calibration.
+        places: usize,
+        /// Number of places required.
+        needed: usize,
+    },
+    /// At every calibration point all units read the same, so the points can't be distinguished.
+    #[error("all units have the same output at every calibration point, so the points can't be distinguished")]
+    NothingToTellApart,
+    /// The noise isn't suitable as a divisor.
+    #[error("the noise must have one standard deviation per unit, each finite and above 0")]
+    Noise,
+}
+
+/// Reason why a reading has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SolveError {
+    /// The reading comes from another array.
+    #[error("the reading has {found} outputs, the calibration has {expected}")]
+    Channels {
+        /// Number of units in the calibration.
+        expected: usize,
+        /// Number of outputs in the reading.
+        found: usize,
+    },
+    /// An output is NaN or infinite.
+    #[error("output {unit} is not a finite number")]
+    NotFinite {
+        /// The unit, counted from 1.
+        unit: usize,
+    },
+    /// Nothing that the array can feel touches it, so the correlation would be 0/0.
+    #[error("all outputs are equal: the reading correlates with no place")]
+    AllEqual,
+    /// The solved force is too large for a number.
+    #[error("the reading is too large for the calibration: its force is not finite")]
+    OutOfProportion,
+}
+
+#[cfg(test)]
+mod tests;

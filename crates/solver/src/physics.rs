@@ -1,0 +1,187 @@
+//! Map computed by elasticity.
+
+use super::field::{Area, Field};
+use super::response::Response;
+use super::spots::Spots;
+use super::{Calibration, FitError};
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::storage::Owned;
+use nalgebra::{DVector, Dyn, Matrix4, OMatrix, U4, Vector4};
+use palpate_core::mechanics::{Medium, Passage, Response as Shape};
+use palpate_core::quantity::{ArrayLayout, Place};
+
+/// Returns the response by elasticity. Each unit has a gain, a place and a depth under a cover. The cover is a half-space (paper
+/// equation 1) or a layer bonded to a rigid base, whichever fits the calibration better. Four parameters for each unit need few
+/// presses, as long as the cover is of one of these kinds.
+pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Response, FitError> {
+    let spots = Spots::of(calibration);
+    if spots.places().count() < FEWEST_PLACES {
+        return Err(FitError::TooFewPlaces { places: spots.places().count(), needed: FEWEST_PLACES });
+    }
+    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let side = area.side_mm();
+    let places: Vec<Place> = spots.places().collect();
+    let (per_newton, units) = (spots.per_newton(), calibration.units());
+    let taxels = &fitted_taxels(&places, &per_newton, units, layout, side);
+
+    let depth_mm = taxels.iter().map(|taxel| taxel.parameters[DEPTH].exp()).fold(side, f64::min);
+    let everywhere = |value: fn(&Taxel, Place) -> f64| {
+        let row = move |place: &Place| taxels.iter().map(move |taxel| value(taxel, *place)).collect::<Vec<f64>>();
+        move |places: &[Place]| places.iter().flat_map(row).collect::<Vec<f64>>()
+    };
+    let field = Field::new(area, depth_mm / CELLS_A_DEPTH, units, everywhere(|taxel, place| taxel.at(place).0));
+    let (mut residuals, mut leverage) = (Vec::new(), Vec::new());
+    for (place, row) in places.iter().zip(per_newton.chunks_exact(units)) {
+        for (output, taxel) in row.iter().zip(taxels) {
+            let own = taxel.leverage(*place).min(MOST_LEVERAGE);
+            residuals.push((output - taxel.at(*place).0) / (1.0 - own));
+            leverage.push(own / (1.0 - own));
+        }
+    }
+    let held = spots.hold_out(calibration, &residuals, &leverage, false);
+    Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
+}
+
+/// Returns the place of each unit according to its own outputs, as [`physics`] finds it. Each unit is fitted separately, starting
+/// from its place in the layout. For a unit of several channels, the channel with the best fit gives the place. Channels that
+/// read a slope have no peak above the unit.
+pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Result<Vec<Place>, FitError> {
+    let spots = Spots::of(calibration);
+    let places: Vec<Place> = spots.places().collect();
+    if places.len() < FEWEST_PLACES {
+        return Err(FitError::TooFewPlaces { places: places.len(), needed: FEWEST_PLACES });
+    }
+    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let (per_newton, outputs) = (spots.per_newton(), calibration.units());
+    let taxels = fitted_taxels(&places, &per_newton, outputs, Some(layout), area.side_mm());
+    let misfit = |output: usize| {
+        let all: f64 = per_newton[output..].iter().step_by(outputs).map(|value| value * value).sum();
+        taxels[output].left / all
+    };
+    let of_unit = |unit: std::ops::Range<usize>| {
+        let best = unit.clone().min_by(|&a, &b| misfit(a).total_cmp(&misfit(b))).unwrap_or(unit.start);
+        Place::new(taxels[best].parameters[X], taxels[best].parameters[Y])
+    };
+    Ok(layout.units().map(of_unit).collect())
+}
+
+/// Returns the units under the cover that fits better.
+fn fitted_taxels(
+    places: &[Place],
+    per_newton: &[f64],
+    units: usize,
+    layout: Option<&ArrayLayout>,
+    side: f64,
+) -> Vec<Taxel> {
+    let covers = [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: RUBBER }].map(|medium| {
+        let shape = Shape::new(Passage { medium, ..Passage::half_space(1.0) });
+        let of_unit = |unit: usize| {
+            let outputs: Vec<f64> = per_newton[unit..].iter().step_by(units).copied().collect();
+            let start = layout.map(|layout| layout.places()[unit]);
+            Taxel::fit(&shape, places, &outputs, start, side)
+        };
+        (0..units).map(of_unit).collect::<Vec<Taxel>>()
+    });
+    let misfit = |taxels: &[Taxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
+    let [half_space, layer] = covers;
+    if misfit(&layer) < misfit(&half_space) { layer } else { half_space }
+}
+
+/// Least number of places for a fit of four parameters for each unit, so that data remain to estimate the noise.
+const FEWEST_PLACES: usize = 6;
+/// Poisson's ratio of a rubber-like cover.
+const RUBBER: f64 = 0.49;
+/// Number of cells of the response's table in the length of one depth.
+const CELLS_A_DEPTH: f64 = 12.0;
+/// Depths at which a fit starts, as fractions of the area's longer side. The best result counts.
+const STARTS: [f64; 3] = [0.15, 0.35, 0.8];
+/// Largest contribution of a measurement to its own prediction. With 1, nothing could be held out.
+const MOST_LEVERAGE: f64 = 0.95;
+
+/// Indices of the parameters: gain, x, y and the logarithm of the depth.
+const GAIN: usize = 0;
+const X: usize = 1;
+const Y: usize = 2;
+const DEPTH: usize = 3;
+
+/// One unit under the cover.
+#[derive(Clone)]
+struct Taxel {
+    shape: Shape,
+    parameters: Vector4<f64>,
+    /// (J'J)^-1 at the fit; `None` if the parameters can't be distinguished.
+    spread: Option<Matrix4<f64>>,
+    /// Sum of the squares of the residuals; above 0.
+    left: f64,
+}
+
+impl Taxel {
+    /// Returns the most likely parameters, from one output per newton for each place.
+    fn fit(shape: &Shape, places: &[Place], outputs: &[f64], start: Option<Place>, side: f64) -> Self {
+        let loudest = (0..outputs.len()).max_by(|&a, &b| outputs[a].abs().total_cmp(&outputs[b].abs())).unwrap_or(0);
+        let at = start.unwrap_or(places[loudest]);
+        let fits = STARTS.map(|share| {
+            let parameters = Vector4::new(outputs[loudest], at.x_mm, at.y_mm, (share * side).ln());
+            let taxel = Taxel { shape: shape.clone(), parameters, spread: None, left: f64::INFINITY };
+            let (problem, report) = LevenbergMarquardt::new().minimize(Fitting { taxel, places, outputs });
+            let spread = problem.jacobian().and_then(|jacobian| (jacobian.transpose() * jacobian).try_inverse());
+            let left = if report.objective_function.is_finite() { report.objective_function } else { f64::INFINITY };
+            Taxel { spread, left: (2.0 * left).max(f64::MIN_POSITIVE), ..problem.taxel }
+        });
+        let [first, others @ ..] = fits;
+        others.into_iter().fold(first, |best, next| if next.left < best.left { next } else { best })
+    }
+
+    /// Returns the output per newton at a place, and its derivatives with respect to each parameter.
+    fn at(&self, place: Place) -> (f64, Vector4<f64>) {
+        let p = &self.parameters;
+        let depth_mm = p[DEPTH].exp();
+        let (dx, dy) = (place.x_mm - p[X], place.y_mm - p[Y]);
+        let distance_mm = dx.hypot(dy);
+        let k = distance_mm / depth_mm;
+        let (value, slope) = self.shape.with_slope(k); // a depth of 1
+        // d/dx of value(k) is slope dk/dx, and dk/dx = -dx / (distance depth): 0 straight above
+        let along = if distance_mm > 0.0 { -p[GAIN] * slope / (depth_mm * distance_mm) } else { 0.0 };
+        (p[GAIN] * value, Vector4::new(value, along * dx, along * dy, -p[GAIN] * slope * k))
+    }
+
+    /// Ratio of the prediction's variance at a place to the variance of one measurement.
+    fn leverage(&self, place: Place) -> f64 {
+        let jacobian = self.at(place).1;
+        self.spread.map_or(0.0, |spread| (jacobian.transpose() * spread * jacobian)[0].max(0.0))
+    }
+}
+
+struct Fitting<'a> {
+    taxel: Taxel,
+    places: &'a [Place],
+    outputs: &'a [f64],
+}
+
+impl LeastSquaresProblem<f64, Dyn, U4> for Fitting<'_> {
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, U4>;
+    type ParameterStorage = Owned<f64, U4>;
+
+    fn set_params(&mut self, parameters: &Vector4<f64>) {
+        self.taxel.parameters = *parameters;
+    }
+
+    fn params(&self) -> Vector4<f64> {
+        self.taxel.parameters
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let residual = |(place, output): (&Place, &f64)| self.taxel.at(*place).0 - output;
+        let residuals = self.places.iter().zip(self.outputs).map(residual);
+        Some(DVector::from_iterator(self.places.len(), residuals))
+    }
+
+    fn jacobian(&self) -> Option<OMatrix<f64, Dyn, U4>> {
+        let mut jacobian = OMatrix::<f64, Dyn, U4>::zeros(self.places.len());
+        for (mut row, place) in jacobian.row_iter_mut().zip(self.places) {
+            row.tr_copy_from(&self.taxel.at(*place).1);
+        }
+        Some(jacobian)
+    }
+}

@@ -1,0 +1,321 @@
+//! A calibration prepared for fitting any number of methods. Results that several methods need are computed once.
+
+use super::appraised::Appraised;
+use super::best::Tried;
+use super::blend::{Blend, MemberErrors};
+use super::broken::broken;
+use super::extra_trees::ExtraTrees;
+use super::fitted::Answering;
+use super::forward::{Forward, MapKind};
+use super::gaussian_process::{GaussianProcess, Likeliest};
+use super::heldout::{FOLDS, Folds, HeldPress};
+use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
+use super::pattern_map::{Correlations, PatternMap};
+use super::physics::physics;
+use super::response::Response;
+use super::surrogate::{surrogate, surrogate_with};
+use super::threshold::Unexplained;
+use super::{
+    BEST, Broken, Calibration, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting, Whitened,
+    best,
+};
+use palpate_core::parallel::in_parallel;
+use palpate_core::quantity::ArrayLayout;
+use std::ops::Range;
+use std::sync::OnceLock;
+
+/// A calibration, and other data about its array.
+pub struct Prepared<'a> {
+    /// Calibration without the excluded units.
+    calibration: Calibration,
+    /// Layout of the remaining units, if some are excluded.
+    layout: Option<ArrayLayout>,
+    setting: Setting<'a>,
+    broken: Vec<Broken>,
+    /// Number of units, including the excluded units.
+    units: usize,
+    /// The smooth map of the calibration.
+    response: OnceLock<Result<Response, FitError>>,
+    /// View of a reading in the Gaussian process, and its correlation.
+    process: OnceLock<Result<Likeliest, FitError>>,
+    /// The pattern map of the calibration, and its correlations.
+    pattern: OnceLock<Result<(PatternMap, Correlations), FitError>>,
+    /// The trials of each method, by [`SOLVERS`].
+    trials: [Trials; SOLVERS.len()],
+}
+
+/// Trials of a method on the first part of the presses, and on the other parts.
+#[derive(Default)]
+struct Trials {
+    first: OnceLock<Result<Vec<HeldPress>, FitError>>,
+    others: OnceLock<Result<Vec<HeldPress>, FitError>>,
+}
+
+/// Least advantage over the next method, in standard deviations, that justifies `blend`, which runs two methods.
+const WORTH_TWO_SIGMAS: f64 = 2.0;
+
+/// Methods that learn the place, or the pattern, from the readings alone, at many times the cost of the smooth map.
+const REGRESSIONS: [&str; 3] = [PROCESS, PATTERN_MAP, EXTRA_TREES];
+
+/// Largest mean location error that counts as small, as a fraction of the area's longer side.
+const LITTLE_OF_AREA: f64 = 0.05;
+
+/// Least number of places for each unit from which the correlations of all units can be learned.
+const PLACES_A_UNIT: usize = 10;
+
+/// Largest ratio of the residual of `physics` to that of the smooth map: standard deviations, geometric mean of all units.
+const UNEXPLAINED: f64 = 1.15;
+
+/// Ratio of the next method's error to that of `physics` from which `physics` leads although its residual is larger. With very
+/// few places the smooth map is poor, and its residual shows nothing.
+const FAR_AHEAD: f64 = 3.0;
+
+impl<'a> Prepared<'a> {
+    /// Prepares a calibration, without the units that are dead or saturated.
+    ///
+    /// # Errors
+    /// The layout belongs to another array, or no unit is left.
+    pub fn new(calibration: Calibration, setting: &Setting<'a>) -> Result<Self, FitError> {
+        if let Some(layout) = setting.layout.filter(|layout| layout.len() != calibration.units()) {
+            return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
+        }
+        let broken = broken(&calibration);
+        Prepared::without(calibration, setting, broken)
+    }
+
+    /// Returns the same calibration with the units to leave out.
+    pub(super) fn without(
+        calibration: Calibration,
+        setting: &Setting<'a>,
+        broken: Vec<Broken>,
+    ) -> Result<Self, FitError> {
+        let units = calibration.units();
+        let prepared = |calibration, layout, broken| Prepared {
+            calibration,
+            layout,
+            setting: *setting,
+            broken,
+            units,
+            response: OnceLock::new(),
+            process: OnceLock::new(),
+            pattern: OnceLock::new(),
+            trials: Default::default(),
+        };
+        if broken.is_empty() {
+            return Ok(prepared(calibration, None, broken));
+        }
+        let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
+        let kept: Vec<usize> = (0..units).filter(is_kept).collect();
+        if kept.is_empty() {
+            return Err(FitError::NothingToTellApart);
+        }
+        let layout = setting.layout.map(|layout| layout.only(&kept));
+        Ok(prepared(calibration.of_units(&kept), layout, broken))
+    }
+
+    /// Returns the dead or saturated units, which are excluded.
+    pub fn broken(&self) -> &[Broken] {
+        &self.broken
+    }
+
+    /// Fits the method of that name, like [`fit`](super::fit).
+    ///
+    /// # Errors
+    /// No method has that name, or the method can't be fitted to the calibration.
+    pub fn fit(&self, name: &str) -> Result<Fitted, FitError> {
+        let fitted = self.fit_to_kept(name)?;
+        Ok(if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) })
+    }
+
+    fn fit_to_kept(&self, name: &str) -> Result<Fitted, FitError> {
+        match name {
+            BEST => self.best(),
+            name if !SOLVERS.contains(&name) => Err(FitError::UnknownSolver { name: name.to_owned() }),
+            name if self.setting.appraised => self.answering(name, &self.tried(name)?),
+            SURROGATE | PHYSICS => self.answering(name, &[]),
+            name => Ok(self.fitted(Answering::Appraised(Box::new(Appraised::unappraised(self.method(name)?))))),
+        }
+    }
+
+    /// Returns the method with the least location error on held-out places. If the location errors are nearly equal, the force
+    /// error decides. If the smooth map explains the calibration, no other regression is tried. After the first part of the
+    /// places, methods with much larger errors aren't tried further.
+    fn best(&self) -> Result<Fitted, FitError> {
+        let is_explained = self.is_explained()?;
+        let is_tried = |name: &&str| self.is_candidate(name) && !(is_explained && REGRESSIONS.contains(name));
+        let names: Vec<&'static str> = SOLVERS.into_iter().filter(is_tried).collect();
+        let first = |&solver: &&'static str| Tried { solver, trials: self.first_trials(solver).unwrap_or_default() };
+        let mut tried = in_parallel(&names, first);
+        // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
+        let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
+        let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
+        let trials = in_parallel(&on, |&method| self.tried(names[method]).unwrap_or_default());
+        on.into_iter().zip(trials).for_each(|(method, trials)| tried[method].trials = trials);
+        self.add_blend(&mut tried);
+        let mut ranked = best::ranked(&tried);
+        let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
+        let leader = best::leader(&ranked, may_lead);
+        ranked[..=leader].rotate_right(1);
+        let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
+        let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
+        Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates }))
+    }
+
+    /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may
+    /// be wrong for this skin.
+    fn may_lead(&self, first: &Tried, next: Option<&Tried>) -> bool {
+        match first.solver {
+            BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
+            PHYSICS => next.is_some_and(|next| first.lead(next) >= FAR_AHEAD) || self.is_elastic(),
+            _ => true,
+        }
+    }
+
+    /// Whether a method is a candidate for `best`. `physics` needs the units' positions, and learning the common deviations of
+    /// all units takes many places for each unit.
+    fn is_candidate(&self, name: &str) -> bool {
+        match name {
+            PHYSICS => self.setting().layout.is_some(),
+            PATTERN_MAP => self.calibration.by_place().len() >= PLACES_A_UNIT * self.calibration.units(),
+            // of what its members come to
+            BLEND => false,
+            _ => true,
+        }
+    }
+
+    /// Whether the smooth map leaves only noise of the calibration, and this noise changes a place only slightly. Then no
+    /// regression can be much more accurate. With a larger noise, a regression that stays near the mean of all places can be more
+    /// accurate.
+    fn is_explained(&self) -> Result<bool, FitError> {
+        let (response, setting) = (self.response()?, self.setting());
+        if !Unexplained::of(response, &self.calibration, &setting).is_noise() {
+            return Ok(false);
+        }
+        let tried = Tried { solver: SURROGATE, trials: self.first_trials(SURROGATE)? };
+        let most_mm = LITTLE_OF_AREA * response.field.area().side_mm();
+        Ok(tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm))
+    }
+
+    /// Names of the methods that are blended: a regression and a map.
+    fn members(&self) -> [&'static str; 2] {
+        [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { SURROGATE }]
+    }
+
+    /// Adds `blend` to the tried methods, if its members were tried on all parts.
+    fn add_blend(&self, tried: &mut Vec<Tried>) {
+        let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
+        let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
+        let [Some(one), Some(other)] = self.members().map(of) else { return };
+        let trials = Blend::trials([&one.trials, &other.trials]);
+        tried.push(Tried { solver: BLEND, trials });
+    }
+
+    /// Whether `physics` explains the calibration as well as the smooth map does, so that its residual is only noise. If not,
+    /// `physics` is wrong for this skin. It then leads only with very few places, where holding some out harms the smooth map
+    /// more.
+    fn is_elastic(&self) -> bool {
+        let Ok(physics) = physics(&self.calibration, self.setting().layout) else { return false };
+        let Ok(smooth) = self.response() else { return false };
+        let ratios = physics.typical_sd().into_iter().zip(smooth.typical_sd());
+        let logs: Vec<f64> = ratios.map(|(elastic, smooth)| (elastic / smooth).ln()).collect();
+        logs.iter().sum::<f64>() / logs.len() as f64 <= UNEXPLAINED.ln()
+    }
+
+    /// Returns the trials of a method on all presses, each held out of the calibration.
+    fn tried(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
+        if name == BLEND {
+            let [one, other] = self.members();
+            return Ok(Blend::trials([&self.tried(one)?, &self.tried(other)?]));
+        }
+        let mut trials = self.first_trials(name)?;
+        let others = || self.try_on(1..FOLDS, name);
+        trials.extend_from_slice(self.trials_of(name)?.others.get_or_init(others).as_ref().map_err(Clone::clone)?);
+        Ok(trials)
+    }
+
+    /// Returns the trials on the first part of the presses.
+    fn first_trials(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
+        self.trials_of(name)?.first.get_or_init(|| self.try_on(0..1, name)).clone()
+    }
+
+    fn trials_of(&self, name: &str) -> Result<&Trials, FitError> {
+        let index = SOLVERS.iter().position(|solver| *solver == name);
+        Ok(&self.trials[index.ok_or_else(|| FitError::UnknownSolver { name: name.to_owned() })?])
+    }
+
+    fn try_on(&self, folds: Range<usize>, name: &str) -> Result<Vec<HeldPress>, FitError> {
+        match Folds::of(&self.calibration, &self.setting(), self.response()?) {
+            Some(parts) => parts.trials(folds, |part| self.fit_to(part, name)),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    /// Returns the Gaussian process' view of a reading, and its correlation.
+    fn process(&self) -> Result<&Likeliest, FitError> {
+        let seek = || GaussianProcess::seek(&self.calibration, self.setting.load);
+        self.process.get_or_init(seek).as_ref().map_err(Clone::clone)
+    }
+
+    /// Returns the pattern map of the calibration, and its correlations.
+    fn pattern(&self) -> Result<&(PatternMap, Correlations), FitError> {
+        let fit = || PatternMap::fit(&self.calibration, self.setting.load, &Correlations::default());
+        self.pattern.get_or_init(fit).as_ref().map_err(Clone::clone)
+    }
+
+    /// Returns a method that has learned the uncertainty of its answers from its trials.
+    fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Fitted, FitError> {
+        let setting = self.setting();
+        Ok(self.fitted(match self.method(name)? {
+            Method::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
+            method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
+        }))
+    }
+
+    fn fitted(&self, answering: Answering) -> Fitted {
+        Fitted::new(answering, self.calibration.units())
+    }
+
+    /// Returns a method that is fitted to all presses.
+    fn method(&self, name: &str) -> Result<Method, FitError> {
+        match name {
+            SURROGATE => Ok(self.forward(MapKind::Smooth, self.response()?.clone(), &self.calibration)),
+            BLEND => {
+                let [one, other] = self.members();
+                let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
+                Ok(Method::Blend(Blend::new([self.method(one)?, self.method(other)?], errors)))
+            }
+            PATTERN_MAP => Ok(Method::PatternMap(self.pattern()?.0.clone())),
+            name => self.fit_to(&self.calibration, name),
+        }
+    }
+
+    /// Returns a method that is fitted to some of the presses. The correlations are those of all presses. A change of a fifth in
+    /// the presses has little effect on them, and finding them takes most of a fit's time.
+    fn fit_to(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
+        let setting = self.setting();
+        Ok(match name {
+            SURROGATE => self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.sought.as_ref())?, part),
+            PHYSICS => self.forward(MapKind::Elastic, physics(part, setting.layout)?, part),
+            PROCESS => Method::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
+            PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),
+            "pearson" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
+            "pearson-lsq" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
+            "pearson-knn" => Method::PearsonKnn(PearsonKnn::fit(part)?),
+            "whitened" => Method::Whitened(Whitened::fit(part, &self.response()?.typical_sd())?),
+            EXTRA_TREES => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
+            name => return Err(FitError::UnknownSolver { name: name.to_owned() }),
+        })
+    }
+
+    fn forward(&self, kind: MapKind, response: Response, calibration: &Calibration) -> Method {
+        Method::Forward(Box::new(Forward::new(kind, response, calibration, &self.setting())))
+    }
+
+    fn response(&self) -> Result<&Response, FitError> {
+        self.response.get_or_init(|| surrogate(&self.calibration)).as_ref().map_err(Clone::clone)
+    }
+
+    fn setting(&self) -> Setting<'_> {
+        Setting { layout: self.layout.as_ref().or(self.setting.layout), ..self.setting }
+    }
+}

@@ -1,0 +1,288 @@
+//! The prior of a design: what full calibrations of some sensors show about the next one, so that few presses calibrate it.
+//!
+//! Every sensor of a design reads like the design's mean map, with the gain, place and width of each unit changed: the model of
+//! [`Change`]. A [`Prior`] knows the mean map, and how much sensors differ (`spread`). The change of a new sensor is the mean of a
+//! normal posterior (`posterior`). Its map is the mean map after this change; where the change is uncertain, so is the map.
+//! `belongs` checks whether the presses are those of a sensor of the design, and `order` chooses where to press.
+
+mod belongs;
+mod order;
+mod posterior;
+mod spread;
+
+pub use belongs::{Belongs, Deviation};
+pub use spread::{Deviations, Spread};
+
+use super::adapt::{Fit, Map, Moved};
+use super::field::Field;
+use super::forward::{Forward, MapKind};
+use super::response::Response;
+use super::surrogate::surrogate;
+use super::{Calibration, CalibrationPoint, Change, FitError, Model, Setting};
+use nalgebra::Matrix4;
+use palpate_core::quantity::{ArrayLayout, Place};
+use posterior::{Posterior, informed};
+use std::borrow::Cow;
+
+/// What full calibrations of some sensors show about the next sensor of their design.
+pub struct Prior {
+    /// Presses of all sensors, as the design's typical sensor would have read them.
+    calibration: Calibration,
+    map: Map<'static>,
+    /// Outputs of each unit. All outputs of a unit change in common.
+    units: Vec<Vec<usize>>,
+    spread: Spread,
+    sensors: usize,
+}
+
+/// Few presses of a new sensor, with the prior of its design.
+pub struct Sibling {
+    /// The method for this sensor.
+    pub model: Model,
+    /// Change of each output, compared with the design's typical sensor.
+    pub change: Change,
+    /// Whether the presses are those of a sensor of this design.
+    pub belongs: Belongs,
+    /// Expected mean location error for contacts in the calibrated area, mm.
+    pub expected_mm: f64,
+    /// Force of these contacts, N.
+    contact_n: f64,
+}
+
+/// Reason why calibrations don't make a prior, or presses can't be used with it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PriorError {
+    /// There are too few sensors.
+    #[error("{sensors} sensors were calibrated; a design needs at least {SENSORS_LEAST}")]
+    TooFew {
+        /// Number of sensors.
+        sensors: usize,
+    },
+    /// The sensors have different numbers of outputs.
+    #[error("sensor {sensor} has {found} outputs per press, the first one has {expected}")]
+    Outputs {
+        /// Number of the sensor, counted from 1.
+        sensor: usize,
+        /// Number of its outputs.
+        found: usize,
+        /// Number of outputs of the first sensor, or of the design.
+        expected: usize,
+    },
+    /// The sensors don't differ.
+    #[error(
+        "the sensors don't differ at all, as if one sensor was calibrated again and again; give simulated ones different seeds"
+    )]
+    SameSensor,
+    /// The forces of some presses are unknown.
+    #[error("the forces of the presses must be known: without them, a change of the gain can't be seen")]
+    NoForces,
+    /// The map can't be fitted.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+}
+
+/// Least number of calibrated sensors for a prior. Fewer don't show how sensors differ.
+pub const SENSORS_LEAST: usize = 3;
+
+/// Least standard deviation of the gain from sensor to sensor. Below it the calibrations are of one sensor.
+const LEAST_SPREAD: f64 = 1e-6;
+
+/// Number of rounds in which the sensors are compared with their mean, which each round improves.
+const ROUNDS: usize = 2;
+
+impl Prior {
+    /// Makes the prior from full calibrations, one for each sensor.
+    ///
+    /// # Errors
+    /// There are too few sensors, they are of different arrays, or forces are unknown.
+    pub fn new(calibrations: &[Calibration], layout: Option<&ArrayLayout>) -> Result<Self, PriorError> {
+        let sensors = calibrations.len();
+        if sensors < SENSORS_LEAST {
+            return Err(PriorError::TooFew { sensors });
+        }
+        let outputs = calibrations[0].units();
+        if let Some(other) = calibrations.iter().position(|calibration| calibration.units() != outputs) {
+            return Err(PriorError::Outputs {
+                sensor: other + 1,
+                found: calibrations[other].units(),
+                expected: outputs,
+            });
+        }
+        if !calibrations.iter().all(Calibration::forces_are_known) {
+            return Err(PriorError::NoForces);
+        }
+        let units = units_of(layout, outputs);
+        let mut aligned = calibrations.to_vec();
+        let mut found = Vec::new();
+        for _ in 0..ROUNDS {
+            let map = Map::of(&Calibration::joined(&aligned), layout)?;
+            let changes: Vec<Vec<Moved>> = calibrations.iter().map(|sensor| informed(&map, sensor, &units)).collect();
+            found = spread::about_their_mean(&changes);
+            aligned = calibrations
+                .iter()
+                .zip(&found)
+                .map(|(sensor, moved)| map.unchanged(sensor, &each_output(moved, &units, outputs)))
+                .collect();
+        }
+        let spread = Spread::of(&found);
+        if spread.own.gain < LEAST_SPREAD {
+            return Err(PriorError::SameSensor);
+        }
+        let calibration = Calibration::joined(&aligned);
+        let map = Map::of(&calibration, layout)?;
+        Ok(Prior { calibration, map, spread, units, sensors })
+    }
+
+    /// Returns how the sensors of the design differ.
+    pub fn spread(&self) -> &Spread {
+        &self.spread
+    }
+
+    /// Returns the number of outputs of a sensor.
+    pub fn outputs(&self) -> usize {
+        self.calibration.units()
+    }
+
+    /// Returns the number of sensors that made the prior.
+    pub fn sensors(&self) -> usize {
+        self.sensors
+    }
+
+    /// Returns how the means over all units differ from sensor to sensor, without the error of the design's own mean.
+    pub fn spread_of_means(&self) -> Deviations {
+        let Spread { own, common } = self.spread;
+        let units = (self.units.len() as f64).sqrt();
+        let further = (1.0 + 1.0 / self.sensors as f64).sqrt();
+        let of = |own: f64, common: f64| common.max(own / units) / further;
+        Deviations {
+            gain: of(own.gain, common.gain),
+            place_mm: of(own.place_mm, common.place_mm),
+            width: of(own.width, common.width),
+        }
+    }
+
+    /// Calibrates a new sensor with few presses.
+    ///
+    /// # Errors
+    /// The presses are of another array, or their forces are unknown.
+    pub fn sibling(&self, new: &Calibration, setting: &Setting<'_>) -> Result<Sibling, PriorError> {
+        let outputs = self.calibration.units();
+        let fit = self.fit(new)?;
+        let posterior = Posterior::of(&fit, &self.units, &self.spread);
+        let change = each_output(&posterior.moved, &self.units, outputs);
+        let response = self.response(&change, &posterior.covariances);
+        let calibration = self.map.changed(&self.calibration, &change);
+        let forward = Forward::new(MapKind::Smooth, response, &calibration, setting);
+        let contact_n = new.typical_force_n();
+        let expected_mm = forward.expected_mean_mm(contact_n);
+        let model = Model::of_forward(forward, calibration, setting).with_own_presses(new);
+        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm, contact_n })
+    }
+
+    /// Returns the expected mean location error of a sensor if its change were known exactly, mm. More presses can't reduce the error
+    /// below it.
+    pub fn least_mm(&self, sibling: &Sibling) -> f64 {
+        let known = self.response(&sibling.change, &vec![Matrix4::zeros(); self.units.len()]);
+        let calibration = self.map.changed(&self.calibration, &sibling.change);
+        let forward = Forward::new(MapKind::Smooth, known, &calibration, &sibling.model.setting());
+        forward.expected_mean_mm(sibling.contact_n)
+    }
+
+    /// Checks whether presses are those of a sensor of the design.
+    ///
+    /// # Errors
+    /// The presses are of another array, or their forces are unknown.
+    pub fn belongs(&self, new: &Calibration) -> Result<Belongs, PriorError> {
+        Ok(Belongs::of(&self.fit(new)?, &self.units, &self.spread))
+    }
+
+    fn fit<'a>(&'a self, new: &'a Calibration) -> Result<Fit<'a>, PriorError> {
+        let expected = self.calibration.units();
+        if new.units() != expected {
+            return Err(PriorError::Outputs { sensor: 1, found: new.units(), expected });
+        }
+        if !new.forces_are_known() {
+            return Err(PriorError::NoForces);
+        }
+        Ok(Fit { map: &self.map, new, forces_are_known: true })
+    }
+
+    /// Returns the map after a change, whose own error contains the covariance of each unit's change.
+    fn response(&self, change: &Change, covariances: &[Matrix4<f64>]) -> Response {
+        let (typical, outputs) = (&*self.map.response, self.calibration.units());
+        let moved: Vec<Moved> = change.units.iter().map(super::UnitChange::moved).collect();
+        let mut unit_of = vec![0; outputs];
+        self.units.iter().enumerate().for_each(|(unit, of)| of.iter().for_each(|&output| unit_of[output] = unit));
+        let value = |place: &Place| {
+            let of = |(output, moved): (usize, &Moved)| (1.0 + moved[0]) * self.map.felt(output, *place, moved)[0];
+            moved.iter().enumerate().map(of).collect::<Vec<f64>>()
+        };
+        let leverage = |place: &Place| {
+            let mut known = vec![0.0; outputs];
+            typical.leverage.value(*place, &mut known);
+            let of = |(output, moved): (usize, &Moved)| {
+                let (value, slopes) = self.map.slopes(output, *place, moved);
+                let variance = slopes.dot(&(covariances[unit_of[output]] * slopes));
+                let force_n = typical.force_n;
+                known[output].max(0.0) + variance * force_n * force_n / typical.noise.variance(output, force_n * value)
+            };
+            moved.iter().enumerate().map(of).collect::<Vec<f64>>()
+        };
+        let tabulated = |like: &Field, row: &dyn Fn(&Place) -> Vec<f64>| {
+            Field::new(like.area(), like.step_mm(), outputs, |places| places.iter().flat_map(row).collect())
+        };
+        let field = tabulated(&typical.field, &value);
+        let leverage = tabulated(&typical.leverage, &leverage);
+        Response { field, leverage, ..typical.clone() }.known_within()
+    }
+}
+
+/// Returns the change of each output from that of each unit.
+fn each_output(moved: &[Moved], units: &[Vec<usize>], outputs: usize) -> Change {
+    let mut each = vec![Moved::zeros(); outputs];
+    units.iter().zip(moved).for_each(|(of, moved)| of.iter().for_each(|&output| each[output] = *moved));
+    Change::of(&each)
+}
+
+/// Returns the outputs of each unit; without a layout each output is a unit.
+fn units_of(layout: Option<&ArrayLayout>, outputs: usize) -> Vec<Vec<usize>> {
+    match layout.filter(|layout| layout.len() == outputs) {
+        Some(layout) => layout.units().map(Iterator::collect).collect(),
+        None => (0..outputs).map(|output| vec![output]).collect(),
+    }
+}
+
+impl Map<'static> {
+    /// Returns the smooth map of a calibration, with the centres of the layout. Without a layout a unit is centred where it reads
+    /// most.
+    fn of(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Self, FitError> {
+        let response = surrogate(calibration)?;
+        let outputs = calibration.units();
+        let centres = match layout.filter(|layout| layout.len() == outputs) {
+            Some(layout) => layout.places().to_vec(),
+            None => loudest(&response),
+        };
+        Ok(Map { response: Cow::Owned(response), centres: Cow::Owned(centres) })
+    }
+}
+
+/// Number of places along a side of the area where the largest reading is searched for.
+const SIDE: usize = 25;
+
+fn loudest(response: &Response) -> Vec<Place> {
+    let places = response.field.area().grid(SIDE);
+    let size = |output: usize, place: &Place| response.field.channel(output, *place)[0].abs();
+    let of = |output: usize| {
+        let largest = places.iter().max_by(|a, b| size(output, a).total_cmp(&size(output, b)));
+        largest.copied().unwrap_or_default()
+    };
+    (0..response.field.channels()).map(of).collect()
+}
+
+impl Calibration {
+    /// Returns the presses of several calibrations of one array as one calibration.
+    fn joined(parts: &[Calibration]) -> Calibration {
+        let points: Vec<CalibrationPoint<'_>> = parts.iter().flat_map(Calibration::points).collect();
+        Calibration::new(&points).unwrap_or_else(|_| parts[0].clone())
+    }
+}

@@ -1,0 +1,119 @@
+//! The array's readings under one contact, as a function of place.
+
+use super::Calibration;
+use super::field::Field;
+use super::noise::{Noise, Residual};
+use super::sought::Sought;
+use palpate_core::quantity::Place;
+use serde::{Deserialize, Serialize};
+
+/// Readings of the array under one contact, from place to place, and their uncertainty. This is the forward map that a forward
+/// solver inverts.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Response {
+    /// Output of each unit per newton.
+    pub field: Field,
+    /// Variance of `field` divided by the noise variance of one calibration press, one value for each unit.
+    pub leverage: Field,
+    /// Deviation of an output from the map.
+    pub noise: Noise,
+    /// Force of the calibration presses, N. The map's error grows with the force divided by this force.
+    pub force_n: f64,
+    /// The calibration's presses, each compared with a map made without it. Empty if the response was read from a file.
+    #[serde(skip)]
+    pub held: Vec<Held>,
+    /// Largest leverage, mean of all units, at which the map is known. It is the leverage of the press that is predicted worst by
+    /// the others. If the map is less certain than this, the place is outside the calibrated places.
+    pub known_leverage: f64,
+    /// Correlation of the map, if it has one; `None` if the response was read from a file.
+    #[serde(skip)]
+    pub sought: Option<Sought>,
+}
+
+/// Calibration press, compared with a map made without it.
+#[derive(Clone, Debug)]
+pub(super) struct Held {
+    /// Place of the press.
+    pub place: Place,
+    /// Force, N.
+    pub force_n: f64,
+    /// Residuals, one for each unit.
+    pub residuals: Vec<Residual>,
+}
+
+/// Number of cells along each side of the table with the map's own error.
+const LEVERAGE_CELLS: f64 = 12.0;
+
+impl Response {
+    /// Combines a map with the presses compared with it. `leverage` is called once, for many places. It returns the map's
+    /// variance at each place divided by the variance of one calibration press, row-major, places x units.
+    pub fn new(
+        field: Field,
+        leverage: impl FnOnce(&[Place]) -> Vec<f64>,
+        held: Vec<Held>,
+        calibration: &Calibration,
+    ) -> Self {
+        let (area, units) = (field.area(), field.channels());
+        let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm).max(f64::MIN_POSITIVE);
+        let leverage = Field::new(area, side / LEVERAGE_CELLS, units, leverage);
+        let of_unit = |unit: usize| held.iter().map(|held| held.residuals[unit]).collect();
+        let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
+        let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / units as f64;
+        let known_leverage = held.iter().map(mean).fold(0.0, f64::max);
+        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage, sought: None }
+    }
+
+    /// Returns the variance of one unit's output under `force_n`, if one newton gives `per_newton`. It contains the noise of the
+    /// reading and the map's own error.
+    #[inline]
+    pub fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+        self.variance_from(self.force_n, unit, force_n, per_newton, leverage)
+    }
+
+    /// Returns the same variance, with the map's error for presses of `calibrated_n`.
+    #[inline]
+    pub fn variance_from(&self, calibrated_n: f64, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+        let share = force_n / calibrated_n;
+        let of_calibration = self.noise.variance(unit, calibrated_n * per_newton);
+        self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
+    }
+
+    /// Returns the sum of squares of a reading divided by its noise, assuming that nothing touched the array.
+    pub fn loudness(&self, outputs: &[f64]) -> f64 {
+        outputs.iter().enumerate().map(|(unit, output)| output * output / self.noise.variance(unit, 0.0)).sum()
+    }
+
+    /// Returns the response of a map that is valid wherever it was fitted, because the map includes the structure under the
+    /// cover.
+    pub fn known_everywhere(self) -> Self {
+        Response { known_leverage: f64::INFINITY, ..self }
+    }
+
+    /// Returns the response of a map that is known within its area, however large its own error is.
+    pub fn known_within(self) -> Self {
+        let area = self.field.area();
+        let mut leverage = vec![0.0; self.field.channels()];
+        let mut most = self.known_leverage;
+        for place in area.grid(LEVERAGE_CELLS as usize + 1) {
+            self.leverage.value(place, &mut leverage);
+            most = most.max(leverage.iter().sum::<f64>() / leverage.len() as f64);
+        }
+        Response { known_leverage: most, ..self }
+    }
+
+    /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy
+    /// as a measured one. Proportional noise scales with the output, additive noise doesn't.
+    pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {
+        (self.noise.variance(unit, 0.0) * (1.0 - share * share).max(0.0)).sqrt()
+    }
+
+    /// Returns the noise of each unit under the calibration's force: a standard deviation, as the root mean square over the
+    /// calibration's presses.
+    pub fn typical_sd(&self) -> Vec<f64> {
+        let of_unit = |unit: usize| {
+            let variances = self.held.iter().map(|held| self.noise.variance(unit, held.residuals[unit].predicted));
+            (variances.sum::<f64>() / self.held.len() as f64).sqrt()
+        };
+        (0..self.field.channels()).map(of_unit).collect()
+    }
+}

@@ -1,0 +1,86 @@
+//! Simulated benches on which conditions are measured.
+
+use super::StudyError;
+use palpate_data::dataset::{Contact, Memory};
+use palpate_data::recipe::Plan;
+use palpate_document::Problems;
+use palpate_run::rig::{self, RigSpec};
+use palpate_run::run::{Cancel, Ending, Listener, Walk, walk};
+use tokio::runtime::Builder;
+
+/// Simulated benches on which conditions are measured: one plant with two controllers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bench {
+    /// A stage behind an ESP301: 5 to 20 ms per exchange.
+    Esp301,
+    /// The same stage behind a controller as fast as an XPS: 1 to 5 ms per exchange.
+    XpsLike,
+}
+
+impl Bench {
+    /// Both benches, the slow one first.
+    pub const ALL: [Bench; 2] = [Bench::Esp301, Bench::XpsLike];
+
+    /// Returns the name in tables and figures.
+    pub fn name(self) -> &'static str {
+        match self {
+            Bench::Esp301 => "ESP301",
+            Bench::XpsLike => "XPS-like",
+        }
+    }
+
+    /// Returns the rig as supplied.
+    ///
+    /// # Errors
+    /// Never in practice: a test checks that the supplied text is valid.
+    pub fn spec(self) -> Result<RigSpec, Problems> {
+        let (file, text) = match self {
+            Bench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../../rigs/bench-esp301.toml")),
+            Bench::XpsLike => ("rigs/bench-fast.toml", include_str!("../../../rigs/bench-fast.toml")),
+        };
+        shipped(file, text)
+    }
+}
+
+/// Returns the paper's own rig as supplied.
+///
+/// # Errors
+/// Never in practice: a test checks that the supplied text is valid.
+pub fn papers_rig() -> Result<RigSpec, Problems> {
+    shipped("rigs/paper.toml", include_str!("../../../rigs/paper.toml"))
+}
+
+/// Executes a plan in virtual time and writes no files. Returns the measured contacts and the ending.
+///
+/// # Errors
+/// An error of the operating system: it provides no runtime.
+pub fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
+    let mut memory = Memory::default();
+    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
+    let errand = Walk { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+    let ending = runtime.block_on(walk(errand, &mut Nobody));
+    Ok((memory.contacts().cloned().collect(), ending))
+}
+
+struct Nobody;
+
+impl Listener for Nobody {}
+
+fn shipped(file: &str, text: &str) -> Result<RigSpec, Problems> {
+    rig::parse(file, text, &|_| Err(std::io::ErrorKind::NotFound.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_benches_are_simulated_and_differ_in_their_controller_alone() {
+        let [slow, fast] = Bench::ALL.map(|bench| bench.spec().unwrap());
+        assert!(slow.is_simulated() && fast.is_simulated());
+        assert!(fast.scene.latencies.stage_s.1 < slow.scene.latencies.stage_s.0 + 1e-9);
+        let mut scene = slow.scene.clone();
+        scene.latencies.stage_s = fast.scene.latencies.stage_s;
+        assert_eq!((scene, slow.limits), (fast.scene, fast.limits));
+    }
+}

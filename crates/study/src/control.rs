@@ -1,0 +1,153 @@
+//! The study of the force loop: its conditions and their execution.
+
+use super::condition::{Condition, ConditionOutcome, Part};
+use super::scenes::{NOMINAL, SCENES, line};
+use super::stability::{Onset, stability};
+use super::{Bench, StudyError, Told, carried_out, ndjson, pareto};
+use palpate_control::Strategy;
+use palpate_run::rig::RigSpec;
+
+/// Requested tolerances, N.
+pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
+/// True stiffness divided by declared stiffness.
+pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
+/// Declared stiffnesses of the nominal specimen, N/mm.
+pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
+/// Declared stiffness, N/mm, from which fewer places are pressed.
+pub const SLOW_N_MM: f64 = 100.0;
+/// Number of places along a side of this smaller square.
+pub const SLOW_SIDE: usize = 5;
+/// Tolerance of all conditions except those that vary it, N.
+const TOLERANCE_N: f64 = 0.010;
+
+/// Number of places pressed along a side of the square.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LoopSize {
+    /// For the figure of time against error.
+    pub main: usize,
+    /// For each scene on the fast bench.
+    pub scene: usize,
+    /// For each scene on the other bench, each declared stiffness and each mismatch.
+    pub small: usize,
+    /// Number of random test presses after the square of the main figure, which counts as a calibration.
+    pub tests: usize,
+}
+
+impl LoopSize {
+    /// Complete study: 625 places for the main figure, 225 for each scene.
+    pub const WHOLE: LoopSize = LoopSize { main: 25, scene: 15, small: 9, tests: 100 };
+    /// A few places each, for a first look and for tests. The resulting numbers mean little.
+    pub const QUICK: LoopSize = LoopSize { main: 4, scene: 4, small: 3, tests: 10 };
+}
+
+/// All results of the study.
+#[derive(Clone, Debug)]
+pub struct LoopFindings {
+    /// Number of places pressed.
+    pub size: LoopSize,
+    /// Results of each condition, in the order of the parts.
+    pub outcomes: Vec<ConditionOutcome>,
+    /// Gains at which the velocity loop alone remains stable.
+    pub onsets: Vec<Onset>,
+}
+
+impl LoopFindings {
+    /// Returns one JSON object per line.
+    pub fn ndjson(&self) -> String {
+        ndjson(&self.outcomes) + &ndjson(&self.onsets)
+    }
+
+    /// Returns the outcomes of one part.
+    pub fn of(&self, part: Part) -> impl Iterator<Item = &ConditionOutcome> {
+        self.outcomes.iter().filter(move |outcome| outcome.part == part)
+    }
+}
+
+/// Executes the study. `told` is called with the number of finished conditions and the total number.
+///
+/// # Errors
+/// A condition can't be started. A trip is a result and not an error.
+pub fn control(size: LoopSize, seed: u64, told: Told<'_>) -> Result<LoopFindings, StudyError> {
+    let conditions = conditions(size, seed)?;
+    let mut outcomes = carried_out(&conditions, told, Condition::measure)?;
+    // of the outcomes of one bench that made the whole square
+    let mark = |outcome: &ConditionOutcome| {
+        Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())
+    };
+    let mut asked: Vec<&mut ConditionOutcome> =
+        outcomes.iter_mut().filter(|outcome| outcome.part == Part::Tolerance).collect();
+    let best = pareto(&asked.iter().map(|outcome| (outcome.rig, mark(outcome))).collect::<Vec<_>>());
+    asked.iter_mut().zip(best).for_each(|(outcome, is_best)| outcome.pareto = Some(is_best));
+    Ok(LoopFindings { size, outcomes, onsets: stability() })
+}
+
+/// Returns all strategies under all conditions.
+fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
+    let mut conditions = Vec::new();
+    let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
+        Ok(Condition {
+            part: Part::Tolerance,
+            bench: bench.name(),
+            scene: NOMINAL.name.to_owned(),
+            spec: bench.spec()?,
+            strategy,
+            force_n: NOMINAL.force_n,
+            tolerance_n: TOLERANCE_N,
+            side: size.main,
+            tests: 0,
+            seed,
+        })
+    };
+    for bench in Bench::ALL {
+        for strategy in Strategy::ALL {
+            for tolerance_n in TOLERANCES_N {
+                let is_calibration = bench == Bench::XpsLike && strategy != Strategy::Velocity;
+                let tests = if is_calibration { size.tests } else { 0 };
+                conditions.push(Condition { tolerance_n, tests, ..nominal(bench, strategy)? });
+            }
+        }
+    }
+    for bench in Bench::ALL {
+        for ratio in MISMATCHES {
+            let mut condition = nominal(bench, Strategy::Velocity)?;
+            let scene = &mut condition.spec.scene;
+            let shares: f64 = scene.relaxation.iter().map(|branch| branch.share).sum();
+            let sudden_n_mm = ratio * condition.spec.limits.stiffness_n_mm;
+            scene.contact = line(sudden_n_mm / (1.0 + shares), scene.contact.toe_mm);
+            scene.stiffness = None;
+            let scene = format!("stiffness {ratio}x as said");
+            conditions.push(Condition { part: Part::Mismatch, scene, side: size.small, ..condition });
+        }
+    }
+    for bench in Bench::ALL {
+        for scene in SCENES {
+            for strategy in Strategy::ALL {
+                let condition = nominal(bench, strategy)?;
+                let spec = scene.on(condition.spec);
+                conditions.push(Condition {
+                    part: Part::Scenes,
+                    scene: scene.name.to_owned(),
+                    force_n: scene.force_n,
+                    side: slow_side(&spec, if bench == Bench::XpsLike { size.scene } else { size.small }),
+                    spec,
+                    ..condition
+                });
+            }
+        }
+    }
+    for declared_n_mm in DECLARED_N_MM {
+        for strategy in Strategy::ALL {
+            let mut condition = nominal(Bench::XpsLike, strategy)?;
+            condition.spec.limits.stiffness_n_mm = declared_n_mm;
+            let side = slow_side(&condition.spec, size.small);
+            conditions.push(Condition { part: Part::Caution, side, ..condition });
+        }
+    }
+    Ok(conditions)
+}
+
+/// Number of presses along a side for slow conditions. Presses in steps of micrometres take most of a minute each, so a few are
+/// enough.
+fn slow_side(spec: &RigSpec, side: usize) -> usize {
+    if spec.limits.stiffness_n_mm < SLOW_N_MM { side } else { side.min(SLOW_SIDE) }
+}

@@ -1,0 +1,150 @@
+//! Few presses of a new sensor, with the prior of its design.
+//!
+//! The sensors are simulated: the paper's array under a bonded layer, with the noise of its Table 1. They differ in the gain, the
+//! place and the depth of each unit. The prior is made from full calibrations of other sensors. [`presses`] finds the error as a
+//! function of the number of presses, [`strangers`] whether sensors that aren't of the design are found, and [`verdicts`] whether
+//! few presses decide like a full calibration.
+
+mod design;
+mod figure;
+mod presses;
+mod strangers;
+mod verdicts;
+
+pub use design::Design;
+pub use figure::few_figures;
+pub use presses::{FewRow, Way, presses};
+pub use strangers::{Stranger, StrangerRow, strangers};
+pub use verdicts::{VerdictRow, verdicts};
+
+use super::StudyError;
+
+/// Size of the study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewSize {
+    /// Number of new sensors with each number of presses.
+    pub sensors: usize,
+    /// Number of new sensors that are calibrated without a prior, which takes longer.
+    pub without: usize,
+    /// Number of new contacts on each sensor.
+    pub tests: usize,
+    /// Number of good sensors in the search for strangers.
+    pub good: usize,
+    /// Number of strangers of each kind.
+    pub strangers: usize,
+    /// Number of sensors that are judged.
+    pub judged: usize,
+}
+
+impl FewSize {
+    /// Complete study.
+    pub const WHOLE: FewSize =
+        FewSize { sensors: 150, without: 20, tests: 300, good: 1000, strangers: 100, judged: 1000 };
+    /// Small study for a first look, and for tests. Its numbers mean little.
+    pub const QUICK: FewSize = FewSize { sensors: 6, without: 1, tests: 100, good: 20, strangers: 4, judged: 10 };
+}
+
+/// First seeds of the sensors that make the prior, of the new sensors, of the good ones and strangers, and of the judged ones.
+const PRIOR_SEEDS: u64 = 0;
+const NEW_SEEDS: u64 = 1000;
+const GOOD_SEEDS: u64 = 10_000;
+const JUDGED_SEEDS: u64 = 20_000;
+
+/// Returns an error for a study that can't be made.
+fn broken(why: impl std::fmt::Display) -> StudyError {
+    StudyError::Broken { seed: PRIOR_SEEDS, why: why.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::design::{SIDE, cells, mean_errors};
+    use super::*;
+    use crate::methods::NoiseReference;
+    use crate::methods::specimen::grid;
+    use palpate_core::quantity::Place;
+    use palpate_solver::{Belongs, Setting, Solver as _, fit};
+
+    #[test]
+    fn the_map_of_a_sibling_is_as_sure_as_that_of_a_full_calibration() {
+        for noise in NoiseReference::ALL {
+            let design = Design::papers(noise);
+            let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
+            let presses = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
+            let sibling = prior.sibling(&presses, &setting).unwrap();
+            let whole = fit("surrogate", &presses, &setting).unwrap();
+            assert_eq!(sibling.belongs, Belongs::Typical);
+            for at in [Place::new(0.0, 0.0), Place::new(3.0, 2.0), Place::new(-5.0, 1.0)] {
+                let [sibling, whole] =
+                    [sibling.model.fitted(), &whole].map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
+                assert!((sibling / whole - 1.0).abs() < 0.1, "{} {at:?}: {sibling} mm, {whole} mm", noise.name());
+            }
+        }
+    }
+
+    #[test]
+    fn nine_presses_with_a_prior_are_nearly_a_full_calibration() {
+        let design = Design::papers(NoiseReference::T);
+        let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
+        let sensors = NEW_SEEDS..NEW_SEEDS + 10;
+        let mut sums = [0.0; 4];
+        for seed in sensors.clone() {
+            let test = design.test(seed, 300);
+            let few = |columns, rows| {
+                let presses = design.calibration(seed, &cells(columns, rows)).unwrap();
+                mean_errors(prior.sibling(&presses, &setting).unwrap().model.fitted(), &test).location_mm
+            };
+            let whole = fit("surrogate", &design.calibration(seed, &grid(SIDE)).unwrap(), &setting).unwrap();
+            let found = [few(1, 1), few(3, 3), few(5, 5), mean_errors(&whole, &test).location_mm];
+            sums.iter_mut().zip(found).for_each(|(sum, mm)| *sum += mm / 10.0);
+        }
+        let [one, nine, many, whole] = sums;
+        println!("1: {one:.3}, 9: {nine:.3}, 25: {many:.3}, 625 without a prior: {whole:.3} mm");
+        assert!(one < 1.6 * whole && nine < 1.06 * whole && many < 1.04 * whole, "{sums:?}");
+    }
+
+    /// Number of sensors of each kind, unless the environment has another one.
+    const STRANGERS: u64 = 4;
+
+    #[test]
+    fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
+        let asked = std::env::var("PALPATE_STRANGERS").ok().and_then(|asked| asked.parse().ok());
+        let sensors = GOOD_SEEDS..GOOD_SEEDS + asked.unwrap_or(STRANGERS);
+        for noise in NoiseReference::ALL {
+            let design = Design::papers(noise);
+            let prior = design.prior().unwrap();
+            for kind in Stranger::ALL {
+                let is_refused = |seed: &u64| {
+                    let readings = kind.read(&design, *seed, &cells(3, 3));
+                    let belongs = prior.belongs(&readings.calibration().unwrap()).unwrap();
+                    matches!(belongs, Belongs::Outsider(_))
+                };
+                let refused = sensors.clone().filter(is_refused).count();
+                println!("{}: {refused} of {} refused, {kind:?}", noise.name(), sensors.clone().count());
+                assert_eq!(refused, if kind == Stranger::Good { 0 } else { sensors.clone().count() }, "{kind:?}");
+            }
+            for seed in sensors.clone() {
+                let thicker = design.with_layer(1.1).calibration(seed, &cells(3, 3)).unwrap();
+                assert!(matches!(prior.belongs(&thicker).unwrap(), Belongs::Beyond(_)), "{seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_design_says_which_rotations_its_presses_can_not_show() {
+        let design = Design::papers(NoiseReference::T);
+        let prior = design.prior().unwrap();
+        let places: Vec<Place> = cells(3, 3).iter().map(|touch| touch.place).collect();
+        assert_eq!(prior.undetectable(&places, 1.0), [""; 0]);
+        // a press in the middle can't show a rotation of this array
+        let alike = prior.undetectable(&[Place::new(0.0, 0.0)], 1.0);
+        assert!(alike.contains(&"rotated by 180 degrees"), "{alike:?}");
+    }
+
+    #[test]
+    fn places_that_are_chosen_lower_the_expected_error() {
+        let prior = Design::papers(NoiseReference::T).prior().unwrap();
+        let order = prior.chosen_places(4, 1.0, 0.5);
+        let expected = |count: usize| prior.expected_after_mm(&order[..count], 1.0, 0.5);
+        assert!((1..=4).all(|count| expected(count) < expected(count - 1)), "{order:?}");
+    }
+}

@@ -1,0 +1,115 @@
+//! Choices of the library as words of options, each with its help.
+
+use clap::ValueEnum;
+use palpate_data::dataset::{Durability, characteristics::Repeatability, readings};
+use palpate_report::export;
+
+/// Definition of repeatability.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum RepeatabilityChoice {
+    /// Three standard deviations.
+    ///
+    /// With five repeats it is on average 0.94 of three true standard deviations, because the square root of an unbiased variance
+    /// is itself biased (c4 of 5).
+    #[default]
+    #[value(name = "3sd")]
+    ThreeSd,
+    /// Largest minus smallest output.
+    Range,
+    /// Half the width of the interval that contains 95 %, by Student's t.
+    T95,
+    /// Three standard deviations at the level with the largest standard deviation.
+    WorstLevel,
+}
+
+/// Events that an acknowledged press survives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum DurabilityChoice {
+    /// A power cut, because the press is flushed to the disk before the next one begins.
+    #[default]
+    Full,
+    /// The end of the program, but not a power cut.
+    Fast,
+}
+
+/// Format of readings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReadingsChoice {
+    /// Cells separated by commas.
+    Csv,
+    /// One JSON object or array per line.
+    Ndjson,
+}
+
+/// Format of exported files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportChoice {
+    /// Text, with units, definitions and manifest in a .json file of the same name
+    Csv,
+    /// Apache Parquet
+    Parquet,
+    /// Apache Arrow IPC (Feather 2)
+    Arrow,
+    /// All tables in one file of numpy
+    Npz,
+    /// All tables in one MAT file (v5) for MATLAB, Octave and scipy
+    Mat,
+    /// A sensor file as C99, for a controller
+    C,
+}
+
+impl From<RepeatabilityChoice> for Repeatability {
+    fn from(choice: RepeatabilityChoice) -> Self {
+        match choice {
+            RepeatabilityChoice::ThreeSd => Repeatability::ThreeSd,
+            RepeatabilityChoice::Range => Repeatability::Range,
+            RepeatabilityChoice::T95 => Repeatability::T95,
+            RepeatabilityChoice::WorstLevel => Repeatability::WorstLevel,
+        }
+    }
+}
+
+impl From<DurabilityChoice> for Durability {
+    fn from(choice: DurabilityChoice) -> Self {
+        match choice {
+            DurabilityChoice::Full => Durability::Full,
+            DurabilityChoice::Fast => Durability::Fast,
+        }
+    }
+}
+
+impl From<ReadingsChoice> for readings::Format {
+    fn from(choice: ReadingsChoice) -> Self {
+        match choice {
+            ReadingsChoice::Csv => readings::Format::Csv,
+            ReadingsChoice::Ndjson => readings::Format::Ndjson,
+        }
+    }
+}
+
+impl From<ExportChoice> for export::Format {
+    fn from(choice: ExportChoice) -> Self {
+        match choice {
+            ExportChoice::Csv => export::Format::Csv,
+            ExportChoice::Parquet => export::Format::Parquet,
+            ExportChoice::Arrow => export::Format::Arrow,
+            ExportChoice::Npz => export::Format::Npz,
+            ExportChoice::Mat => export::Format::Mat,
+            ExportChoice::C => export::Format::C,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_definition_of_repeatability_has_a_word() {
+        assert_eq!(RepeatabilityChoice::from_str("3sd", false), Ok(RepeatabilityChoice::default()));
+        assert_eq!(Repeatability::from(RepeatabilityChoice::default()), Repeatability::default());
+        assert!(RepeatabilityChoice::from_str("4sd", false).is_err());
+        let words = RepeatabilityChoice::value_variants();
+        assert_eq!(words.iter().map(|&word| Repeatability::from(word)).collect::<Vec<_>>(), Repeatability::ALL);
+    }
+}
