@@ -30,7 +30,7 @@ Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 /// Update an older calibration, or that of a similar sensor, with a few new presses
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct AdaptArgs {
+pub(super) struct AdaptArgs {
     /// The older calibration: a run folder, a table of presses or a sensor file
     #[arg(long, value_name = "RUN")]
     from: PathBuf,
@@ -45,7 +45,7 @@ pub struct AdaptArgs {
 }
 
 /// Changes the old presses, fits, and writes the file.
-pub fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
+pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
     let old = Source::read_older(&args.from, &args.method)?;
     let new = Source::read(&args.with, &args.method)?;

@@ -28,7 +28,7 @@ With --simulate, the frame of a real rig is not written either.";
 /// Locate the specimen by pressing it, and write the rig's [frame]
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct AlignArgs {
+pub(super) struct AlignArgs {
     #[command(flatten)]
     rig: OneRigArgs,
     /// Print the result, and write nothing
@@ -40,7 +40,7 @@ pub struct AlignArgs {
 const LEAST_MM: f64 = 1e-4;
 
 /// Presses, fits, reports, and writes.
-pub fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
+pub(super) fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
     let (file, seed) = (&args.rig.rig, args.rig.seed);
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;

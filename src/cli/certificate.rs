@@ -27,7 +27,7 @@ certificate.toml lacks required information.";
 /// Write the calibration certificate of a sensor
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct CertificateArgs {
+pub(super) struct CertificateArgs {
     /// The run folders of the sensor
     #[arg(required = true)]
     runs: Vec<PathBuf>,
@@ -45,7 +45,7 @@ pub struct CertificateArgs {
 }
 
 /// Writes both documents.
-pub fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
+pub(super) fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     let out = args.out.clone().unwrap_or_else(|| args.runs[0].join("certificate"));
     let (html, xml) = (with_ending(&out, "html"), with_ending(&out, "xml"));
     check_free(&html)?;

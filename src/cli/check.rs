@@ -30,7 +30,7 @@ const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 /// Print what a recipe would do on a rig; nothing moves
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct CheckArgs {
+pub(super) struct CheckArgs {
     /// The recipe
     recipe: PathBuf,
     #[command(flatten)]
@@ -38,7 +38,7 @@ pub struct CheckArgs {
 }
 
 /// Checks and prints the plan.
-pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
+pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     print(&described(&plan, &sources.rig))?;

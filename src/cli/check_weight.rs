@@ -25,7 +25,7 @@ const GAIN_DECIMALS: i32 = 6;
 
 /// A check of the load cell with a known weight.
 #[derive(Debug, clap::Args)]
-pub struct WeightArgs {
+pub(super) struct WeightArgs {
     /// Check the load cell with a weight of this force, N; palpate asks when to put it on the tip
     #[arg(long, value_name = "N")]
     check_weight_n: Option<f64>,
@@ -44,7 +44,7 @@ pub struct WeightArgs {
 }
 
 /// What came of a check.
-pub struct Concluded {
+pub(super) struct Concluded {
     /// For a person.
     pub text: String,
     /// For a program.
@@ -55,7 +55,7 @@ pub struct Concluded {
 
 /// What `--json` prints of a check.
 #[derive(Serialize)]
-pub struct WeightTold {
+pub(super) struct WeightTold {
     weight_n: f64,
     weight_u_n: f64,
     pull: bool,
@@ -72,7 +72,7 @@ pub struct WeightTold {
 
 impl WeightArgs {
     /// The weight that is asked for, if one is.
-    pub fn weight(&self, rig: &RigSpec) -> Result<Option<KnownWeight>, Failure> {
+    pub(super) fn weight(&self, rig: &RigSpec) -> Result<Option<KnownWeight>, Failure> {
         let Some(weight_n) = self.check_weight_n else { return Ok(None) };
         let limit_n = rig.limits.force_n;
         // asked for what must hold, so that a NaN is refused
@@ -101,7 +101,7 @@ impl WeightArgs {
 }
 
 /// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
-pub fn ask(what: Ask, weight: Option<KnownWeight>) {
+pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
     let Some(KnownWeight { weight_n, pull, .. }) = weight else { return };
     let wait_s = WEIGHT_WAIT.as_secs();
     let _ = match what {
@@ -117,7 +117,7 @@ pub fn ask(what: Ask, weight: Option<KnownWeight>) {
 
 /// Judges what a weight showed and writes it to the rig file: `place` is the file, the text that was read of it, and whether
 /// emulators stand in for real links.
-pub fn concluded(
+pub(super) fn concluded(
     args: &WeightArgs,
     weighed: &Weighed,
     rig: &RigSpec,

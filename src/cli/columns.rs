@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Meaning of the columns of tables.
 #[derive(Debug, Default, clap::Args)]
-pub struct ColumnsArgs {
+pub(super) struct ColumnsArgs {
     /// What the columns of tables hold: a columns file, or a short form such as x_mm=X,y_mm=Y,outputs=ch0..ch15
     #[arg(long, value_name = "COLUMNS")]
     columns: Option<String>,
@@ -17,7 +17,7 @@ pub struct ColumnsArgs {
 }
 
 /// A columns file as it was read.
-pub struct ReadColumns {
+pub(super) struct ReadColumns {
     /// Its name.
     pub name: String,
     /// Its text.
@@ -28,7 +28,7 @@ pub struct ReadColumns {
 
 impl ColumnsArgs {
     /// The columns file that was named, or that the short form stands for.
-    pub fn read(&self) -> Result<Option<ReadColumns>, Failure> {
+    pub(super) fn read(&self) -> Result<Option<ReadColumns>, Failure> {
         let Some(given) = &self.columns else { return Ok(None) };
         let path = Path::new(given);
         let is_short = given.contains('=') && !path.exists();
@@ -56,7 +56,7 @@ impl ColumnsArgs {
     }
 
     /// Returns the meaning of the columns; without the option, that of the program's own names.
-    pub fn mapping(&self) -> Result<Mapping, Failure> {
+    pub(super) fn mapping(&self) -> Result<Mapping, Failure> {
         let own = || Mapping::default().of_sheet(self.sheet.clone());
         Ok(self.read()?.map_or_else(own, |read| read.mapping))
     }

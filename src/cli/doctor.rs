@@ -50,7 +50,7 @@ const SLOW_MM_S: f64 = 1.0;
 /// Check a rig: identify its devices, measure zero, noise and reaction time
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct DoctorArgs {
+pub(super) struct DoctorArgs {
     #[command(flatten)]
     rig: OneRigArgs,
     /// Print one JSON object
@@ -61,7 +61,7 @@ pub struct DoctorArgs {
 }
 
 /// Checks the rig and reports what to do.
-pub fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
+pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let (text, rig, invented) = args.rig.read()?;
     let weight = args.weight.weight(&rig)?;
     let spec = if weight.is_some() { as_it_reads(&rig) } else { rig.clone() };

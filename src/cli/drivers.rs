@@ -18,10 +18,10 @@ const INDENT: usize = 12;
 /// List the device families that a rig can use
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct DriversArgs {}
+pub(super) struct DriversArgs {}
 
 /// Lists the families, a paragraph each.
-pub fn drivers(_: &DriversArgs) -> Result<ExitCode, Failure> {
+pub(super) fn drivers(_: &DriversArgs) -> Result<ExitCode, Failure> {
     print(&FAMILIES.map(paragraph).join("\n"))?;
     Ok(ExitCode::SUCCESS)
 }

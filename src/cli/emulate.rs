@@ -28,7 +28,7 @@ All devices of the rig act on one scene. Ctrl-C ends the program.";
 /// Serve a rig's emulators in real time, for use by any program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct EmulateArgs {
+pub(super) struct EmulateArgs {
     /// The rig
     rig: PathBuf,
     /// Print one JSON object per device: device, protocol, listen
@@ -55,7 +55,7 @@ struct Offer<'a> {
 }
 
 /// Serves until it is stopped.
-pub fn emulate(args: &EmulateArgs) -> Result<ExitCode, Failure> {
+pub(super) fn emulate(args: &EmulateArgs) -> Result<ExitCode, Failure> {
     let (_, spec) = read_rig(&args.rig)?;
     let runtime = Builder::new_current_thread().enable_all().build().into_diagnostic().map_err(Failure::usage)?;
     runtime.block_on(serve(args, &spec))

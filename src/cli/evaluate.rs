@@ -46,7 +46,7 @@ Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 /// Solve the test presses of a run, or of two tables, and print the errors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct EvaluateArgs {
+pub(super) struct EvaluateArgs {
     /// A run folder with calibration and test presses; or a table of calibration presses, followed by one of test presses
     #[arg(value_name = "RUN", num_args = 0..=2)]
     run: Vec<PathBuf>,
@@ -82,7 +82,7 @@ struct Failed<'a> {
 }
 
 /// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
-pub fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
+pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     let (run, calibration, test) = match args.run.as_slice() {
         [] => (None, args.calibration.as_ref(), args.test.as_ref()),
         [run] => (Some(run), None, None),

@@ -9,17 +9,17 @@ use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Done, but not accepted by the rule, or not decided.
-pub const NOT_ACCEPTED: u8 = 1;
+pub(super) const NOT_ACCEPTED: u8 = 1;
 /// Exit code of an invalid recipe, rig or command line. Nothing was moved.
-pub const USAGE: u8 = 2;
+pub(super) const USAGE: u8 = 2;
 /// Exit code of a device that failed.
-pub const DEVICE: u8 = 3;
+pub(super) const DEVICE: u8 = 3;
 /// Exit code of a broken safety rule.
 const TRIP: u8 = 4;
 /// Exit code of a record that couldn't be kept.
 const RECORD: u8 = 5;
 /// Cancelled by a person, and parked.
-pub const CANCELLED: u8 = 130;
+pub(super) const CANCELLED: u8 = 130;
 
 /// Reason why a subcommand failed, and its exit code.
 #[derive(Debug)]

@@ -38,7 +38,7 @@ Exit code: 0 written, 2 bad input, 5 a file could not be written.";
 /// Write the tables of runs as files of other programs
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ExportArgs {
+pub(super) struct ExportArgs {
     /// The run folders
     #[arg(required_unless_present = "model")]
     runs: Vec<PathBuf>,
@@ -59,7 +59,7 @@ pub struct ExportArgs {
 }
 
 /// Writes the files of all runs, or none.
-pub fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
+pub(super) fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
     match (&args.model, &args.lake, args.format.map(Format::from)) {
         (Some(model), _, Some(Format::C)) => as_c(model, args.out.as_deref()),
         (Some(_), ..) => Err(Failure::usage(miette::miette!(help = C, "a sensor file has no other format than c"))),

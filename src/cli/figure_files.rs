@@ -9,14 +9,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// The files of a page's figures, not yet written.
-pub struct FigureFiles<'a> {
+pub(super) struct FigureFiles<'a> {
     folder: &'a Path,
     figures: &'a [Drawn],
 }
 
 impl<'a> FigureFiles<'a> {
     /// Looks at the places of all files. Only a figure that palpate wrote is replaced, and the table beside such a one.
-    pub fn new(folder: &'a Path, figures: &'a [Drawn]) -> Result<FigureFiles<'a>, Failure> {
+    pub(super) fn new(folder: &'a Path, figures: &'a [Drawn]) -> Result<FigureFiles<'a>, Failure> {
         let files = FigureFiles { folder, figures };
         for drawn in figures {
             let [svg, csv] = files.paths(drawn);
@@ -35,7 +35,7 @@ impl<'a> FigureFiles<'a> {
     }
 
     /// Writes them, and says how many there are.
-    pub fn write(&self) -> Result<String, Failure> {
+    pub(super) fn write(&self) -> Result<String, Failure> {
         for drawn in self.figures {
             let [svg, csv] = self.paths(drawn);
             self.put(&svg, &drawn.figure.saved())?;

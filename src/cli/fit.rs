@@ -27,7 +27,7 @@ Exit code: 0 written, 2 bad input, 5 the file could not be written.";
 /// Fit a method to a calibration and write the calibrated sensor to a file
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct FitArgs {
+pub(super) struct FitArgs {
     /// A run folder, or a table of presses
     calibration: PathBuf,
     /// Output file; an existing sensor file is replaced
@@ -38,7 +38,7 @@ pub struct FitArgs {
 }
 
 /// Fits, and writes the file.
-pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
+pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
     let source = Source::read(&args.calibration, &args.method)?;
     let model = args.method.fit(&source)?;
@@ -50,7 +50,7 @@ pub fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Writes a sensor file.
-pub fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
+pub(super) fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
     file.write(out).map_err(|error| match error {
         SensorFileError::Taken { .. } => Failure::usage(error),
         error => Failure::unwritten(error),
@@ -58,7 +58,7 @@ pub fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
 }
 
 /// Writes a sensor file, and prints its content.
-pub fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
+pub(super) fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
     place(file, out)?;
     let kept = if file.card.keeps_presses { "" } else { ", without its presses" };
     let kb = file.card.bytes.div_ceil(1000);

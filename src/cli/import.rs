@@ -35,7 +35,7 @@ Exit code: 0 imported, 2 bad input: nothing was written.";
 /// Make a run folder from tables of presses that another program recorded
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ImportArgs {
+pub(super) struct ImportArgs {
     /// The table of calibration presses
     calibration: PathBuf,
     /// The table of test presses, with the same columns
@@ -51,7 +51,7 @@ pub struct ImportArgs {
 }
 
 /// Reads the tables completely, then creates the folder.
-pub fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
+pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let started = Instant::now();
     let columns = args.columns.read()?;
     let mapping = args.columns.mapping()?;

@@ -21,7 +21,7 @@ Examples:
 /// Write a recipe and a rig to begin with, or a columns file, and their schemas for editors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct InitArgs {
+pub(super) struct InitArgs {
     /// The folder to write to; it is made if it is missing
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
@@ -143,7 +143,7 @@ fn with_schemas<const N: usize>(texts: [(Text, &str); N]) -> Vec<(String, String
 }
 
 /// Writes the files, none of which may exist, and prints what to do next.
-pub fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
+pub(super) fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
     let Template { files, next } = args.from.template();
     if let Some((file, _)) = files.iter().find(|(file, _)| args.folder.join(file).symlink_metadata().is_ok()) {
         let there = args.folder.join(file);

@@ -4,7 +4,7 @@ use palpate_data::dataset::{LABEL_MOST, Labels, is_label};
 
 /// The labels of a run, all of them stored in the manifest.
 #[derive(Debug, clap::Args)]
-pub struct LabelArgs {
+pub(super) struct LabelArgs {
     /// Sensor ID
     #[arg(long, value_name = "ID", value_parser = label)]
     sensor: Option<String>,
@@ -27,7 +27,7 @@ pub struct LabelArgs {
 
 impl LabelArgs {
     /// The labels that were given.
-    pub fn labels(&self) -> Labels {
+    pub(super) fn labels(&self) -> Labels {
         let LabelArgs { sensor, design, batch, mounting, operator, note } = self;
         let [sensor, design, batch, mounting, operator, note] =
             [sensor, design, batch, mounting, operator, note].map(Clone::clone);
@@ -36,7 +36,7 @@ impl LabelArgs {
 }
 
 /// Checks that a text can be printed anywhere.
-pub fn label(text: &str) -> Result<String, String> {
+pub(super) fn label(text: &str) -> Result<String, String> {
     let expected = || format!("expected 1 to {LABEL_MOST} printable characters");
     is_label(text).then(|| text.to_owned()).ok_or_else(expected)
 }

@@ -16,18 +16,18 @@ use palpate_solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVE
 use std::path::{Path, PathBuf};
 
 /// Every name a method can be asked for by, with some more.
-pub fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesParser {
+pub(super) fn solvers<const MORE: usize>(more: [&'static str; MORE]) -> PossibleValuesParser {
     PossibleValuesParser::new(more.into_iter().chain(SOLVERS))
 }
 
 /// Knowledge of the forces, by `--constant-load`.
-pub fn load(is_constant: bool) -> ForceKnown {
+pub(super) fn load(is_constant: bool) -> ForceKnown {
     if is_constant { ForceKnown::Constant } else { ForceKnown::Unknown }
 }
 
 /// The method, and what contacts to expect.
 #[derive(Debug, clap::Args)]
-pub struct MethodArgs {
+pub(super) struct MethodArgs {
     /// The method; best selects by cross-validation on the calibration
     #[arg(long, value_name = "NAME", default_value = BEST, value_parser = solvers([BEST]))]
     solver: String,
@@ -48,10 +48,11 @@ pub struct MethodArgs {
 }
 
 /// What the forces of a calibration without forces are.
-pub const FORCES_ARE_RELATIVE: &str = "no force_n in the calibration: forces are relative to its typical press\n";
+pub(super) const FORCES_ARE_RELATIVE: &str =
+    "no force_n in the calibration: forces are relative to its typical press\n";
 
 /// What a method is fitted to.
-pub struct Source {
+pub(super) struct Source {
     /// The run folder or the table.
     pub path: PathBuf,
     /// Its presses.
@@ -68,14 +69,14 @@ pub struct Source {
 
 impl Source {
     /// Reads a run folder or a table of presses, and prints the notes.
-    pub fn read(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
+    pub(super) fn read(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
         let source = Source::noted(path, method)?;
         source.notes.iter().try_for_each(|note| tell(note))?;
         Ok(source)
     }
 
     /// Reads a run folder or a table of presses.
-    pub fn noted(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
+    pub(super) fn noted(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
         let load = method.load();
         let path = path.to_owned();
         if path.is_dir() {
@@ -98,7 +99,7 @@ impl Source {
     }
 
     /// Reads a sensor file too, which keeps its presses.
-    pub fn read_older(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
+    pub(super) fn read_older(path: &Path, method: &MethodArgs) -> Result<Source, Failure> {
         if !is_sensor_file(path) {
             return Source::read(path, method);
         }
@@ -114,29 +115,29 @@ impl Source {
     }
 
     /// The journal or the file by its content.
-    pub fn fingerprint(&self) -> Result<Fingerprint, Failure> {
+    pub(super) fn fingerprint(&self) -> Result<Fingerprint, Failure> {
         source_fingerprint(&self.path).map_err(Failure::dataset)
     }
 }
 
 impl MethodArgs {
     /// Whether contacts press as hard as the calibration.
-    pub fn load(&self) -> ForceKnown {
+    pub(super) fn load(&self) -> ForceKnown {
         load(self.constant_load)
     }
 
     /// What the columns of tables and readings hold.
-    pub fn mapping(&self) -> Result<Mapping, Failure> {
+    pub(super) fn mapping(&self) -> Result<Mapping, Failure> {
         self.columns.mapping()
     }
 
     /// The name of the method.
-    pub fn solver(&self) -> &str {
+    pub(super) fn solver(&self) -> &str {
         &self.solver
     }
 
     /// The setting for a calibration.
-    pub fn setting<'s>(&self, source: &'s Source) -> Result<Setting<'s>, Failure> {
+    pub(super) fn setting<'s>(&self, source: &'s Source) -> Result<Setting<'s>, Failure> {
         Ok(Setting {
             layout: source.layout.as_ref(),
             load: self.load(),
@@ -148,7 +149,7 @@ impl MethodArgs {
     }
 
     /// Fits the method to a calibration.
-    pub fn fit(&self, source: &Source) -> Result<Model, Failure> {
+    pub(super) fn fit(&self, source: &Source) -> Result<Model, Failure> {
         let name = source.path.display();
         check_places(&name.to_string(), &source.calibration).map_err(Failure::usage)?;
         let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();
@@ -156,7 +157,7 @@ impl MethodArgs {
     }
 
     /// Prints the method, its calibration, and the reason for the choice.
-    pub fn tell(&self, source: &Source, model: &Model) -> Result<(), Failure> {
+    pub(super) fn tell(&self, source: &Source, model: &Model) -> Result<(), Failure> {
         tell(&format!("{}\n", fitted_to(model.fitted().name(), model.validity())))?;
         tell(&model.fitted().choice().map(chosen).unwrap_or_default())?;
         if source.is_relative && !self.constant_load {
@@ -177,17 +178,17 @@ impl MethodArgs {
 }
 
 /// Which method was fitted to how much.
-pub fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> String {
+pub(super) fn fitted_to(method: &str, Validity { presses, units, .. }: &Validity) -> String {
     format!("{method}, fitted to {presses} presses of {units} outputs")
 }
 
 /// Says which units of a calibration are left out of account.
-pub fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
+pub(super) fn tell_left_out(path: &Path, fitted: &Fitted) -> Result<(), Failure> {
     left_out(path, fitted).try_for_each(|line| tell(&line))
 }
 
 /// A line for each unit of a calibration that is left out of account.
-pub fn left_out(path: &Path, fitted: &Fitted) -> impl Iterator<Item = String> {
+pub(super) fn left_out(path: &Path, fitted: &Fitted) -> impl Iterator<Item = String> {
     let line = |Broken { unit, fault }: &Broken| {
         format!("{}: output {} {}, excluded\n", path.display(), unit + 1, fault.told())
     };

@@ -21,7 +21,7 @@ const LINES_MOST: usize = 256;
 const ENDS_WITHIN: Duration = Duration::from_secs(5);
 
 /// A receiver of events, started for a session.
-pub struct Notifier {
+pub(super) struct Notifier {
     /// Name of the program for the person.
     program: String,
     lines: Option<SyncSender<String>>,
@@ -33,7 +33,7 @@ pub struct Notifier {
 
 impl Notifier {
     /// Starts the program; `None` without a command. A program that can't be started is reported once.
-    pub fn start(command: &[String]) -> Option<Notifier> {
+    pub(super) fn start(command: &[String]) -> Option<Notifier> {
         Notifier::start_for(command, ENDS_WITHIN)
     }
 
@@ -56,7 +56,7 @@ impl Notifier {
     }
 
     /// Passes an event on, if it is one that the receiver gets. Never waits.
-    pub fn pass(&self, event: &Event) {
+    pub(super) fn pass(&self, event: &Event) {
         let is_passed =
             matches!(event, Event::Ended(_) | Event::Paused { .. } | Event::Alarm(_) | Event::Closed { .. });
         // an event can always be written as JSON: it is in the journal

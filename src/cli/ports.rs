@@ -15,10 +15,10 @@ In a rig file, write link = \"serial://PORT?baud=RATE\".";
 /// List the serial ports of this machine
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct PortsArgs {}
+pub(super) struct PortsArgs {}
 
 /// Lists the ports, one line each.
-pub fn ports(_: &PortsArgs) -> Result<ExitCode, Failure> {
+pub(super) fn ports(_: &PortsArgs) -> Result<ExitCode, Failure> {
     let mut ports = serialport::available_ports()
         .map_err(|error| Failure::usage(miette::miette!("can't list the serial ports of this system: {error}")))?;
     ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));

@@ -29,7 +29,7 @@ const TICK: Duration = Duration::from_millis(250);
 
 /// Shows a run as it goes: a bar on a terminal, plain lines elsewhere, and on standard output the acknowledgements if
 /// asked for.
-pub struct Progress<'a> {
+pub(super) struct Progress<'a> {
     bar: ProgressBar,
     on_terminal: bool,
     json: bool,
@@ -56,7 +56,7 @@ struct Shown {
 
 impl<'a> Progress<'a> {
     /// Progress of a plan of which some entries are done already.
-    pub fn new(plan: &Plan, done: usize, json: bool, cancel: Cancel) -> Self {
+    pub(super) fn new(plan: &Plan, done: usize, json: bool, cancel: Cancel) -> Self {
         let on_terminal = std::io::stderr().is_terminal();
         let planned = plan.entries.len() as u64;
         let bar = ProgressBar::with_draw_target(
@@ -87,12 +87,12 @@ impl<'a> Progress<'a> {
     }
 
     /// The same, with what is called at every pause.
-    pub fn pausing(self, at_pause: impl Fn() + 'a) -> Self {
+    pub(super) fn pausing(self, at_pause: impl Fn() + 'a) -> Self {
         Progress { at_pause: Box::new(at_pause), ..self }
     }
 
     /// What is called for every force.
-    pub fn gauge(&self) -> Box<dyn Fn(f64)> {
+    pub(super) fn gauge(&self) -> Box<dyn Fn(f64)> {
         if !self.on_terminal {
             return Box::new(|_| {});
         }
@@ -106,12 +106,12 @@ impl<'a> Progress<'a> {
     }
 
     /// Whether every acknowledgement could be printed, as long as somebody read.
-    pub fn heard(&mut self) -> Result<(), Failure> {
+    pub(super) fn heard(&mut self) -> Result<(), Failure> {
         self.unheard.take().map_or(Ok(()), Err)
     }
 
     /// Takes the bar away.
-    pub fn end(&self) {
+    pub(super) fn end(&self) {
         self.bar.finish_and_clear();
     }
 

@@ -4,7 +4,7 @@ use jiff::Zoned;
 use palpate_data::dataset::{Durability, Provenance};
 
 /// This program, on this machine, now.
-pub fn session(durability: Durability) -> Provenance {
+pub(super) fn session(durability: Durability) -> Provenance {
     Provenance {
         palpate: env!("CARGO_PKG_VERSION").to_owned(),
         commit: option_env!("PALPATE_COMMIT").map(str::to_owned),
@@ -18,6 +18,6 @@ pub fn session(durability: Durability) -> Provenance {
 }
 
 /// The time by the clock on the wall, with its zone. Nothing rests on it: it may be set back at any moment.
-pub fn now() -> String {
+pub(super) fn now() -> String {
     Zoned::now().to_string()
 }

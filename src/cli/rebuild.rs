@@ -20,7 +20,7 @@ regenerates everything from the journal, and records the loss.";
 /// Regenerate a run's tables and manifest from its journal
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct RebuildArgs {
+pub(super) struct RebuildArgs {
     /// The run folder
     run: PathBuf,
     /// Continue with the presses of the journal, although other files of the run hold more
@@ -29,7 +29,7 @@ pub struct RebuildArgs {
 }
 
 /// Writes every view of the journal.
-pub fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
+pub(super) fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
     let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let layout = bench_of(&args.run, &manifest.facts, &texts)?.layout;
     let opened = match args.accept_loss {

@@ -10,14 +10,14 @@ use palpate_run::rig::{Bench, RigSpec};
 use std::path::Path;
 
 /// Returns the content of a run's journal, and the bench on which it was made. Prints the notes.
-pub fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
+pub(super) fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
     let (recorded, bench, notes) = noted_run(run)?;
     notes.iter().try_for_each(|note| tell(note))?;
     Ok((recorded, bench))
 }
 
 /// Returns the content of a run's journal, the bench on which it was made, and a line for each file that differs.
-pub fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> {
+pub(super) fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> {
     let recorded = Recorded::read(run).map_err(Failure::dataset)?;
     let warnings = recorded.warnings().map_err(Failure::dataset)?.into_iter();
     let notes = warnings.map(|warning| format!("warning: {warning}\n")).collect();
@@ -26,12 +26,12 @@ pub fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> 
 }
 
 /// Returns the bench of a run, as recorded in its journal.
-pub fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
+pub(super) fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
     export::bench_of(run, facts, texts).map_err(unknown_bench)
 }
 
 /// The bench of a run couldn't be read.
-pub fn unknown_bench(error: BenchError) -> Failure {
+pub(super) fn unknown_bench(error: BenchError) -> Failure {
     match error {
         BenchError::Problems(problems) => Failure::usage(problems),
         error => Failure::usage(error),
@@ -39,7 +39,7 @@ pub fn unknown_bench(error: BenchError) -> Failure {
 }
 
 /// Returns the rig of a run, as recorded in its journal.
-pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
+pub(super) fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     if texts.rig().is_empty() {
         let help = "restore journal.log from a copy; nothing was changed";
         let path = run.join("journal.log");
@@ -50,14 +50,18 @@ pub fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
 
 /// Returns the presses of a table that is named by its path, and prints the notes. Of a table with several phases, only one is
 /// used.
-pub fn read_presses(table: &Path, mapping: &Mapping, phase: Phase) -> Result<Presses, Failure> {
+pub(super) fn read_presses(table: &Path, mapping: &Mapping, phase: Phase) -> Result<Presses, Failure> {
     let (presses, notes) = noted_presses(table, mapping, Some(phase))?;
     notes.iter().try_for_each(|note| tell(note))?;
     Ok(presses)
 }
 
 /// Returns the presses of a table that is named by its path, and a line for each fact that a person should know about it.
-pub fn noted_presses(table: &Path, mapping: &Mapping, phase: Option<Phase>) -> Result<(Presses, Vec<String>), Failure> {
+pub(super) fn noted_presses(
+    table: &Path,
+    mapping: &Mapping,
+    phase: Option<Phase>,
+) -> Result<(Presses, Vec<String>), Failure> {
     let mut presses = read_table(table, mapping).map_err(Failure::usage)?;
     let name = table.display();
     let mut notes: Vec<String> = difference(table).into_iter().collect();
@@ -79,7 +83,7 @@ pub fn noted_presses(table: &Path, mapping: &Mapping, phase: Option<Phase>) -> R
 }
 
 /// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
-pub fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
+pub(super) fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
     /// Ratio of two largest values from which they have different orders of magnitude.
     const OTHER_ORDER: f64 = 30.0;
     type Value = fn(&Press) -> f64;

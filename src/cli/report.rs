@@ -39,7 +39,7 @@ the page is written.";
 /// Write a page about one run, or a comparison of many
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ReportArgs {
+pub(super) struct ReportArgs {
     /// The run folders
     #[arg(required = true)]
     runs: Vec<PathBuf>,
@@ -63,7 +63,7 @@ pub struct ReportArgs {
 }
 
 /// Writes the page, and prints a line with its results. The exit code is the verdict's; that of a comparison is 0.
-pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
+pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let default = || if args.compare { "comparison.html".into() } else { args.runs[0].join("report.html") };
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;

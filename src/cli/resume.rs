@@ -25,7 +25,7 @@ from its start. A complete run is not changed.";
 /// Continue a run that was stopped
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ResumeArgs {
+pub(super) struct ResumeArgs {
     /// The run folder
     run: PathBuf,
     /// Continue with this rig: links and commands of processes may differ, limits may be tighter
@@ -39,7 +39,7 @@ pub struct ResumeArgs {
 }
 
 /// Continues from the journal.
-pub fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
+pub(super) fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let facts = manifest.facts;
     let rig = RigArgs {

@@ -8,13 +8,13 @@ use std::path::Path;
 use std::{fs, io};
 
 /// Checks that a run accepts the changed text. A text that a run would refuse isn't written.
-pub fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
+pub(super) fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
     let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
     rig::parse(&file.display().to_string(), text, &beside).map(drop).map_err(Failure::usage)
 }
 
 /// Replaces the file by the changed text, completely or not at all, if the file hasn't changed since it was read.
-pub fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure> {
+pub(super) fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure> {
     put(file, read, text)
         .into_diagnostic()
         .wrap_err_with(|| format!("{} couldn't be written; the file is unchanged", file.display()))

@@ -24,7 +24,7 @@ Both park the stage and keep all presses. `palpate resume RUN` continues.";
 /// Run a recipe on a rig and record every press
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct RunArgs {
+pub(super) struct RunArgs {
     /// The recipe
     recipe: PathBuf,
     #[command(flatten)]
@@ -39,7 +39,7 @@ pub struct RunArgs {
 }
 
 /// A run whose folder is made. Nothing has moved.
-pub struct Begun {
+pub(super) struct Begun {
     /// Recipe and rig.
     pub sources: Sources,
     /// The presses.
@@ -49,13 +49,13 @@ pub struct Begun {
 }
 
 /// Makes the run's folder and walks its plan.
-pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let Begun { sources, plan, mut folder } = begin(args)?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }
 
 /// Makes the run's folder.
-pub fn begin(args: &RunArgs) -> Result<Begun, Failure> {
+pub(super) fn begin(args: &RunArgs) -> Result<Begun, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     args.session.manner.check(&sources.rig)?;

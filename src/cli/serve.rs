@@ -37,7 +37,7 @@ There is no password: any program that reaches the address can use it.";
 /// Answer readings at a TCP port, one session for each connection
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ServeArgs {
+pub(super) struct ServeArgs {
     /// A sensor file, written by `palpate fit`
     #[arg(long, value_name = "FILE")]
     model: PathBuf,
@@ -76,7 +76,7 @@ struct Service {
 }
 
 /// Listens, and gives each connection a thread.
-pub fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
+pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     let fits = Arc::new(Fits::new(told_sensor_file(&args.model, args.quiet)?));
     let cant = || format!("can't listen at {}", args.listen);
     let listener = TcpListener::bind(args.listen).into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;

@@ -21,7 +21,7 @@ use tokio::runtime::{Builder, Runtime};
 
 /// How a run is shown and paced.
 #[derive(Debug, clap::Args)]
-pub struct SessionArgs {
+pub(super) struct SessionArgs {
     /// Print one JSON line for each row when it is stored on disk
     #[arg(long)]
     pub json: bool,
@@ -31,7 +31,7 @@ pub struct SessionArgs {
 
 /// How a rig is driven and its data are kept.
 #[derive(Debug, clap::Args)]
-pub struct MannerArgs {
+pub(super) struct MannerArgs {
     /// Run a simulation at X times real time instead of as fast as possible
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
@@ -44,7 +44,7 @@ pub struct MannerArgs {
 
 impl MannerArgs {
     /// Whether they fit a rig; asked before anything is made.
-    pub fn check(&self, spec: &RigSpec) -> Result<(), Failure> {
+    pub(super) fn check(&self, spec: &RigSpec) -> Result<(), Failure> {
         if self.pace.is_some() && !spec.is_simulated() {
             return Err(Failure::usage(miette::miette!("--pace is only for simulated rigs")));
         }
@@ -52,13 +52,13 @@ impl MannerArgs {
     }
 
     /// Whether a rig's load cell is to be trusted.
-    pub fn check_gain(spec: &RigSpec) -> Result<(), Failure> {
+    pub(super) fn check_gain(spec: &RigSpec) -> Result<(), Failure> {
         spec.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))
     }
 }
 
 /// Executes the rest of a plan, and prints the result.
-pub fn carry_out(
+pub(super) fn carry_out(
     plan: &Plan,
     spec: &RigSpec,
     folder: &mut RunFolder,
@@ -115,7 +115,7 @@ pub fn carry_out(
 
 /// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
 /// `heard` is called for every force, N, and for every event.
-pub fn walked(
+pub(super) fn walked(
     plan: &Plan,
     spec: &RigSpec,
     folder: &mut RunFolder,
@@ -140,7 +140,7 @@ pub fn walked(
 const EVENT_INTERVAL: u32 = 1024;
 
 /// Returns the runtime of a rig's drivers. Virtual time needs no events of the system.
-pub fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
+pub(super) fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
     let mut builder = Builder::new_current_thread();
     builder.enable_time().start_paused(virtual_time).event_interval(EVENT_INTERVAL);
     if !virtual_time {

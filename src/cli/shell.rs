@@ -27,13 +27,13 @@ Examples:
 /// Print completions for a shell
 #[derive(Debug, clap::Args)]
 #[command(after_help = COMPLETIONS_EXAMPLES)]
-pub struct CompletionsArgs {
+pub(super) struct CompletionsArgs {
     /// Which shell
     shell: Shell,
 }
 
 /// Prints the completions.
-pub fn completions(args: &CompletionsArgs) -> Result<ExitCode, Failure> {
+pub(super) fn completions(args: &CompletionsArgs) -> Result<ExitCode, Failure> {
     let shell = match args.shell {
         Shell::Bash => aot::Shell::Bash,
         Shell::Zsh => aot::Shell::Zsh,
@@ -52,14 +52,14 @@ Example:
 /// Write a man page for each command
 #[derive(Debug, clap::Args)]
 #[command(after_help = MAN_EXAMPLES)]
-pub struct ManArgs {
+pub(super) struct ManArgs {
     /// The folder to write to; it is made if it is missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
 /// Writes the pages.
-pub fn man(args: &ManArgs) -> Result<ExitCode, Failure> {
+pub(super) fn man(args: &ManArgs) -> Result<ExitCode, Failure> {
     pages(&args.out)
         .into_diagnostic()
         .wrap_err_with(|| format!("can't write man pages to {}", args.out.display()))

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// A file that comes with the program.
-pub struct Shipped {
+pub(super) struct Shipped {
     /// Its name without the folder and the ending.
     pub name: &'static str,
     /// Its text.
@@ -20,23 +20,24 @@ macro_rules! shipped {
 }
 
 /// The recipes: `recipes/NAME.toml`.
-pub const RECIPES: &[Shipped] = &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch");
+pub(super) const RECIPES: &[Shipped] =
+    &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch");
 
 /// The rigs: `rigs/NAME.toml`.
-pub const RIGS: &[Shipped] = &shipped!(
+pub(super) const RIGS: &[Shipped] = &shipped!(
     "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"
 );
 
 /// The batches: `batches/NAME.toml`.
-pub const BATCHES: &[Shipped] = &shipped!("batches": "batch");
+pub(super) const BATCHES: &[Shipped] = &shipped!("batches": "batch");
 
 /// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
-pub fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
+pub(super) fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
     if path.symlink_metadata().is_ok() { None } else { by_name(shipped, folder, path) }
 }
 
 /// The shipped file that a path names.
-pub fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
+pub(super) fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
     let path = path.to_str()?;
     let name = path.strip_prefix(&format!("{folder}/")).unwrap_or(path);
     let name = name.strip_suffix(".toml").unwrap_or(name);
@@ -44,7 +45,7 @@ pub fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<
 }
 
 /// The names of all, for a message.
-pub fn names(shipped: &[Shipped]) -> String {
+pub(super) fn names(shipped: &[Shipped]) -> String {
     shipped.iter().map(|shipped| shipped.name).collect::<Vec<_>>().join(", ")
 }
 
@@ -60,10 +61,10 @@ the same recipe. If a file exists at that path, it is used instead.";
 /// List the recipes, rigs and batches shipped with the program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ListArgs {}
+pub(super) struct ListArgs {}
 
 /// Lists them, a paragraph each.
-pub fn list(_: &ListArgs) -> Result<ExitCode, Failure> {
+pub(super) fn list(_: &ListArgs) -> Result<ExitCode, Failure> {
     print(&format!(
         "recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}\nbatches: palpate batch run NAME\n{}",
         listed(RECIPES),

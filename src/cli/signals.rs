@@ -30,7 +30,7 @@ const TYPED_BYTES: usize = 256;
 
 /// What the first Ctrl-C asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum First {
+pub(super) enum First {
     /// A stop.
     Stop,
     /// A pause when the press under way is recorded, as of Ctrl-Z: a program that is suspended would leave the specimen under
@@ -43,7 +43,7 @@ pub enum First {
 ///
 /// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
 /// any two instants would be its largest cost.
-pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure> {
+pub(super) fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure> {
     let cancel = Cancel::default();
     let asked = cancel.clone();
     let runtime = Builder::new_current_thread().enable_io().build().into_diagnostic().map_err(Failure::usage)?;
@@ -70,12 +70,12 @@ pub fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure>
 }
 
 /// Whether a person is there who can end a pause: at a terminal that is read and written.
-pub fn is_attended() -> bool {
+pub(super) fn is_attended() -> bool {
     io::stdin().is_terminal() && io::stderr().is_terminal()
 }
 
 /// Forgets what was typed before a pause: an Enter from then isn't the word of a person who has their hands in the rig.
-pub fn forget_typed() {
+pub(super) fn forget_typed() {
     // on a thread of its own, since a runtime doesn't run in another one; what can't be read can't be forgotten
     drop(thread::spawn(read_away).join());
 }
@@ -105,7 +105,7 @@ fn read_away() -> io::Result<()> {
 }
 
 /// Continues a paused run when the person presses Enter. Where the terminal is gone, that is a stop.
-pub fn go_on_at_enter(cancel: &Cancel) {
+pub(super) fn go_on_at_enter(cancel: &Cancel) {
     let cancel = cancel.clone();
     let wait = move || match io::stdin().read_line(&mut String::new()) {
         Ok(read) if read > 0 => cancel.go_on(),

@@ -16,7 +16,7 @@ const DECIMALS: i32 = 6;
 pub const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
-pub struct Solutions<W: Write> {
+pub(super) struct Solutions<W: Write> {
     to: To<W>,
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
@@ -63,7 +63,7 @@ struct Line<'a> {
 }
 
 impl<W: Write> Solutions<W> {
-    pub fn new(to: W, json: bool, keep_going: bool) -> Self {
+    pub(super) fn new(to: W, json: bool, keep_going: bool) -> Self {
         let to = if json {
             To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
         } else {
@@ -73,7 +73,7 @@ impl<W: Write> Solutions<W> {
         Solutions { to, keep_going }
     }
 
-    pub fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
+    pub(super) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
         let mut line = Line { line: self.keep_going.then_some(reading.line), ..Line::of(reading, solved) };
         match &mut self.to {
             To::Csv { writer, labels } => {
@@ -91,7 +91,7 @@ impl<W: Write> Solutions<W> {
     }
 
     /// Flushes the lines written so far.
-    pub fn flush(&mut self) -> io::Result<()> {
+    pub(super) fn flush(&mut self) -> io::Result<()> {
         match &mut self.to {
             To::Csv { writer, .. } => writer.flush(),
             To::Ndjson(writer) => writer.flush(),

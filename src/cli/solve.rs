@@ -55,7 +55,7 @@ answered.";
 /// Read outputs of the array line by line and print the contact for each
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct SolveArgs {
+pub(super) struct SolveArgs {
     /// A run folder, or a table of calibration presses
     #[arg(long, value_name = "RUN")]
     calibration: Option<PathBuf>,
@@ -83,7 +83,7 @@ const FITTED_BEFORE: [&str; 6] =
     ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
 
 /// Fits the method or reads it, then answers each reading when it arrives.
-pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
+pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let model = match (&args.model, &args.calibration) {
         (Some(file), _) => told_sensor_file(file, args.quiet)?,
         (None, Some(calibration)) => {
@@ -120,7 +120,7 @@ pub fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Reads a sensor file, and prints what it is.
-pub fn told_sensor_file(file: &Path, quiet: bool) -> Result<Model, Failure> {
+pub(super) fn told_sensor_file(file: &Path, quiet: bool) -> Result<Model, Failure> {
     let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
     if !quiet {
         tell(&told(&card))?;

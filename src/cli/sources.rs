@@ -14,10 +14,10 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// The rig that is used where none is named; without such a file, the one that came with the program.
-pub const DEFAULT_RIG: &str = "rigs/sim.toml";
+pub(super) const DEFAULT_RIG: &str = "rigs/sim.toml";
 
 /// A recipe and a rig, read and understood, with their texts.
-pub struct Sources {
+pub(super) struct Sources {
     /// The recipe.
     pub recipe: Recipe,
     /// The rig.
@@ -28,7 +28,7 @@ pub struct Sources {
 
 /// The rig of a recipe, and options that replace the recipe's own values.
 #[derive(Debug, clap::Args)]
-pub struct RigArgs {
+pub(super) struct RigArgs {
     /// The rig to use
     #[arg(long, value_name = "RIG", default_value = DEFAULT_RIG)]
     pub rig: PathBuf,
@@ -48,7 +48,7 @@ pub struct RigArgs {
 
 /// The rig that is looked at, without a recipe.
 #[derive(Debug, clap::Args)]
-pub struct OneRigArgs {
+pub(super) struct OneRigArgs {
     /// The rig
     pub rig: PathBuf,
     /// Simulate: replace the rig's links by emulators, in virtual time
@@ -63,7 +63,7 @@ pub struct OneRigArgs {
 
 impl OneRigArgs {
     /// Returns the rig's text, its content, and whether emulators replace real links.
-    pub fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
+    pub(super) fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
         let (text, spec) = read_rig(&self.rig)?;
         let invented = self.simulate && !spec.is_simulated();
         Ok((text, self.confirm.of(as_asked(spec, self.simulate, self.seed)?), invented))
@@ -72,14 +72,14 @@ impl OneRigArgs {
 
 impl Sources {
     /// Reads a recipe and a rig from their files.
-    pub fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
+    pub(super) fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
         let text = read_named(recipe, RECIPES, "recipes")?;
         let beside = |name: &str| bounded(&recipe.with_file_name(name));
         Sources::of(parse_recipe(recipe, text, &beside), read_rig(&rig.rig), rig)
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
-    pub fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
+    pub(super) fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
         let recipe = parse_kept_recipe(run, texts);
         let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
         let full_scale_n = Some(began.limits.force_n);
@@ -112,13 +112,13 @@ impl Sources {
     }
 
     /// The plan, limits of the rig.
-    pub fn plan(&self, seed: u64) -> Result<Plan, Failure> {
+    pub(super) fn plan(&self, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
     }
 }
 
 /// A recipe as it was read.
-pub struct ReadRecipe {
+pub(super) struct ReadRecipe {
     /// The recipe, with its acceptance rule.
     pub recipe: Recipe,
     /// Its text.
@@ -129,7 +129,7 @@ pub struct ReadRecipe {
 
 /// Parses a recipe's text together with the acceptance file that it names. `beside` returns the text of a file in the recipe's
 /// folder.
-pub fn parse_recipe(
+pub(super) fn parse_recipe(
     path: &Path,
     text: String,
     beside: &dyn Fn(&str) -> io::Result<String>,
@@ -150,7 +150,7 @@ pub fn parse_recipe(
 }
 
 /// The recipe of a run, as its journal keeps it.
-pub fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
+pub(super) fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
     parse_recipe(&run.join("recipe.toml"), texts.recipe().to_owned(), &kept(texts))
 }
 
@@ -160,7 +160,7 @@ fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
 }
 
 /// Returns a rig with emulators if requested. A rig that can't be simulated is reported before anything is created.
-pub fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
+pub(super) fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
     let spec = if simulate { spec.simulated() } else { spec };
     if spec.is_simulated() {
         spec.emulators(seed).map_err(Failure::usage)?;
@@ -169,12 +169,12 @@ pub fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Fai
 }
 
 /// The text of a rig: of a file, or of a shipped one of that name.
-pub fn read_rig_text(path: &Path) -> Result<String, Failure> {
+pub(super) fn read_rig_text(path: &Path) -> Result<String, Failure> {
     read_named(path, RIGS, "rigs")
 }
 
 /// Returns a rig's text and its content.
-pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
+pub(super) fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     let text = read_rig_text(path)?;
     let beside = |name: &str| bounded(&path.with_file_name(name));
     let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
@@ -182,12 +182,12 @@ pub fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
 }
 
 /// A rig's text understood, its register maps and line profiles being those that a run's journal keeps.
-pub fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
+pub(super) fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
     rig::parse(&path.display().to_string(), text, &kept(texts)).map_err(Failure::usage)
 }
 
 /// A file that a person wrote, as text.
-pub fn read(path: &Path) -> Result<String, Failure> {
+pub(super) fn read(path: &Path) -> Result<String, Failure> {
     bounded(path).map_err(|error| unread(path, &error, "give an existing file"))
 }
 
@@ -201,7 +201,7 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
 }
 
 /// A text file that couldn't be read.
-pub fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
+pub(super) fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
         io::ErrorKind::InvalidData if is_utf16(path) => "it is UTF-16: save it as UTF-8",
         io::ErrorKind::InvalidData => "give a TOML file: this file isn't text",
@@ -218,7 +218,7 @@ fn is_utf16(path: &Path) -> bool {
 }
 
 /// Reads a text file of at most the length that a recipe or a rig may have.
-pub fn bounded(path: &Path) -> io::Result<String> {
+pub(super) fn bounded(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     File::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
@@ -241,7 +241,7 @@ fn presses_max(text: &str) -> Result<usize, String> {
 }
 
 /// Returns the texts that a rig's drivers read from the rig's folder: register maps and line profiles, by name.
-pub fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
+pub(super) fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
     let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
     files.into_iter().flatten().filter_map(own_file).collect()
 }

@@ -12,7 +12,7 @@ use std::io::{self, Read, Write};
 const REASONS_MAX: usize = 10;
 
 /// How the lines of a stream are answered.
-pub struct Stream<'a> {
+pub(super) struct Stream<'a> {
     /// Name of the stream in messages.
     pub source: &'a str,
     /// Whether an invalid line is answered with its problem. Otherwise it ends the stream.
@@ -25,7 +25,7 @@ pub struct Stream<'a> {
 
 impl Stream<'_> {
     /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
-    pub fn answer(
+    pub(super) fn answer(
         &self,
         answers: &mut Answers,
         lines: &mut Lines<impl Read>,

@@ -16,7 +16,7 @@ use std::fmt::Write as _;
 use std::io::{self, Write};
 
 /// How a run ended, how long it took, and where its files are.
-pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
+pub(super) fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     let manifest = folder.manifest();
     let mut text = String::new();
     // writing to a string can't fail
@@ -56,7 +56,7 @@ pub fn ended(folder: &RunFolder, virtual_time: bool) -> String {
 }
 
 /// What is safe of a run whose tables couldn't be written.
-pub fn unfinished(folder: &RunFolder) -> String {
+pub(super) fn unfinished(folder: &RunFolder) -> String {
     let (manifest, path) = (folder.manifest(), folder.path().display());
     format!(
         "not finished: {} of {} presses, stored in the journal of {path}\nto continue: palpate resume {path}\n",
@@ -65,7 +65,7 @@ pub fn unfinished(folder: &RunFolder) -> String {
 }
 
 /// The result of a complete run by its own recipe.
-pub struct Results {
+pub(super) struct Results {
     /// With each solver that `[evaluate]` names.
     evaluations: Vec<Evaluation>,
     /// Of its staircases.
@@ -76,7 +76,7 @@ pub struct Results {
 }
 
 /// Evaluations and verdict of a run by its own recipe.
-pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
+pub(super) fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
     let layout = &spec.array.layout;
     let characteristics = folder.staircases().map_err(Failure::dataset)?;
     if recipe.solvers.is_empty() && recipe.rule().is_none() {
@@ -104,7 +104,7 @@ pub fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Re
 
 impl Results {
     /// For a person: evaluation, characteristics and verdict.
-    pub fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         let mut text = String::new();
         if !self.evaluations.is_empty() {
             let _ = write!(text, "\n{}", evaluation_table(&self.evaluations, self.is_beside_paper));
@@ -123,7 +123,7 @@ impl Results {
 }
 
 /// A duration as a person reads it.
-pub fn duration(seconds: f64) -> String {
+pub(super) fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0).round() as u64;
     match (whole / 3600, whole % 3600 / 60, whole % 60) {
         (0, 0, s) => format!("{s} s"),
@@ -133,18 +133,18 @@ pub fn duration(seconds: f64) -> String {
 }
 
 /// A word, and beside it a text over as many lines of 80 columns as it needs.
-pub fn beside(word: &str, columns: usize, told: &str) -> String {
+pub(super) fn beside(word: &str, columns: usize, told: &str) -> String {
     let (first, others) = (format!("{word:<columns$}"), " ".repeat(columns));
     textwrap::fill(told, textwrap::Options::new(80).initial_indent(&first).subsequent_indent(&others)) + "\n"
 }
 
 /// Writes to standard output; a reader that has seen enough (`| head`) is no error.
-pub fn print(text: &str) -> Result<(), Failure> {
+pub(super) fn print(text: &str) -> Result<(), Failure> {
     written(io::stdout().lock(), text)
 }
 
 /// Writes to standard error.
-pub fn tell(text: &str) -> Result<(), Failure> {
+pub(super) fn tell(text: &str) -> Result<(), Failure> {
     written(io::stderr().lock(), text)
 }
 

@@ -13,7 +13,7 @@ const WIDTH: usize = 80;
 const NO_BREAK: char = '\u{a0}';
 
 /// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
-pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
+pub(super) fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
     let mut text = String::new();
     let mut row = |label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
         let ours: String = evaluations.iter().map(|evaluation| format!("{:>14}", ours(evaluation))).collect();
@@ -60,7 +60,7 @@ pub fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> St
 }
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
-pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_paper: bool) -> String {
+pub(super) fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_paper: bool) -> String {
     let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
         let cells =
             |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
@@ -99,7 +99,7 @@ pub fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_
 }
 
 /// How a method was chosen, in a line or two.
-pub fn chosen(choice: &Choice) -> String {
+pub(super) fn chosen(choice: &Choice) -> String {
     let named = |candidate: &Candidate| Some((candidate.solver.clone(), candidate.location_error_mm?));
     let tried: Vec<(String, f64)> = choice.candidates.iter().filter_map(named).collect();
     let Some((_, chosen_mm)) = tried.first() else {
@@ -133,7 +133,11 @@ pub(super) fn filled(text: &str, indent: &str) -> String {
 }
 
 /// The characteristics of each unit, after the paper's where they stand, with the definitions underneath, in at most 80 columns.
-pub fn characteristics_table(staircases: &Staircases, repeatability: Repeatability, is_beside_paper: bool) -> String {
+pub(super) fn characteristics_table(
+    staircases: &Staircases,
+    repeatability: Repeatability,
+    is_beside_paper: bool,
+) -> String {
     let measured = characterise(staircases, repeatability);
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2}"));
     let interval = |interval: Option<(f64, f64)>| match interval {

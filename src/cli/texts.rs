@@ -14,7 +14,7 @@ use std::process::ExitCode;
 
 /// A kind of text that a person writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Text {
+pub(super) enum Text {
     /// What to press, how, and how to evaluate it
     Recipe,
     /// The devices, the limits of the specimen and where it is
@@ -35,7 +35,7 @@ pub enum Text {
 
 impl Text {
     /// Its name on the command line and in file names.
-    pub fn name(self) -> String {
+    pub(super) fn name(self) -> String {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 
@@ -81,7 +81,7 @@ impl Text {
     }
 
     /// Its JSON Schema.
-    pub fn schema(self) -> String {
+    pub(super) fn schema(self) -> String {
         format!("{:#}\n", schema(&format!("palpate: {}", self.title().to_lowercase()), &self.keys()))
     }
 
@@ -102,13 +102,13 @@ The program itself checks more: palpate check RECIPE --rig RIG.";
 /// Print the JSON Schema of a recipe, a rig or another text, for editors
 #[derive(Debug, clap::Args)]
 #[command(after_help = SCHEMA_EXAMPLES)]
-pub struct SchemaArgs {
+pub(super) struct SchemaArgs {
     /// Which text
     text: Text,
 }
 
 /// Prints the schema.
-pub fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
+pub(super) fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
     print(&args.text.schema())?;
     Ok(ExitCode::SUCCESS)
 }
@@ -160,13 +160,13 @@ Example:
 /// Print a reference page as Markdown: every key with type, bounds, default and example, or every command
 #[derive(Debug, clap::Args)]
 #[command(after_help = REFERENCE_EXAMPLES)]
-pub struct ReferenceArgs {
+pub(super) struct ReferenceArgs {
     /// Which page
     page: Page,
 }
 
 /// Prints the page.
-pub fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure> {
+pub(super) fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure> {
     print(&args.page.print())?;
     Ok(ExitCode::SUCCESS)
 }

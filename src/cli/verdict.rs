@@ -12,11 +12,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Message if there is no rule.
-pub const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recipe, or --accept FILE)\n";
+pub(super) const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of the recipe, or --accept FILE)\n";
 
 /// Rule that replaces the rule of the run's recipe.
 #[derive(Debug, clap::Args)]
-pub struct AcceptArgs {
+pub(super) struct AcceptArgs {
     /// Use the acceptance rule of this file instead of the recipe's
     #[arg(long, value_name = "FILE")]
     accept: Option<PathBuf>,
@@ -24,7 +24,7 @@ pub struct AcceptArgs {
 
 impl AcceptArgs {
     /// The rule that was named.
-    pub fn rule(&self) -> Result<Option<Rule>, Failure> {
+    pub(super) fn rule(&self) -> Result<Option<Rule>, Failure> {
         let Some(path) = &self.accept else { return Ok(None) };
         let file = path.display().to_string();
         let rule = parse_rule(&file, &read(path)?).map_err(Failure::usage)?;
@@ -32,7 +32,7 @@ impl AcceptArgs {
     }
 
     /// The rule that was named; else the one that the runs' recipes agree on.
-    pub fn rule_of<'a>(&self, runs: impl IntoIterator<Item = &'a Recorded>) -> Result<Option<Rule>, Failure> {
+    pub(super) fn rule_of<'a>(&self, runs: impl IntoIterator<Item = &'a Recorded>) -> Result<Option<Rule>, Failure> {
         if let Some(rule) = self.rule()? {
             return Ok(Some(rule));
         }
@@ -55,7 +55,7 @@ impl AcceptArgs {
 }
 
 /// The rule of a run's own recipe. A recipe that today's program can't read gives none, and a warning.
-pub fn rule_of(run: &Recorded) -> Result<Option<Rule>, Failure> {
+pub(super) fn rule_of(run: &Recorded) -> Result<Option<Rule>, Failure> {
     if run.manifest.facts.imported.is_some() {
         return Ok(None);
     }
@@ -69,7 +69,7 @@ pub fn rule_of(run: &Recorded) -> Result<Option<Rule>, Failure> {
 }
 
 /// The exit code of a verdict: 0 accepted, or none asked for; 1 not accepted or not decided.
-pub fn verdict_code(judgement: Option<&Judgement>) -> ExitCode {
+pub(super) fn verdict_code(judgement: Option<&Judgement>) -> ExitCode {
     match judgement.map(|judgement| judgement.verdict) {
         None | Some(Verdict::Accepted) => ExitCode::SUCCESS,
         Some(Verdict::NotAccepted | Verdict::NotDecided) => ExitCode::from(NOT_ACCEPTED),
@@ -77,7 +77,7 @@ pub fn verdict_code(judgement: Option<&Judgement>) -> ExitCode {
 }
 
 /// The verdict with each limit, in at most 80 columns.
-pub fn verdict_table(judgement: &Judgement) -> String {
+pub(super) fn verdict_table(judgement: &Judgement) -> String {
     let is_guarded = judgement.rule == Decision::Guarded.word();
     let afterwards = judgement.judged_afterwards_by.as_ref().map(|file| format!(", judged afterwards by {file}"));
     let mut text = filled(

@@ -18,7 +18,7 @@ Exit code 1 if a file has changed.";
 /// Compare a run's files with its journal and their SHA-256
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct VerifyArgs {
+pub(super) struct VerifyArgs {
     /// The run folder
     run: PathBuf,
     /// Also compare the journal with the SHA-256 on this certificate
@@ -27,7 +27,7 @@ pub struct VerifyArgs {
 }
 
 /// Reports each file that has changed since it was written.
-pub fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
+pub(super) fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
     let layout = match Texts::read(&args.run) {
         Ok((manifest, texts)) if texts.rig().is_empty() && manifest.facts.imported.is_none() => None,
         Ok((manifest, texts)) => Some(bench_of(&args.run, &manifest.facts, &texts)?.layout),

@@ -24,7 +24,7 @@ const KEPT_MAX_BYTES: u64 = 1 << 20;
 
 /// What a person has made sure of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Confirmed {
+pub(super) enum Confirmed {
     /// `frame.down` is right: z moves away from the specimen when it is sent away
     Down,
     /// A stage without switches is at the zero of `travel_mm` (`home` of the rig: by hand)
@@ -35,7 +35,7 @@ pub enum Confirmed {
 
 /// What a person has made sure of before a rig that isn't simulated moves.
 #[derive(Clone, Debug, Default, clap::Args)]
-pub struct ConfirmArgs {
+pub(super) struct ConfirmArgs {
     /// Confirm without a terminal: that `frame.down` is right, that the stage is at its zero, or that it may home toward the specimen
     #[arg(long, value_name = "WHAT", value_enum)]
     pub confirmed: Vec<Confirmed>,
@@ -43,12 +43,12 @@ pub struct ConfirmArgs {
 
 impl ConfirmArgs {
     /// The rig, with whom it asks which way z goes: a person at the terminal, if there is one.
-    pub fn of(&self, spec: RigSpec) -> RigSpec {
+    pub(super) fn of(&self, spec: RigSpec) -> RigSpec {
         self.with(spec, is_attended())
     }
 
     /// The rig, which asks no person.
-    pub fn of_absent(&self, spec: RigSpec) -> RigSpec {
+    pub(super) fn of_absent(&self, spec: RigSpec) -> RigSpec {
         self.with(spec, false)
     }
 

@@ -22,13 +22,13 @@ Exit code: 0 = z is at the end away from the specimen, 2 = invalid rig file,
 /// Move z away from the specimen, and do nothing else
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct WithdrawArgs {
+pub(super) struct WithdrawArgs {
     #[command(flatten)]
     rig: OneRigArgs,
 }
 
 /// Withdraws, and prints the position of z.
-pub fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
+pub(super) fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
     let cancel = heed(First::Stop, Some("stopping"))?;
     let withdrawn = runtime(spec.is_simulated())?.block_on(withdraw(&spec, args.rig.seed, &cancel));

@@ -1,13 +1,13 @@
 //! Markdown as far as tests read it: prose without code, sentences, links, anchors.
 
 /// The lines of prose with their numbers: no fenced code; code spans and targets of links are cut out.
-pub fn lines(text: &str) -> Vec<(usize, String)> {
+pub(crate) fn lines(text: &str) -> Vec<(usize, String)> {
     outside_fences(text).into_iter().map(|(line, text)| (line, without_code(&without_targets(text)))).collect()
 }
 
 /// The sentences of a text, ended by a full stop, a colon, a semicolon, a question or exclamation mark, or with their
 /// paragraph or item of a list. Headings and tables are left out. A code span counts as a word.
-pub fn sentences(text: &str) -> Vec<String> {
+pub(crate) fn sentences(text: &str) -> Vec<String> {
     let (mut paragraphs, mut paragraph) = (Vec::new(), String::new());
     for (_, line) in outside_fences(text) {
         let line = line.trim();
@@ -25,12 +25,12 @@ pub fn sentences(text: &str) -> Vec<String> {
 }
 
 /// How many words a sentence has: what holds a letter or a digit.
-pub fn words(sentence: &str) -> usize {
+pub(crate) fn words(sentence: &str) -> usize {
     sentence.split_whitespace().filter(|word| word.chars().any(char::is_alphanumeric)).count()
 }
 
 /// The targets of all inline links and pictures outside of code.
-pub fn links(text: &str) -> Vec<String> {
+pub(crate) fn links(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (_, line) in outside_fences(text) {
         let line = without_code(line);
@@ -43,7 +43,7 @@ pub fn links(text: &str) -> Vec<String> {
 }
 
 /// The anchors of a text's headings, as GitHub makes them.
-pub fn anchors(text: &str) -> Vec<String> {
+pub(crate) fn anchors(text: &str) -> Vec<String> {
     let heading = |line: &str| {
         let title = line.trim_start_matches('#');
         (title.len() < line.len() && title.starts_with(' ')).then(|| slug(&without_targets(title.trim())))

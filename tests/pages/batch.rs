@@ -7,7 +7,7 @@ use palpate::batch::{Ended, Event};
 use std::collections::HashMap;
 use std::fs;
 
-pub const MONTH: Drawn =
+pub(crate) const MONTH: Drawn =
     Drawn { name: "june", sensors: 120, outputs: 9, every: 10, guarded: true, drift: 0.03, seed: 1 };
 
 /// Largest page of 5,000 sensors, MB.

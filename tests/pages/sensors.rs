@@ -5,11 +5,11 @@ use crate::support::printed::is_narrow;
 use crate::support::{Bench, shipped, shipped_text};
 
 /// A magnetic skin of 4 x 4 outputs, and one of five chips with three axes each, both in microtesla.
-pub const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
-pub const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
+pub(crate) const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
+pub(crate) const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
 
 /// A recipe with everything, for either skin.
-pub const SKIN: &str = r#"
+pub(crate) const SKIN: &str = r#"
 name = "skin"
 
 [[step]]
@@ -28,7 +28,7 @@ random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2
 "#;
 
 /// A bench with a run of both skins.
-pub fn skins() -> Bench {
+pub(crate) fn skins() -> Bench {
     let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
     for skin in ["magnetic", "fifteen"] {
         bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));

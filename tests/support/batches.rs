@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// A batch to be drawn.
 #[derive(Clone, Copy, Debug)]
-pub struct Drawn {
+pub(crate) struct Drawn {
     pub name: &'static str,
     pub sensors: usize,
     /// Outputs with a change relative to the design; 0 without a prior.
@@ -31,11 +31,11 @@ pub struct Drawn {
 const A_DAY: usize = 40;
 
 /// The limits of the drawn figures.
-pub const LOCATION_MM: f64 = 0.6;
-pub const WITHIN: f64 = 0.9;
+pub(crate) const LOCATION_MM: f64 = 0.6;
+pub(crate) const WITHIN: f64 = 0.9;
 
 /// Writes the batch, and gives its events.
-pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub(crate) fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
     let events = events(drawn, rig);
     drop(BatchFolder::create(path, drawn.name, &events).expect("a batch"));
     events
@@ -55,7 +55,7 @@ const TRIPPED: usize = 7;
 const REPEATED: usize = 4;
 const SKIPPED: usize = 9;
 
-pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub(crate) fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
     let mut rng = stream(drawn.seed, 0, "drawn batch");
     let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
     let reference = (drawn.every > 0).then(|| Reference { serial: "REF-1".to_owned(), every: drawn.every as u64 });

@@ -12,13 +12,13 @@ use std::time::Duration;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// An interpreter that has what a test needs.
-pub struct Python {
+pub(crate) struct Python {
     interpreter: OsString,
 }
 
 impl Python {
     /// The interpreter, if it takes this statement (`import pymodbus`); else `test` is said to be skipped.
-    pub fn with(test: &str, statement: &str) -> Option<Python> {
+    pub(crate) fn with(test: &str, statement: &str) -> Option<Python> {
         let Some(interpreter) = std::env::var_os("PALPATE_PYTHON").filter(|name| !name.is_empty()) else {
             skipped(test, "PALPATE_PYTHON names no interpreter (tests/outside/requirements.txt has its packages)");
             return None;
@@ -35,7 +35,7 @@ impl Python {
     }
 
     /// The interpreter with a script of `tests/outside` and its arguments.
-    pub fn script(&self, name: &str, words: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
+    pub(crate) fn script(&self, name: &str, words: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
         let mut command = self.command();
         command.arg(shipped("tests/outside").join(name)).args(words);
         command
@@ -49,7 +49,7 @@ impl Python {
 }
 
 /// Runs a program to its end, which must be a good one, and gives what it said on standard output.
-pub fn said(command: Command) -> String {
+pub(crate) fn said(command: Command) -> String {
     let described = format!("{command:?}");
     let Told { code, out, err } = Live::start(command).end_within(PATIENCE);
     assert_eq!(code, Some(0), "{described}\n{out}\n{err}");

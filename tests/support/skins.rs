@@ -13,11 +13,11 @@ fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
 }
 
 /// Noise that is a share of full scale.
-pub fn scene_t() -> SkinSpec {
+pub(crate) fn scene_t() -> SkinSpec {
     scene(NoiseOf::FullScale, 0.0)
 }
 
 /// Noise that is a share of the reading, and a floor.
-pub fn scene_q() -> SkinSpec {
+pub(crate) fn scene_q() -> SkinSpec {
     scene(NoiseOf::Reading, 0.001)
 }

@@ -6,12 +6,12 @@ use std::io::{self, Write};
 use std::sync::Mutex;
 
 /// Says that a test is skipped.
-pub fn skipped(test: &str, reason: &str) {
+pub(crate) fn skipped(test: &str, reason: &str) {
     say(format!("skipped: {test}: {reason}\n"));
 }
 
 /// What an environment variable asks of a campaign. Where nothing asks for a long one, says that it is short.
-pub fn asked(variable: &str) -> Option<String> {
+pub(crate) fn asked(variable: &str) -> Option<String> {
     let asked = env::var(variable).ok();
     if asked.is_none() {
         say(format!("short: {variable} isn't set\n"));

@@ -25,7 +25,7 @@ const STRAIGHT: f64 = 1.6e-3;
 
 impl Curve {
     /// Adds a loading path: depth below the touched surface, mm, and force, N.
-    pub fn learn(&mut self, path: impl Iterator<Item = (f64, f64)>) {
+    pub(crate) fn learn(&mut self, path: impl Iterator<Item = (f64, f64)>) {
         for (s, force_n) in path.filter(|&(s, force_n)| s > 0.0 && force_n > 0.0) {
             self.s2 += s * s;
             self.s3 += s.powi(3);
@@ -37,12 +37,12 @@ impl Curve {
     }
 
     /// Largest force among the data of the curve, N.
-    pub fn most_n(&self) -> f64 {
+    pub(crate) fn most_n(&self) -> f64 {
         self.most_n
     }
 
     /// Returns the curve by least squares; `None` before the first path was added.
-    pub fn shape(&self) -> Option<CurveShape> {
+    pub(crate) fn shape(&self) -> Option<CurveShape> {
         if self.s2 <= 0.0 {
             return None;
         }
@@ -55,19 +55,19 @@ impl Curve {
 
 impl CurveShape {
     /// Force at a depth, N.
-    pub fn force_n(&self, s: f64) -> f64 {
+    pub(crate) fn force_n(&self, s: f64) -> f64 {
         let s = s.max(0.0);
         s * (self.linear_n_mm + self.quadratic_n_mm2 * s)
     }
 
     /// Depth at a force, mm.
-    pub fn depth_mm(&self, force_n: f64) -> f64 {
+    pub(crate) fn depth_mm(&self, force_n: f64) -> f64 {
         let (a, b, f) = (self.linear_n_mm, self.quadratic_n_mm2, force_n.max(0.0));
         2.0 * f / (a + (a * a + 4.0 * b * f).sqrt())
     }
 
     /// Slope at a depth, N/mm.
-    pub fn stiffness_n_mm(&self, s: f64) -> f64 {
+    pub(crate) fn stiffness_n_mm(&self, s: f64) -> f64 {
         self.linear_n_mm + 2.0 * self.quadratic_n_mm2 * s.max(0.0)
     }
 }

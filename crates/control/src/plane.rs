@@ -20,12 +20,12 @@ pub(super) struct Plane {
 }
 
 impl Plane {
-    pub fn new(centre: Place, prior: [f64; 3]) -> Self {
+    pub(crate) fn new(centre: Place, prior: [f64; 3]) -> Self {
         Plane { centre, prior, moments: [[0.0; 3]; 3], weighted: [0.0; 3], squares: 0.0, count: 0 }
     }
 
     /// Adds a value with its weight.
-    pub fn take(&mut self, place: Place, value: f64, weight: f64) {
+    pub(crate) fn take(&mut self, place: Place, value: f64, weight: f64) {
         let basis = self.basis(place);
         for (row, left) in basis.iter().enumerate() {
             for (column, right) in basis.iter().enumerate() {
@@ -38,12 +38,12 @@ impl Plane {
     }
 
     /// Number of values added.
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.count
     }
 
     /// Returns the plane's value at a place and its variance, in units of the variance of one value.
-    pub fn at(&self, place: Place) -> (f64, f64) {
+    pub(crate) fn at(&self, place: Place) -> (f64, f64) {
         let basis = self.basis(place);
         let precision = self.precision();
         let height = dot(basis, solve(precision, self.weighted));
@@ -51,7 +51,7 @@ impl Plane {
     }
 
     /// Mean square of the values about the plane.
-    pub fn scatter(&self) -> f64 {
+    pub(crate) fn scatter(&self) -> f64 {
         let plane = solve(self.precision(), self.weighted);
         let explained = 2.0 * dot(plane, self.weighted) - dot(plane, self.moments.map(|row| dot(row, plane)));
         (self.squares - explained).max(0.0) / self.count.saturating_sub(3).max(1) as f64

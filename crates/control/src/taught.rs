@@ -37,7 +37,7 @@ pub struct Taught {
 
 impl Rises {
     /// Adds a rise. If there is no room left, the new rise replaces the nearest one.
-    pub fn learn(&mut self, place: Place, rise: Rise) {
+    pub(crate) fn learn(&mut self, place: Place, rise: Rise) {
         let tells = rise.to_n - rise.from_n >= ROSE_SHARE * rise.to_n && rise.way_mm > 0.0;
         if !tells {
             return;
@@ -52,7 +52,7 @@ impl Rises {
     }
 
     /// Returns the information from the presses around a place; `None` if there are too few.
-    pub fn around(&self, place: Place, shape: Option<CurveShape>) -> Option<Taught> {
+    pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>) -> Option<Taught> {
         let shape = shape?;
         let mut near: Vec<(f64, usize)> =
             self.all.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();

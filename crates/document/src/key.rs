@@ -205,6 +205,7 @@ impl Value {
         if let Value::Number(number) = self { Some(number) } else { None }
     }
 
+    /// Returns the range.
     pub fn range(self) -> Option<Range> {
         if let Value::Range(min, max) = self { Some(Range { min, max }) } else { None }
     }
@@ -375,6 +376,7 @@ macro_rules! keys {
         })?
     ) => {
         $(#[$doc])*
+        #[allow(unreachable_pub, reason = "a list may be for one room only")]
         pub mod $table {
             #[allow(unused_imports, reason = "a table needs some of them")]
             use super::*;

@@ -174,18 +174,18 @@ pub(super) struct Collector(RefCell<Vec<Problem>>);
 
 impl Collector {
     /// Stores a problem, unless more problems are already stored than are reported.
-    pub fn add(&self, problem: Problem) {
+    pub(crate) fn add(&self, problem: Problem) {
         let mut problems = self.0.borrow_mut();
         if problems.len() <= PROBLEMS_MAX {
             problems.push(problem);
         }
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.0.borrow().is_empty()
     }
 
-    pub fn into_problems(self, name: &str, text: &str) -> Problems {
+    pub(crate) fn into_problems(self, name: &str, text: &str) -> Problems {
         Problems::new(name, text, self.0.into_inner())
     }
 }

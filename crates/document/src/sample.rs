@@ -15,7 +15,7 @@ thread_local! {
 pub(crate) struct Reading;
 
 impl Reading {
-    pub fn begin() -> Self {
+    pub(crate) fn begin() -> Self {
         DEPTH.set(DEPTH.get() + 1);
         Reading
     }

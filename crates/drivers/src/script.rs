@@ -10,11 +10,11 @@ use tokio::sync::mpsc::unbounded_channel;
 use tokio::task::JoinHandle;
 
 /// Sent bytes and their answers, in this order.
-pub type Script = &'static [(&'static [u8], &'static [u8])];
+pub(crate) type Script = &'static [(&'static [u8], &'static [u8])];
 
 /// Creates a link whose far end follows a script. The task fails if other bytes are sent, no bytes are sent, or bytes are left
 /// over.
-pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
+pub(crate) fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
     let (near, mut far) = duplex(4096);
     let near = Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("the link is opened once");
@@ -29,7 +29,7 @@ pub fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
 
 /// Creates a link whose far end follows a separate script at each opening of the link, and then closes it. The task fails like
 /// the task of [`scripted`], or if the link is opened more or less often.
-pub fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>) {
+pub(crate) fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>) {
     let (ends, mut opened) = unbounded_channel();
     let dial = move || {
         let (near, far) = duplex(4096);
@@ -61,12 +61,12 @@ fn shown(bytes: &[u8]) -> String {
 }
 
 /// Creates a link that must not be opened.
-pub fn unused() -> Connector {
+pub(crate) fn unused() -> Connector {
     Connector::Memory(Box::new(|| unreachable!("nothing is to be sent here")))
 }
 
 /// Use of a stage like the paper's stage.
-pub fn usage() -> StageUse {
+pub(crate) fn usage() -> StageUse {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
     StageUse {
         travel,
@@ -83,7 +83,11 @@ pub fn usage() -> StageUse {
 }
 
 /// Identifies and homes a stage.
-pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+pub(crate) async fn made_ready(
+    stage: &mut impl Stage,
+    usage: &StageUse,
+    reins: &Reins,
+) -> Result<Identity, DeviceError> {
     let identity = stage.identify(usage).await?;
     stage.home(usage, reins).await.map(|()| identity)
 }

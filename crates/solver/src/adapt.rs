@@ -88,7 +88,7 @@ pub(super) struct Map<'a> {
 }
 
 impl<'a> Older<'a> {
-    pub fn new(calibration: &'a Calibration) -> Result<Self, FitError> {
+    pub(crate) fn new(calibration: &'a Calibration) -> Result<Self, FitError> {
         let response = surrogate(calibration)?;
         // widths don't change here
         let centres = vec![Place::default(); calibration.units()];
@@ -99,7 +99,7 @@ impl<'a> Older<'a> {
     /// presses is moved and scaled as far as the new presses make this likely. The result is a mean over all standard deviations
     /// of these changes that are tried. Each is weighted by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30,
     /// of a linear model with three weights per unit).
-    pub fn change(&self, new: &Calibration, extent: Extent) -> Change {
+    pub(crate) fn change(&self, new: &Calibration, extent: Extent) -> Change {
         let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
         let fit = Fit { map: &self.map, new, forces_are_known };
         let all: Vec<usize> = (0..new.units()).collect();
@@ -117,19 +117,19 @@ impl<'a> Older<'a> {
     }
 
     /// Returns the old calibration as the array would have read it after a change.
-    pub fn changed(&self, change: &Change) -> Calibration {
+    pub(crate) fn changed(&self, change: &Change) -> Calibration {
         self.map.changed(self.calibration, change)
     }
 }
 
 impl Map<'_> {
     /// Returns presses of the map's array as the array would have read them after a change.
-    pub fn changed(&self, calibration: &Calibration, change: &Change) -> Calibration {
+    pub(crate) fn changed(&self, calibration: &Calibration, change: &Change) -> Calibration {
         self.each(calibration, change, |output, gain, moved| gain * (output + moved))
     }
 
     /// Returns presses of the changed array as the array would have read them before the change.
-    pub fn unchanged(&self, calibration: &Calibration, change: &Change) -> Calibration {
+    pub(crate) fn unchanged(&self, calibration: &Calibration, change: &Change) -> Calibration {
         self.each(calibration, change, |output, gain, moved| output / gain - moved)
     }
 
@@ -148,7 +148,7 @@ impl Map<'_> {
 
     /// Returns the response of a displaced unit to 1 N at a place, without its gain, and the derivatives of the output with respect
     /// to its change.
-    pub fn slopes(&self, unit: usize, place: Place, moved: &Moved) -> (f64, Moved) {
+    pub(crate) fn slopes(&self, unit: usize, place: Place, moved: &Moved) -> (f64, Moved) {
         let [value, along_x, along_y, wider] = self.felt(unit, place, moved);
         let gain = 1.0 + moved[0];
         (value, Moved::new(value, gain * along_x, gain * along_y, gain * wider))
@@ -156,7 +156,7 @@ impl Map<'_> {
 
     /// Returns the response of a displaced unit to 1 N at a place, and its derivatives with respect to the displacement along x
     /// and y and to the width. Outside the area the map is continued linearly.
-    pub fn felt(&self, unit: usize, place: Place, moved: &Moved) -> [f64; 4] {
+    pub(crate) fn felt(&self, unit: usize, place: Place, moved: &Moved) -> [f64; 4] {
         let (centre, narrow) = (self.centres[unit], 1.0 - moved[3]);
         let (x_mm, y_mm) = (place.x_mm + moved[1] - centre.x_mm, place.y_mm + moved[2] - centre.y_mm);
         let there = Place::new(centre.x_mm + narrow * x_mm, centre.y_mm + narrow * y_mm);
@@ -208,7 +208,7 @@ impl Fit<'_> {
     }
 
     /// Returns the outputs of some units as linear functions of a change relative to `about`, linearised at `at`.
-    pub fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
+    pub(crate) fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
         let response = &self.map.response;
         let mut leverage = vec![0.0; self.new.units()];
         let mut rows = Vec::with_capacity(units.len() * self.new.len());

@@ -37,12 +37,12 @@ struct Experience {
 
 impl Appraised {
     /// Returns a method with the results of its trials, or without results if there are few trials.
-    pub fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
+    pub(crate) fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 
     /// Returns the method if it is the paper's.
-    pub fn pearson(&self) -> Option<&Pearson> {
+    pub(crate) fn pearson(&self) -> Option<&Pearson> {
         match &self.method {
             Method::Pearson(pearson) => Some(pearson),
             _ => None,
@@ -50,7 +50,7 @@ impl Appraised {
     }
 
     /// Returns the variance of each unit's additive noise, the limit of a weak signal, and both parts of the largest residue.
-    pub fn silence(&self) -> (Vec<f64>, f64, [f64; 2]) {
+    pub(crate) fn silence(&self) -> (Vec<f64>, f64, [f64; 2]) {
         let Some(Experience { silence, no_contact, residue, most_residue, .. }) = &self.experience else {
             return (Vec::new(), 0.0, [f64::INFINITY, 0.0]);
         };
@@ -59,7 +59,7 @@ impl Appraised {
     }
 
     /// Returns a method with unknown errors.
-    pub fn unappraised(method: Method) -> Self {
+    pub(crate) fn unappraised(method: Method) -> Self {
         Appraised { method, experience: None }
     }
 }

@@ -26,7 +26,7 @@ const FEWEST_PLACES: usize = 30;
 impl Tried {
     /// Returns the mean error of location, mm, and of force, N. A press without an answer counts with the largest error that
     /// occurred.
-    pub fn candidate(&self) -> Candidate {
+    pub(crate) fn candidate(&self) -> Candidate {
         let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
         Candidate {
             solver: self.solver.to_owned(),
@@ -36,7 +36,7 @@ impl Tried {
     }
 
     /// Whether its mean force error is at most half of another's: then its force is worth a slightly larger location error.
-    pub fn halves_the_force_error_of(&self, other: &Tried) -> bool {
+    pub(crate) fn halves_the_force_error_of(&self, other: &Tried) -> bool {
         let of = |tried: &Tried| tried.candidate().force_error_n;
         of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
     }
@@ -69,14 +69,14 @@ impl Tried {
     }
 
     /// Returns the factor by which the mean location error is smaller than the other method's; 1 if the factor is unknown.
-    pub fn lead(&self, other: &Tried) -> f64 {
+    pub(crate) fn lead(&self, other: &Tried) -> f64 {
         let errors_mm = mean(&other.location_errors()).zip(mean(&self.location_errors()));
         errors_mm.map_or(1.0, |(other_mm, own_mm)| other_mm / own_mm)
     }
 
     /// Returns the number of standard errors by which the location errors are smaller than the other method's. Both methods are
     /// compared on the same presses, counted by place.
-    pub fn lead_sigmas(&self, other: &Tried) -> f64 {
+    pub(crate) fn lead_sigmas(&self, other: &Tried) -> f64 {
         let errors = other.location_errors().into_iter().zip(self.location_errors());
         let means = self.by_place(errors.map(|(other, own)| other - own));
         let Some(lead) = mean(&means) else { return 0.0 };

@@ -29,12 +29,12 @@ pub(super) struct MemberErrors {
 const APART: f64 = 4.0;
 
 impl Blend {
-    pub fn new(members: [Method; 2], errors: [MemberErrors; 2]) -> Self {
+    pub(crate) fn new(members: [Method; 2], errors: [MemberErrors; 2]) -> Self {
         Blend { members: Box::new(members), errors }
     }
 
     /// Returns the trials of the blend, from the members' trials on the same held-out presses.
-    pub fn trials(trials: [&[HeldPress]; 2]) -> Vec<HeldPress> {
+    pub(crate) fn trials(trials: [&[HeldPress]; 2]) -> Vec<HeldPress> {
         let errors = &trials.map(MemberErrors::of);
         let blended = |(one, other): (&HeldPress, &HeldPress)| HeldPress {
             answer: match (&one.answer, &other.answer) {
@@ -49,7 +49,7 @@ impl Blend {
 
 impl MemberErrors {
     /// Returns the errors of a member that was tried on held-out presses.
-    pub fn of(trials: &[HeldPress]) -> Self {
+    pub(crate) fn of(trials: &[HeldPress]) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let mean_of = |error: &dyn Fn(&HeldPress, &Located) -> f64| {
             let known: Vec<f64> =

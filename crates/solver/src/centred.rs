@@ -12,14 +12,14 @@ pub(super) struct Centred<'a> {
 
 impl<'a> Centred<'a> {
     /// Takes values, row-major, rows x outputs.
-    pub fn new(values: &'a [f64], outputs: usize, about_mean: bool) -> Self {
+    pub(crate) fn new(values: &'a [f64], outputs: usize, about_mean: bool) -> Self {
         match about_mean {
             true => Centred { values, mean: column_means(values, outputs), flat: flat_columns(values, outputs) },
             false => Centred { values, mean: vec![0.0; outputs], flat: vec![false; outputs] },
         }
     }
 
-    pub fn at(&self, row: usize, output: usize) -> f64 {
+    pub(crate) fn at(&self, row: usize, output: usize) -> f64 {
         let value = self.values[row * self.mean.len() + output];
         if self.flat[output] { 0.0 } else { value - self.mean[output] }
     }

@@ -26,14 +26,14 @@ pub(super) enum Smoothness {
 
 impl Smoothness {
     /// All smoothnesses; the one that fits most skins is first.
-    pub const ALL: [Self; 4] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even, Smoothness::Rough];
+    pub(crate) const ALL: [Self; 4] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even, Smoothness::Rough];
 
     /// Smoothnesses with a slope, which a map needs to be inverted.
-    pub const WITH_SLOPES: [Self; 3] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even];
+    pub(crate) const WITH_SLOPES: [Self; 3] = [Smoothness::Smooth, Smoothness::Gaussian, Smoothness::Even];
 }
 
 impl Correlation {
-    pub fn at(&self, apart: f64) -> f64 {
+    pub(crate) fn at(&self, apart: f64) -> f64 {
         let lengths = apart / self.length;
         match self.smoothness {
             Smoothness::Rough => (-lengths).exp(),
@@ -50,12 +50,12 @@ impl Correlation {
     }
 
     /// Returns the correlation for each distance below the diagonal of a matrix, and on the diagonal.
-    pub fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
+    pub(crate) fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
         Mat::from_fn(apart.nrows(), apart.ncols(), |i, j| if i >= j { self.at(apart[(i, j)]) } else { 0.0 })
     }
 
     /// Returns the distance over which outputs look smooth, in the places' unit.
-    pub fn grain(&self) -> f64 {
+    pub(crate) fn grain(&self) -> f64 {
         match self.smoothness {
             Smoothness::Gaussian => self.length,
             _ => 0.5 * self.length,
@@ -65,7 +65,7 @@ impl Correlation {
     /// Adds the predictions of known places (row-major, places x dimensions) to the outputs at a place. Each known place adds its
     /// covariance with the place times its weights (row-major, places x outputs). Returns the distance to the nearest known
     /// place.
-    pub fn add_weighted(&self, place: &[f64], known: &[f64], weights: &[f64], outputs: &mut [f64]) -> f64 {
+    pub(crate) fn add_weighted(&self, place: &[f64], known: &[f64], weights: &[f64], outputs: &mut [f64]) -> f64 {
         let mut nearest = f64::INFINITY;
         for (known, weights) in known.chunks_exact(place.len()).zip(weights.chunks_exact(outputs.len())) {
             let apart = distance(place, known);

@@ -45,7 +45,7 @@ pub(super) const LAST_GAIN: f64 = 1e-3;
 
 impl Descent<'_> {
     /// Returns the best fit near a place; `None` if nothing can be fitted.
-    pub fn from(&self, start: Place, workspace: &mut Workspace) -> Option<Estimate> {
+    pub(crate) fn from(&self, start: Place, workspace: &mut Workspace) -> Option<Estimate> {
         let area = self.response.field.area();
         let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm);
         let b = &mut workspace.buffers;

@@ -61,7 +61,7 @@ const TRIED_COORDINATES: usize = 10;
 const LEAST_SPREAD_MM: f64 = 1e-4;
 
 impl ExtraTrees {
-    pub fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
+    pub(crate) fn fit(calibration: &Calibration, load: ForceKnown) -> Result<Self, FitError> {
         let view = View::of_direction(calibration);
         let sees_amplitude =
             load == ForceKnown::Constant || calibration.has_several_forces() || has_several_lengths(calibration);

@@ -26,7 +26,7 @@ pub(super) struct Area {
 
 impl Area {
     /// Returns the smallest area that contains all places; `None` if there are no places.
-    pub fn around(places: impl IntoIterator<Item = Place>) -> Option<Self> {
+    pub(crate) fn around(places: impl IntoIterator<Item = Place>) -> Option<Self> {
         places.into_iter().map(|place| Area { least: place, most: place }).reduce(|a, b| Area {
             least: Place::new(a.least.x_mm.min(b.least.x_mm), a.least.y_mm.min(b.least.y_mm)),
             most: Place::new(a.most.x_mm.max(b.most.x_mm), a.most.y_mm.max(b.most.y_mm)),
@@ -34,18 +34,18 @@ impl Area {
     }
 
     /// Returns the length of the longer side, mm.
-    pub fn side_mm(&self) -> f64 {
+    pub(crate) fn side_mm(&self) -> f64 {
         (self.most.x_mm - self.least.x_mm).max(self.most.y_mm - self.least.y_mm)
     }
 
     /// Whether a place is inside the area and not on its border. An area with a side of length 0 has no inside.
-    pub fn has_inside(&self, place: Place) -> bool {
+    pub(crate) fn has_inside(&self, place: Place) -> bool {
         let within = |mm: f64, least: f64, most: f64| least == most || (mm > least + SAME_MM && mm < most - SAME_MM);
         within(place.x_mm, self.least.x_mm, self.most.x_mm) && within(place.y_mm, self.least.y_mm, self.most.y_mm)
     }
 
     /// Returns an even grid with `side` places along each side.
-    pub fn grid(&self, side: usize) -> Vec<Place> {
+    pub(crate) fn grid(&self, side: usize) -> Vec<Place> {
         let along = |least: f64, most: f64, i: usize| least + (most - least) * i as f64 / (side - 1) as f64;
         let place = |i: usize| {
             let x_mm = along(self.least.x_mm, self.most.x_mm, i % side);
@@ -55,14 +55,14 @@ impl Area {
     }
 
     /// Returns the centres of equal cells, `side` along each side.
-    pub fn cells(&self, side: usize) -> Vec<Place> {
+    pub(crate) fn cells(&self, side: usize) -> Vec<Place> {
         let range = |min: f64, max: f64| Range { min, max };
         let (least, most) = (self.least, self.most);
         cell_centres(range(least.x_mm, most.x_mm), range(least.y_mm, most.y_mm), side, side)
     }
 
     /// Returns the place in the area that is nearest to the given place.
-    pub fn clamp(&self, place: Place) -> Place {
+    pub(crate) fn clamp(&self, place: Place) -> Place {
         Place::new(place.x_mm.clamp(self.least.x_mm, self.most.x_mm), place.y_mm.clamp(self.least.y_mm, self.most.y_mm))
     }
 }
@@ -77,7 +77,7 @@ const FEWEST_CELLS: usize = 4;
 impl Field {
     /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
     /// channels). The places go up to two cells beyond the area.
-    pub fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
+    pub(crate) fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
         let x = Axis::new(area.least.x_mm, area.most.x_mm, step_mm);
         let y = Axis::new(area.least.y_mm, area.most.y_mm, step_mm);
         // One more node each way than coefficients: a coefficient is made from three samples.
@@ -90,27 +90,27 @@ impl Field {
     }
 
     /// Returns the area of the table.
-    pub fn area(&self) -> Area {
+    pub(crate) fn area(&self) -> Area {
         self.area
     }
 
     /// Returns the length of a cell, mm.
-    pub fn step_mm(&self) -> f64 {
+    pub(crate) fn step_mm(&self) -> f64 {
         self.x.step.min(self.y.step)
     }
 
     /// Returns the number of functions.
-    pub fn channels(&self) -> usize {
+    pub(crate) fn channels(&self) -> usize {
         self.channels
     }
 
     /// Returns the lengths of a cell, mm, and the numbers of cells along x and y, and the coefficients.
-    pub fn table(&self) -> ([f64; 2], [usize; 2], &[f64]) {
+    pub(crate) fn table(&self) -> ([f64; 2], [usize; 2], &[f64]) {
         ([self.x.step, self.y.step], [self.x.cells, self.y.cells], &self.coefficients)
     }
 
     /// Returns the values at a place.
-    pub fn value(&self, place: Place, value: &mut [f64]) {
+    pub(crate) fn value(&self, place: Place, value: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         value.fill(0.0);
         for (row, wy) in y.weights.into_iter().enumerate() {
@@ -124,7 +124,7 @@ impl Field {
     }
 
     /// Returns the values at a place and their changes with x and with y, per mm.
-    pub fn value_and_gradient(&self, place: Place, value: &mut [f64], along_x: &mut [f64], along_y: &mut [f64]) {
+    pub(crate) fn value_and_gradient(&self, place: Place, value: &mut [f64], along_x: &mut [f64], along_y: &mut [f64]) {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         value.fill(0.0);
         along_x.fill(0.0);
@@ -143,7 +143,7 @@ impl Field {
     }
 
     /// Returns the value of one channel and its changes with x and with y, per mm.
-    pub fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
+    pub(crate) fn channel(&self, channel: usize, place: Place) -> [f64; 3] {
         let (x, y) = (self.x.find(place.x_mm), self.y.find(place.y_mm));
         let mut sums = [0.0; 3];
         for (row, (wy, sy)) in y.weights.into_iter().zip(y.slopes).enumerate() {

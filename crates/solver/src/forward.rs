@@ -84,7 +84,7 @@ const EXPECTED_A_SIDE: usize = 9;
 const MOST_SD_AREAS: f64 = 1000.0;
 
 impl Forward {
-    pub fn new(kind: MapKind, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+    pub(crate) fn new(kind: MapKind, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let starts = Starts::new(&response, setting.common_offset);
         let mut loudest = vec![0.0f64; response.field.channels()];
         let mut value = vec![0.0; loudest.len()];
@@ -121,7 +121,7 @@ impl Forward {
     /// Learns from presses at held-out places: their errors, and the part of real contacts that noise alone doesn't explain.
     /// Limits that distinguish a contact from something else only get wider. Limits that distinguish a contact from no contact
     /// only get lower.
-    pub fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
+    pub(crate) fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();
         // where noise is all that contacts leave, held-out ones leave more only as the map without them is worse
@@ -144,7 +144,7 @@ impl Forward {
     }
 
     /// Learns the half-widths from presses to which the map wasn't fitted.
-    pub fn learn_half_widths(&mut self, test: &Calibration) {
+    pub(crate) fn learn_half_widths(&mut self, test: &Calibration) {
         let mut workspace = Workspace::default();
         let mut solved = |point: CalibrationPoint<'_>| HeldPress {
             place: point.place,
@@ -157,12 +157,12 @@ impl Forward {
         self.widths = half_widths(&trials);
     }
 
-    pub fn forget_half_widths(&mut self) {
+    pub(crate) fn forget_half_widths(&mut self) {
         self.widths = None;
     }
 
     /// Returns the expected mean location error of contacts of one force in the area, mm.
-    pub fn expected_mean_mm(&self, force_n: f64) -> f64 {
+    pub(crate) fn expected_mean_mm(&self, force_n: f64) -> f64 {
         let errors = self.response.field.area().cells(EXPECTED_A_SIDE).into_iter();
         let errors = errors.filter_map(|place| self.expected(place, force_n)).map(|sd| sd.mean_distance_mm());
         let errors: Vec<f64> = errors.collect();

@@ -64,7 +64,7 @@ pub(super) type Likeliest = (View, Sought);
 
 impl GaussianProcess {
     /// Returns the view and the correlation with the largest likelihood for a calibration.
-    pub fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
+    pub(crate) fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
         let mut views = View::suitable(calibration, load);
         let sought = |view: &View, manner| {
             let Seen { inputs, answers } = Seen::of(calibration, view, MOST_TO_SEEK_WITH)?;
@@ -85,7 +85,11 @@ impl GaussianProcess {
     }
 
     /// Fits a calibration with a known view and a known correlation.
-    pub fn fit_with(calibration: &Calibration, load: ForceKnown, likeliest: &Likeliest) -> Result<Self, FitError> {
+    pub(crate) fn fit_with(
+        calibration: &Calibration,
+        load: ForceKnown,
+        likeliest: &Likeliest,
+    ) -> Result<Self, FitError> {
         let (view, sought) = likeliest;
         let dimensions = view.dimensions();
         let seen = Seen::of(calibration, view, MOST_PRESSES).ok_or(FitError::NothingToTellApart)?;

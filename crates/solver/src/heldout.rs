@@ -51,7 +51,7 @@ const MOST_TRIALS: usize = 2000;
 
 impl<'a> Folds<'a> {
     /// Returns the parts of a calibration; `None` if it has too few places to hold any out.
-    pub fn of(calibration: &'a Calibration, setting: &Setting<'_>, response: &'a Response) -> Option<Self> {
+    pub(crate) fn of(calibration: &'a Calibration, setting: &Setting<'_>, response: &'a Response) -> Option<Self> {
         let mut spots = calibration.by_place();
         if spots.len() < FEWEST_PLACES {
             return None;
@@ -69,7 +69,7 @@ impl<'a> Folds<'a> {
     ///
     /// # Errors
     /// The method can't be fitted to the other parts.
-    pub fn trials(
+    pub(crate) fn trials(
         &self,
         folds: Range<usize>,
         fit: impl Fn(&Calibration) -> Result<Method, FitError>,

@@ -39,7 +39,7 @@ pub(super) const MOST_PLACES: usize = 1200;
 impl Kriging {
     /// Regresses `values` (row-major, places x outputs) on `places` (row-major, places x dimensions) with a known correlation.
     /// Requires at least one place; all numbers must be finite.
-    pub fn fit_with(
+    pub(crate) fn fit_with(
         places: &[f64],
         dimensions: usize,
         values: &[f64],
@@ -51,7 +51,7 @@ impl Kriging {
     }
 
     /// Regresses values that may have different noise.
-    pub fn fit_counting(
+    pub(crate) fn fit_counting(
         places: &[f64],
         dimensions: usize,
         values: &[f64],
@@ -89,27 +89,27 @@ impl Kriging {
     }
 
     /// Whether each place is weighted by its number of measurements.
-    pub fn is_weighted(&self) -> bool {
+    pub(crate) fn is_weighted(&self) -> bool {
         self.counts.is_some()
     }
 
     /// Returns the distance over which the outputs look smooth, in the places' unit.
-    pub fn grain(&self) -> f64 {
+    pub(crate) fn grain(&self) -> f64 {
         self.process.correlation.grain()
     }
 
     /// Writes the outputs at a place, one value each. Returns the distance to the nearest known place.
-    pub fn predict(&self, place: &[f64], outputs: &mut [f64]) -> f64 {
+    pub(crate) fn predict(&self, place: &[f64], outputs: &mut [f64]) -> f64 {
         self.process.predict(place, outputs)
     }
 
     /// Returns the process that predicts, without the data for its uncertainty.
-    pub fn into_process(self) -> Process {
+    pub(crate) fn into_process(self) -> Process {
         self.process
     }
 
     /// Returns the outputs at many places, row-major places x outputs.
-    pub fn predict_all(&self, places: &[f64]) -> Vec<f64> {
+    pub(crate) fn predict_all(&self, places: &[f64]) -> Vec<f64> {
         let known = self.eigen.values.len();
         let weights = MatRef::from_row_major_slice(&self.process.weights, known, self.outputs);
         let predicted = self.correlations(places).transpose() * weights;
@@ -118,7 +118,7 @@ impl Kriging {
 
     /// Returns the variance of each prediction divided by the variance of the noise, row-major, places x outputs. It is about one
     /// over the number of measurements that are averaged by the prediction. It is large where there are no measurements.
-    pub fn leverage(&self, places: &[f64]) -> Vec<f64> {
+    pub(crate) fn leverage(&self, places: &[f64]) -> Vec<f64> {
         let mut correlations = self.correlations(places);
         scale_rows(&mut correlations, self.counts.as_deref());
         let mut turned = self.eigen.vectors.transpose() * correlations;
@@ -129,7 +129,7 @@ impl Kriging {
     }
 
     /// Predicts each place from the other places, in closed form (equations 5.10 to 5.12).
-    pub fn held_out(&self) -> HeldOut {
+    pub(crate) fn held_out(&self) -> HeldOut {
         let mut squares = self.eigen.vectors.clone();
         square(&mut squares);
         let mut precisions = squares * self.precisions();

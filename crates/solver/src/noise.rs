@@ -34,19 +34,19 @@ const LEAST_SHARE: f64 = 1e-6;
 
 impl Noise {
     /// Returns the most likely noise parameters for the residuals of each unit. Assumes normal errors and uses Fisher's scoring.
-    pub fn fit(residuals: &[Vec<Residual>]) -> Self {
+    pub(crate) fn fit(residuals: &[Vec<Residual>]) -> Self {
         let (additive, proportional) = residuals.iter().map(|of_unit| parts(of_unit)).unzip();
         Noise { additive, proportional }
     }
 
     /// Returns the additive and the proportional parts of all units.
-    pub fn parts(&self) -> [Vec<f64>; 2] {
+    pub(crate) fn parts(&self) -> [Vec<f64>; 2] {
         [self.additive.clone(), self.proportional.clone()]
     }
 
     /// Returns the variance of a unit's output when `output` is the expected value.
     #[inline]
-    pub fn variance(&self, unit: usize, output: f64) -> f64 {
+    pub(crate) fn variance(&self, unit: usize, output: f64) -> f64 {
         self.additive[unit] + self.proportional[unit] * output * output
     }
 }

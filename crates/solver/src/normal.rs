@@ -15,7 +15,7 @@ const LEAST_PIVOT: f64 = 1e-12;
 impl Normal {
     /// Adds a row. The half above the diagonal is left to [`finish`](Self::finish).
     #[inline]
-    pub fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
+    pub(crate) fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
         for (i, row) in self.information.iter_mut().enumerate() {
             let weighted = weight * jacobian[i];
             self.slope[i] += weighted * residual;
@@ -26,7 +26,7 @@ impl Normal {
     }
 
     /// Fills in the half above the diagonal.
-    pub fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         for i in 0..3 {
             for j in i + 1..3 {
                 self.information[i][j] = self.information[j][i];
@@ -36,7 +36,7 @@ impl Normal {
 
     /// Returns the step to the smallest sum of squares along the free unknowns. There is no step if the unknowns can't be
     /// distinguished.
-    pub fn step(&self, free: [bool; 3]) -> [f64; 3] {
+    pub(crate) fn step(&self, free: [bool; 3]) -> [f64; 3] {
         let (mut a, mut x) = (self.information, self.slope);
         for i in (0..3).filter(|&i| !free[i]) {
             a[i] = [0.0; 3];
@@ -48,7 +48,7 @@ impl Normal {
     }
 
     /// Returns the reduction of the sum of squares by a step, to first order.
-    pub fn gain(&self, step: [f64; 3]) -> f64 {
+    pub(crate) fn gain(&self, step: [f64; 3]) -> f64 {
         step.iter().zip(&self.slope).map(|(step, slope)| step * slope).sum()
     }
 }

@@ -79,7 +79,7 @@ pub(super) struct Correlations {
 impl PatternMap {
     /// Fits the map, with the correlations of a larger calibration if they are known. Returns the correlations to which the map
     /// was fitted.
-    pub fn fit(
+    pub(crate) fn fit(
         calibration: &Calibration,
         load: ForceKnown,
         known: &Correlations,

@@ -24,7 +24,7 @@ pub(super) struct Process {
 impl Process {
     /// Regresses `values` (row-major, rows x outputs) on `inputs` (row-major, rows x dimensions). Also predicts the first
     /// `leading` outputs of each row from the other rows. Returns these as measured minus predicted, row-major.
-    pub fn fit(
+    pub(crate) fn fit(
         inputs: Vec<f64>,
         dimensions: usize,
         values: &[f64],
@@ -64,7 +64,7 @@ impl Process {
     }
 
     /// Writes the outputs at an input. Returns the distance to the nearest known input.
-    pub fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
+    pub(crate) fn predict(&self, input: &[f64], outputs: &mut [f64]) -> f64 {
         outputs.copy_from_slice(&self.mean);
         self.correlation.add_weighted(input, &self.inputs, &self.weights, outputs)
     }

@@ -47,7 +47,7 @@ const LEVERAGE_CELLS: f64 = 12.0;
 impl Response {
     /// Combines a map with the presses compared with it. `leverage` is called once, for many places. It returns the map's
     /// variance at each place divided by the variance of one calibration press, row-major, places x units.
-    pub fn new(
+    pub(crate) fn new(
         field: Field,
         leverage: impl FnOnce(&[Place]) -> Vec<f64>,
         held: Vec<Held>,
@@ -66,31 +66,38 @@ impl Response {
     /// Returns the variance of one unit's output under `force_n`, if one newton gives `per_newton`. It contains the noise of the
     /// reading and the map's own error.
     #[inline]
-    pub fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+    pub(crate) fn variance(&self, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
         self.variance_from(self.force_n, unit, force_n, per_newton, leverage)
     }
 
     /// Returns the same variance, with the map's error for presses of `calibrated_n`.
     #[inline]
-    pub fn variance_from(&self, calibrated_n: f64, unit: usize, force_n: f64, per_newton: f64, leverage: f64) -> f64 {
+    pub(crate) fn variance_from(
+        &self,
+        calibrated_n: f64,
+        unit: usize,
+        force_n: f64,
+        per_newton: f64,
+        leverage: f64,
+    ) -> f64 {
         let share = force_n / calibrated_n;
         let of_calibration = self.noise.variance(unit, calibrated_n * per_newton);
         self.noise.variance(unit, force_n * per_newton) + share * share * leverage.max(0.0) * of_calibration
     }
 
     /// Returns the sum of squares of a reading divided by its noise, assuming that nothing touched the array.
-    pub fn loudness(&self, outputs: &[f64]) -> f64 {
+    pub(crate) fn loudness(&self, outputs: &[f64]) -> f64 {
         outputs.iter().enumerate().map(|(unit, output)| output * output / self.noise.variance(unit, 0.0)).sum()
     }
 
     /// Returns the response of a map that is valid wherever it was fitted, because the map includes the structure under the
     /// cover.
-    pub fn known_everywhere(self) -> Self {
+    pub(crate) fn known_everywhere(self) -> Self {
         Response { known_leverage: f64::INFINITY, ..self }
     }
 
     /// Returns the response of a map that is known within its area, however large its own error is.
-    pub fn known_within(self) -> Self {
+    pub(crate) fn known_within(self) -> Self {
         let area = self.field.area();
         let mut leverage = vec![0.0; self.field.channels()];
         let mut most = self.known_leverage;
@@ -103,13 +110,13 @@ impl Response {
 
     /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy
     /// as a measured one. Proportional noise scales with the output, additive noise doesn't.
-    pub fn missing_noise(&self, unit: usize, share: f64) -> f64 {
+    pub(crate) fn missing_noise(&self, unit: usize, share: f64) -> f64 {
         (self.noise.variance(unit, 0.0) * (1.0 - share * share).max(0.0)).sqrt()
     }
 
     /// Returns the noise of each unit under the calibration's force: a standard deviation, as the root mean square over the
     /// calibration's presses.
-    pub fn typical_sd(&self) -> Vec<f64> {
+    pub(crate) fn typical_sd(&self) -> Vec<f64> {
         let of_unit = |unit: usize| {
             let variances = self.held.iter().map(|held| self.noise.variance(unit, held.residuals[unit].predicted));
             (variances.sum::<f64>() / self.held.len() as f64).sqrt()

@@ -58,7 +58,7 @@ pub(super) struct Scratch {
 
 impl Scratch {
     /// Returns the score of a row in the last search, in single precision.
-    pub fn score(&self, row: usize) -> f32 {
+    pub(crate) fn score(&self, row: usize) -> f32 {
         self.scores[row / PANEL].0[row % PANEL]
     }
 }
@@ -80,29 +80,29 @@ struct Panel([f32; PANEL]);
 
 impl Scan {
     /// Takes rows x units, row-major, each row of length 1. Requires at least one unit.
-    pub fn new(units: usize, rows: Vec<f64>) -> Self {
+    pub(crate) fn new(units: usize, rows: Vec<f64>) -> Self {
         Scan { arch: Arch::new(), units, panels: panels(units, &rows), rows }
     }
 
     /// Returns all rows, row-major.
-    pub fn rows(&self) -> &[f64] {
+    pub(crate) fn rows(&self) -> &[f64] {
         &self.rows
     }
 
     /// Returns a row as given.
-    pub fn row(&self, row: usize) -> &[f64] {
+    pub(crate) fn row(&self, row: usize) -> &[f64] {
         &self.rows[row * self.units..][..self.units]
     }
 
     /// Returns the row with the largest dot product with a direction of length 1, and the first of equal rows. Returns `None` if
     /// there is no row or the direction isn't finite.
-    pub fn best(&self, direction: &[f64], scratch: &mut Scratch) -> Option<Hit> {
+    pub(crate) fn best(&self, direction: &[f64], scratch: &mut Scratch) -> Option<Hit> {
         self.nearest(direction, 1, scratch).first().copied()
     }
 
     /// Returns the `count` rows with the largest dot products, the largest first. Of equal rows, the first in the table comes
     /// first. Returns fewer if there are fewer rows.
-    pub fn nearest<'a>(&self, direction: &[f64], count: usize, scratch: &'a mut Scratch) -> &'a [Hit] {
+    pub(crate) fn nearest<'a>(&self, direction: &[f64], count: usize, scratch: &'a mut Scratch) -> &'a [Hit] {
         self.arch.dispatch(Search { scan: self, direction, count, scratch });
         &scratch.hits
     }

@@ -44,14 +44,14 @@ const ROUNDS_OF_NOISE: usize = 5;
 impl Sought {
     /// Returns the most likely correlation of values (row-major, places x outputs) measured at places (row-major, places x
     /// dimensions). Requires at least one place; all numbers must be finite.
-    pub fn of(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
+    pub(crate) fn of(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
         Self::counting(places, dimensions, values, outputs, manner, None)
     }
 
     /// Returns the most likely correlation of values that may have different noise. `counts` is the number of typical
     /// measurements that the value at each place is worth. The likelihood also decides whether these counts are used or all
     /// places count alike.
-    pub fn weighted(
+    pub(crate) fn weighted(
         places: &[f64],
         dimensions: usize,
         values: &[f64],

@@ -22,24 +22,24 @@ struct Spot {
 
 impl Spots {
     /// Returns the places of a calibration. If there are very many, returns those that are farthest apart.
-    pub fn of(calibration: &Calibration) -> Self {
+    pub(crate) fn of(calibration: &Calibration) -> Self {
         let spots = by_spread_place(calibration).into_iter().map(|presses| Spot::of(calibration, presses)).collect();
         Spots { spots, units: calibration.units() }
     }
 
     /// Returns the places, mm.
-    pub fn places(&self) -> impl Iterator<Item = Place> + Clone {
+    pub(crate) fn places(&self) -> impl Iterator<Item = Place> + Clone {
         self.spots.iter().map(|spot| spot.place)
     }
 
     /// Returns the output of each unit per newton, row-major, places x units.
-    pub fn per_newton(&self) -> Vec<f64> {
+    pub(crate) fn per_newton(&self) -> Vec<f64> {
         self.spots.iter().flat_map(|spot| spot.per_newton.iter().copied()).collect()
     }
 
     /// Returns the number of typical places that each place's measurement counts for. It is the sum of squares of the force of
     /// its presses divided by the mean of this sum.
-    pub fn counts(&self) -> Vec<f64> {
+    pub(crate) fn counts(&self) -> Vec<f64> {
         let typical = self.typical_weight();
         self.spots.iter().map(|spot| spot.weight / typical).collect()
     }
@@ -51,7 +51,7 @@ impl Spots {
     /// Compares every press with the prediction of a map at its place, made without this place. `residuals` are the places'
     /// outputs per newton minus this prediction. `leverage` is the variance of the prediction divided by the variance of the
     /// noise. The noise is that of each place, or of a typical place if `is_weighted`. Both are row-major, places x units.
-    pub fn hold_out(
+    pub(crate) fn hold_out(
         &self,
         calibration: &Calibration,
         residuals: &[f64],

@@ -24,7 +24,7 @@ pub(super) const STARTS_A_SIDE: usize = 25;
 pub(super) const MOST_STARTS: usize = 6;
 
 impl Starts {
-    pub fn new(response: &Response, common_offset: bool) -> Self {
+    pub(crate) fn new(response: &Response, common_offset: bool) -> Self {
         let (area, units) = (response.field.area(), response.field.channels());
         let places = area.grid(STARTS_A_SIDE);
         let sd = response.typical_sd();
@@ -42,7 +42,7 @@ impl Starts {
 
     /// Fills `workspace.starts` with the places whose directions are closest to the reading's, the closest first. It takes the
     /// top of each peak, at most [`MOST_STARTS`]. If one unit is excluded, it takes only the closest place.
-    pub fn seek(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) {
+    pub(crate) fn seek(&self, outputs: &[f64], without: Option<usize>, workspace: &mut Workspace) {
         let Workspace { row: direction, scratch, starts, .. } = workspace;
         starts.clear();
         direction.clear();
@@ -71,7 +71,7 @@ impl Starts {
     }
 
     /// Returns the smallest distance between two starts, mm.
-    pub fn step_mm(&self) -> f64 {
+    pub(crate) fn step_mm(&self) -> f64 {
         let (first, last) = (self.places[0], self.places[self.places.len() - 1]);
         (last.x_mm - first.x_mm).max(last.y_mm - first.y_mm) / (STARTS_A_SIDE - 1) as f64
     }

@@ -38,7 +38,7 @@ const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {
     /// Measures the residuals of a map on its calibration.
-    pub fn of(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+    pub(crate) fn of(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let units = response.field.channels();
         let mut rng = stream(0, 0, "thresholds");
         let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);
@@ -72,7 +72,7 @@ impl Unexplained {
     /// Returns the limit that is exceeded at the rate `false_alarms`. Mean and variance of the sums give a gamma distribution
     /// (with perfect weights, a chi-squared distribution). With some hundreds of presses, the tail itself contains much less
     /// information than mean and variance.
-    pub fn limit(&self, false_alarms: f64) -> f64 {
+    pub(crate) fn limit(&self, false_alarms: f64) -> f64 {
         let Unexplained { mean, variance, free, .. } = *self;
         Gamma::new(mean * mean / variance, mean / variance)
             .map(|gamma| gamma.inverse_cdf(1.0 - false_alarms))
@@ -83,7 +83,7 @@ impl Unexplained {
 
     /// Whether the residuals are only noise, independent for each unit. The mean of a chi-squared variable is its degrees of
     /// freedom, and its variance is twice that.
-    pub fn is_noise(&self) -> bool {
+    pub(crate) fn is_noise(&self) -> bool {
         let free = self.free as f64;
         let off = |found: f64, expected: f64| (found / expected - 1.0).abs();
         self.places >= FEWEST_TO_TELL

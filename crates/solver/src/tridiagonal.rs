@@ -20,7 +20,7 @@ pub(super) struct Tridiagonal {
 
 impl Tridiagonal {
     /// Rotates a matrix, of which only the lower triangle is used, and columns of values with it.
-    pub fn of(mut matrix: Mat<f64>, values: &mut Mat<f64>) -> Self {
+    pub(crate) fn of(mut matrix: Mat<f64>, values: &mut Mat<f64>) -> Self {
         let count = matrix.nrows();
         if count > 1 {
             let block = recommended_block_size::<f64>(count, count).min(count - 1);
@@ -45,7 +45,7 @@ impl Tridiagonal {
     /// Returns the logarithm of the determinant of the matrix with `ridge` added to its diagonal. For each column of the rotated
     /// values, also returns the quadratic form with the inverse of this matrix. The matrix plus `ridge` must be positive
     /// definite.
-    pub fn with_ridge(&self, ridge: f64, turned: &Mat<f64>) -> (f64, Vec<f64>) {
+    pub(crate) fn with_ridge(&self, ridge: f64, turned: &Mat<f64>) -> (f64, Vec<f64>) {
         let first = self.diagonal[..1].iter().map(|diagonal| (diagonal + ridge, 0.0));
         let mut pivots: Vec<(f64, f64)> = first.collect();
         for (diagonal, below) in self.diagonal[1..].iter().zip(&self.below) {

@@ -36,7 +36,7 @@ const SEVERAL_LENGTHS: f64 = 0.2;
 
 impl View {
     /// Returns the views that may suit a calibration, the simplest first.
-    pub fn suitable(calibration: &Calibration, load: ForceKnown) -> Vec<View> {
+    pub(crate) fn suitable(calibration: &Calibration, load: ForceKnown) -> Vec<View> {
         let alike = vec![1.0 / root_mean_square(calibration, None).max(f64::MIN_POSITIVE); calibration.units()];
         let of_unit = |unit| match root_mean_square(calibration, Some(unit)) {
             0.0 => alike[0],
@@ -59,27 +59,27 @@ impl View {
     }
 
     /// Returns the view of only the direction.
-    pub fn of_direction(calibration: &Calibration) -> View {
+    pub(crate) fn of_direction(calibration: &Calibration) -> View {
         View { kind: Kind::Direction(0.0), scale: vec![1.0; calibration.units()], stretch: Vec::new() }
     }
 
     /// Returns the number of coordinates of a reading.
-    pub fn dimensions(&self) -> usize {
+    pub(crate) fn dimensions(&self) -> usize {
         self.scale.len() + usize::from(matches!(self.kind, Kind::Direction(weight) if weight > 0.0))
     }
 
     /// Multiplies each coordinate by its own factor.
-    pub fn stretch(&mut self, factors: impl Iterator<Item = f64>) {
+    pub(crate) fn stretch(&mut self, factors: impl Iterator<Item = f64>) {
         self.stretch = factors.collect();
     }
 
     /// Returns the length of a reading with scaled outputs.
-    pub fn length(&self, outputs: &[f64]) -> f64 {
+    pub(crate) fn length(&self, outputs: &[f64]) -> f64 {
         outputs.iter().zip(&self.scale).map(|(output, scale)| (output * scale).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Appends the view of a reading of that length.
-    pub fn see(&self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
+    pub(crate) fn see(&self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
         let first = seen.len();
         let scaled = outputs.iter().zip(&self.scale).map(|(output, scale)| output * scale);
         match self.kind {
@@ -97,7 +97,7 @@ impl View {
 
     /// Returns the logarithm of the force for a reading of that length, if outputs are proportional to the force. Returns 0 in
     /// views that don't need this proportionality.
-    pub fn log_proportional(&self, length: f64) -> f64 {
+    pub(crate) fn log_proportional(&self, length: f64) -> f64 {
         match self.kind {
             Kind::Direction(_) => length.ln(),
             Kind::Outputs | Kind::Logarithms => 0.0,

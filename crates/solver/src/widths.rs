@@ -62,7 +62,7 @@ pub(super) const FEWEST_TRIALS: usize = 20;
 impl Widths {
     /// Returns the half-widths that trials show; `None` if there are few trials. `scale` gives the scales of a trial's errors: of
     /// the location, mm, and of the force, N.
-    pub fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
+    pub(crate) fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
         let (mut location, mut force) = (Vec::new(), Vec::new());
         for trial in trials {
             let (Ok(answer), Some((scale_mm, scale_n))) = (&trial.answer, scale(trial)) else { continue };
@@ -74,13 +74,13 @@ impl Widths {
 
     /// Returns a covariance from noise alone, enlarged to the observed errors. The scale of the location is the square root of
     /// the sum of both variances; 68 % of normal errors are within 1.07 of it. The scale of the force is one standard deviation.
-    pub fn applied(&self, covariance: Covariance) -> Covariance {
+    pub(crate) fn applied(&self, covariance: Covariance) -> Covariance {
         let of_location = (self.location[0] / NORMAL_68).max(1.0);
         covariance.widened([of_location, of_location, self.force[0].max(1.0)])
     }
 
     /// Returns the half-widths for these scales of the errors.
-    pub fn at(&self, scale_mm: f64, scale_n: f64) -> HalfWidths {
+    pub(crate) fn at(&self, scale_mm: f64, scale_n: f64) -> HalfWidths {
         HalfWidths {
             half68_mm: self.location[0] * scale_mm,
             half95_mm: self.location[1] * scale_mm,

@@ -46,7 +46,7 @@ impl Bench {
 ///
 /// # Errors
 /// Never in practice: a test checks that the supplied text is valid.
-pub fn papers_rig() -> Result<RigSpec, Problems> {
+pub(crate) fn papers_rig() -> Result<RigSpec, Problems> {
     shipped("rigs/paper.toml", include_str!("../../../rigs/paper.toml"))
 }
 
@@ -54,7 +54,7 @@ pub fn papers_rig() -> Result<RigSpec, Problems> {
 ///
 /// # Errors
 /// An error of the operating system: it provides no runtime.
-pub fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
+pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
     let mut memory = Memory::default();
     let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
     let errand = Walk { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };

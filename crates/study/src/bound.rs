@@ -26,7 +26,7 @@ pub fn least_s(depth_mm: f64, way_mm: f64, acceleration_mm_s2: f64, window_s: f6
 }
 
 /// Returns the same time for a rig that presses places `way_mm` apart with a force.
-pub fn least_on_s(spec: &RigSpec, force_n: f64, way_mm: f64, window_s: f64) -> f64 {
+pub(crate) fn least_on_s(spec: &RigSpec, force_n: f64, way_mm: f64, window_s: f64) -> f64 {
     least_s(spec.scene.contact.depth_mm(force_n), way_mm, spec.stage.acceleration_mm_s2, window_s)
 }
 

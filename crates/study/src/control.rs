@@ -14,9 +14,9 @@ pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Declared stiffnesses of the nominal specimen, N/mm.
 pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
 /// Declared stiffness, N/mm, from which fewer places are pressed.
-pub const SLOW_N_MM: f64 = 100.0;
+pub(crate) const SLOW_N_MM: f64 = 100.0;
 /// Number of places along a side of this smaller square.
-pub const SLOW_SIDE: usize = 5;
+pub(crate) const SLOW_SIDE: usize = 5;
 /// Tolerance of all conditions except those that vary it, N.
 const TOLERANCE_N: f64 = 0.010;
 

@@ -5,13 +5,13 @@ use serde::Serialize;
 use std::f64::consts::{E, FRAC_PI_2};
 
 /// True stiffness divided by the stiffness that the loop assumes.
-pub const MISMATCHES: [f64; 7] = [0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0];
+pub(crate) const MISMATCHES: [f64; 7] = [0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Total dead times, s.
-pub const DEAD_TIMES_S: [f64; 4] = [0.015, 0.030, 0.060, 0.120];
+pub(crate) const DEAD_TIMES_S: [f64; 4] = [0.015, 0.030, 0.060, 0.120];
 /// Gain times dead time at which the continuous loop begins to overshoot.
-pub const OVERSHOOTS_AT: f64 = 1.0 / E;
+pub(crate) const OVERSHOOTS_AT: f64 = 1.0 / E;
 /// Gain times dead time from which the continuous loop never settles, see [`OVERSHOOTS_AT`].
-pub const UNSTABLE_AT: f64 = FRAC_PI_2;
+pub(crate) const UNSTABLE_AT: f64 = FRAC_PI_2;
 
 /// Step of the simulation, s. The second constant is the time from one order to the next, in steps.
 const STEP_S: f64 = 0.001;
@@ -39,7 +39,7 @@ pub struct Onset {
 }
 
 /// Computes the map: every dead time with every mismatch.
-pub fn stability() -> Vec<Onset> {
+pub(crate) fn stability() -> Vec<Onset> {
     let of = |dead_time_s: f64, mismatch: f64| Onset {
         part: "stability",
         dead_time_ms: 1000.0 * dead_time_s,
@@ -61,7 +61,7 @@ fn least_gain(does: impl Fn(f64) -> bool) -> f64 {
 }
 
 /// Returns the largest force on the way to 1, for a gain times dead time.
-pub fn peak(gain: f64, dead_time_s: f64) -> f64 {
+pub(crate) fn peak(gain: f64, dead_time_s: f64) -> f64 {
     forces(gain, dead_time_s).fold(0.0, f64::max)
 }
 

@@ -9,7 +9,7 @@ const ROWS: usize = 5;
 const COLUMNS: usize = 40;
 
 /// Returns a standing in block letters of at most 40 columns, one line of letters for each word. A longer word is plain text.
-pub fn big(standing: Standing) -> String {
+pub(super) fn big(standing: Standing) -> String {
     let words = standing.name().to_uppercase();
     words.split(' ').map(|word| block(word).unwrap_or_else(|| format!("{word}\n"))).collect::<Vec<_>>().join("\n")
 }

@@ -26,7 +26,7 @@ Exit code: 0 the batch can be run, 2 it can't: each problem is reported with its
 /// Print what a batch would do with each sensor; nothing moves
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct CheckArgs {
+pub(super) struct CheckArgs {
     /// The batch file
     batch: PathBuf,
     /// Simulate: replace the rig's links by emulators, in virtual time
@@ -35,7 +35,7 @@ pub struct CheckArgs {
 }
 
 /// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
-pub fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
+pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch, args.simulate)?;
     MannerArgs::check_gain(&material.rig)?;
     material.check()?;

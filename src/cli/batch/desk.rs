@@ -30,7 +30,7 @@ const COMMANDS: &str = "  .repeat [SERIAL]  allow a sensor to be calibrated agai
 ";
 
 /// A batch at work, and the person at its bench.
-pub struct Desk {
+pub(super) struct Desk {
     /// The batch on disk.
     pub folder: BatchFolder,
     /// Its files.
@@ -47,7 +47,7 @@ pub struct Desk {
 
 /// A sensor on the bench that isn't calibrated yet.
 #[derive(Clone, Debug)]
-pub struct Placed {
+pub(super) struct Placed {
     /// Serial number.
     pub serial: String,
     /// Its kind.
@@ -76,13 +76,13 @@ enum Answer {
 
 impl Desk {
     /// Records an event, and then publishes it.
-    pub fn record(&mut self, event: &Event) -> Result<(), Failure> {
+    pub(super) fn record(&mut self, event: &Event) -> Result<(), Failure> {
         self.folder.record(event).map_err(Failure::batch)?;
         self.publish(event)
     }
 
     /// Publishes an event that is on the disk. Every event of a batch that is at work passes here once.
-    pub fn publish(&self, event: &Event) -> Result<(), Failure> {
+    pub(super) fn publish(&self, event: &Event) -> Result<(), Failure> {
         if self.json {
             let line = serde_json::to_string(event).into_diagnostic().map_err(Failure::unwritten)?;
             print(&format!("{line}\n"))?;
@@ -92,17 +92,17 @@ impl Desk {
     }
 
     /// Publishes that the run of a sensor is paused. A line that can't be printed stops no run.
-    pub fn pauses(&self, serial: &str) {
+    pub(super) fn pauses(&self, serial: &str) {
         _ = self.publish(&Event::Paused { at: now(), serial: serial.to_owned() });
     }
 
     /// Shows a result: on standard output, unless that is for events.
-    pub fn show(&self, text: &str) -> Result<(), Failure> {
+    pub(super) fn show(&self, text: &str) -> Result<(), Failure> {
         if self.json { tell(text) } else { print(text) }
     }
 
     /// Whether results are read on a terminal.
-    pub fn is_on_screen(&self) -> bool {
+    pub(super) fn is_on_screen(&self) -> bool {
         if self.json { io::stderr().is_terminal() } else { io::stdout().is_terminal() }
     }
 
@@ -122,7 +122,7 @@ impl Desk {
     }
 
     /// Asks for sensors and calibrates them, until a person ends.
-    pub fn work(&mut self, manner: &MannerArgs) -> Result<ExitCode, Failure> {
+    pub(super) fn work(&mut self, manner: &MannerArgs) -> Result<ExitCode, Failure> {
         self.greet()?;
         loop {
             let tray = match self.ask()? {

@@ -34,7 +34,7 @@ const SENSOR_FILE: &str = "palpate";
 
 /// Whether the batch continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flow {
+pub(super) enum Flow {
     /// With the next sensor.
     Next,
     /// It doesn't: a person stopped it.
@@ -69,7 +69,7 @@ struct Outcome {
 
 impl Desk {
     /// Calibrates the sensors on the tray, one after another.
-    pub fn calibrate(&mut self, tray: &[Placed], manner: &MannerArgs) -> Result<Flow, Failure> {
+    pub(super) fn calibrate(&mut self, tray: &[Placed], manner: &MannerArgs) -> Result<Flow, Failure> {
         // all plans are made before anything moves
         let prepared: Result<Vec<Prepared>, Failure> = tray.iter().map(|placed| self.prepare(placed, manner)).collect();
         let prepared = prepared?;

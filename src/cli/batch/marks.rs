@@ -15,7 +15,7 @@ Example:
 /// Add sensors to a batch
 #[derive(Debug, clap::Args)]
 #[command(after_help = ADD_EXAMPLE)]
-pub struct AddArgs {
+pub(super) struct AddArgs {
     /// The batch folder
     batch: PathBuf,
     /// Serial numbers
@@ -33,7 +33,7 @@ previous run stays as it is.";
 /// Allow a sensor to be calibrated again: interrupted, failed, judged or skipped
 #[derive(Debug, clap::Args)]
 #[command(after_help = RETRY_EXAMPLE)]
-pub struct RetryArgs {
+pub(super) struct RetryArgs {
     /// The batch folder
     batch: PathBuf,
     /// Serial number
@@ -47,7 +47,7 @@ Example:
 /// Skip a sensor
 #[derive(Debug, clap::Args)]
 #[command(after_help = SKIP_EXAMPLE)]
-pub struct SkipArgs {
+pub(super) struct SkipArgs {
     /// The batch folder
     batch: PathBuf,
     /// Serial number
@@ -61,7 +61,7 @@ Example:
 /// Add a note about a sensor
 #[derive(Debug, clap::Args)]
 #[command(after_help = NOTE_EXAMPLE)]
-pub struct NoteArgs {
+pub(super) struct NoteArgs {
     /// The batch folder
     batch: PathBuf,
     /// Serial number
@@ -72,7 +72,7 @@ pub struct NoteArgs {
 }
 
 /// Adds sensors, all or none.
-pub fn add(args: &AddArgs) -> Result<ExitCode, Failure> {
+pub(super) fn add(args: &AddArgs) -> Result<ExitCode, Failure> {
     let mut folder = BatchFolder::open(&args.batch).map_err(Failure::batch)?;
     for (index, serial) in args.serials.iter().enumerate() {
         let same = |other: &str| other.eq_ignore_ascii_case(serial);
@@ -95,18 +95,18 @@ pub fn add(args: &AddArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Allows a sensor again.
-pub fn retry(args: &RetryArgs) -> Result<ExitCode, Failure> {
+pub(super) fn retry(args: &RetryArgs) -> Result<ExitCode, Failure> {
     let event = Event::Retry { at: now(), serial: args.serial.clone() };
     mark(&args.batch, &args.serial, &event, "may be calibrated again")
 }
 
 /// Skips a sensor.
-pub fn skip(args: &SkipArgs) -> Result<ExitCode, Failure> {
+pub(super) fn skip(args: &SkipArgs) -> Result<ExitCode, Failure> {
     mark(&args.batch, &args.serial, &Event::Skipped { at: now(), serial: args.serial.clone() }, "is skipped")
 }
 
 /// Adds a note.
-pub fn note(args: &NoteArgs) -> Result<ExitCode, Failure> {
+pub(super) fn note(args: &NoteArgs) -> Result<ExitCode, Failure> {
     let event = Event::Noted { at: now(), serial: args.serial.clone(), note: args.note.clone() };
     mark(&args.batch, &args.serial, &event, "has this note")
 }

@@ -18,15 +18,15 @@ use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, InlineTable, Value, value};
 
 /// Names under which a batch folder keeps the texts.
-pub const BATCH: &str = "batch.toml";
-pub const RIG: &str = "rig.toml";
+pub(super) const BATCH: &str = "batch.toml";
+pub(super) const RIG: &str = "rig.toml";
 const ACCEPT: &str = "accept.toml";
 
 /// Digits of an origin after the decimal point, mm.
 const ORIGIN_DIGITS: i32 = 6;
 
 /// The files of a batch.
-pub struct Material {
+pub(super) struct Material {
     /// The batch file.
     pub file: BatchFile,
     /// The rig, simulated if requested.
@@ -49,7 +49,7 @@ pub struct Material {
 }
 
 /// A rig at one nest.
-pub struct NestRig {
+pub(super) struct NestRig {
     /// The rig, whose specimen is in the nest.
     pub spec: RigSpec,
     /// Its text.
@@ -58,7 +58,7 @@ pub struct NestRig {
 
 impl Material {
     /// Reads a batch file, and the files that it names.
-    pub fn read(path: &Path, simulate: bool) -> Result<Material, Failure> {
+    pub(super) fn read(path: &Path, simulate: bool) -> Result<Material, Failure> {
         let text = match shipped::named(BATCHES, "batches", path) {
             Some(shipped) => shipped.text.to_owned(),
             None => bounded(path).map_err(|error| {
@@ -107,7 +107,7 @@ impl Material {
     }
 
     /// Returns the rig with its frame moved to a nest; unchanged without a nest.
-    pub fn rig_at(&self, nest: Option<&Nest>) -> Result<NestRig, Failure> {
+    pub(super) fn rig_at(&self, nest: Option<&Nest>) -> Result<NestRig, Failure> {
         let Some(nest) = nest else { return Ok(NestRig { spec: self.rig.clone(), text: self.rig_text.clone() }) };
         let moved = moved(&self.rig_text, &self.rig, nest);
         let text = moved.map_err(|error| Failure::usage(miette::miette!("{}: {error}", self.rig_path.display())))?;
@@ -119,17 +119,17 @@ impl Material {
     }
 
     /// Returns the plan of a recipe on a rig; an error if it leaves the rig's travel or limits.
-    pub fn plan(&self, recipe: usize, spec: &RigSpec, seed: u64) -> Result<Plan, Failure> {
+    pub(super) fn plan(&self, recipe: usize, spec: &RigSpec, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipes[recipe].recipe, &spec.ground(), seed).map_err(Failure::usage)
     }
 
     /// Returns the command that is notified of events: that of the batch file, or else that of the rig.
-    pub fn notified(&self) -> &[String] {
+    pub(super) fn notified(&self) -> &[String] {
         if self.file.notify.is_empty() { &self.rig.notify } else { &self.file.notify }
     }
 
     /// Returns the normal values of the quantities that are charted; none without a prior.
-    pub fn charted(&self) -> Result<Vec<Charted>, Failure> {
+    pub(super) fn charted(&self) -> Result<Vec<Charted>, Failure> {
         let Some(prior) = &self.prior else { return Ok(Vec::new()) };
         let plan = self.plan(0, &self.rig, self.file.seed)?;
         let (places, press_n) = calibrated(&plan);
@@ -145,7 +145,7 @@ impl Material {
     }
 
     /// Checks every recipe at every nest.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub(super) fn check(&self) -> Result<(), Failure> {
         for nest in self.nests() {
             let rig = self.rig_at(nest)?;
             for recipe in 0..self.recipes.len() {
@@ -160,12 +160,12 @@ impl Material {
     }
 
     /// Returns the nests of the tray; a single `None` without a tray.
-    pub fn nests(&self) -> impl Iterator<Item = Option<&Nest>> {
+    pub(super) fn nests(&self) -> impl Iterator<Item = Option<&Nest>> {
         self.file.nests.iter().map(Some).chain(self.file.nests.is_empty().then_some(None))
     }
 
     /// Returns the texts of a run of a recipe on a rig.
-    pub fn origins(&self, recipe: usize, rig: &NestRig) -> Origins {
+    pub(super) fn origins(&self, recipe: usize, rig: &NestRig) -> Origins {
         let ReadRecipe { text, rule, .. } = &self.recipes[recipe];
         let beside: BTreeMap<String, String> = own_texts(&rig.spec).into_iter().chain(rule.clone()).collect();
         Origins::new(text.clone(), rig.text.clone(), beside.into_iter().collect())
@@ -226,7 +226,7 @@ fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
 }
 
 /// Returns the places of a plan's calibration, and its largest force, N.
-pub fn calibrated(plan: &Plan) -> (Vec<Place>, f64) {
+pub(super) fn calibrated(plan: &Plan) -> (Vec<Place>, f64) {
     let calibration = || plan.entries.iter().filter(|entry| entry.phase == Phase::Calibration);
     let press_n = calibration().map(|entry| entry.task.most_n()).fold(0.0, f64::max);
     (calibration().map(|entry| entry.place).collect(), press_n)

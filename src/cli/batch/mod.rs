@@ -26,7 +26,7 @@ Examples:
 /// Calibrate a batch of sensors, one after another, with a person or a scanner that types serial numbers
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct BatchArgs {
+pub(super) struct BatchArgs {
     #[command(subcommand)]
     command: Command,
 }
@@ -44,7 +44,7 @@ enum Command {
 }
 
 /// Carries a command out.
-pub fn batch(args: &BatchArgs) -> Result<ExitCode, Failure> {
+pub(super) fn batch(args: &BatchArgs) -> Result<ExitCode, Failure> {
     match &args.command {
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),

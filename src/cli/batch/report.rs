@@ -28,7 +28,7 @@ const LINKED: [(&str, &str); 2] = [("report", "report.html"), ("certificate", "c
 /// Write a page about a batch: yield, figures, control charts, and all sensors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct ReportArgs {
+pub(super) struct ReportArgs {
     /// The batch folders
     #[arg(required = true)]
     batches: Vec<PathBuf>,
@@ -41,7 +41,7 @@ pub struct ReportArgs {
 }
 
 /// Writes the page and reports in a line what is in it.
-pub fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
+pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     if !args.compare && args.batches.len() > 1 {
         let help = "add --compare, or give one batch";
         return Err(Failure::usage(miette::miette!(help = help, "a page is about one batch")));

@@ -32,7 +32,7 @@ couldn't be written; 130 cancelled.";
 /// Calibrate the sensors of a batch, one after another
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct RunArgs {
+pub(super) struct RunArgs {
     /// The batch file
     batch: PathBuf,
     /// Simulate: replace the rig's links by emulators, in virtual time
@@ -52,7 +52,7 @@ pub struct RunArgs {
 }
 
 /// Creates the batch's folder or continues it, and calibrates the sensors that are typed.
-pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch, args.simulate)?;
     args.manner.check(&material.rig)?;
     material.check()?;

@@ -20,7 +20,7 @@ A batch can be looked at while it is in use.";
 /// Show what became of each sensor of a batch
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct StatusArgs {
+pub(super) struct StatusArgs {
     /// The batch folder
     batch: PathBuf,
     /// Print one JSON object
@@ -29,7 +29,7 @@ pub struct StatusArgs {
 }
 
 /// Prints the state that follows from the batch's journal.
-pub fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
+pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
     let state = read_state(&args.batch).map_err(Failure::batch)?;
     if !args.json {
         print(&described(&state))?;
@@ -67,7 +67,7 @@ struct Told<'a> {
 }
 
 /// Returns the state for a person: the numbers, then each sensor that has begun or was skipped.
-pub fn described(state: &State) -> String {
+pub(super) fn described(state: &State) -> String {
     let mut text = format!("batch {}, design {}: {}\n", state.facts.name, state.facts.design, counted(state));
     // writing to a string can't fail
     if let Some(reference) = &state.reference {
@@ -97,7 +97,7 @@ pub fn described(state: &State) -> String {
 }
 
 /// Returns the number of sensors of each standing that occurs.
-pub fn counted(state: &State) -> String {
+pub(super) fn counted(state: &State) -> String {
     let counts = Standing::ALL.map(|standing| (state.count(standing), standing.name()));
     let counts: Vec<String> =
         counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, name)| format!("{count} {name}")).collect();

@@ -16,7 +16,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// What came instead of waiting.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Typed {
+pub(super) enum Typed {
     /// A line, without blanks at its ends.
     Line(String),
     /// The input has ended.
@@ -27,7 +27,7 @@ pub enum Typed {
 
 /// Waits for the next line. At a terminal, a line that was typed earlier doesn't count: a scan during a run would start the next
 /// sensor while a person has their hands in the rig.
-pub fn next_line(cancel: &Cancel, prompt: impl FnOnce() -> Result<(), Failure>) -> Result<Typed, Failure> {
+pub(super) fn next_line(cancel: &Cancel, prompt: impl FnOnce() -> Result<(), Failure>) -> Result<Typed, Failure> {
     cancel.go_on(); // a pause that was requested during the last press has nothing left to wait for
     cancel.preparing(); // so that Ctrl-C is a stop
     if is_attended() {

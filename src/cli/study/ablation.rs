@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Executes the study, writes its rows and prints the results.
-pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "ablation")?;
     let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };
     let found = begun.carried(ablation(size, args.seed, &begun.told()))?;

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 /// Executes the study, writes its figures and prints the results.
-pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;

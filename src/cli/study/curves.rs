@@ -26,7 +26,7 @@ With a rig: its array and elastomer; nothing is moved or opened.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct CurvesArgs {
+pub(super) struct CurvesArgs {
     /// Study this rig's array instead of the paper's lines
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
@@ -48,7 +48,7 @@ const DEPTH_MAX_MM: f64 = 1000.0;
 const COORDINATE_MAX_MM: f64 = 10_000.0;
 
 /// Executes the study, writes its figures and prints the results.
-pub fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "curves")?;
     match &args.rig {
         None => {

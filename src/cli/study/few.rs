@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Carries the study out, writes its figures and prints its tables.
-pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "few")?;
     let size = if args.quick { FewSize::QUICK } else { FewSize::WHOLE };
     let few = begun.carried(presses(size, &begun.told()))?;

@@ -36,7 +36,7 @@ quarter and so on, spread over the area. Without: the paper's array, simulated."
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct SpeedAccuracy {
+pub(super) struct SpeedAccuracy {
     #[command(flatten)]
     source: Source,
     #[command(flatten)]
@@ -45,7 +45,7 @@ pub struct SpeedAccuracy {
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = BUDGET_EXAMPLES)]
-pub struct Budget {
+pub(super) struct Budget {
     #[command(flatten)]
     source: Source,
     #[command(flatten)]
@@ -90,7 +90,7 @@ const SIMULATED: (usize, usize) = (25, 10_000);
 const QUICK: (usize, usize) = (7, 100);
 
 /// Accuracy of each method, and the time of a solve.
-pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
+pub(super) fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.common.output, "speed-accuracy")?;
     let trials = match args.source.trial()? {
         Some(trial) => vec![trial],
@@ -110,7 +110,7 @@ pub fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
 }
 
 /// How near each method comes against the number of presses.
-pub fn budget(args: &Budget) -> Result<ExitCode, Failure> {
+pub(super) fn budget(args: &Budget) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.common.output, "budget")?;
     let Common { quick, seed, .. } = args.common;
     let title = "location error, mean, mm, by calibration presses\n\n";
@@ -130,7 +130,7 @@ pub fn budget(args: &Budget) -> Result<ExitCode, Failure> {
 }
 
 /// Where each method fails.
-pub fn failures(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn failures(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "failures")?;
     let found = begun.carried(methods::failures(args.quick, args.seed, &begun.told()))?;
     let figures = [failure_figures(&found), coverage_figures(&found)].concat();

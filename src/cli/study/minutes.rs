@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Carries the study out, writes its figure and prints the ways of calibrating that no other beats.
-pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "minutes")?;
     let size = if args.quick { MinutesSize::QUICK } else { MinutesSize::WHOLE };
     let found = begun.carried(minutes(size, args.seed, &begun.told()))?;

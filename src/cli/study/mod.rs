@@ -25,7 +25,7 @@ Examples:
 /// Study force-control strategies, solving methods, or an array's design, and draw the results
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub struct StudyArgs {
+pub(super) struct StudyArgs {
     #[command(subcommand)]
     study: Study,
 }
@@ -53,7 +53,7 @@ enum Study {
 }
 
 /// Executes a study, writes its figures and prints the results.
-pub fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
     match &args.study {
         Study::Control(args) => control::study(args),
         Study::SpeedAccuracy(args) => methods::speed_accuracy(args),

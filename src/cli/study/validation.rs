@@ -6,7 +6,7 @@ use palpate_study::validation::{QUICK_SEEDS, SEEDS, validation};
 use std::process::ExitCode;
 
 /// Carries the protocol out, writes the page and prints it.
-pub fn study(args: &Common) -> Result<ExitCode, Failure> {
+pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = Begun::new(&args.output, "validation")?;
     let seeds = if args.quick { QUICK_SEEDS } else { SEEDS };
     let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;

@@ -22,12 +22,12 @@ const INPUT_S_MOST: f64 = if cfg!(debug_assertions) { 20.0 } else { 2.0 };
 const PROGRESS: usize = 100_000;
 
 /// Feeds a reader, and says how much, how fast, and what took longest.
-pub fn fuzz(name: &str, inputs: usize, seeds: &[Vec<u8>], read: impl FnMut(&[u8])) {
+pub(super) fn fuzz(name: &str, inputs: usize, seeds: &[Vec<u8>], read: impl FnMut(&[u8])) {
     fuzz_with(name, inputs, seeds, rewritten, read);
 }
 
 /// The same with a reader of a file.
-pub fn fuzz_file(
+pub(super) fn fuzz_file(
     name: &str,
     inputs: usize,
     seeds: &[Vec<u8>],
@@ -90,7 +90,7 @@ fn excerpt(input: &[u8]) -> String {
 
 /// A journal after some mutations, the check sums and the numbers of most of its lines put right: what has none gets no
 /// further.
-pub fn resealed(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
+pub(super) fn resealed(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
     rewritten(seeds, rng, into);
     if rng.random_bool(0.2) {
         return;

@@ -14,14 +14,14 @@ const SMALL: &str = "name = \"small\"\n[[step]]\nphase = \"characterisation\"\nu
                      random = { count = 2, x_mm = [-2, 2], y_mm = [-2, 2], force_n = [0.5, 1] }\n";
 
 /// The files of a run.
-pub struct Run {
+pub(super) struct Run {
     pub journal: Vec<u8>,
     pub presses: Vec<u8>,
     pub manifest: Vec<u8>,
 }
 
 /// A small run as it stands on the disk.
-pub fn run() -> &'static Run {
+pub(super) fn run() -> &'static Run {
     static RUN: OnceLock<Run> = OnceLock::new();
     RUN.get_or_init(|| {
         let spec = sim_rig();
@@ -49,12 +49,12 @@ struct Unheard;
 
 impl Listener for Unheard {}
 
-pub fn sim_rig() -> RigSpec {
+pub(super) fn sim_rig() -> RigSpec {
     rig::parse("sim.toml", SIM_RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig")
 }
 
 /// All texts of a kind in one of the project's folders, in the order of their names.
-pub fn texts_in(folder: &str, extension: &str) -> Vec<Vec<u8>> {
+pub(super) fn texts_in(folder: &str, extension: &str) -> Vec<Vec<u8>> {
     let entries = fs::read_dir(root().join(folder)).expect("a folder of the project");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a file").path()).collect();
     paths.retain(|path| path.extension().is_some_and(|own| own == extension));
@@ -62,6 +62,6 @@ pub fn texts_in(folder: &str, extension: &str) -> Vec<Vec<u8>> {
     paths.iter().map(|path| fs::read(path).expect("a text")).collect()
 }
 
-pub fn root() -> PathBuf {
+pub(super) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }

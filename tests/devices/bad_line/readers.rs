@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
-pub const STIFFNESS_N_MM: f64 = 2.0;
+pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 
 /// How far a true reading may be off, N: what a device rounds to.
 const TOLERANCE_N: f64 = 0.0025;
@@ -65,7 +65,7 @@ impl Reader {
     }
 }
 
-pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     let origin = Instant::now();
     let (load_cell, array) = match subject {
         Subject::CellRtu => (r#"{ modbus = "generic-rs485" }"#, r#"{ modbus = "labjack-t7" }"#),

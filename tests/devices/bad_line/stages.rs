@@ -71,7 +71,7 @@ struct Trial {
     lost: bool,
 }
 
-pub async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     let origin = Instant::now();
     let stage = match subject {
         // a GRBL gets a board of its own below; a simulated rig's counts otherwise

@@ -12,7 +12,7 @@ use tokio::sync::Notify;
 
 /// How a device is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Loss {
+pub(super) enum Loss {
     /// Its link is closed, and so is every one that is opened again.
     Unplugged,
     /// It takes everything and answers nothing.
@@ -22,19 +22,19 @@ pub enum Loss {
 }
 
 impl Loss {
-    pub const ALL: [Loss; 3] = [Loss::Unplugged, Loss::Silenced, Loss::Garbled];
+    pub(super) const ALL: [Loss; 3] = [Loss::Unplugged, Loss::Silenced, Loss::Garbled];
 }
 
 /// What is lost, how, and at which of the rig's messages.
 #[derive(Clone, Copy, Debug)]
-pub struct Fate {
+pub(super) struct Fate {
     pub device: Device,
     pub loss: Loss,
     pub at: usize,
 }
 
 /// Puts every device of a rig on a link that is watched, and on which one device is lost.
-pub fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<Fate>) {
+pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<Fate>) {
     let lost = Arc::new(Mutex::new(Lost { at: fate.map(|fate| fate.at), struck: false, bells: Vec::new() }));
     let shared = rig.load_cell.is_same(&rig.stage);
     for (device, role) in

@@ -22,7 +22,7 @@ const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
 const AFTERWARDS: Duration = Duration::from_secs(5);
 
 /// How a walk went.
-pub struct Walked {
+pub(super) struct Walked {
     pub ending: Ending,
     /// What was recorded, in its order.
     pub contacts: Vec<Contact>,
@@ -35,13 +35,13 @@ pub struct Walked {
 }
 
 /// A run in a folder, as the program keeps one. Nothing else here knows of run folders.
-pub struct Kept {
+pub(super) struct Kept {
     folder: RunFolder,
     home: TempDir,
 }
 
 impl Kept {
-    pub fn new(spec: &RigSpec, plan: &Plan) -> Kept {
+    pub(super) fn new(spec: &RigSpec, plan: &Plan) -> Kept {
         let home = tempfile::tempdir().expect("a folder");
         let (out, facts) = (home.path().join("run"), facts_of(plan));
         let origins = Origins::new(RECIPE.to_owned(), String::new(), Vec::new());
@@ -51,7 +51,7 @@ impl Kept {
     }
 
     /// Lets go of the run and takes it up again, as another program would.
-    pub fn reopen(self, spec: &RigSpec) -> Kept {
+    pub(super) fn reopen(self, spec: &RigSpec) -> Kept {
         let Kept { folder, home } = self;
         let path = folder.path().to_owned();
         drop(folder); // a run has one writer
@@ -61,7 +61,7 @@ impl Kept {
     }
 
     /// Walks what is left of the plan and ends the run.
-    pub fn walk(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Walked {
+    pub(super) fn walk(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Walked {
         let folder = &mut self.folder;
         let walked = in_virtual_time(async {
             let mut rig = spec.emulators(plan.seed).expect("emulators");
@@ -84,7 +84,7 @@ impl Kept {
     }
 
     /// What of a run that ended isn't on the disk as it must be: its verdict, and these contacts, each once.
-    pub fn wrong_on_disk(
+    pub(super) fn wrong_on_disk(
         &self,
         ending: &Ending,
         contacts: &[Contact],

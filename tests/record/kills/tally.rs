@@ -5,7 +5,7 @@ use std::ops::AddAssign;
 
 /// What came of some trials.
 #[derive(Default)]
-pub struct Tally {
+pub(super) struct Tally {
     pub trials: usize,
     pub kills: usize,
     /// Kills before there was a folder, and what they left beside its place.
@@ -25,7 +25,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn assert_clean(&self) {
+    pub(super) fn assert_clean(&self) {
         assert_eq!((self.lost, self.changed, self.again, self.other), (0, 0, 0, 0), "{self}; {:?}", self.first);
     }
 }

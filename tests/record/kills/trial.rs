@@ -37,7 +37,7 @@ const PRESS_S: f64 = 2.0;
 /// Longest wait for a row that must come.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// One run that is killed, and its `resume` perhaps, until it is finished.
-pub struct Trial<'a> {
+pub(super) struct Trial<'a> {
     number: u64,
     course: &'a Course,
     bench: Bench,
@@ -47,13 +47,13 @@ pub struct Trial<'a> {
 }
 
 impl<'a> Trial<'a> {
-    pub fn new(number: u64, courses: &'a [Course]) -> Trial<'a> {
+    pub(super) fn new(number: u64, courses: &'a [Course]) -> Trial<'a> {
         let course = &courses[number as usize % courses.len()];
         let rng = stream(SEED, number, "kills");
         Trial { number, course, bench: course.bench(), rng, sessions: Vec::new() }
     }
 
-    pub fn carry_out(mut self) -> Tally {
+    pub(super) fn carry_out(mut self) -> Tally {
         let (mut tally, mut acknowledged) = (Tally { trials: 1, ..Tally::default() }, Vec::new());
         for _ in 0..self.rng.random_range(1..=KILLS_OF_ONE_MOST) {
             tally += self.session(&mut acknowledged);

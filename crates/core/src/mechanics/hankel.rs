@@ -25,7 +25,7 @@ pub(super) struct Table {
 
 impl Table {
     /// Returns the function with this transform, accurate to some 1e-8 of a half-space's peak.
-    pub fn inverse_of(transform: impl Fn(f64) -> f64) -> Self {
+    pub(super) fn inverse_of(transform: impl Fn(f64) -> f64) -> Self {
         let inversion = &*INVERSION;
         let weights: Vec<f64> = inversion.nodes.iter().map(|&(h, weight)| weight * h * transform(h) / 3.0).collect();
         let knots: Vec<[f64; 3]> = (0..CELLS).map(|knot| inversion.knot(knot, &weights)).collect();
@@ -36,7 +36,7 @@ impl Table {
 
     /// Returns the value at `k` depths and its change per depth.
     #[inline]
-    pub fn value_and_slope(&self, k: f64) -> (f64, f64) {
+    pub(super) fn value_and_slope(&self, k: f64) -> (f64, f64) {
         let at = k / PER_CELL;
         // a float that is no index becomes the nearest one that is; NaN becomes 0 and is kept by the share. A distance isn't
         // negative, so this is its floor: by one instruction on every processor

@@ -19,7 +19,7 @@ pub(super) struct Dialect {
 impl Dialect {
     /// Finds the separator with which the header has a column of this name: comma, semicolon or tab. Returns comma if no
     /// separator gives this column. `start` is the beginning of the table. Properties stated by the mapping aren't detected.
-    pub fn of_start(start: &[u8], column: &str, mapping: &Mapping) -> Self {
+    pub(super) fn of_start(start: &[u8], column: &str, mapping: &Mapping) -> Self {
         let text = String::from_utf8_lossy(start);
         let is_header = |line: &&str| !line.trim().is_empty() && !is_comment(line);
         let header = text.trim_start_matches('\u{feff}').lines().find(is_header).unwrap_or_default();
@@ -52,7 +52,7 @@ impl Dialect {
         }
     }
 
-    pub fn separator(&self) -> u8 {
+    pub(super) fn separator(&self) -> u8 {
         self.separator
     }
 
@@ -60,7 +60,7 @@ impl Dialect {
     ///
     /// # Errors
     /// The table has decimal points and decimal commas, so it is unknown which of them groups thousands.
-    pub fn with_points(&mut self, file: &str, line: u64, record: &mut StringRecord) -> Result<(), TableError> {
+    pub(super) fn with_points(&mut self, file: &str, line: u64, record: &mut StringRecord) -> Result<(), TableError> {
         if self.separator == b',' || self.decimal == Some(Decimal::Point) {
             return Ok(());
         }
@@ -82,7 +82,7 @@ impl Dialect {
     }
 
     /// Describes the detected format, if it isn't plain CSV.
-    pub fn detected(&self) -> Option<String> {
+    pub(super) fn detected(&self) -> Option<String> {
         let separator = match self.separator {
             b';' => "semicolons",
             b'\t' => "tabs",

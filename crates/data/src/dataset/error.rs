@@ -106,6 +106,7 @@ pub enum DatasetError {
 }
 
 impl DatasetError {
+    /// Returns the error of an operation on a file, from the error of the operating system.
     pub fn io(doing: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> DatasetError {
         let path = path.into();
         move |why| DatasetError::Io { doing, path, why }

@@ -16,7 +16,7 @@ pub(super) struct Header<'a> {
 
 impl Header<'_> {
     /// Checks that the header isn't empty, too long or ambiguous.
-    pub fn check(&self) -> Result<(), TableError> {
+    pub(super) fn check(&self) -> Result<(), TableError> {
         let names = self.names;
         let is_repeated =
             |(index, name): &(usize, &str)| !name.is_empty() && names.iter().take(*index).any(|n| n == *name);
@@ -40,12 +40,12 @@ impl Header<'_> {
     }
 
     /// Returns the position of a column, if it exists.
-    pub fn optional(&self, column: &str) -> Option<usize> {
+    pub(super) fn optional(&self, column: &str) -> Option<usize> {
         self.names.iter().position(|name| name == column)
     }
 
     /// Returns the position of the column of this name, which contains `what`.
-    pub fn needed(&self, what: &str, name: &str) -> Result<usize, TableError> {
+    pub(super) fn needed(&self, what: &str, name: &str) -> Result<usize, TableError> {
         self.optional(name).ok_or_else(|| TableError::MissingColumn {
             file: self.file.to_owned(),
             line: self.line,
@@ -56,7 +56,7 @@ impl Header<'_> {
 
     /// Returns the positions of the outputs: the columns of these names, or `out_1`, `out_2`, ..., at least one and without a
     /// gap.
-    pub fn outputs(&self, names: Option<&[String]>) -> Result<Vec<usize>, TableError> {
+    pub(super) fn outputs(&self, names: Option<&[String]>) -> Result<Vec<usize>, TableError> {
         match names {
             Some(names) => names.iter().map(|name| self.needed(OUTPUTS, name)).collect(),
             None => {

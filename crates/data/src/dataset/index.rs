@@ -24,7 +24,7 @@ pub struct Contacts<'a> {
 
 impl Index {
     /// Creates an empty index for `entries` entries. A plan with more entries than usual makes it grow.
-    pub fn with_room(entries: u64) -> Index {
+    pub(super) fn with_room(entries: u64) -> Index {
         Index { offsets: vec![NOWHERE; entries.min(PRESSES_MAX as u64) as usize], done: 0 }
     }
 
@@ -32,7 +32,7 @@ impl Index {
     ///
     /// # Errors
     /// No plan has such an entry.
-    pub fn insert(&mut self, press: u64, offset: u64) -> Result<(), String> {
+    pub(super) fn insert(&mut self, press: u64, offset: u64) -> Result<(), String> {
         let entry = usize::try_from(press).ok().filter(|&entry| entry < ENTRIES_MAX);
         let entry = entry.ok_or_else(|| format!("the plan has no press {press}"))?;
         if entry >= self.offsets.len() {
@@ -47,17 +47,17 @@ impl Index {
     }
 
     /// Whether an entry's contact exists.
-    pub fn has(&self, press: u64) -> bool {
+    pub(super) fn has(&self, press: u64) -> bool {
         usize::try_from(press).is_ok_and(|entry| self.offsets.get(entry).is_some_and(|&offset| offset != NOWHERE))
     }
 
     /// Returns the number of contacts.
-    pub fn done(&self) -> u64 {
+    pub(super) fn done(&self) -> u64 {
         self.done
     }
 
     /// Returns the contacts, from the records of the indexed journal.
-    pub fn contacts(&self, records: Records) -> Contacts<'_> {
+    pub(super) fn contacts(&self, records: Records) -> Contacts<'_> {
         Contacts { records, offsets: self.offsets.iter() }
     }
 }

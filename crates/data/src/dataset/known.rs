@@ -34,7 +34,7 @@ pub(super) struct Known {
 
 impl Known {
     /// Creates the empty state of a run on an array with `channels` outputs, if this number is known.
-    pub fn of(channels: Option<usize>) -> Known {
+    pub(super) fn of(channels: Option<usize>) -> Known {
         Known { channels, ..Known::default() }
     }
 
@@ -42,7 +42,7 @@ impl Known {
     ///
     /// # Errors
     /// The journal is missing or damaged, or an error of the operating system.
-    pub fn read(folder: &Path, channels: Option<usize>) -> Result<(Known, Records), DatasetError> {
+    pub(super) fn read(folder: &Path, channels: Option<usize>) -> Result<(Known, Records), DatasetError> {
         let mut known = Known::of(channels);
         let records = Journal::read(&folder.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
         Ok((known, records))
@@ -50,7 +50,7 @@ impl Known {
 
     /// Adds a record. A journal begins with exactly one description of the run, and contains each entry of the plan once,
     /// complete.
-    pub fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
+    pub(super) fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         self.end = None;
         match record {
             Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),
@@ -89,13 +89,13 @@ impl Known {
     }
 
     /// Whether the plan is finished and the journal states this, so that nothing can be missing.
-    pub fn is_complete(&self) -> bool {
+    pub(super) fn is_complete(&self) -> bool {
         let is_whole = self.manifest.presses_done == self.manifest.facts.presses_planned;
         self.end == Some(Status::Complete) && is_whole
     }
 
     /// Returns the number of levels of a phase.
-    pub fn levels_of(&self, phase: Phase) -> u64 {
+    pub(super) fn levels_of(&self, phase: Phase) -> u64 {
         Phase::ALL.into_iter().zip(self.levels).find(|(its, _)| *its == phase).map_or(0, |(_, count)| count)
     }
 }

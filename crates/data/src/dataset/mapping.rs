@@ -129,7 +129,7 @@ pub(super) struct Scale {
 
 impl Scale {
     /// Converts the values of a table to millimetres and newtons.
-    pub fn apply(&self, press: &mut Press) {
+    pub(super) fn apply(&self, press: &mut Press) {
         press.x_mm = press.x_mm * self.place + self.x_mm;
         press.y_mm = press.y_mm * self.place + self.y_mm;
         press.force_n = press.force_n.map(|force| force * self.force + self.force_n);

@@ -55,7 +55,7 @@ pub(super) struct GrblPort {
 }
 
 impl GrblPort {
-    pub fn new(connector: Connector, link: String) -> Self {
+    pub(super) fn new(connector: Connector, link: String) -> Self {
         GrblPort {
             lines: Lines::new(connector, "\n", LINE_MAX_BYTES),
             link,
@@ -72,7 +72,7 @@ impl GrblPort {
     ///
     /// # Errors
     /// Errors of the link. A board that stays silent is no error here: the next question reports it.
-    pub async fn wake(&mut self, doing: &str) -> Result<(), DeviceError> {
+    pub(super) async fn wake(&mut self, doing: &str) -> Result<(), DeviceError> {
         let opened = self.lines.open().await;
         if !opened.map_err(|error| self.failed(doing, &error))? {
             return Ok(());
@@ -98,7 +98,7 @@ impl GrblPort {
     }
 
     /// Sends a line and waits for its `ok`. Input before the `ok` is stored in the port's fields.
-    pub async fn line(
+    pub(super) async fn line(
         &mut self,
         doing: &str,
         line: &str,
@@ -132,7 +132,11 @@ impl GrblPort {
     }
 
     /// Requests a status.
-    pub async fn status(&mut self, doing: &str, reins: (&Reins, &'static [u8])) -> Result<GrblStatus, DeviceError> {
+    pub(super) async fn status(
+        &mut self,
+        doing: &str,
+        reins: (&Reins, &'static [u8]),
+    ) -> Result<GrblStatus, DeviceError> {
         self.wake(doing).await?;
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
@@ -153,12 +157,12 @@ impl GrblPort {
     }
 
     /// Sends bytes that act at once, in step or not.
-    pub async fn send(&mut self, doing: &str, bytes: &[u8]) -> Result<(), DeviceError> {
+    pub(super) async fn send(&mut self, doing: &str, bytes: &[u8]) -> Result<(), DeviceError> {
         let sent = self.lines.send(bytes, ANSWER_DEADLINE).await;
         sent.map_err(|error| self.failed(doing, &error))
     }
 
-    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+    pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
     }
 
@@ -218,7 +222,7 @@ impl GrblPort {
     }
 
     /// Waits until no late `ok` can come that looks like the answer to the next line.
-    pub async fn bring_back_in_step(
+    pub(super) async fn bring_back_in_step(
         &mut self,
         doing: &str,
         reins: Option<(&Reins, &'static [u8])>,

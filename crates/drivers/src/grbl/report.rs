@@ -101,7 +101,7 @@ fn parse_status(line: &str) -> Option<GrblStatus> {
 }
 
 /// Returns the reason for a refused line in words (error codes of the interface document).
-pub fn error_name(code: u32) -> &'static str {
+pub(super) fn error_name(code: u32) -> &'static str {
     match code {
         2 => "a number is missing or invalid",
         3 => "unknown $ command",
@@ -117,7 +117,7 @@ pub fn error_name(code: u32) -> &'static str {
 }
 
 /// Returns an alarm in words (alarm codes of the interface document).
-pub fn alarm_name(code: u32) -> &'static str {
+pub(super) fn alarm_name(code: u32) -> &'static str {
     match code {
         1 => "a limit switch was hit; its position is lost",
         2 => "a motion beyond the travel",

@@ -29,8 +29,8 @@ const ACCELERATION_MM_S2: u32 = 120;
 const TRAVEL_MM: u32 = 130;
 
 /// FluidNC's names of two settings for which it reports no number (its wiki, "Config file").
-pub const FLUIDNC_IDLE: &str = "$/stepping/idle_ms";
-pub const FLUIDNC_INCHES: &str = "$/report_inches";
+pub(super) const FLUIDNC_IDLE: &str = "$/stepping/idle_ms";
+pub(super) const FLUIDNC_INCHES: &str = "$/report_inches";
 
 /// The answers to `$$`, and to FluidNC's two questions.
 #[derive(Debug, Default)]

@@ -4,7 +4,7 @@ use super::keys::COLUMNS_MAX;
 
 /// Reads a list of columns: numbers from 1 and ranges, separated by commas. Returns them from 0, in their order; `None` if it is
 /// anything else, or names more than the largest number of columns.
-pub fn columns(text: &str) -> Option<Vec<usize>> {
+pub(super) fn columns(text: &str) -> Option<Vec<usize>> {
     let number = |text: &str| text.trim().parse::<u64>().ok().filter(|column| (1..=COLUMNS_MAX).contains(column));
     let mut columns = Vec::new();
     for part in text.split(',') {

@@ -1,7 +1,7 @@
 //! Finds readings in a stream of bytes: lines of text, or frames with marks.
 
 /// Longest line, bytes. A longer one is ignored.
-pub const LINE_MAX_BYTES: usize = 16 * 1024;
+pub(super) const LINE_MAX_BYTES: usize = 16 * 1024;
 
 /// Way in which a device marks its readings.
 #[derive(Clone, Debug, PartialEq)]

@@ -17,7 +17,7 @@ pub(super) struct DeviceClock {
 impl DeviceClock {
     /// Returns the time of a reading, s: at most its arrival. A device time that goes back is a device that restarted, or a counter
     /// that began again: the difference is learned again.
-    pub fn taken_s(&mut self, device_s: f64, arrived_s: f64) -> f64 {
+    pub(super) fn taken_s(&mut self, device_s: f64, arrived_s: f64) -> f64 {
         let difference_s = arrived_s - device_s;
         let known_s = match self.known {
             Some((known_s, before_s)) if device_s >= before_s => {

@@ -21,7 +21,7 @@ pub(super) struct ModbusLine {
 }
 
 impl ModbusLine {
-    pub fn new(stream: ByteStream, transport: Transport) -> Self {
+    pub(super) fn new(stream: ByteStream, transport: Transport) -> Self {
         ModbusLine { stream, transport }
     }
 }

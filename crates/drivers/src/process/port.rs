@@ -40,12 +40,12 @@ pub(super) struct ProgramPort {
 }
 
 impl ProgramPort {
-    pub fn new(connector: Connector, role: &'static str, link: String, start: Duration) -> Self {
+    pub(super) fn new(connector: Connector, role: &'static str, link: String, start: Duration) -> Self {
         ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, start, ended: false }
     }
 
     /// Asks for the program's identity and checks that it plays the intended role.
-    pub async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
+    pub(super) async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
         let doing = "identifying it";
         let said = self.ask_within(doing, "identify", Object::new(), None, self.start).await?;
         let misfit = |expected: String| self.misfit(doing, &said, expected);
@@ -68,7 +68,7 @@ impl ProgramPort {
     }
 
     /// Returns the answer to a request. Requests from the reins during this time are sent at once.
-    pub async fn ask(
+    pub(super) async fn ask(
         &mut self,
         doing: &str,
         what: &str,
@@ -78,7 +78,7 @@ impl ProgramPort {
         self.ask_within(doing, what, with, reins, ANSWER_DEADLINE).await
     }
 
-    pub async fn ask_within(
+    pub(super) async fn ask_within(
         &mut self,
         doing: &str,
         what: &str,
@@ -130,7 +130,7 @@ impl ProgramPort {
     }
 
     /// Sends the requests of the reins at once. They have no answer.
-    pub async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
         use palpate_link::device::MotionOrder;
         match reins.take() {
             Some(MotionOrder::Stop) => self.stop(doing).await,
@@ -143,17 +143,17 @@ impl ProgramPort {
     }
 
     /// Requests an immediate stop. The request has no answer.
-    pub async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
+    pub(super) async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
         let line = json!({ "do": "stop" });
         self.send(doing, line.as_object().unwrap_or(&Object::new())).await
     }
 
-    pub fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
+    pub(super) fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
         let answer = serde_json::to_string(answer).unwrap_or_default();
         self.error(doing, DeviceProblem::Misfit { answer, expected })
     }
 
-    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+    pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError {
             device: format!("{} ({})", self.role.replace('_', " "), self.link),
             doing: doing.to_owned(),

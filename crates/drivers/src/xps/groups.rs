@@ -84,19 +84,19 @@ pub(super) struct Brakes {
 
 impl Brakes {
     /// Aborts the motions of some groups, all at once. It isn't an error if nothing moves.
-    pub async fn abort(&mut self, which: &[usize]) -> Result<(), DeviceError> {
+    pub(super) async fn abort(&mut self, which: &[usize]) -> Result<(), DeviceError> {
         let groups = self.groups.iter_mut().enumerate().filter(|(nth, _)| which.contains(nth));
         all(groups.map(|(_, (group, socket))| abort_one(socket, group)).collect()).await
     }
 
     /// Stops a group and turns its motors off.
-    pub async fn kill(&mut self, nth: usize, doing: &str) -> Result<(), DeviceError> {
+    pub(super) async fn kill(&mut self, nth: usize, doing: &str) -> Result<(), DeviceError> {
         let (group, socket) = &mut self.groups[nth];
         socket.call_plainly(doing, &format!("GroupKill({group})"), CALL_DEADLINE).await.map(|_| ())
     }
 
     /// Waits for the answer on another socket. A stop requested during this time is sent to all groups.
-    pub async fn ready_during<T>(
+    pub(super) async fn ready_during<T>(
         &mut self,
         reins: &Reins,
         asked: impl Future<Output = Result<T, DeviceError>>,

@@ -44,7 +44,7 @@ impl Guard {
 
 impl Armed {
     /// Removes the guard. An event that has already happened no longer exists, which is no error.
-    pub async fn disarm(self, socket: &mut Socket) -> Result<(), DeviceError> {
+    pub(super) async fn disarm(self, socket: &mut Socket) -> Result<(), DeviceError> {
         let call = format!("EventExtendedRemove({})", self.id);
         let Answer { .. } = socket.call_plainly("removing its guard on the force", &call, CALL_DEADLINE).await?;
         Ok(())

@@ -14,7 +14,7 @@ const ANSWER_MAX_BYTES: usize = 4096;
 
 /// One socket of the controller, for one call at a time. Answers have no number. So a socket is closed if its answer didn't come;
 /// a new socket can't receive that answer.
-pub struct Socket {
+pub(super) struct Socket {
     lines: Lines,
     device: String,
     /// Call whose answer is still expected.
@@ -23,7 +23,7 @@ pub struct Socket {
 
 impl Socket {
     /// Creates a socket that is opened when it is first needed. `device` names it in messages.
-    pub fn new(connector: Connector, device: String) -> Self {
+    pub(super) fn new(connector: Connector, device: String) -> Self {
         Socket { lines: Lines::new(connector, END, ANSWER_MAX_BYTES), device, owed: None }
     }
 
@@ -31,7 +31,12 @@ impl Socket {
     ///
     /// # Errors
     /// The controller's error by name, no answer in time, or an invalid answer.
-    pub async fn call(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Vec<String>, DeviceError> {
+    pub(super) async fn call(
+        &mut self,
+        doing: &str,
+        call: &str,
+        deadline: Duration,
+    ) -> Result<Vec<String>, DeviceError> {
         match self.call_plainly(doing, call, deadline).await? {
             Answer { code: 0, values } => Ok(values),
             Answer { code, .. } => Err(self.refused(doing, call, code)),
@@ -42,7 +47,12 @@ impl Socket {
     ///
     /// # Errors
     /// No answer in time, or an invalid answer.
-    pub async fn call_plainly(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<Answer, DeviceError> {
+    pub(super) async fn call_plainly(
+        &mut self,
+        doing: &str,
+        call: &str,
+        deadline: Duration,
+    ) -> Result<Answer, DeviceError> {
         self.begin(doing, call, deadline).await?;
         let answer = self.answer_by(doing, Instant::now() + deadline).await?;
         answer.ok_or_else(|| {
@@ -55,7 +65,7 @@ impl Socket {
     ///
     /// # Errors
     /// Errors of the link.
-    pub async fn begin(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<(), DeviceError> {
+    pub(super) async fn begin(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<(), DeviceError> {
         // an answer that nobody waited for, or text that nobody asked for: neither may be taken for this one's
         if self.owed.is_some() || self.lines.something_came().await {
             self.close();
@@ -70,7 +80,7 @@ impl Socket {
     ///
     /// # Errors
     /// Errors of the link, or an invalid answer.
-    pub async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<Answer>, DeviceError> {
+    pub(super) async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<Answer>, DeviceError> {
         let text = match self.lines.next_by(until).await {
             Ok(Some(text)) => text,
             Ok(None) => return Ok(None),
@@ -88,23 +98,23 @@ impl Socket {
     }
 
     /// Whether an answer is still expected.
-    pub fn is_owed(&self) -> bool {
+    pub(super) fn is_owed(&self) -> bool {
         self.owed.is_some()
     }
 
     /// Closes the socket; the next call opens it again.
-    pub fn close(&mut self) {
+    pub(super) fn close(&mut self) {
         self.owed = None;
         self.lines.close();
     }
 
     /// Returns the error that a call was answered with an error code.
-    pub fn refused(&self, doing: &str, call: &str, code: i32) -> DeviceError {
+    pub(super) fn refused(&self, doing: &str, call: &str, code: i32) -> DeviceError {
         self.error(doing, DeviceProblem::Refused(format!("error {code} ({}) to {call}", error_name(code))))
     }
 
     /// Returns an error of this device.
-    pub fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
+    pub(super) fn error(&self, doing: &str, problem: DeviceProblem) -> DeviceError {
         DeviceError { device: self.device.clone(), doing: doing.to_owned(), problem }
     }
 

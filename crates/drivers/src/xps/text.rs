@@ -28,13 +28,13 @@ fn outputs_of(call: &str) -> usize {
 }
 
 /// Parses a finite number.
-pub fn number_in(text: &str) -> Option<f64> {
+pub(super) fn number_in(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
 
 /// Abilities of a group (group status list of the manual).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GroupState {
+pub(super) enum GroupState {
     /// Off, or killed.
     NotInitialised,
     /// On, but it isn't homed.
@@ -50,7 +50,7 @@ pub enum GroupState {
 }
 
 /// Returns the state of a status number; `None` for an unknown number.
-pub fn group_state(status: i32) -> Option<GroupState> {
+pub(super) fn group_state(status: i32) -> Option<GroupState> {
     Some(match status {
         0..=9 | 50 | 52 | 60 | 61 | 63 | 66 | 67 | 71 | 72 | 83 | 106 => GroupState::NotInitialised,
         10..=19 | 56 | 70 | 77 | 79 => GroupState::Ready,
@@ -63,7 +63,7 @@ pub fn group_state(status: i32) -> Option<GroupState> {
 }
 
 /// Returns an error's name (error list of the manual).
-pub fn error_name(code: i32) -> &'static str {
+pub(super) fn error_name(code: i32) -> &'static str {
     match code {
         -1 => "the socket is busy",
         -2 => "TCP time-out",

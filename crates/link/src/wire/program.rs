@@ -169,15 +169,15 @@ mod group {
     use rustix::process::{Pid, Signal, kill_process_group, test_kill_process_group};
     use std::process::Child;
 
-    pub fn is_there(leader: &Child) -> bool {
+    pub(super) fn is_there(leader: &Child) -> bool {
         of(leader).is_some_and(|group| test_kill_process_group(group).is_ok())
     }
 
-    pub fn terminate(leader: &Child) {
+    pub(super) fn terminate(leader: &Child) {
         send(leader, Signal::TERM);
     }
 
-    pub fn kill(leader: &Child) {
+    pub(super) fn kill(leader: &Child) {
         send(leader, Signal::KILL);
     }
 

@@ -63,12 +63,12 @@ impl Frame {
 
 impl Label {
     /// Creates a text at a fixed position.
-    pub fn fixed(at: (f64, f64), class: &'static str, text: &str) -> Label {
+    pub(super) fn fixed(at: (f64, f64), class: &'static str, text: &str) -> Label {
         Label { at, class, text: text.to_owned(), rank: Rank::Fixed, is_upright: false }
     }
 
     /// Creates a number next to an axis.
-    pub fn tick(at: (f64, f64), class: &'static str, text: &str) -> Label {
+    pub(super) fn tick(at: (f64, f64), class: &'static str, text: &str) -> Label {
         Label { rank: Rank::Tick, ..Label::fixed(at, class, text) }
     }
 

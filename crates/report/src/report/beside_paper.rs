@@ -8,7 +8,7 @@ use palpate_data::recipe::Phase;
 use std::collections::BTreeSet;
 
 /// Complete citation of the paper.
-pub const CITATION: &str = "Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X. A Novel Inverse Solution of Contact Force Based on a \
+pub(super) const CITATION: &str = "Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X. A Novel Inverse Solution of Contact Force Based on a \
      Sparse Tactile Sensor Array. Sensors 2018, 18(2), 351. doi:10.3390/s18020351";
 
 /// Array of the paper: units along each side, and distance from one to the next, mm.

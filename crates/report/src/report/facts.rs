@@ -8,7 +8,7 @@ use palpate_data::dataset::{Flag, Imported, Loss, Recorded, RigChange};
 use std::collections::BTreeMap;
 
 /// Creates a part for each run.
-pub fn section(subject: &Subject) -> Option<Markup> {
+pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let body = html! { @for run in &subject.runs { (of_run(run)) } };
     Some(framed("Devices, program and files", &body))
 }

@@ -13,7 +13,7 @@ pub const MARK: &str = "<meta name=\"generator\" content=\"palpate\">";
 const PAGE_STYLE: &str = include_str!("page.css");
 
 /// Returns a complete page.
-pub fn document(title: &str, body: &Markup) -> String {
+pub(super) fn document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -33,22 +33,22 @@ pub fn document(title: &str, body: &Markup) -> String {
 }
 
 /// Returns a section of a page.
-pub fn section(title: &str, body: &Markup) -> Markup {
+pub(super) fn section(title: &str, body: &Markup) -> Markup {
     html! { section { h2 { (title) } (body) } }
 }
 
 /// Returns a number of an evaluation: rounded for people, exact for programs.
-pub fn number(key: &str, value: f64, digits: usize, unit: &str) -> Markup {
+pub(super) fn number(key: &str, value: f64, digits: usize, unit: &str) -> Markup {
     html! { data value=(value) data-key=(key) { (format!("{value:.digits$}")) } (unit) }
 }
 
 /// Returns a fraction as a percentage, in the same way.
-pub fn percent(key: &str, share: f64) -> Markup {
+pub(super) fn percent(key: &str, share: f64) -> Markup {
     html! { data value=(share) data-key=(key) { (format!("{:.1}", 100.0 * share)) } " %" }
 }
 
 /// Returns a table: names of the columns, then rows that begin with their name.
-pub fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
+pub(super) fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
     html! {
         div.wide {
             table {
@@ -68,13 +68,13 @@ pub fn table(head: &[Markup], rows: &[Vec<Markup>]) -> Markup {
 }
 
 /// Capitalises words at the beginning of a sentence.
-pub fn capital(words: &str) -> String {
+pub(super) fn capital(words: &str) -> String {
     let mut letters = words.chars();
     letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
 /// Returns words as a cell.
-pub fn words(words: impl Display) -> Markup {
+pub(super) fn words(words: impl Display) -> Markup {
     html! { (words.to_string()) }
 }
 
@@ -89,14 +89,14 @@ pub fn counted(count: usize, what: &str) -> String {
 }
 
 /// Returns a time with its zone, to the second, for people.
-pub fn clock(time: &str) -> String {
+pub(super) fn clock(time: &str) -> String {
     let zone = time.split_once('[').and_then(|(_, zone)| zone.strip_suffix(']')).unwrap_or_default();
     let second: String = time.chars().take("2026-01-01T00:00:00".len()).collect();
     format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
 }
 
 /// Returns the mark for an unknown value.
-pub fn none() -> Markup {
+pub(super) fn none() -> Markup {
     html! { "-" }
 }
 

@@ -9,7 +9,7 @@ use maud::{Markup, html};
 use palpate_solver::{BEST, Coverage, ErrorSummary, Evaluation, LeftOut};
 
 /// Creates the first section of the page.
-pub fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
+pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
     let is_beside_paper = subject.is_beside_paper();
     Some(html! {
         (verdict::section(subject, judged))

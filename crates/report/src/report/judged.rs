@@ -9,7 +9,7 @@ use palpate_run::batch::ByDesign;
 use palpate_solver::{BEST, Evaluation, Fitted, Model, SOLVERS, Solver};
 
 /// The paper's own method.
-pub const PAPERS: &str = SOLVERS[0];
+pub(super) const PAPERS: &str = SOLVERS[0];
 
 /// Errors of the methods on a sensor's test, like those of `evaluate`, and the verdict.
 pub struct Judged {

@@ -28,7 +28,7 @@ const PHASES: [(Phase, Hue, Shape); 3] = [
 const MOST_POINTS: usize = 1000;
 
 /// Creates a row for each phase, and a row for every press.
-pub fn section(subject: &Subject) -> Option<Section> {
+pub(super) fn section(subject: &Subject) -> Option<Section> {
     let (held, times) = (held(&subject.runs), times_s(&subject.runs));
     if held.is_empty() {
         return None;

@@ -24,7 +24,7 @@ struct Column<'a> {
 }
 
 /// Repeatability on both branches, hysteresis, linearity and zero return of every unit.
-pub fn section(subject: &Subject) -> Option<Markup> {
+pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let measured = DEFINITIONS.map(|(definition, name)| (characterise(&staircases, definition), name));
     let [(first, _), ..] = &measured;

@@ -22,7 +22,7 @@ const PARTS: [Part; 5] = [
 ];
 
 /// Creates a row for each part of the budget; `None` if no run has budgets.
-pub fn section(subject: &Subject) -> Option<Markup> {
+pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let budgets: Vec<Budget> = subject.runs.iter().flat_map(pressed).collect();
     if budgets.is_empty() {
         return None;

@@ -7,7 +7,7 @@ use palpate_data::acceptance::{Check, Decision, Judgement, Verdict};
 use palpate_data::dataset::Status;
 
 /// Creates the verdict, or the reason why there is none.
-pub fn section(subject: &Subject, judged: &Judged) -> Markup {
+pub(super) fn section(subject: &Subject, judged: &Judged) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
     let class = match (broken, judged.judgement.as_ref().map(|judgement| judgement.verdict)) {
         (Some(_), _) | (None, Some(Verdict::NotAccepted)) => "verdict bad",

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 /// Largest number of measurements of the reference sensor, and of alarms, that are kept. Later ones are only counted.
-pub const KEPT_MOST: usize = 200_000;
+pub(super) const KEPT_MOST: usize = 200_000;
 
 /// Largest number of names of benches and of operators that are kept.
 const NAMES_MOST: usize = 100;

@@ -252,11 +252,11 @@ impl State {
 pub(super) mod tests {
     use super::*;
 
-    pub fn at() -> String {
+    pub(crate) fn at() -> String {
         "2026-11-23T10:00:00+01:00[Europe/Berlin]".to_owned()
     }
 
-    pub fn began(serial: &str) -> Event {
+    pub(crate) fn began(serial: &str) -> Event {
         let reference = serial == "REF";
         Event::Began(Began {
             at: at(),
@@ -267,7 +267,7 @@ pub(super) mod tests {
         })
     }
 
-    pub fn ended(serial: &str, status: Status, verdict: Option<Verdict>) -> Event {
+    pub(crate) fn ended(serial: &str, status: Status, verdict: Option<Verdict>) -> Event {
         Event::Ended(Ended {
             at: at(),
             serial: serial.to_owned(),
@@ -287,7 +287,7 @@ pub(super) mod tests {
     }
 
     /// State of a batch with the sensors and a reference sensor every second one.
-    pub fn begun() -> State {
+    pub(crate) fn begun() -> State {
         let mut state = State::default();
         let reference = Some(Reference { serial: "REF".to_owned(), every: 2 });
         let facts = Facts { format: 1, name: "day".to_owned(), reference, ..Facts::default() };

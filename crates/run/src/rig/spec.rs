@@ -386,7 +386,7 @@ pub trait ArrayDriver: Driver {
 }
 
 /// Opens the links of one role, as many as its driver requires.
-pub type Dial<'a> = &'a dyn Fn() -> Connector;
+pub(super) type Dial<'a> = &'a dyn Fn() -> Connector;
 
 /// Data shared by a rig's drivers when they are opened.
 pub struct Wiring<'a> {

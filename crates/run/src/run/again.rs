@@ -43,7 +43,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
     /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
     /// that the zero moved sideways.
-    pub async fn touch_again(
+    pub(super) async fn touch_again(
         &mut self,
         past: &Past,
         plan: &Plan,
@@ -91,7 +91,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Goes to the position where the last contact ended, above the next place. The earlier air readings of the cell remain valid
     /// if the cell still reads the same.
-    pub async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
+    pub(super) async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
         self.go_to(place).await?;
         self.hand.cell.open_air();
         let now = self.hand.cell.close_air().await?;

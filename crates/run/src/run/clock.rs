@@ -11,17 +11,17 @@ pub(super) struct RunClock {
 
 impl RunClock {
     /// Creates a clock that continues from `before_s`, s.
-    pub fn going_on_from(before_s: f64) -> Self {
+    pub(super) fn going_on_from(before_s: f64) -> Self {
         RunClock { began: Instant::now(), before_s }
     }
 
     /// Returns the time of an instant, s since the run's start.
-    pub fn at_s(&self, instant: Instant) -> f64 {
+    pub(super) fn at_s(&self, instant: Instant) -> f64 {
         self.before_s + (instant - self.began).as_secs_f64()
     }
 
     /// Returns the time now, s since the run's start.
-    pub fn now_s(&self) -> f64 {
+    pub(super) fn now_s(&self) -> f64 {
         self.at_s(Instant::now())
     }
 }

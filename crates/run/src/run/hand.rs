@@ -87,14 +87,14 @@ struct ForcesInAir {
 }
 
 impl<'a, C: LoadCell> Gauge<'a, C> {
-    pub fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
+    pub(super) fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
         let now = Instant::now();
         let air = ForcesInAir::default();
         Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
     }
 
     /// Waits until the cell's next conversion is due.
-    pub async fn due(&mut self) -> Result<(), Halt> {
+    pub(super) async fn due(&mut self) -> Result<(), Halt> {
         self.cancel.check()?;
         let now = Instant::now();
         if self.next > now {
@@ -105,7 +105,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Begins a press with a new conversion. The earlier readings no longer matter. The clock of the press starts here.
-    pub async fn begin(&mut self) {
+    pub(super) async fn begin(&mut self) {
         sleep(self.cell.conversion()).await;
         self.cell.afresh();
         self.began = Instant::now();
@@ -114,7 +114,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// Reads before there is a zero: at least `least` readings and for at least `seconds`. The readings are sound, but no forces
     /// yet.
-    pub async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
+    pub(super) async fn sound_readings(&mut self, least: usize, seconds: f64) -> Result<Vec<ForceReading>, Halt> {
         let count = least.max((seconds / self.cell.conversion().as_secs_f64()) as usize);
         let mut readings = Vec::with_capacity(count);
         for _ in 0..count {
@@ -124,7 +124,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Returns the next sound reading, which is no force yet.
-    pub async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
+    pub(super) async fn sound_reading(&mut self) -> Result<ForceReading, Halt> {
         self.due().await?;
         let reading = self.cell.read().await?;
         check_sound(&reading)?;
@@ -132,14 +132,14 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Returns the next force, N from the zero. Every reading passes the trip rules.
-    pub async fn force_n(&mut self) -> Result<f64, Halt> {
+    pub(super) async fn force_n(&mut self) -> Result<f64, Halt> {
         self.due().await?;
         let reading = self.cell.read().await?;
         Ok(self.watched(&reading)?)
     }
 
     /// Returns a reading's force, N from the zero.
-    pub fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+    pub(super) fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
         self.take(reading, force_n);
         Ok(force_n)
@@ -153,7 +153,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Returns the real cause of a broken rule: in air, noise that has grown breaks the other rules first.
-    pub fn in_air(&self, trip: Trip) -> Trip {
+    pub(super) fn in_air(&self, trip: Trip) -> Trip {
         let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
         let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
         match trip.rule {
@@ -164,7 +164,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// Returns the real cause of a broken rule at rest, before the first touch. Noise that has grown looks like an early touch.
     /// It also hides a real touch from the force while the outputs show it.
-    pub async fn at_first_touch(&mut self, trip: Trip) -> Trip {
+    pub(super) async fn at_first_touch(&mut self, trip: Trip) -> Trip {
         if !matches!(trip.rule, Rule::SurfaceElsewhere | Rule::OutputsMoved) {
             return trip;
         }
@@ -178,14 +178,14 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Time used by the parts of a press, s.
-    pub fn now_s(&self) -> f64 {
+    pub(super) fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
     }
 
     /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
     /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
     /// answer or gives no number doesn't stop the withdrawal.
-    pub async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
+    pub(super) async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
@@ -219,18 +219,18 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Whether readings count as air.
-    pub fn is_air_open(&self) -> bool {
+    pub(super) fn is_air_open(&self) -> bool {
         self.air.open
     }
 
     /// Treats the readings from now on as air.
-    pub fn open_air(&mut self) {
+    pub(super) fn open_air(&mut self) {
         self.air = ForcesInAir { open: true, ..ForcesInAir::default() };
     }
 
     /// Returns the newest readings in air, and reads more until there are enough; the stage must be at rest. Later readings are
     /// no longer air.
-    pub async fn close_air(&mut self) -> Result<AirReadings, Halt> {
+    pub(super) async fn close_air(&mut self) -> Result<AirReadings, Halt> {
         if !self.air.open {
             self.open_air();
         }
@@ -251,12 +251,12 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Age of the last good reading, s.
-    pub fn age_s(&self) -> f64 {
+    pub(super) fn age_s(&self) -> f64 {
         self.last.map_or(f64::INFINITY, |last| last.elapsed().as_secs_f64())
     }
 
     /// Reads until the stage is at rest and the cell has followed.
-    pub async fn settle(&mut self) -> Result<(), Halt> {
+    pub(super) async fn settle(&mut self) -> Result<(), Halt> {
         while Instant::now() < self.settled {
             self.force_n().await?;
         }
@@ -264,21 +264,21 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Returns the mean of at least `readings` readings of a stage at rest, N from the zero.
-    pub async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
+    pub(super) async fn mean_n(&mut self, readings: u32) -> Result<f64, Halt> {
         self.settle().await?;
         let least_s = self.whole_s(f64::from(readings) * self.cell.conversion().as_secs_f64());
         Ok(self.read_for(readings, least_s).await?.value)
     }
 
     /// Least duration of a mean, independent of its number of readings, s: complete periods of the hum; 0 if there is no hum.
-    pub fn whole_s(&self, least_s: f64) -> f64 {
+    pub(super) fn whole_s(&self, least_s: f64) -> f64 {
         let zero = self.watch.zero();
         if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
     }
 
     /// Returns the mean of at least `readings` readings over at least `seconds` after the first reading. Its middle is in the
     /// time of the press' clock.
-    pub async fn read_for(&mut self, readings: u32, seconds: f64) -> Result<Mean, Halt> {
+    pub(super) async fn read_for(&mut self, readings: u32, seconds: f64) -> Result<Mean, Halt> {
         let mut read: Vec<(f64, f64)> = Vec::new();
         while read.len() < readings.max(1) as usize || self.now_s() - read[0].0 < seconds {
             let force_n = self.force_n().await?;
@@ -288,7 +288,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Reads for this time, s.
-    pub async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
+    pub(super) async fn dwell(&mut self, seconds: f64) -> Result<(), Halt> {
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         while Instant::now() < until {
             self.force_n().await?;
@@ -330,7 +330,7 @@ impl ForcesInAir {
 
 impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// Creates prepared instruments with a measured zero; the axes are read back.
-    pub fn new(
+    pub(super) fn new(
         instruments: Instruments<S, Gauge<'a, C>, A>,
         frame: Frame,
         usage: StageUse,
@@ -361,13 +361,13 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 
     /// Treats the readings from now on as air.
-    pub fn open_air(&mut self) {
+    pub(super) fn open_air(&mut self) {
         self.cell.open_air();
         self.outputs_in_air = OutputMeans::default();
     }
 
     /// Returns the readings of cell and array in air, and reads more until there are enough; the stage must be at rest.
-    pub async fn close_air(&mut self) -> Result<Air, Halt> {
+    pub(super) async fn close_air(&mut self) -> Result<Air, Halt> {
         let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
         let over = Notify::new();
         let force = async {
@@ -389,7 +389,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs in air. Before the first touch,
     /// the outputs are a second witness. A cell that reads zero with plausible noise under any load shows nothing of a contact. A
     /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch.
-    pub async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
+    pub(super) async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
         let mut now = vec![0.0; self.array.units()];
         let mut worst = (0.0, 0.0);
         for _ in 0..OUTPUT_LOOKS {
@@ -411,7 +411,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 
     /// Makes forces and outputs relative to this air.
-    pub fn count_from(&mut self, air: &Air) {
+    pub(super) fn count_from(&mut self, air: &Air) {
         self.cell.watch.count_from(&air.force);
         self.air.clone_from(&air.outputs);
     }

@@ -45,7 +45,7 @@ struct Driven {
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Moves along z to a permitted end. The force is read meanwhile and passed to the press, which may change the speed or stop
     /// the motion.
-    pub async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
+    pub(super) async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
         let target_mm = self.stage_z_mm(granted.z_mm());
         let from_mm = self.stage_z_mm(self.z_mm);
         let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
@@ -69,7 +69,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Withdraws from a contact for good, and continues sideways as soon as the z that was read back is clear. Later readings are
     /// in air. `first_mm` is the earliest z at which contact is possible, here and at the next place.
-    pub async fn depart(
+    pub(super) async fn depart(
         &mut self,
         granted: Permitted,
         next: Place,
@@ -157,7 +157,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Moves x and y from rest in the clear.
-    pub async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn travel(&mut self, place: Place, permit: &Permit, first_mm: f64) -> Result<(), Halt> {
         if place == self.place {
             return Ok(());
         }
@@ -177,7 +177,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Moves z slowly away from the specimen to a position; every force is checked.
-    pub async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.cell.watch.pause();
         let speed_mm_s = self.usage.home_speed_mm_s;
@@ -208,7 +208,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
     /// start, because an earlier program may have left the axes in contact.
-    pub async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
         let mut withdrawn = Ok(());
         for _ in 0..WITHDRAW_TRIES {
             withdrawn = self.stop_and_retreat(z_mm).await;
@@ -231,7 +231,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Reads back x, y and z at any position of the axes.
-    pub async fn find_itself(&mut self) -> Result<(), Halt> {
+    pub(super) async fn find_itself(&mut self) -> Result<(), Halt> {
         let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
         let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;
         self.place = self.frame.place_from_stage(x_mm, y_mm);

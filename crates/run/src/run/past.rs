@@ -43,7 +43,7 @@ pub(super) struct TouchedPlace {
 
 impl Past {
     /// Reads the content of a ledger. By the frame, the surface is within `uncertainty_mm` of z = 0.
-    pub fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
+    pub(super) fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
         let mut past = Past {
             map: Map::new(uncertainty_mm),
             first_zero_n: None,
@@ -57,7 +57,7 @@ impl Past {
     }
 
     /// Checks that the devices are the devices of the run's start.
-    pub fn check_devices(&self, devices: &[Identity]) -> Result<(), DeviceError> {
+    pub(super) fn check_devices(&self, devices: &[Identity]) -> Result<(), DeviceError> {
         let differing = |before: &&Identity| {
             devices
                 .iter()
@@ -110,13 +110,13 @@ impl Past {
     }
 
     /// Returns what the array felt at each place that was touched.
-    pub fn felt(&self) -> Vec<Felt> {
+    pub(super) fn felt(&self) -> Vec<Felt> {
         self.known.iter().filter_map(|known| Some(known.felt.as_ref()?.0.clone())).collect()
     }
 
     /// Returns three places of the plan that were touched, or all of them if there are fewer. The places are as far from one
     /// another as possible. A surface that has sunk, risen or tilted shows at one of these places.
-    pub fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
+    pub(super) fn landmarks(&self, plan: &Plan) -> Vec<TouchedPlace> {
         let planned = |known: &&TouchedPlace| plan.entries.iter().any(|entry| entry.place == known.place);
         let mut chosen: Vec<TouchedPlace> = self.known.iter().find(planned).cloned().into_iter().collect();
         while chosen.len() < 3 {

@@ -42,7 +42,7 @@ pub(super) struct Pressed {
 
 impl Pressed {
     /// Returns what the array felt at the first level.
-    pub fn felt(&self, place: Place) -> Option<Felt> {
+    pub(super) fn felt(&self, place: Place) -> Option<Felt> {
         let window = &self.levels.first()?.window;
         Some(Felt::new(place, &window.outputs, &self.air.outputs, window.force_n))
     }
@@ -78,7 +78,7 @@ impl ZeroMoved {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Executes one entry of the plan, from the clear to the clear above the `next` place.
-    pub async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
+    pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
             self.go_to(next).await?; // a staircase that ended in air is still where it was
@@ -137,7 +137,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Makes a contact at a place. In a simulated contact, all random values follow from its number. So the contact is the same
     /// right after the one before or on another day.
-    pub async fn contact(&mut self, number: u64, place: Place, task: &Task, next: Place) -> Result<Pressed, Halt> {
+    pub(super) async fn contact(
+        &mut self,
+        number: u64,
+        place: Place,
+        task: &Task,
+        next: Place,
+    ) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
         self.hand.stage.afresh();
         self.hand.cell.begin().await;
@@ -215,7 +221,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Moves to a place in the clear.
-    pub async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
+    pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
         let first_mm = self.first_mm(self.hand.place, place);
         self.hand.travel(place, &self.permit, first_mm).await
     }
@@ -308,7 +314,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Returns the true events since the last call, in a simulated run.
-    pub fn truth(&self) -> Option<PressTruth> {
+    pub(super) fn truth(&self) -> Option<PressTruth> {
         let truth = self.hand.probe.as_ref()?.take_truth();
         Some(PressTruth {
             force_true_n: truth.force_true_n,

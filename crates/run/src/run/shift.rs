@@ -17,7 +17,7 @@ pub(super) struct Felt {
 
 impl Felt {
     /// Returns what the array felt: outputs under a force, and outputs in air.
-    pub fn new(place: Place, outputs: &[f64], air: &[f64], force_n: f64) -> Felt {
+    pub(super) fn new(place: Place, outputs: &[f64], air: &[f64], force_n: f64) -> Felt {
         Felt { place, rise_per_n: outputs.iter().zip(air).map(|(output, air)| (output - air) / force_n).collect() }
     }
 }

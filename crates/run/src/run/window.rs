@@ -27,7 +27,7 @@ pub(super) struct OutputMeans {
 
 impl OutputMeans {
     /// Adds one reading of all outputs. If all readings are equal, the mean equals them exactly, to the last bit.
-    pub fn take(&mut self, outputs: &[f64]) {
+    pub(super) fn take(&mut self, outputs: &[f64]) {
         self.means.resize(outputs.len(), 0.0);
         self.squares.resize(outputs.len(), 0.0);
         self.readings += 1;
@@ -41,7 +41,7 @@ impl OutputMeans {
 
     /// Adds readings one by one, no faster than outputs change, while `goes_on` and until `over` is notified. It adds no reading
     /// before `begins`. `check` checks every reading, with its duration.
-    pub async fn take_while<A: SensorArray>(
+    pub(super) async fn take_while<A: SensorArray>(
         &mut self,
         array: &mut A,
         over: &Notify,
@@ -67,7 +67,7 @@ impl OutputMeans {
     }
 
     /// Standard deviation of one reading of each output.
-    pub fn sigmas(&self) -> Vec<f64> {
+    pub(super) fn sigmas(&self) -> Vec<f64> {
         self.squares.iter().map(|square| (square / f64::from(self.readings.max(2) - 1)).sqrt()).collect()
     }
 }
@@ -94,7 +94,7 @@ pub(super) struct Window {
 
 impl Window {
     /// Whether the array can't have measured this contact: no unit has changed since the air before, or since another contact.
-    pub fn is_frozen(&self, before: Option<&[f64]>) -> bool {
+    pub(super) fn is_frozen(&self, before: Option<&[f64]>) -> bool {
         self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
     }
 }
@@ -102,7 +102,7 @@ impl Window {
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Samples force and outputs together for `seconds`, or for complete periods of the hum, with z at rest. An output that is
     /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
-    pub async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
+    pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
         let hums = self.cell.watch.zero().hum.is_some();

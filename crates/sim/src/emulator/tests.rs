@@ -9,28 +9,28 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::time::{Instant, timeout};
 
 /// Where the axes stand when the controller of [`scene`] is switched on, true mm.
-pub const POWER_ON: Position = Position { x_mm: -1.0, y_mm: 2.0, z_mm: 8.0 };
+pub(super) const POWER_ON: Position = Position { x_mm: -1.0, y_mm: 2.0, z_mm: 8.0 };
 
 /// Stiffness of the contact of [`scene`], N/mm: no toe, nothing quadratic, nothing that relaxes.
-pub const STIFFNESS_N_MM: f64 = 2.0;
+pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 
 /// A quiet scene but for its load cell's noise.
-pub fn noisy() -> Scene {
+pub(super) fn noisy() -> Scene {
     scene_with(|spec| spec.load_cell = Some(LoadCell { noise_n: 0.1, ..LoadCell::default() }))
 }
 
 /// A quiet scene: surface at true z = 0, pressed toward -z, nine taxels under 5 mm, no noise, no latency.
-pub fn scene() -> Scene {
+pub(super) fn scene() -> Scene {
     scene_with(|_| {})
 }
 
 /// A quiet scene but for what is changed.
-pub fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
+pub(super) fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
     scene_of(ArrayLayout::grid(3, 3, 4.5), change)
 }
 
 /// A quiet scene with other taxels, but for what is changed.
-pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Scene {
+pub(super) fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Scene {
     let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
     let mut spec = SceneSpec {
         skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
@@ -70,28 +70,28 @@ pub fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Sce
 }
 
 /// Shares what a test builds.
-pub fn shared<T>(value: T) -> Shared<T> {
+pub(super) fn shared<T>(value: T) -> Shared<T> {
     Arc::new(Mutex::new(value))
 }
 
 /// The near end of a wire at whose far end an instrument is served.
-pub struct Wire {
+pub(super) struct Wire {
     stream: DuplexStream,
 }
 
 impl Wire {
-    pub fn to<I: Instrument + 'static>(instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> Self {
+    pub(super) fn to<I: Instrument + 'static>(instrument: Shared<I>, scene: Shared<Scene>, origin: Instant) -> Self {
         let (stream, far) = tokio::io::duplex(8192);
         tokio::spawn(async move { serve(far, instrument, scene, origin).await });
         Wire { stream }
     }
 
-    pub async fn send(&mut self, bytes: &[u8]) {
+    pub(super) async fn send(&mut self, bytes: &[u8]) {
         self.stream.write_all(bytes).await.expect("the far end is open");
     }
 
     /// Sends, and reads as many bytes as are expected.
-    pub async fn ask(&mut self, bytes: &[u8], count: usize) -> Vec<u8> {
+    pub(super) async fn ask(&mut self, bytes: &[u8], count: usize) -> Vec<u8> {
         self.send(bytes).await;
         let mut reply = vec![0; count];
         timeout(Duration::from_secs(3600), self.stream.read_exact(&mut reply))
@@ -102,18 +102,18 @@ impl Wire {
     }
 
     /// The near end itself.
-    pub fn stream(&mut self) -> &mut DuplexStream {
+    pub(super) fn stream(&mut self) -> &mut DuplexStream {
         &mut self.stream
     }
 
     /// Whether nothing comes within a second.
-    pub async fn is_silent(&mut self) -> bool {
+    pub(super) async fn is_silent(&mut self) -> bool {
         timeout(Duration::from_secs(1), self.stream.read_u8()).await.is_err()
     }
 }
 
 /// A scene in which the tip presses with `force_n` in the middle, from 0 s on.
-pub fn pressed(force_n: f64) -> Scene {
+pub(super) fn pressed(force_n: f64) -> Scene {
     let mut scene = scene();
     scene.set_motion(Axis::X, Trajectory::at_rest(0.0), 0.0);
     scene.set_motion(Axis::Y, Trajectory::at_rest(0.0), 0.0);

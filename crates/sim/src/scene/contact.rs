@@ -53,7 +53,7 @@ struct Fade {
 }
 
 impl ContactState {
-    pub fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>, series_n_mm: Option<f64>) -> Self {
+    pub(super) fn new(curve: ContactLaw, branches: Vec<RelaxationBranch>, series_n_mm: Option<f64>) -> Self {
         let (extra_n, fades) = (vec![0.0; branches.len()], vec![Fade::default(); branches.len()]);
         let depth_mm = f64::NEG_INFINITY;
         ContactState {
@@ -74,7 +74,7 @@ impl ContactState {
     }
 
     /// Sets the properties of the next contact; the tip must be in air.
-    pub fn will_meet(&mut self, curve: ContactLaw, relaxes: bool) {
+    pub(super) fn will_meet(&mut self, curve: ContactLaw, relaxes: bool) {
         self.curve = curve;
         self.relaxes = relaxes;
         if !relaxes {
@@ -83,45 +83,45 @@ impl ContactState {
     }
 
     /// Makes the tip slip, in the contact under way or the next one, until it leaves the specimen.
-    pub fn slip(&mut self) {
+    pub(super) fn slip(&mut self) {
         self.will_slip = true;
         self.settle(self.depth_mm);
     }
 
     /// Removes the specimen. The depth is still relative to the earlier position of its surface.
-    pub fn vanish(&mut self) {
+    pub(super) fn vanish(&mut self) {
         self.gone = true;
         self.settle(self.depth_mm);
     }
 
     /// True contact force, N. It is never negative, because the tip doesn't stick.
-    pub fn force_n(&self) -> f64 {
+    pub(super) fn force_n(&self) -> f64 {
         self.force_n
     }
 
     /// Whether the tip is below the surface of a specimen that is present.
-    pub fn touching(&self) -> bool {
+    pub(super) fn touching(&self) -> bool {
         self.depth_mm > 0.0 && !self.gone
     }
 
     /// Largest force, N, and largest depth, mm, since the last reset. Between two evaluations (2 ms of motion at most) the force
     /// may have been higher, by the relaxation of the branches in that time. This is less than 0.1 mN at 1 N.
-    pub fn peaks(&self) -> (f64, f64) {
+    pub(super) fn peaks(&self) -> (f64, f64) {
         (self.peak_n, self.peak_mm)
     }
 
-    pub fn forget_peaks(&mut self) {
+    pub(super) fn forget_peaks(&mut self) {
         self.peak_n = self.force_n;
         self.peak_mm = self.depth_mm.max(0.0);
     }
 
     /// Relaxes at once, because the tip goes to a spot that hasn't been loaded.
-    pub fn forget_load(&mut self) {
+    pub(super) fn forget_load(&mut self) {
         self.extra_n.fill(0.0);
     }
 
     /// Advances by `dt_s`, during which the support of the tip follows one quadratic of depth.
-    pub fn advance(&mut self, depth: Depth, dt_s: f64) {
+    pub(super) fn advance(&mut self, depth: Depth, dt_s: f64) {
         match self.series_n_mm {
             Some(series_n_mm) if depth.mm > 0.0 || depth.after(dt_s) > 0.0 => self.yield_to(series_n_mm, &depth, dt_s),
             _ => self.advance_rigidly(depth, dt_s),

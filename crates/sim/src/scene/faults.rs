@@ -79,32 +79,32 @@ impl FaultKind {
 pub(super) struct Faults(Vec<Fault>);
 
 impl Faults {
-    pub fn new(faults: Vec<Fault>) -> Self {
+    pub(super) fn new(faults: Vec<Fault>) -> Self {
         Faults(faults)
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
     /// Returns the values of a kind's faults that have begun by now.
-    pub fn values(&self, kind: FaultKind, now_s: f64) -> impl Iterator<Item = f64> {
+    pub(super) fn values(&self, kind: FaultKind, now_s: f64) -> impl Iterator<Item = f64> {
         let by_now = self.0.iter().filter(move |fault| fault.kind == kind && fault.from_s <= now_s);
         by_now.map(move |fault| fault.value.or(kind.usual()).unwrap_or(0.0))
     }
 
     /// Whether a fault of a kind has begun by now.
-    pub fn any(&self, kind: FaultKind, now_s: f64) -> bool {
+    pub(super) fn any(&self, kind: FaultKind, now_s: f64) -> bool {
         self.values(kind, now_s).next().is_some()
     }
 
     /// Returns the kinds that begin after `after_s` and not later than `now_s`.
-    pub fn beginning(&self, after_s: f64, now_s: f64) -> impl Iterator<Item = FaultKind> {
+    pub(super) fn beginning(&self, after_s: f64, now_s: f64) -> impl Iterator<Item = FaultKind> {
         self.0.iter().filter(move |fault| fault.from_s > after_s && fault.from_s <= now_s).map(|fault| fault.kind)
     }
 
     /// Start of the next fault after `now_s`, s; infinite if there is no further fault.
-    pub fn next_s(&self, now_s: f64) -> f64 {
+    pub(super) fn next_s(&self, now_s: f64) -> f64 {
         self.0.iter().map(|fault| fault.from_s).filter(|&from_s| from_s > now_s).fold(f64::INFINITY, f64::min)
     }
 }

@@ -37,7 +37,7 @@ pub(super) struct LoadCellState {
 }
 
 impl LoadCellState {
-    pub fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
+    pub(super) fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
         let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
         LoadCellState {
             spec,
@@ -54,13 +54,13 @@ impl LoadCellState {
     }
 
     /// Force reading caused by the tool while the stage accelerates toward the specimen, N.
-    pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
+    pub(super) fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
         self.spec.map_or(0.0, |cell| cell.tool_n(acceleration_mm_s2))
     }
 
     /// Begins another press, with its own noise. The press begins with a conversion, because the phase of the cell's free-running
     /// clock relative to the press is random anyway. Conversions on their way to the reader get the force of this moment.
-    pub fn begin(&mut self, rng: Stream, now_s: f64) {
+    pub(super) fn begin(&mut self, rng: Stream, now_s: f64) {
         self.rng = rng;
         let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
         self.began_s = now_s - under_way as f64 / self.conversions_hz;
@@ -72,7 +72,7 @@ impl LoadCellState {
     /// Latest time at which the scene must stop on its way from `now_s` to `to_s`, s. The scene stops at every conversion that
     /// can be read at `to_s` or later; a long way has few of these. It stops often while the low-pass still has a memory of
     /// earlier forces.
-    pub fn next_knot(&self, now_s: f64, to_s: f64) -> f64 {
+    pub(super) fn next_knot(&self, now_s: f64, to_s: f64) -> f64 {
         let earliest = self.conversion_at(to_s - self.transport_s);
         let conversion = earliest.max(self.newest() + 1);
         let mut knot_s = to_s;
@@ -87,7 +87,7 @@ impl LoadCellState {
     }
 
     /// Takes a change of the force from one value to another in `dt_s`.
-    pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
+    pub(super) fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
         self.passed_n = match self.low_pass {
             None => to_n,
             Some(rate) => {
@@ -100,7 +100,7 @@ impl LoadCellState {
     }
 
     /// Stores the force if a conversion that hasn't been stored yet is due at `now_s`.
-    pub fn latch(&mut self, now_s: f64) {
+    pub(super) fn latch(&mut self, now_s: f64) {
         let conversion = self.conversion_at(now_s);
         if conversion > self.newest() {
             self.held.push_back((conversion, self.passed_n));
@@ -112,7 +112,7 @@ impl LoadCellState {
     }
 
     /// Returns the cell's reading at `now_s`, N; the scene must have advanced to that time.
-    pub fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
+    pub(super) fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
         let (conversion, held_n) = self.held[0];
         if let Some((last, read_n)) = self.read
             && (last == conversion || faults.any(FaultKind::Stuck, now_s))

@@ -13,13 +13,13 @@ type State = (f64, f64, f64);
 
 impl Play {
     /// Creates a play with this total size, mm; `None` if the size is zero.
-    pub fn new(backlash_mm: f64) -> Option<Play> {
+    pub(super) fn new(backlash_mm: f64) -> Option<Play> {
         (backlash_mm > 0.0).then_some(Play { half_mm: backlash_mm / 2.0, offset_mm: 0.0 })
     }
 
     /// Time after which an axis in this state has taken up the play, s from now; infinite if the play is already taken up or the
     /// axis rests.
-    pub fn engages_in_s(&self, state: State) -> f64 {
+    pub(super) fn engages_in_s(&self, state: State) -> f64 {
         let (_, speed, acceleration) = state;
         let way_mm = self.offset_mm + heading(state) * self.half_mm;
         if way_mm.abs() <= f64::EPSILON || heading(state) == 0.0 {
@@ -32,7 +32,7 @@ impl Play {
 
     /// Returns the indenter's state over the next interval. In this interval the controller's axis keeps its acceleration, and a
     /// play that is being taken up doesn't end.
-    pub fn follow(&mut self, state: State, dt_s: f64) -> State {
+    pub(super) fn follow(&mut self, state: State, dt_s: f64) -> State {
         let (position_mm, speed, acceleration) = state;
         let engaged_mm = -heading(state) * self.half_mm;
         let before_mm = position_mm + self.offset_mm;

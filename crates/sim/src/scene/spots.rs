@@ -33,7 +33,13 @@ struct Wave {
 impl SpotMap {
     /// Creates a smooth part of at most `most`, composed of waves between two wavelengths, and an independent part of the spots
     /// with the standard deviation `white_sd`. The two names separate this property's streams from others.
-    pub fn new(most: f64, wavelength_mm: (f64, f64), white_sd: f64, names: [&'static str; 2], seed: u64) -> Self {
+    pub(super) fn new(
+        most: f64,
+        wavelength_mm: (f64, f64),
+        white_sd: f64,
+        names: [&'static str; 2],
+        seed: u64,
+    ) -> Self {
         let mut rng = stream(seed, 0, names[0]);
         let waves = std::array::from_fn(|_| {
             let (direction, phase) = (rng.random_range(0.0..TAU), rng.random_range(0.0..TAU));
@@ -46,7 +52,7 @@ impl SpotMap {
     }
 
     /// Returns the value at a place.
-    pub fn at(&mut self, place: Place) -> f64 {
+    pub(super) fn at(&mut self, place: Place) -> f64 {
         if self.last.0 != place {
             self.last = (place, self.smooth(place) + self.white(place));
         }

@@ -24,7 +24,7 @@ pub(super) struct Depth {
 impl Surface {
     /// Creates a plane with a height error of at most `tilt_mm` within `half_extent_mm` of the origin. It depends on the seed
     /// alone, because it belongs to the specimen.
-    pub fn tilted(frame: &Frame, tilt_mm: f64, half_extent_mm: f64, seed: u64) -> Self {
+    pub(super) fn tilted(frame: &Frame, tilt_mm: f64, half_extent_mm: f64, seed: u64) -> Self {
         let mut rng = stream(seed, 0, "surface");
         let mut third = || rng.random_range(-1.0..=1.0) * tilt_mm / 3.0;
         let plane = [third(), third() / half_extent_mm, third() / half_extent_mm];
@@ -32,7 +32,7 @@ impl Surface {
     }
 
     /// Returns the plane with a further tilt. The cosine of the whole tilt is then modelled.
-    pub fn further(self, tilt: Tilt) -> Self {
+    pub(super) fn further(self, tilt: Tilt) -> Self {
         if tilt == Tilt::LEVEL {
             return self;
         }
@@ -42,12 +42,12 @@ impl Surface {
     }
 
     /// Depth along the surface's normal per depth along z, and force along z per force along the normal.
-    pub fn cosine(&self) -> f64 {
+    pub(super) fn cosine(&self) -> f64 {
         self.cosine
     }
 
     /// Returns the depth below the surface, along z, from the axes' (position, speed, acceleration) in the stage frame.
-    pub fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
+    pub(super) fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
         let [height, per_x, per_y] = self.plane;
         let place = self.frame.place_from_stage(x.0, y.0);
         let down = self.frame.down.sign();
@@ -61,7 +61,7 @@ impl Surface {
 
 impl Depth {
     /// Returns the depth, its speed and its acceleration multiplied by a factor.
-    pub fn times(self, factor: f64) -> Depth {
+    pub(super) fn times(self, factor: f64) -> Depth {
         Depth {
             mm: factor * self.mm,
             speed_mm_s: factor * self.speed_mm_s,
@@ -69,20 +69,20 @@ impl Depth {
         }
     }
 
-    pub fn after(&self, dt_s: f64) -> f64 {
+    pub(super) fn after(&self, dt_s: f64) -> f64 {
         self.mm + dt_s * (self.speed_mm_s + dt_s * self.acceleration_mm_s2 / 2.0)
     }
 
-    pub fn speed_after(&self, dt_s: f64) -> f64 {
+    pub(super) fn speed_after(&self, dt_s: f64) -> f64 {
         self.speed_mm_s + dt_s * self.acceleration_mm_s2
     }
 
-    pub fn at_rest(&self) -> bool {
+    pub(super) fn at_rest(&self) -> bool {
         self.speed_mm_s == 0.0 && self.acceleration_mm_s2 == 0.0
     }
 
     /// Returns the times in (0, `within_s`) at which the depth is `level_mm`, earliest first.
-    pub fn crossings(&self, level_mm: f64, within_s: f64) -> impl Iterator<Item = f64> {
+    pub(super) fn crossings(&self, level_mm: f64, within_s: f64) -> impl Iterator<Item = f64> {
         let (c, b, half_a) = (self.mm - level_mm, self.speed_mm_s, self.acceleration_mm_s2 / 2.0);
         let mut roots = [f64::NAN; 2];
         if half_a == 0.0 {

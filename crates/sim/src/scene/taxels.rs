@@ -17,22 +17,22 @@ pub(super) struct TaxelState {
 }
 
 impl TaxelState {
-    pub fn new(skin: Skin) -> Self {
+    pub(super) fn new(skin: Skin) -> Self {
         TaxelState { skin, rng: stream(0, 0, "taxel noise"), reversal: 0.0 }
     }
 
-    pub fn reseed(&mut self, rng: Stream) {
+    pub(super) fn reseed(&mut self, rng: Stream) {
         self.rng = rng;
     }
 
     /// Begins a new contact, which differs slightly from the last one.
-    pub fn touch(&mut self) {
+    pub(super) fn touch(&mut self) {
         self.skin.draw_contact(&mut self.rng);
         self.reversal = 0.0;
     }
 
     /// Takes a change of the force from one value to another.
-    pub fn follow(&mut self, from_n: f64, to_n: f64, touching: bool) {
+    pub(super) fn follow(&mut self, from_n: f64, to_n: f64, touching: bool) {
         if touching {
             self.reversal = (self.reversal - (to_n - from_n) / CROSSING_N).clamp(0.0, 1.0);
         } else {
@@ -42,7 +42,7 @@ impl TaxelState {
     }
 
     /// Writes the readings of the taxels under `force_n` at `place`, reading units (1 = 1 N straight above).
-    pub fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
+    pub(super) fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
         outputs.fill(0.0);
         self.skin.add_load(force_n, place, outputs);
         let unloading = self.reversal * self.reversal * (3.0 - 2.0 * self.reversal);

@@ -33,35 +33,35 @@ struct Window {
 
 impl Witness {
     /// Latest time at which the scene must stop after `now_s`, s. It stops often while a window is open.
-    pub fn next_knot(&self, now_s: f64) -> f64 {
+    pub(super) fn next_knot(&self, now_s: f64) -> f64 {
         if self.window.is_some() { now_s + STRETCH_S } else { f64::INFINITY }
     }
 
     /// Takes a change of the force from one value to another in `dt_s`, treated as a trapezoid.
-    pub fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
+    pub(super) fn follow(&mut self, dt_s: f64, from_n: f64, to_n: f64) {
         if let Some(window) = &mut self.window {
             window.area_n_s += dt_s * (from_n + to_n) / 2.0;
             window.for_s += dt_s;
         }
     }
 
-    pub fn slide(&mut self, way_mm: f64) {
+    pub(super) fn slide(&mut self, way_mm: f64) {
         self.slid_mm += way_mm;
     }
 
-    pub fn open_window(&mut self) {
+    pub(super) fn open_window(&mut self) {
         self.window = Some(Window::default());
     }
 
     /// Closes the window. The mean of a window without duration is the force of this moment.
-    pub fn close_window(&mut self, now_n: f64) {
+    pub(super) fn close_window(&mut self, now_n: f64) {
         if let Some(Window { area_n_s, for_s }) = self.window.take() {
             self.window_mean_n = if for_s > 0.0 { area_n_s / for_s } else { now_n };
         }
     }
 
     /// Returns the truth, with the contact's peaks: N and mm.
-    pub fn take(&mut self, (force_peak_n, depth_peak_mm): (f64, f64)) -> Truth {
+    pub(super) fn take(&mut self, (force_peak_n, depth_peak_mm): (f64, f64)) -> Truth {
         let slid_mm = std::mem::take(&mut self.slid_mm);
         Truth { force_true_n: self.window_mean_n, force_peak_n, depth_peak_mm, slid_mm }
     }

@@ -12,24 +12,24 @@ pub(super) struct Weight {
 
 impl Weight {
     /// Makes the weight press with this force from `at_s` on; 0 removes it.
-    pub fn change(&mut self, at_s: f64, force_n: f64) {
+    pub(super) fn change(&mut self, at_s: f64, force_n: f64) {
         self.next = Some((at_s, force_n));
     }
 
     /// Time of the next change, s.
-    pub fn next_s(&self) -> f64 {
+    pub(super) fn next_s(&self) -> f64 {
         self.next.map_or(f64::INFINITY, |(at_s, _)| at_s)
     }
 
     /// Applies a change that is due.
-    pub fn strike(&mut self, now_s: f64) {
+    pub(super) fn strike(&mut self, now_s: f64) {
         if let Some((_, force_n)) = self.next.take_if(|(at_s, _)| *at_s <= now_s) {
             self.acts_n = force_n;
         }
     }
 
     /// Force of the weight, N.
-    pub fn force_n(&self) -> f64 {
+    pub(super) fn force_n(&self) -> f64 {
         self.acts_n
     }
 }

@@ -34,22 +34,22 @@ pub(super) struct Information {
 }
 
 impl Information {
-    pub const NONE: Information = Information { matrix: ZEROS, vector: Moved::new(0.0, 0.0, 0.0, 0.0) };
+    pub(super) const NONE: Information = Information { matrix: ZEROS, vector: Moved::new(0.0, 0.0, 0.0, 0.0) };
 
-    pub fn of(rows: &[Row]) -> Self {
+    pub(super) fn of(rows: &[Row]) -> Self {
         let mut sum = Information::NONE;
         rows.iter().for_each(|Row { slopes, left, variance }| sum.add(slopes, *left, *variance));
         sum
     }
 
     /// Adds one output with its derivatives, its residual and the variance of the residual.
-    pub fn add(&mut self, slopes: &Moved, left: f64, variance: f64) {
+    pub(super) fn add(&mut self, slopes: &Moved, left: f64, variance: f64) {
         self.matrix += slopes * slopes.transpose() / variance;
         self.vector += slopes * (left / variance);
     }
 
     /// Returns the estimate and its covariance if changes about 0 have these variances.
-    pub fn with(&self, variances: &Moved) -> Estimate {
+    pub(super) fn with(&self, variances: &Moved) -> Estimate {
         let variances = Matrix4::from_diagonal(variances);
         let covariance = variances * inverse(Matrix4::identity() + self.matrix * variances);
         (covariance * self.vector, covariance)
@@ -58,7 +58,7 @@ impl Information {
 
 impl Posterior {
     /// Returns the posterior of each unit's change with the spread of the design.
-    pub fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
+    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
         let own = Matrix4::from_diagonal(&spread.own.squares());
         let commons = commons(&spread.common.squares());
         let mut posterior = Posterior { moved: vec![Moved::zeros(); units.len()], covariances: vec![own; units.len()] };
@@ -72,7 +72,7 @@ impl Posterior {
 
     /// Returns the posterior if the change of a unit is the sum of its own change, with variances `own`, and a change that all
     /// units have in common. Each of the variances `commons` is weighted by its marginal likelihood.
-    pub fn joint(informed: &[Information], own: &Matrix4<f64>, commons: &[Matrix4<f64>]) -> Self {
+    pub(super) fn joint(informed: &[Information], own: &Matrix4<f64>, commons: &[Matrix4<f64>]) -> Self {
         // of each unit, with its own change integrated out: what it tells about the common change
         let kept: Vec<Matrix4<f64>> =
             informed.iter().map(|of| inverse(Matrix4::identity() + of.matrix * own)).collect();

@@ -49,7 +49,7 @@ pub const PER_PRESS: &str = "us a press";
 ///
 /// # Errors
 /// A scene can't be pressed.
-pub fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
+pub(super) fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
     let mut costs = Vec::new();
     for term in &TERMS {
         let [off, on] = [false, true].map(|on| term.set(base, on));

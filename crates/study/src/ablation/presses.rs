@@ -10,7 +10,12 @@ const FORCE_N: f64 = 1.0;
 const TOLERANCE_N: f64 = 0.05;
 
 /// Returns mean force error in the window (mN), peak above the set force (mN), and time from one press to the next (s).
-pub fn press(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 3], StudyError> {
+pub(super) fn press(
+    model: &Model,
+    rig: &RigSpec,
+    size: AblationSize,
+    seed: u64,
+) -> Result<[Option<f64>; 3], StudyError> {
     let outcome = condition(model, rig, size, seed).measure()?;
     // a walk that ends early has pressed other places
     let is_whole = outcome.rule.is_none();
@@ -19,7 +24,7 @@ pub fn press(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Res
 }
 
 /// Returns a square of presses around the origin, with the default strategy of a recipe.
-pub fn condition(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Condition {
+pub(super) fn condition(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Condition {
     Condition {
         part: Part::Scenes,
         bench: "the paper's rig",

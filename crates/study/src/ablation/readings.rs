@@ -27,7 +27,12 @@ const WINDOW_S: f64 = 0.1;
 const HOUR_S: f64 = 3600.0;
 
 /// Returns mean location (mm) and force (N) errors of the paper's method, the surrogate and the physics solver.
-pub fn methods(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[Option<f64>; 6], StudyError> {
+pub(super) fn methods(
+    model: &Model,
+    rig: &RigSpec,
+    size: AblationSize,
+    seed: u64,
+) -> Result<[Option<f64>; 6], StudyError> {
     let layout = &rig.array.layout;
     let mut specimen = Specimen::new(model, rig, seed);
     let presses = specimen.readings(&grid(size.side), PRESS_S);
@@ -67,7 +72,7 @@ fn mean_errors(
 }
 
 /// Returns repeatability while loading and while unloading, and hysteresis: means over units, % of full scale.
-pub fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
+pub(super) fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
     let places = rig.array.layout.places();
     let mut specimen = Specimen::new(model, rig, seed);
     let readings = places

@@ -58,7 +58,7 @@ pub struct Claim {
 }
 
 /// Returns every claim, in the order of the paper.
-pub fn claims() -> Vec<Claim> {
+pub(super) fn claims() -> Vec<Claim> {
     vec![
         receptive_field(),
         two_units(),

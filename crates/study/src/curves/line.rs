@@ -7,11 +7,11 @@ use palpate_core::quantity::Place;
 use std::f64::consts::PI;
 
 /// Largest distance of the second contact in Figure 4, depths.
-pub const FIGURE_4_TO: f64 = 2.0;
+pub(super) const FIGURE_4_TO: f64 = 2.0;
 /// Length of the line in Figure 5, depths.
-pub const FIGURE_5_TO: f64 = 8.0;
+pub(super) const FIGURE_5_TO: f64 = 8.0;
 /// Units of Figures 4b and 5.
-pub const UNITS: usize = 9;
+pub(super) const UNITS: usize = 9;
 /// Distance between points of a curve, depths.
 const STEP: f64 = 0.025;
 /// Step of a walk that misses no turn, depths.
@@ -36,13 +36,13 @@ pub struct LineCurve {
 }
 
 /// Returns Figure 3: k and lambda.
-pub fn lambda_curve() -> Vec<(f64, f64)> {
+pub(super) fn lambda_curve() -> Vec<(f64, f64)> {
     let last = (FIGURE_3_TO / STEP).round() as usize;
     (0..=last).map(|index| index as f64 * STEP).map(|k| (k, lambda(k))).collect()
 }
 
 /// Returns Figures 4a, 4b and 5.
-pub fn curves() -> Vec<LineCurve> {
+pub(super) fn curves() -> Vec<LineCurve> {
     let of_units = (2..=15).map(|n| curve("4a", n, 1.0, 0.0, FIGURE_4_TO));
     let of_spacing = (1..=10).map(|k| curve("4b", UNITS, 0.2 * f64::from(k), 0.0, FIGURE_4_TO));
     let of_start = (0..6).map(|k| curve("5", UNITS, 1.0, 1.5 * f64::from(k), FIGURE_5_TO));
@@ -66,16 +66,16 @@ impl LineCurve {
 }
 
 /// Returns a place on the line.
-pub fn on_line(d: f64) -> Place {
+pub(super) fn on_line(d: f64) -> Place {
     Place::new(d, 0.0)
 }
 
 /// Walks from d1 to the right, up to `to`.
-pub fn walk_right(array: &Array, d1: f64, to: f64) -> ArrayWalk {
+pub(super) fn walk_right(array: &Array, d1: f64, to: f64) -> ArrayWalk {
     array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
 /// Walks from d1 to the left, down to 0.
-pub fn walk_left(array: &Array, d1: f64) -> ArrayWalk {
+pub(super) fn walk_left(array: &Array, d1: f64) -> ArrayWalk {
     array.walk(on_line(d1), PI, d1, WALK_STEP)
 }

@@ -120,7 +120,7 @@ impl Array {
 
 /// Returns the last point between two at which a condition is true. The condition is true at the first point and false at the
 /// second. The result is accurate to a millionth of the interval.
-pub fn last(mut holds: f64, mut fails: f64, is: impl Fn(f64) -> bool) -> f64 {
+pub(super) fn last(mut holds: f64, mut fails: f64, is: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..20 {
         let middle = (holds + fails) / 2.0;
         *if is(middle) { &mut holds } else { &mut fails } = middle;
@@ -186,7 +186,7 @@ fn start(area: &Area, ray: usize) -> (Place, f64) {
 
 /// Returns points that fill a cube evenly for any number of points. They are multiples of powers of the inverse of the root of
 /// x^4 = x + 1 (the additive recurrence of M. Roberts).
-pub fn spread(point: usize) -> [f64; 3] {
+pub(super) fn spread(point: usize) -> [f64; 3] {
     [0.819_172_513_396_164_4, 0.671_043_606_703_789_3, 0.549_700_477_901_970_1].map(|by| (by * point as f64).fract())
 }
 
@@ -208,7 +208,7 @@ fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turnin
 }
 
 /// Finds a minimum along one coordinate after the other, in decreasing steps. The function may be discontinuous.
-pub fn descend<const N: usize>(
+pub(super) fn descend<const N: usize>(
     mut at: [f64; N],
     mut steps: [f64; N],
     rounds: usize,

@@ -17,9 +17,9 @@ const GAIN_SPREAD_PERCENT: f64 = 20.0;
 const DEPTH_SPREAD_PERCENT: f64 = 5.0;
 const PLACE_SPREAD_MM: f64 = 0.1;
 /// Number of sensors that make the prior.
-pub const SENSORS: u64 = 5;
+pub(super) const SENSORS: u64 = 5;
 /// Number of places along a side of a full calibration.
-pub const SIDE: usize = 25;
+pub(super) const SIDE: usize = 25;
 
 /// A design from which sensors are drawn.
 #[derive(Clone)]
@@ -81,18 +81,18 @@ impl Design {
 }
 
 /// Returns presses at some places.
-pub fn presses_at(places: &[Place]) -> Vec<Touch> {
+pub(super) fn presses_at(places: &[Place]) -> Vec<Touch> {
     places.iter().map(|place| Touch { place: *place, force_n: CALIBRATION_N, second: None }).collect()
 }
 
 /// Returns presses at the centres of equal cells of the area.
-pub fn cells(columns: usize, rows: usize) -> Vec<Touch> {
+pub(super) fn cells(columns: usize, rows: usize) -> Vec<Touch> {
     let range = Range { min: -HALF_MM, max: HALF_MM };
     presses_at(&cell_centres(range, range, columns, rows))
 }
 
 /// Returns the mean errors of a method, over the contacts that it solves.
-pub fn mean_errors(solver: &dyn Solver, test: &KnownReadings) -> MeanErrors {
+pub(super) fn mean_errors(solver: &dyn Solver, test: &KnownReadings) -> MeanErrors {
     let mut workspace = Workspace::default();
     let (mut sum, mut count) = (MeanErrors::default(), 0.0f64);
     for (truth, outputs) in test.iter() {

@@ -11,9 +11,9 @@ use palpate_solver::{Calibration, Setting};
 use rand::RngExt;
 
 /// Name of the varied quantity in rows.
-pub const BUDGET: &str = "calibration presses";
+pub(super) const BUDGET: &str = "calibration presses";
 /// Numbers of presses along a side of the square, the largest first because it takes longest.
-pub const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
+pub(super) const SIDES: [usize; 8] = [25, 19, 13, 9, 7, 5, 4, 3];
 /// Number of specimens. Each specimen is calibrated once with each number of presses. The second constant is the number of
 /// contacts that test each calibration.
 const SPECIMENS: usize = 6;

@@ -114,7 +114,7 @@ pub const CONDITIONS: [Harm; 14] = [
 ];
 
 /// Meanings of the words on the axes of the figures.
-pub const MEANINGS: [&str; 4] = [
+pub(super) const MEANINGS: [&str; 4] = [
     "Forces are 0.1 to 1 N unless stated otherwise, and one condition is changed at a time. offset, stuck: 1 N is what a unit reads of 1 N straight above. dead, stuck, drift, offset: after calibration. noise: of the test \
      alone. units and spacing: all units as noisy as Table 1 on average.",
     "slow drift: each unit's gain goes evenly to its own end while the test lasts; the ends are normal, their sd is the value. \

@@ -20,7 +20,7 @@ pub struct FoundCoverage {
 
 /// Number of truths within the stated half-widths.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Covered {
+pub(super) struct Covered {
     location: Count,
     force: Count,
 }
@@ -34,7 +34,7 @@ struct Count {
 
 impl Covered {
     /// Counts one answer. If there are two contacts, the nearer one is the truth.
-    pub fn count(&mut self, truth: &KnownContact, solution: &Solution) {
+    pub(super) fn count(&mut self, truth: &KnownContact, solution: &Solution) {
         let Some(half) = solution.half_widths else { return };
         let found = solution.place;
         let is_nearer = |second: &Place| found.distance_mm(*second) < found.distance_mm(truth.place);
@@ -46,13 +46,13 @@ impl Covered {
     }
 
     /// Adds the counts of `other`.
-    pub fn add(&mut self, other: Covered) {
+    pub(super) fn add(&mut self, other: Covered) {
         self.location.merge(other.location);
         self.force.merge(other.force);
     }
 
     /// Returns the coverage; `None` if no half-widths were stated.
-    pub fn found(&self) -> Option<FoundCoverage> {
+    pub(super) fn found(&self) -> Option<FoundCoverage> {
         Some(FoundCoverage { location: self.location.shares()?, force: self.force.shares() })
     }
 }

@@ -40,7 +40,7 @@ fn error_sd(spec: &SkinSpec, full_scale_n: f64, unit: usize, reading: f64) -> Op
 
 /// Returns the smallest covariance of x (mm), y (mm) and force (N) for an unbiased method; `None` if the units don't determine
 /// all three.
-pub fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, force_n: f64) -> Option<Covariance> {
+pub(crate) fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Place, force_n: f64) -> Option<Covariance> {
     let outputs = |x_mm: f64, y_mm: f64| {
         let mut outputs = vec![0.0; skin.len()];
         skin.add_load(1.0, Place::new(x_mm, y_mm), &mut outputs);

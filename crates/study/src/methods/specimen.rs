@@ -8,15 +8,15 @@ use rand::RngExt;
 use serde::Serialize;
 
 /// Largest specified force of the array, N (PAPER S3).
-pub const FULL_SCALE_N: f64 = 2.0;
+pub(crate) const FULL_SCALE_N: f64 = 2.0;
 /// Force of a calibration, N.
-pub const CALIBRATION_N: f64 = 1.0;
+pub(crate) const CALIBRATION_N: f64 = 1.0;
 /// Smallest and largest force of a test, N.
-pub const FORCES_N: (f64, f64) = (0.1, 1.0);
+pub(crate) const FORCES_N: (f64, f64) = (0.1, 1.0);
 /// Half the side of the calibrated square, mm.
-pub const HALF_MM: f64 = 6.0;
+pub(crate) const HALF_MM: f64 = 6.0;
 /// Depth of the paper's taxels, mm.
-pub const DEPTH_MM: f64 = 5.0;
+pub(crate) const DEPTH_MM: f64 = 5.0;
 
 /// Array of the paper: units along a side, and distance from one unit to the next, mm.
 const SIDE: usize = 3;
@@ -24,7 +24,7 @@ const PITCH_MM: f64 = 4.5;
 /// Noise floor in addition to a noise that grows with the reading, reading units: 1 mV at 1 V per newton.
 const FLOOR: f64 = 0.001;
 /// 16 bits over 10 V in either direction, at 1 V per newton.
-pub const CONVERTER: Converter = Converter { bits: 16, range: 10.0 };
+pub(crate) const CONVERTER: Converter = Converter { bits: 16, range: 10.0 };
 
 /// Quantity to which the repeatability of Table 1 refers. The paper doesn't state it, so both are tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -178,14 +178,14 @@ impl KnownReadings {
 }
 
 /// Returns a square grid of touches over the complete area, `side` along a side.
-pub fn grid(side: usize) -> Vec<Touch> {
+pub(crate) fn grid(side: usize) -> Vec<Touch> {
     let at = |index: usize| HALF_MM * (2.0 * index as f64 / (side - 1) as f64 - 1.0);
     let place = |index: usize| Place::new(at(index % side), at(index / side));
     (0..side * side).map(|index| Touch { place: place(index), force_n: CALIBRATION_N, second: None }).collect()
 }
 
 /// Returns touches at random places in the area with random forces in the range.
-pub fn anywhere(count: usize, forces_n: (f64, f64), rng: &mut Stream) -> Vec<Touch> {
+pub(crate) fn anywhere(count: usize, forces_n: (f64, f64), rng: &mut Stream) -> Vec<Touch> {
     let mut touch = || {
         let [x_mm, y_mm] = [(); 2].map(|()| rng.random_range(-HALF_MM..=HALF_MM));
         Touch { place: Place::new(x_mm, y_mm), force_n: rng.random_range(forces_n.0..=forces_n.1), second: None }

@@ -107,7 +107,7 @@ pub struct MethodRow {
 /// Name of the Cramer-Rao bound.
 pub const CRAMER_RAO: &str = "cramer-rao";
 /// Name of the bound from the errors that a method states itself.
-pub const STATED: &str = "stated by surrogate";
+pub(super) const STATED: &str = "stated by surrogate";
 
 /// Results of a method on readings, added up over any number of calibrations.
 #[derive(Clone, Debug, Default)]

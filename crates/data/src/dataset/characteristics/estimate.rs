@@ -24,7 +24,7 @@ pub(super) struct Estimate {
 
 impl Estimate {
     /// Returns the mean of repeats; `None` if there are no repeats.
-    pub fn of(repeats: &[f64]) -> Option<Estimate> {
+    pub(super) fn of(repeats: &[f64]) -> Option<Estimate> {
         let n = repeats.len() as f64;
         let value = if repeats.is_empty() { return None } else { repeats.mean() };
         let known = StudentsT::new(0.0, 1.0, n - 1.0).ok().filter(|_| n > 1.0).map(|student| {
@@ -36,7 +36,7 @@ impl Estimate {
 
     /// Returns the mean difference between two lists of repeats. If the repeats are pairs, the differences of the pairs are
     /// averaged. Otherwise the means are subtracted, and the uncertainty is unknown.
-    pub fn of_difference(before: &[f64], after: &[f64]) -> Option<Estimate> {
+    pub(super) fn of_difference(before: &[f64], after: &[f64]) -> Option<Estimate> {
         if before.len() == after.len() {
             let differences: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
             return Estimate::of(&differences);
@@ -45,24 +45,24 @@ impl Estimate {
         Some(Estimate { value: after.value - before.value, known: None })
     }
 
-    pub fn less(self, other: f64) -> Estimate {
+    pub(super) fn less(self, other: f64) -> Estimate {
         let (value, moved) = (self.value - other, (self.value - other).abs() - self.value.abs());
         Estimate { value, known: self.known.map(|known| Known { upper: known.upper + moved, ..known }) }
     }
 
-    pub fn magnitude(self) -> Estimate {
+    pub(super) fn magnitude(self) -> Estimate {
         Estimate { value: self.value.abs(), ..self }
     }
 
     /// Converts to another unit by multiplying by `factor`.
-    pub fn scaled(self, factor: f64) -> Estimate {
+    pub(super) fn scaled(self, factor: f64) -> Estimate {
         let size = factor.abs();
         let known = self.known.map(|known| Known { u: size * known.u, upper: size * known.upper, ..known });
         Estimate { value: factor * self.value, known }
     }
 
     /// Returns the estimate with the larger magnitude, with the larger of the two bounds.
-    pub fn worse(self, other: Estimate) -> Estimate {
+    pub(super) fn worse(self, other: Estimate) -> Estimate {
         let worst = if other.value.abs() > self.value.abs() { other } else { self };
         let known = self.known.zip(other.known).zip(worst.known);
         let known = known.map(|((a, b), worst)| Known { upper: a.upper.max(b.upper), ..worst });

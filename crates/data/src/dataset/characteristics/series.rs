@@ -8,7 +8,7 @@ use palpate_control::Branch;
 use std::collections::BTreeMap;
 
 /// Outputs of a series by level, corrected to the set force.
-pub struct Series {
+pub(super) struct Series {
     line: Line,
     /// Corrected outputs by branch.
     corrected: [BTreeMap<Level, Vec<f64>>; 2],
@@ -30,7 +30,7 @@ struct Line {
 
 impl Series {
     /// Evaluates readings. Returns `None` if the loading forces don't vary.
-    pub fn of(readings: &[HeldLevel]) -> Option<Series> {
+    pub(super) fn of(readings: &[HeldLevel]) -> Option<Series> {
         let line = Line::through(readings)?;
         let mut corrected = [BTreeMap::new(), BTreeMap::new()];
         let mut in_air = [Vec::new(), Vec::new()];
@@ -48,19 +48,19 @@ impl Series {
     }
 
     /// Returns the largest set force with a reading, and the mean loading output there.
-    pub fn top(&self) -> (Level, f64) {
+    pub(super) fn top(&self) -> (Level, f64) {
         (self.top, self.at_top)
     }
 
     /// Returns the outputs of a branch at each level except zero.
-    pub fn levels(&self, branch: Branch) -> Levels {
+    pub(super) fn levels(&self, branch: Branch) -> Levels {
         let levels = self.corrected[branch as usize].iter();
         levels.filter(|(level, _)| **level > 0).map(|(_, outputs)| outputs.clone()).collect()
     }
 
     /// Returns the largest distance between the branches over the levels between zero and top force. Also returns the largest
     /// distance as a fraction of the mean of both branches.
-    pub fn hysteresis(&self) -> Option<(Estimate, Estimate)> {
+    pub(super) fn hysteresis(&self) -> Option<(Estimate, Estimate)> {
         let [loading, unloading] = &self.corrected;
         let inner = loading.iter().filter(|(level, _)| **level > 0 && **level < self.top);
         let gaps = inner.filter_map(|(level, up)| {
@@ -73,7 +73,7 @@ impl Series {
 
     /// Returns the largest distance of a level's mean loading output from the line, zero level included. Returns `None` for fewer
     /// than three levels, because a line fits two exactly.
-    pub fn deviation(&self) -> Option<Estimate> {
+    pub(super) fn deviation(&self) -> Option<Estimate> {
         let [loading, _] = &self.corrected;
         let off = |(level, outputs): (&Level, &Vec<f64>)| {
             Some(Estimate::of(outputs)?.less(self.line.at(*level as f64 / 1e6)).magnitude())
@@ -82,7 +82,7 @@ impl Series {
     }
 
     /// Returns the mean output in air after the staircases minus the mean before them.
-    pub fn zero_return(&self) -> Option<Estimate> {
+    pub(super) fn zero_return(&self) -> Option<Estimate> {
         let [before, after] = &self.in_air;
         if before.is_empty() || after.is_empty() { None } else { Estimate::of_difference(before, after) }
     }

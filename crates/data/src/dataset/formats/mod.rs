@@ -20,7 +20,7 @@ use std::path::Path;
 
 /// A kind of file that isn't text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub(super) enum Kind {
     /// A workbook of a spreadsheet.
     Xlsx,
     /// Arrays of numpy.
@@ -33,7 +33,7 @@ pub enum Kind {
 
 impl Kind {
     /// Returns the kind of a file by the extension of its name; `None` if it is read as text.
-    pub fn of(path: &Path) -> Option<Kind> {
+    pub(super) fn of(path: &Path) -> Option<Kind> {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "xlsx" => Some(Kind::Xlsx),
             "npz" => Some(Kind::Npz),
@@ -45,7 +45,7 @@ impl Kind {
 }
 
 /// Returns what to do about a table of a kind that isn't read, by the extension of its name.
-pub fn unread(path: &Path) -> Option<&'static str> {
+pub(super) fn unread(path: &Path) -> Option<&'static str> {
     match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
         "arrow" | "feather" | "ipc" => Some("Arrow files aren't read: save the table as Parquet or CSV"),
         "xls" | "ods" | "xlsb" => Some("this kind of workbook isn't read: save it as .xlsx or CSV"),
@@ -56,7 +56,7 @@ pub fn unread(path: &Path) -> Option<&'static str> {
 }
 
 /// Returns the mapping for the text of a file: commas and decimal points, and a header where columns have names.
-pub fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
+pub(super) fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
     let has_header = mapping.has_header || kind != Kind::Xlsx;
     Mapping { separator: Some(b','), decimal: Some(Decimal::Point), has_header, ..mapping.clone() }
 }
@@ -91,7 +91,7 @@ pub fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String, Strin
 
 /// Returns an error: this program was built without the libraries.
 #[cfg(not(feature = "files"))]
-pub fn text(path: &Path, _: Kind, _: &Mapping) -> Result<(String, String), TableError> {
+pub(super) fn text(path: &Path, _: Kind, _: &Mapping) -> Result<(String, String), TableError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().into_owned();
     Err(TableError::NotBuilt { file: path.display().to_string(), extension })
 }

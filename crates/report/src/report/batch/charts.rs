@@ -49,7 +49,7 @@ struct Point {
 
 /// Draws the control charts: those of the design, which decided about alarms, and those of the rule's figures. `None` if there is
 /// neither a chart nor an alarm.
-pub fn section(history: &History) -> Option<Section> {
+pub(super) fn section(history: &History) -> Option<Section> {
     let of_figures = Limited::all([history]);
     let of_figures =
         of_figures.iter().filter(|figure| figure.is_charted()).filter_map(|figure| of_figure(history, figure));

@@ -32,7 +32,7 @@ const SHOWN_DIGITS: i32 = 6;
 const EXCEEDED: Look = Look::markers(Hue::Red, Shape::Cross);
 
 /// Returns a figure of one panel.
-pub fn figure(title: &str, subtitle: &str, panel: Panel, legend: Vec<(Look, String)>) -> Figure {
+pub(super) fn figure(title: &str, subtitle: &str, panel: Panel, legend: Vec<(Look, String)>) -> Figure {
     Figure {
         title: title.to_owned(),
         subtitle: subtitle.to_owned(),
@@ -45,7 +45,7 @@ pub fn figure(title: &str, subtitle: &str, panel: Panel, legend: Vec<(Look, Stri
 }
 
 /// Draws each figure of the acceptance rule by sensor.
-pub fn section(history: &History) -> Option<Section> {
+pub(super) fn section(history: &History) -> Option<Section> {
     let drawn = Limited::all([history]).iter().filter_map(|quantity| by_sensor(history, quantity)).collect();
     Section::of_figures("Figures of the acceptance rule", &html! {}, drawn)
 }
@@ -123,7 +123,7 @@ fn marks(
 }
 
 /// Returns words next to a point, on the side where there is room: toward the middle of an axis from 0 to `last`.
-pub fn named(at: (f64, f64), last: f64, words: &str) -> Mark {
+pub(super) fn named(at: (f64, f64), last: f64, words: &str) -> Mark {
     let (right_px, anchor) = if 2.0 * at.0 > last { (-8.0, Anchor::End) } else { (8.0, Anchor::Start) };
     Mark::Words(at, (right_px, 4.0), anchor, words.to_owned())
 }
@@ -145,7 +145,7 @@ fn shown(quantity: &Limited, displayed: f64) -> String {
 }
 
 /// Draws the minutes of each complete sensor, and the number of sensors a day.
-pub fn minutes(history: &History) -> Option<Section> {
+pub(super) fn minutes(history: &History) -> Option<Section> {
     let values: Vec<(usize, f64)> = complete(history).map(|(number, ended)| (number, ended.minutes)).collect();
     let [_, median, _] = quartiles(&sorted(values.iter().map(|(_, minutes)| *minutes)))?;
     let along = Along::new(&values);

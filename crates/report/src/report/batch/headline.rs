@@ -10,7 +10,7 @@ use palpate_run::batch::{Cause, History, Standing};
 
 /// Yield of a batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Yield {
+pub(super) struct Yield {
     /// Number of accepted sensors.
     pub accepted: usize,
     /// Number of sensors with a verdict: accepted, not accepted or not decided.
@@ -21,7 +21,7 @@ pub struct Yield {
 
 impl Yield {
     /// Returns the yield by the present standing of each sensor.
-    pub fn of(history: &History) -> Yield {
+    pub(super) fn of(history: &History) -> Yield {
         let count = |standing| history.state.count(standing);
         let accepted = count(Standing::Accepted);
         let judged = accepted + count(Standing::NotAccepted) + count(Standing::NotDecided);
@@ -29,12 +29,12 @@ impl Yield {
     }
 
     /// Accepted fraction; `None` without a verdict.
-    pub fn share(&self) -> Option<f64> {
+    pub(super) fn share(&self) -> Option<f64> {
         (self.judged > 0).then(|| self.accepted as f64 / self.judged as f64)
     }
 
     /// Returns the fraction with its interval.
-    pub fn markup(&self) -> Markup {
+    pub(super) fn markup(&self) -> Markup {
         let Some(share) = self.share() else { return html! { "no sensor has a verdict" } };
         html! {
             (percent("yield", share)) " (" (number("yield.low", 100.0 * self.interval.0, 1, ""))
@@ -44,28 +44,28 @@ impl Yield {
 }
 
 /// Median, lower and upper quartile of the minutes of complete sensors.
-pub fn minutes(history: &History) -> Option<[f64; 3]> {
+pub(super) fn minutes(history: &History) -> Option<[f64; 3]> {
     quartiles(&sorted(complete(history).map(|(_, ended)| ended.minutes)))
 }
 
 /// Median number of complete sensors a day, over the days with at least one.
-pub fn a_day(history: &History) -> Option<f64> {
+pub(super) fn a_day(history: &History) -> Option<f64> {
     let days = sorted(days(history).into_iter().map(|(_, count)| count as f64));
     quartiles(&days).map(|[_, median, _]| median)
 }
 
 /// Number of alarms by cause.
-pub fn alarms(history: &History, cause: Cause) -> usize {
+pub(super) fn alarms(history: &History, cause: Cause) -> usize {
     history.alarms.iter().filter(|(_, alarm)| alarm.cause == cause).count()
 }
 
 /// Names in a list, or a dash.
-pub fn listed(names: &[String]) -> String {
+pub(super) fn listed(names: &[String]) -> String {
     if names.is_empty() { "-".to_owned() } else { names.join(", ") }
 }
 
 /// Returns the section.
-pub fn section(history: &History) -> Markup {
+pub(super) fn section(history: &History) -> Markup {
     let found = Yield::of(history);
     let body = html! {
         div class="verdict" {

@@ -7,7 +7,7 @@ use palpate_run::batch::{Ended, Found, History};
 
 /// A figure of the acceptance rule.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Limited {
+pub(super) struct Limited {
     /// Key in the acceptance rule.
     pub key: String,
     /// The figure; `None` for a key that this program doesn't know.
@@ -23,7 +23,7 @@ impl Limited {
     }
 
     /// Returns the quantities of some batches: the known ones in the order of reports, then the others by name.
-    pub fn all<'a>(histories: impl IntoIterator<Item = &'a History>) -> Vec<Limited> {
+    pub(super) fn all<'a>(histories: impl IntoIterator<Item = &'a History>) -> Vec<Limited> {
         let mut keys: Vec<&str> = Vec::new();
         for found in histories.into_iter().flat_map(complete).flat_map(|(_, ended)| &ended.found) {
             if !keys.contains(&found.figure.as_str()) {
@@ -37,7 +37,7 @@ impl Limited {
     }
 
     /// Returns the name with the unit, such as `location error, mean, mm`.
-    pub fn label(&self) -> String {
+    pub(super) fn label(&self) -> String {
         match self.unit() {
             "" => self.name().to_owned(),
             unit => format!("{}, {unit}", self.name()),
@@ -45,66 +45,66 @@ impl Limited {
     }
 
     /// Returns the name without the unit.
-    pub fn name(&self) -> &str {
+    pub(super) fn name(&self) -> &str {
         self.figure.map_or(self.key.as_str(), |figure| figure.name())
     }
 
     /// Returns the unit of displayed values.
-    pub fn unit(&self) -> &'static str {
+    pub(super) fn unit(&self) -> &'static str {
         self.figure.map_or("", Figure::unit)
     }
 
     /// Number of displayed decimals.
-    pub fn digits(&self) -> usize {
+    pub(super) fn digits(&self) -> usize {
         self.figure.map_or(DIGITS, Figure::digits)
     }
 
     /// Whether a control chart makes sense: counts are mostly 0.
-    pub fn is_charted(&self) -> bool {
+    pub(super) fn is_charted(&self) -> bool {
         !matches!(self.figure, Some(Figure::BrokenChannels | Figure::FlaggedPresses))
     }
 
     /// Whether the figure is a fraction, which has a lower limit.
-    pub fn is_share(&self) -> bool {
+    pub(super) fn is_share(&self) -> bool {
         self.figure.is_some_and(Figure::is_share)
     }
 
     /// Returns a value in the displayed unit: a fraction in percent.
-    pub fn displayed(&self, value: f64) -> f64 {
+    pub(super) fn displayed(&self, value: f64) -> f64 {
         if self.is_share() { 100.0 * value } else { value }
     }
 
     /// Returns the figure of a result.
-    pub fn found<'e>(&self, ended: &'e Ended) -> Option<&'e Found> {
+    pub(super) fn found<'e>(&self, ended: &'e Ended) -> Option<&'e Found> {
         ended.found.iter().find(|found| found.figure == self.key)
     }
 
     /// Returns the part of the limit that a figure uses, by its bound if it has one. A fraction is used by what it lacks. Above 1 the
     /// limit is exceeded.
-    pub fn used(&self, found: &Found) -> Option<f64> {
+    pub(super) fn used(&self, found: &Found) -> Option<f64> {
         Some(limit_used(self.is_share(), found.bound.or(found.value)?, found.limit))
     }
 
     /// Returns the values of a batch, in the figure's unit, sorted.
-    pub fn sorted(&self, history: &History) -> Vec<f64> {
+    pub(super) fn sorted(&self, history: &History) -> Vec<f64> {
         sorted(complete(history).filter_map(|(_, ended)| self.found(ended)?.value))
     }
 }
 
 /// Whether the figure alone prevents the acceptance.
-pub fn is_exceeded(found: &Found) -> bool {
+pub(super) fn is_exceeded(found: &Found) -> bool {
     found.verdict == Verdict::NotAccepted
 }
 
 /// Returns finite values in their order.
-pub fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+pub(super) fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     values
 }
 
 /// Returns lower quartile, median and upper quartile; `None` without values.
-pub fn quartiles(sorted: &[f64]) -> Option<[f64; 3]> {
+pub(super) fn quartiles(sorted: &[f64]) -> Option<[f64; 3]> {
     (!sorted.is_empty()).then(|| [0.25, 0.5, 0.75].map(|q| percentile(sorted, q)))
 }
 

@@ -25,7 +25,7 @@ const LEAST_PERCENT: f64 = 0.01;
 const LISTED_MOST: usize = 256;
 
 /// Changes of the outputs of all sensors, for sensors with the same number of outputs.
-pub struct Outputs<'a> {
+pub(super) struct Outputs<'a> {
     /// Serial number and changes of each sensor.
     pub sensors: Vec<(&'a str, &'a [UnitChange])>,
     count: usize,
@@ -42,7 +42,7 @@ struct Spread {
 
 impl Outputs<'_> {
     /// Takes the changes of the complete sensors; `None` if there are none.
-    pub fn of(history: &History) -> Option<Outputs<'_>> {
+    pub(super) fn of(history: &History) -> Option<Outputs<'_>> {
         let all = || complete(history).filter(|(_, ended)| !ended.change.is_empty());
         let count = all().next()?.1.change.len();
         let alike = all().filter(|(_, ended)| ended.change.len() == count);
@@ -68,7 +68,7 @@ impl Outputs<'_> {
 }
 
 /// Draws the maps, if the changes are known.
-pub fn section(history: &History) -> Option<Section> {
+pub(super) fn section(history: &History) -> Option<Section> {
     let outputs = Outputs::of(history)?;
     let spreads = outputs.spreads();
     let places = places(history, outputs.count);

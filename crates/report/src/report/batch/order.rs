@@ -18,7 +18,7 @@ const DATE: usize = "2026-01-01".len();
 const MINUTE: usize = "2026-01-01T00:00".len();
 
 /// Returns the axis of the sensors: their numbers, and below these the dates; the times of the day if all have one date.
-pub fn axis(history: &History) -> ChartAxis {
+pub(super) fn axis(history: &History) -> ChartAxis {
     let (count, step) = (history.results.len(), step(history.results.len()));
     let days = days(history).len();
     let tick = |number: usize| {
@@ -40,7 +40,7 @@ fn step(count: usize) -> usize {
 }
 
 /// Returns the days on which sensors ended, each with the number of complete ones.
-pub fn days(history: &History) -> Vec<(String, usize)> {
+pub(super) fn days(history: &History) -> Vec<(String, usize)> {
     let mut days: Vec<(String, usize)> = Vec::new();
     for (_, ended) in super::complete(history) {
         let day = ended.at.get(..DATE).unwrap_or_default();
@@ -53,7 +53,7 @@ pub fn days(history: &History) -> Vec<(String, usize)> {
 }
 
 /// Values along the axis, one by one or in groups.
-pub struct Along {
+pub(super) struct Along {
     /// Values, or medians of the groups.
     pub points: Vec<(f64, f64)>,
     /// From the least to the greatest value of each group; empty if there are no groups.
@@ -64,7 +64,7 @@ pub struct Along {
 
 impl Along {
     /// Takes values, each with its sensor's number.
-    pub fn new(values: &[(usize, f64)]) -> Along {
+    pub(super) fn new(values: &[(usize, f64)]) -> Along {
         if values.len() <= POINTS_MOST {
             let points = values.iter().map(|(number, value)| (*number as f64, *value)).collect();
             return Along { points, ranges: Vec::new(), of: 1 };
@@ -84,7 +84,7 @@ impl Along {
     }
 
     /// Describes what a mark stands for.
-    pub fn told(&self, what: &str) -> String {
+    pub(super) fn told(&self, what: &str) -> String {
         match self.of {
             1 => what.to_owned(),
             of => format!("{what}: median of {of} sensors, and their range"),

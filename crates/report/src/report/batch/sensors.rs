@@ -20,12 +20,12 @@ const LISTED_MOST: usize = 20;
 const REASONS_MOST: usize = 3;
 
 /// Returns the name of a standing as a key.
-pub fn key(standing: Standing) -> String {
+pub(super) fn key(standing: Standing) -> String {
     standing.name().replace(' ', "-")
 }
 
 /// Lists the sensors with another end than accepted, with the reasons. `None` if there are none.
-pub fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Option<Markup> {
+pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Option<Markup> {
     let is_listed =
         |item: &&Item| !matches!(item.standing, Standing::Accepted | Standing::Calibrated | Standing::Waiting);
     let results = by_serial(history);
@@ -63,7 +63,7 @@ fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {
 }
 
 /// Returns the table of all sensors, closed until the reader opens it.
-pub fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
+pub(super) fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
     let (quantities, results) = (Limited::all([history]), by_serial(history));
     let items = &history.state.items;
     let body = html! {

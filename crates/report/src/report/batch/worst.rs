@@ -12,7 +12,7 @@ use palpate_solver::UnitChange;
 const ROWS: usize = 10;
 
 /// Returns the section; `None` if no figure has a limit and no change is known.
-pub fn section(history: &History) -> Option<Markup> {
+pub(super) fn section(history: &History) -> Option<Markup> {
     let (limits, outputs) = (nearest(history), deviating(history));
     if limits.is_none() && outputs.is_none() {
         return None;

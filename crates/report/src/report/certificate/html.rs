@@ -9,7 +9,7 @@ use palpate_core::quantity::round;
 use palpate_data::acceptance::{Decision, Verdict};
 
 /// Returns the complete page.
-pub fn document(certificate: &Certificate<'_>) -> String {
+pub(super) fn document(certificate: &Certificate<'_>) -> String {
     let given = certificate.given;
     let body = html! {
         header {

@@ -10,7 +10,7 @@ use palpate_solver::{Evaluation, PressError};
 use statrs::statistics::Statistics as _;
 
 /// A table of results.
-pub struct Results {
+pub(super) struct Results {
     /// Title of the table.
     pub title: &'static str,
     /// Definitions of the values, and the components of their uncertainties.
@@ -20,7 +20,7 @@ pub struct Results {
 }
 
 /// One result.
-pub struct Row {
+pub(super) struct Row {
     /// Name of the result.
     pub name: String,
     /// Value, in `unit`.
@@ -37,7 +37,7 @@ pub struct Row {
 
 /// Units of results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub(super) enum Unit {
     /// Millimetre.
     Millimetre,
     /// Newton.
@@ -48,7 +48,7 @@ pub enum Unit {
 
 /// Uncertainty of a result.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Uncertainty {
+pub(super) enum Uncertainty {
     /// Expanded uncertainty, 95 %, and its coverage factor.
     Expanded {
         /// Expanded uncertainty, in the result's unit.
@@ -64,7 +64,7 @@ pub enum Uncertainty {
 
 impl Unit {
     /// Returns the symbol for people.
-    pub const fn symbol(self) -> &'static str {
+    pub(super) const fn symbol(self) -> &'static str {
         match self {
             Unit::Millimetre => "mm",
             Unit::Newton => "N",
@@ -73,7 +73,7 @@ impl Unit {
     }
 
     /// Returns the unit in D-SI.
-    pub const fn d_si(self) -> &'static str {
+    pub(super) const fn d_si(self) -> &'static str {
         match self {
             Unit::Millimetre => "\\milli\\metre",
             Unit::Newton => "\\newton",
@@ -86,7 +86,7 @@ impl Unit {
 type Error = fn(&PressError) -> Option<f64>;
 
 /// Returns all measured results of a sensor.
-pub fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
+pub(super) fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
     let test = judged.decisive().map(|evaluation| of_test(subject, judged, evaluation));
     let units = Staircases::of_run(&subject.presses, subject.layout()).map(|staircases| of_units(&staircases));
     test.into_iter().chain(units).collect()

@@ -11,7 +11,7 @@ const DCC: &str = "https://ptb.de/dcc";
 const SI: &str = "https://ptb.de/si";
 
 /// Returns the complete document.
-pub fn document(certificate: &Certificate<'_>) -> String {
+pub(super) fn document(certificate: &Certificate<'_>) -> String {
     let mut xml = Xml::default();
     xml.text.push_str("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
     let root =

@@ -19,7 +19,7 @@ const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), fil
 const MOST_COLUMNS: usize = 5;
 
 /// Draws a panel for each unit.
-pub fn characteristics(subject: &Subject) -> Option<Drawn> {
+pub(super) fn characteristics(subject: &Subject) -> Option<Drawn> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let pressed: Vec<(usize, &[HeldLevel])> = staircases
         .readings

@@ -46,7 +46,7 @@ const PARTS: usize = 6;
 const FEWEST: usize = 3;
 
 /// Draws a histogram of each error, with the cumulative fraction below it.
-pub fn distributions(judged: &Judged) -> Option<Section> {
+pub(crate) fn distributions(judged: &Judged) -> Option<Section> {
     let drawn: Vec<Drawn> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
     Section::of_figures("Distribution of the errors", &html! {}, drawn)
 }
@@ -114,7 +114,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
 }
 
 /// Draws both errors as functions of the force, and of the distance from the edge.
-pub fn dependences(subject: &Subject, judged: &Judged) -> Option<Section> {
+pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let edge_mm = |place: Place| {
         let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);

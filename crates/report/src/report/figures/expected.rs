@@ -19,7 +19,7 @@ const LEAST_RATIO: f64 = 1.01;
 const MOST_RATIO: f64 = 100.0;
 
 /// Draws a map of the expected location error.
-pub fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
+pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let (least, most) = subject.area()?;
     let solver: &Fitted = judged.expecting.as_ref()?;
     let mut forces: Vec<f64> = subject.presses.sound(Phase::Test).filter_map(|press| press.force_set_n).collect();

@@ -18,7 +18,7 @@ const ROOM_MM: f64 = 0.5;
 const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
 
 /// Draws a map for each method, all over the same area.
-pub fn locations(judged: &Judged) -> Option<Section> {
+pub(crate) fn locations(judged: &Judged) -> Option<Section> {
     let shown = || judged.evaluations.iter().flat_map(presses);
     let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);
     let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));

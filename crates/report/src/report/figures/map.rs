@@ -15,7 +15,7 @@ const MOST_UNITS: usize = 16;
 const MOST_PRESSES: usize = 2500;
 
 /// Draws a map for each unit.
-pub fn matrix(subject: &Subject) -> Option<Drawn> {
+pub(super) fn matrix(subject: &Subject) -> Option<Drawn> {
     let (least, most) = subject.area()?;
     let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
@@ -53,7 +53,7 @@ pub fn matrix(subject: &Subject) -> Option<Drawn> {
 
 /// The order in which panels of the first units are where the units are: rows from the largest y down, each from the smallest x; and
 /// how many columns they make. None where units have several channels, or rows differ in length.
-pub fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)> {
+pub(super) fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)> {
     let layout = subject.placed()?;
     let places = layout.places().get(..units)?;
     let mut order: Vec<usize> = (0..units).collect();
@@ -126,7 +126,7 @@ const HIGHEST: f64 = 1.2;
 const LOWEST: f64 = 0.25;
 
 /// Axes in x and y with the same scale.
-pub struct Axes {
+pub(crate) struct Axes {
     x: (f64, f64),
     y: (f64, f64),
 }
@@ -134,7 +134,7 @@ pub struct Axes {
 impl Axes {
     /// Creates axes around an area with some margin. A narrow strip gets a larger margin at its sides, so that the panel is
     /// neither too flat nor too tall.
-    pub fn around(least: Place, most: Place, room_mm: f64) -> Axes {
+    pub(crate) fn around(least: Place, most: Place, room_mm: f64) -> Axes {
         let (width_mm, height_mm) = (most.x_mm - least.x_mm + 2.0 * room_mm, most.y_mm - least.y_mm + 2.0 * room_mm);
         let beside_mm = room_mm + 0.5 * (height_mm / HIGHEST - width_mm).max(0.0);
         let above_mm = room_mm + 0.5 * (width_mm * LOWEST - height_mm).max(0.0);
@@ -142,12 +142,12 @@ impl Axes {
     }
 
     /// Creates a panel over the area.
-    pub fn panel(&self, marks: Vec<Mark>) -> Panel {
+    pub(crate) fn panel(&self, marks: Vec<Mark>) -> Panel {
         Panel { x: ChartAxis::linear("x, mm", self.x), y: ChartAxis::linear("y, mm", self.y), marks }
     }
 
     /// Returns the height of a panel for equal scales, with `columns` panels side by side, px.
-    pub fn height_px(&self, columns: usize) -> f64 {
+    pub(crate) fn height_px(&self, columns: usize) -> f64 {
         let beside_px = SHARED_GAP_PX * (columns as f64 - 1.0);
         let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
         width_px * (self.y.1 - self.y.0) / (self.x.1 - self.x.0)
@@ -155,13 +155,13 @@ impl Axes {
 }
 
 /// Returns a cell around a place.
-pub fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
+pub(crate) fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
     Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
 }
 
 /// Returns half the side of a cell, mm. On a grid the cells touch their neighbours. For irregular places the cell has the mean
 /// area per place.
-pub fn half_cell_mm(places: &[Place]) -> f64 {
+pub(crate) fn half_cell_mm(places: &[Place]) -> f64 {
     // extent, and how many coordinates there are
     let along = |coordinate: fn(&Place) -> f64| {
         let mut all: Vec<f64> = places.iter().map(coordinate).collect();

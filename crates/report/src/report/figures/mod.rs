@@ -7,11 +7,11 @@ mod locations;
 mod map;
 mod size;
 
-pub use errors::{dependences, distributions};
-pub use expected::expected;
-pub use locations::locations;
-pub use map::{Axes, cell, half_cell_mm};
-pub use size::{SQUARE_PX, WIDTH_PX};
+pub(super) use errors::{dependences, distributions};
+pub(super) use expected::expected;
+pub(super) use locations::locations;
+pub(super) use map::{Axes, cell, half_cell_mm};
+pub(super) use size::{SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
 use super::frame::{Drawn, Section};
@@ -20,7 +20,7 @@ use maud::html;
 use palpate_solver::Evaluation;
 
 /// Draws the readings of each unit: under load, during loading and unloading, and in the calibration at every place.
-pub fn units(subject: &Subject) -> Option<Section> {
+pub(super) fn units(subject: &Subject) -> Option<Section> {
     let of_load = characteristics::characteristics(subject).map(|drawn| drawn.named("output-against-load"));
     let of_place = map::matrix(subject).map(|drawn| drawn.named("output-by-place"));
     let drawn: Vec<Drawn> = [of_load, of_place].into_iter().flatten().collect();
@@ -29,7 +29,7 @@ pub fn units(subject: &Subject) -> Option<Section> {
 
 /// Colours and marks of the methods: first the method that takes the calibration point with the highest correlation, then the
 /// best method.
-pub const LOOKS: [Look; 2] = [
+pub(super) const LOOKS: [Look; 2] = [
     Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None },
     Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None },
 ];

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 use tokio::time::Instant;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "daqmx",
     meaning: "inputs of an NI device, read through NI's library",
     simulated: "a USB-6343, within a simulated run",

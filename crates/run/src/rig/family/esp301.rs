@@ -8,7 +8,7 @@ use palpate_sim::emulator;
 use palpate_sim::scene::Scene;
 use std::sync::Arc;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "esp301",
     meaning: "Newport ESP301 or ESP300 motion controller",
     simulated: "three VP-25XL axes that home automatically",

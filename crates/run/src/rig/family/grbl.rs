@@ -10,7 +10,7 @@ use palpate_sim::emulator::{GRBL_ROOM_MM, Grbl as Emulator, GrblBoard};
 use palpate_sim::scene::Scene;
 use std::sync::Arc;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "grbl",
     meaning: "GRBL 1.1 on a CNC frame or a converted printer",
     simulated: "GRBL 1.1h with limit switches, as long as the travel of the rig",

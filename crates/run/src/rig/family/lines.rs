@@ -13,7 +13,7 @@ use palpate_sim::emulator::lines::{Board, Firmware, Hx711, Hx711Sketch, Mark10, 
 use palpate_sim::scene::Device;
 use std::sync::Arc;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
     simulated: "hx711 and mark-10 as load cells, reskin, mlx90393-text and velostat-16 as arrays",

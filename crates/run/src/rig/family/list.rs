@@ -10,7 +10,7 @@ pub const FAMILIES: [&Family; 7] =
 /// Possible values of a role's `driver`, from the families that support the role.
 macro_rules! choice {
     ($role:ident) => {
-        pub mod $role {
+        pub(in crate::rig) mod $role {
             use super::*;
 
             const fn counts() -> (usize, usize) {
@@ -57,7 +57,7 @@ macro_rules! choice {
             const KEYS: Keys = Keys::one_of(&CASES);
 
             /// A word, a table, or either of the two.
-            pub const KIND: Kind = match WORDS.len() {
+            pub(in crate::rig) const KIND: Kind = match WORDS.len() {
                 0 => Kind::Table(&KEYS),
                 _ => Kind::Either(&[Kind::Word(&WORDS), Kind::Table(&KEYS)]),
             };

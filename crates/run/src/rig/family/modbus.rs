@@ -13,7 +13,7 @@ use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg,
 use palpate_sim::scene::Device;
 use std::sync::Arc;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "modbus",
     meaning: "any Modbus device with a register map",
     simulated: "generic-rs485, laumas-tlb, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",

@@ -16,7 +16,7 @@ use palpate_sim::scene::Scene;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "process",
     meaning: "your own program that uses the process protocol",
     simulated: "programs in memory that use the protocol",

@@ -11,7 +11,7 @@ use palpate_sim::emulator;
 use palpate_sim::scene::{Device, Scene};
 use std::sync::Arc;
 
-pub const FAMILY: Family = Family {
+pub(super) const FAMILY: Family = Family {
     name: "xps",
     meaning: "Newport XPS: three positioners in any groups, an analog input",
     simulated: "an XPS-Q8 with three VP-25XL axes, an input, a guard",

@@ -4,7 +4,7 @@ use super::errors::DaqmxStatus;
 use palpate_link::wire::daqmx::{DIFF, NRSE, RSE};
 
 /// Inputs of a USB-6343: from `ai0` on, each relative to ground.
-pub const INPUTS: u32 = 32;
+pub(super) const INPUTS: u32 = 32;
 /// `DAQmx_Val_Cfg_Default`: differential if the input allows it, otherwise against ground.
 const DEFAULT_TERMINAL: i32 = -1;
 /// Difference between the numbers of the two inputs of a differential pair.
@@ -18,7 +18,7 @@ const ROUNDING_V: f64 = 1e-9;
 
 /// One channel of a task: an input relative to ground or to another input, in a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Channel {
+pub(super) struct Channel {
     pub input: u32,
     /// Input that it is measured against; `None`: ground.
     pub against: Option<u32>,
@@ -26,7 +26,7 @@ pub struct Channel {
 }
 
 impl Channel {
-    pub fn new(input: u32, terminal: i32, least_v: f64, most_v: f64) -> Result<Self, DaqmxStatus> {
+    pub(super) fn new(input: u32, terminal: i32, least_v: f64, most_v: f64) -> Result<Self, DaqmxStatus> {
         // ai0 to ai7 and ai16 to ai23
         let paired = input % (2 * PAIR) < PAIR;
         let against = match terminal {
@@ -44,14 +44,14 @@ impl Channel {
     }
 
     /// Returns the converter's result for a voltage, V.
-    pub fn convert(&self, volts: f64) -> f64 {
+    pub(super) fn convert(&self, volts: f64) -> f64 {
         let step_v = self.range_v / STEPS;
         (volts / step_v).round().clamp(-STEPS, STEPS - 1.0) * step_v
     }
 }
 
 /// Returns the inputs of `Dev1/ai0`, `Dev1/ai0:8` or a comma-separated list of these, in order.
-pub fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, DaqmxStatus> {
+pub(super) fn inputs(physical: &str, device: &str) -> Result<Vec<u32>, DaqmxStatus> {
     let mut inputs = Vec::new();
     for part in physical.split(',') {
         let (name, input) = part.trim().split_once('/').ok_or(DaqmxStatus::NO_SUCH_DEVICE)?;

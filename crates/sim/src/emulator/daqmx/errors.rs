@@ -2,29 +2,29 @@
 
 /// An error of the library, by its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DaqmxStatus(pub i32);
+pub(super) struct DaqmxStatus(pub i32);
 
 impl DaqmxStatus {
-    pub const OUT_OF_MEMORY: DaqmxStatus = DaqmxStatus(-50352);
-    pub const RESERVED: DaqmxStatus = DaqmxStatus(-50103);
-    pub const BAD_VALUE: DaqmxStatus = DaqmxStatus(-200077);
-    pub const BAD_TASK: DaqmxStatus = DaqmxStatus(-200088);
-    pub const TASK_NAME_TAKEN: DaqmxStatus = DaqmxStatus(-200089);
-    pub const NO_SUCH_INPUT: DaqmxStatus = DaqmxStatus(-200170);
-    pub const NO_SUCH_DEVICE: DaqmxStatus = DaqmxStatus(-200220);
-    pub const BUFFER_TOO_SMALL: DaqmxStatus = DaqmxStatus(-200229);
-    pub const OVERRUN: DaqmxStatus = DaqmxStatus(-200279);
-    pub const NOT_THERE_IN_TIME: DaqmxStatus = DaqmxStatus(-200284);
-    pub const NO_CHANNELS: DaqmxStatus = DaqmxStatus(-200478);
-    pub const TASK_RUNS: DaqmxStatus = DaqmxStatus(-200479);
+    pub(super) const OUT_OF_MEMORY: DaqmxStatus = DaqmxStatus(-50352);
+    pub(super) const RESERVED: DaqmxStatus = DaqmxStatus(-50103);
+    pub(super) const BAD_VALUE: DaqmxStatus = DaqmxStatus(-200077);
+    pub(super) const BAD_TASK: DaqmxStatus = DaqmxStatus(-200088);
+    pub(super) const TASK_NAME_TAKEN: DaqmxStatus = DaqmxStatus(-200089);
+    pub(super) const NO_SUCH_INPUT: DaqmxStatus = DaqmxStatus(-200170);
+    pub(super) const NO_SUCH_DEVICE: DaqmxStatus = DaqmxStatus(-200220);
+    pub(super) const BUFFER_TOO_SMALL: DaqmxStatus = DaqmxStatus(-200229);
+    pub(super) const OVERRUN: DaqmxStatus = DaqmxStatus(-200279);
+    pub(super) const NOT_THERE_IN_TIME: DaqmxStatus = DaqmxStatus(-200284);
+    pub(super) const NO_CHANNELS: DaqmxStatus = DaqmxStatus(-200478);
+    pub(super) const TASK_RUNS: DaqmxStatus = DaqmxStatus(-200479);
 
     /// Returns the problem in a sentence; `None` for an unknown number.
-    pub fn text(self) -> Option<&'static str> {
+    pub(super) fn text(self) -> Option<&'static str> {
         TEXTS.iter().find(|(status, _)| *status == self).map(|(_, text)| *text)
     }
 
     /// Returns the complete message of the library, with the task concerned.
-    pub fn message(self, task: Option<&str>) -> String {
+    pub(super) fn message(self, task: Option<&str>) -> String {
         let text = self.text().unwrap_or("No text is known for this status code.");
         let task = task.map(|name| format!("Task Name: {name}\n\n")).unwrap_or_default();
         format!("{text}\n\n{task}Status Code: {}", self.0)

@@ -5,7 +5,7 @@ use crate::scene::{Scene, Trajectory};
 use palpate_core::quantity::Axis;
 
 /// Travel of a VP-25XL to either side of its middle, mm (its file in a public XPS configuration).
-pub const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
+pub(super) const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Largest speed of a VP-25XL, mm/s (same file).
 const STAGE_SPEED_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
@@ -18,7 +18,7 @@ const COUNTS_PER_MM: f64 = 200_000.0;
 const UNIT_COUNTS: u16 = 0;
 const UNIT_MM: u16 = 2;
 /// The highest `SN`: microradians.
-pub const UNIT_LAST: u16 = 11;
+pub(super) const UNIT_LAST: u16 = 11;
 /// Settings of a VP-25XL that clients read at the start, and that have no effect here. They are base and jog speeds, high and
 /// low, mm/s; following error, full-step resolution and gain. The values are examples; the commands are those of the manual.
 const SETTINGS: [(&[u8; 2], f64); 9] = [
@@ -37,7 +37,7 @@ const ROUNDING_MM: f64 = 1e-9;
 
 /// One axis: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates, unless a name contains
 /// `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the axis is homed.
-pub struct Drive {
+pub(super) struct Drive {
     axis: Axis,
     pub motor_on: bool,
     /// True place minus count, mm.
@@ -73,7 +73,7 @@ enum Errand {
 
 impl Drive {
     /// Creates an axis at power-on: its present place counts as zero, and its motor is off.
-    pub fn new(axis: Axis, scene: &Scene) -> Self {
+    pub(super) fn new(axis: Axis, scene: &Scene) -> Self {
         let place_mm = scene.motion(axis).end_mm();
         Drive {
             axis,
@@ -95,22 +95,22 @@ impl Drive {
     }
 
     /// Returns an error of this axis.
-    pub fn fault(&self, fault: AxisFault) -> EspError {
+    pub(super) fn fault(&self, fault: AxisFault) -> EspError {
         EspError::OfAxis(self.axis, fault)
     }
 
     /// Whether the axis moves (`MD?` is 0), as of the last [`notice`](Self::notice).
-    pub fn moving(&self) -> bool {
+    pub(super) fn moving(&self) -> bool {
         self.errand != Errand::Idle
     }
 
     /// Time at which the controller expects the motion to end, s.
-    pub fn end_s(&self, scene: &Scene) -> f64 {
+    pub(super) fn end_s(&self, scene: &Scene) -> f64 {
         scene.motion(self.axis).end_s()
     }
 
     /// Applies the effects of a motion that has ended by `now_s`. Returns the error, if there is one, and its time, s.
-    pub fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(EspError, f64)> {
+    pub(super) fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(EspError, f64)> {
         let end_s = self.end_s(scene);
         if self.errand == Errand::Idle || now_s < end_s {
             return None;
@@ -126,7 +126,7 @@ impl Drive {
     }
 
     /// Returns the axis position in counts, in the unit of `SN` (mm, unless it is encoder counts), as `TP` writes it.
-    pub fn place(&self, scene: &mut Scene, now_s: f64) -> String {
+    pub(super) fn place(&self, scene: &mut Scene, now_s: f64) -> String {
         let count_mm = scene.axis(self.axis, now_s).0 - self.offset_mm;
         if self.unit == UNIT_COUNTS {
             format!("{:.0}", (count_mm * COUNTS_PER_MM).round() + 0.0)
@@ -136,13 +136,13 @@ impl Drive {
     }
 
     /// Returns the target, mm, as `PA?` writes it.
-    pub fn target(&self) -> String {
+    pub(super) fn target(&self) -> String {
         decimal(self.target_mm - self.offset_mm)
     }
 
     /// `PA`: moves to a count at `VA`. Beyond a soft limit it doesn't move at all; beyond the travel, it moves to the end of the
     /// travel.
-    pub fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+    pub(super) fn go_to(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let fault = match count_mm {
             right if right > self.right_limit_count_mm => Some(AxisFault::PLUS_SOFTWARE_LIMIT),
@@ -159,14 +159,14 @@ impl Drive {
     }
 
     /// `PR`: moves by a distance from the present position, at `VA`.
-    pub fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+    pub(super) fn go_by(&mut self, way_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         let count_mm = self.commanded(scene, now_s).0 - self.offset_mm;
         self.go_to(count_mm + way_mm, scene, now_s)
     }
 
     /// `OR`: mode 0 moves to count zero, 1 and 2 to the mark in the middle of the travel, 3 to 6 to the + or - end. The place where
     /// the search ends has the count that `SH` states, 0 as shipped; mode 0 leaves the count unchanged (manual, pages OR and SH).
-    pub fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+    pub(super) fn home(&mut self, mode: u8, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.may_move()?;
         let place_mm = match mode {
             0 => self.offset_mm.clamp(-TRAVEL_MM, TRAVEL_MM),
@@ -180,25 +180,25 @@ impl Drive {
     }
 
     /// `DH`: the present position of the axis becomes `count_mm`.
-    pub fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+    pub(super) fn define(&mut self, count_mm: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
         self.stands()?;
         self.offset_mm = self.commanded(scene, now_s).0 - count_mm;
         Ok(())
     }
 
     /// `ST`: stops the axis with `AG`. Returns whether it interrupted a homing.
-    pub fn stop(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+    pub(super) fn stop(&mut self, scene: &mut Scene, now_s: f64) -> bool {
         self.brake(self.deceleration_mm_s2, scene, now_s)
     }
 
     /// `AB` and `MF`: stops the axis as hard as possible and turns the motor off. Returns whether it interrupted a homing.
-    pub fn cut_power(&mut self, scene: &mut Scene, now_s: f64) -> bool {
+    pub(super) fn cut_power(&mut self, scene: &mut Scene, now_s: f64) -> bool {
         self.motor_on = false;
         self.brake(STAGE_ACCELERATION_MM_S2, scene, now_s)
     }
 
     /// Returns the value of a command that sets and reports a number.
-    pub fn number(&self, name: &[u8; 2]) -> Option<f64> {
+    pub(super) fn number(&self, name: &[u8; 2]) -> Option<f64> {
         Some(match name {
             b"VA" => self.speed_mm_s,
             b"VU" => self.most_speed_mm_s,
@@ -214,7 +214,13 @@ impl Drive {
 
     /// Sets such a number after a check against the limits of the stage and the other numbers. `VA` also changes a move under
     /// way.
-    pub fn set_number(&mut self, name: &[u8; 2], value: f64, scene: &mut Scene, now_s: f64) -> Result<(), EspError> {
+    pub(super) fn set_number(
+        &mut self,
+        name: &[u8; 2],
+        value: f64,
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), EspError> {
         // what is no place is above zero
         let above = f64::MIN_POSITIVE;
         let (slot, least, most) = match name {
@@ -312,6 +318,6 @@ impl Drive {
 }
 
 /// Returns a number as the controller writes it: four decimals, and zero without a sign.
-pub fn decimal(value: f64) -> String {
+pub(super) fn decimal(value: f64) -> String {
     format!("{:.4}", (value * 1e4).round() / 1e4 + 0.0)
 }

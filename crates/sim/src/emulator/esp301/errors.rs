@@ -11,7 +11,7 @@ const TICKS_HZ: f64 = 2500.0;
 
 /// Errors of the controller: the codes of the manual's table that are possible with three axes and no options.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EspError {
+pub(super) enum EspError {
     /// An error that concerns no axis.
     General(General),
     /// An error of an axis; the hundreds of its code are the axis.
@@ -21,39 +21,39 @@ pub enum EspError {
 /// Errors below 100, and their texts. Only the text of the hardware limit is known from a real controller; the others follow its
 /// style.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct General(u16, &'static str);
+pub(super) struct General(u16, &'static str);
 
 impl General {
-    pub const UNKNOWN_COMMAND: General = General(6, "COMMAND DOES NOT EXIST");
-    pub const PARAMETER_OUT_OF_RANGE: General = General(7, "PARAMETER OUT OF RANGE");
-    pub const AXIS_OUT_OF_RANGE: General = General(9, "AXIS NUMBER OUT OF RANGE");
-    pub const NOT_ALLOWED: General = General(27, "COMMAND NOT ALLOWED");
-    pub const AXIS_MISSING: General = General(37, "AXIS NUMBER MISSING");
-    pub const PARAMETER_MISSING: General = General(38, "COMMAND PARAMETER MISSING");
+    pub(super) const UNKNOWN_COMMAND: General = General(6, "COMMAND DOES NOT EXIST");
+    pub(super) const PARAMETER_OUT_OF_RANGE: General = General(7, "PARAMETER OUT OF RANGE");
+    pub(super) const AXIS_OUT_OF_RANGE: General = General(9, "AXIS NUMBER OUT OF RANGE");
+    pub(super) const NOT_ALLOWED: General = General(27, "COMMAND NOT ALLOWED");
+    pub(super) const AXIS_MISSING: General = General(37, "AXIS NUMBER MISSING");
+    pub(super) const PARAMETER_MISSING: General = General(38, "COMMAND PARAMETER MISSING");
 }
 
 /// Errors of an axis, without the hundreds, and their texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AxisFault(u16, &'static str);
+pub(super) struct AxisFault(u16, &'static str);
 
 impl AxisFault {
-    pub const PARAMETER_OUT_OF_RANGE: AxisFault = AxisFault(1, "PARAMETER OUT OF RANGE");
-    pub const PLUS_HARDWARE_LIMIT: AxisFault = AxisFault(4, "POSITIVE HARDWARE LIMIT DETECTED");
-    pub const MINUS_HARDWARE_LIMIT: AxisFault = AxisFault(5, "NEGATIVE HARDWARE LIMIT DETECTED");
-    pub const PLUS_SOFTWARE_LIMIT: AxisFault = AxisFault(6, "POSITIVE SOFTWARE LIMIT DETECTED");
-    pub const MINUS_SOFTWARE_LIMIT: AxisFault = AxisFault(7, "NEGATIVE SOFTWARE LIMIT DETECTED");
-    pub const SPEED_BEYOND_MOST: AxisFault = AxisFault(10, "MAXIMUM VELOCITY EXCEEDED");
-    pub const ACCELERATION_BEYOND_MOST: AxisFault = AxisFault(11, "MAXIMUM ACCELERATION EXCEEDED");
-    pub const MOTOR_NOT_ENABLED: AxisFault = AxisFault(13, "MOTOR NOT ENABLED");
-    pub const HOMING_ABORTED: AxisFault = AxisFault(20, "HOMING ABORTED");
-    pub const SPEED_OUT_OF_RANGE: AxisFault = AxisFault(24, "SPEED OUT OF RANGE");
-    pub const WHILE_HOMING: AxisFault = AxisFault(30, "COMMAND NOT ALLOWED DURING HOMING");
-    pub const WHILE_MOVING: AxisFault = AxisFault(32, "COMMAND NOT ALLOWED DURING TRAJECTORY EXECUTION");
+    pub(super) const PARAMETER_OUT_OF_RANGE: AxisFault = AxisFault(1, "PARAMETER OUT OF RANGE");
+    pub(super) const PLUS_HARDWARE_LIMIT: AxisFault = AxisFault(4, "POSITIVE HARDWARE LIMIT DETECTED");
+    pub(super) const MINUS_HARDWARE_LIMIT: AxisFault = AxisFault(5, "NEGATIVE HARDWARE LIMIT DETECTED");
+    pub(super) const PLUS_SOFTWARE_LIMIT: AxisFault = AxisFault(6, "POSITIVE SOFTWARE LIMIT DETECTED");
+    pub(super) const MINUS_SOFTWARE_LIMIT: AxisFault = AxisFault(7, "NEGATIVE SOFTWARE LIMIT DETECTED");
+    pub(super) const SPEED_BEYOND_MOST: AxisFault = AxisFault(10, "MAXIMUM VELOCITY EXCEEDED");
+    pub(super) const ACCELERATION_BEYOND_MOST: AxisFault = AxisFault(11, "MAXIMUM ACCELERATION EXCEEDED");
+    pub(super) const MOTOR_NOT_ENABLED: AxisFault = AxisFault(13, "MOTOR NOT ENABLED");
+    pub(super) const HOMING_ABORTED: AxisFault = AxisFault(20, "HOMING ABORTED");
+    pub(super) const SPEED_OUT_OF_RANGE: AxisFault = AxisFault(24, "SPEED OUT OF RANGE");
+    pub(super) const WHILE_HOMING: AxisFault = AxisFault(30, "COMMAND NOT ALLOWED DURING HOMING");
+    pub(super) const WHILE_MOVING: AxisFault = AxisFault(32, "COMMAND NOT ALLOWED DURING TRAJECTORY EXECUTION");
 }
 
 impl EspError {
     /// Returns the code as the controller reports it: 104 is fault 4 of axis 1.
-    pub fn code(self) -> u16 {
+    pub(super) fn code(self) -> u16 {
         match self {
             EspError::General(General(code, _)) => code,
             EspError::OfAxis(axis, AxisFault(code, _)) => 100 * (axis.index() as u16 + 1) + code,
@@ -77,13 +77,13 @@ impl From<General> for EspError {
 
 /// Queue that both `TE` and `TB` read and empty (manual, pages TE and TB).
 #[derive(Default)]
-pub struct ErrorQueue {
+pub(super) struct ErrorQueue {
     entries: VecDeque<(EspError, i32)>,
 }
 
 impl ErrorQueue {
     /// Adds a fault that happened at `at_s`.
-    pub fn push(&mut self, fault: EspError, at_s: f64) {
+    pub(super) fn push(&mut self, fault: EspError, at_s: f64) {
         if self.entries.len() == QUEUE_MOST {
             self.entries.pop_front();
         }
@@ -91,12 +91,12 @@ impl ErrorQueue {
     }
 
     /// Returns the answer to `TE`: the oldest error's code, or 0 if there is no error.
-    pub fn pop_code(&mut self) -> String {
+    pub(super) fn pop_code(&mut self) -> String {
         self.entries.pop_front().map_or(0, |(fault, _)| fault.code()).to_string()
     }
 
     /// Returns the answer to `TB`: the oldest error's code, its time (ticks) and its text. Without an error, the time is now.
-    pub fn pop_message(&mut self, now_s: f64) -> String {
+    pub(super) fn pop_message(&mut self, now_s: f64) -> String {
         match self.entries.pop_front() {
             Some((fault, ticks)) => format!("{}, {ticks}, {}", fault.code(), fault.text()),
             None => format!("0, {}, NO ERROR DETECTED", ticks(now_s)),

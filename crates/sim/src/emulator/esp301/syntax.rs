@@ -11,7 +11,7 @@ const WAIT: [u8; 2] = *b"WS";
 
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
 #[derive(Debug, PartialEq)]
-pub struct Command {
+pub(super) struct Command {
     /// Number before the letters, as sent.
     axis: Option<u32>,
     /// The two letters, in capitals.
@@ -22,7 +22,7 @@ pub struct Command {
 
 /// Argument after a command's letters.
 #[derive(Debug, PartialEq)]
-pub enum Argument {
+pub(super) enum Argument {
     /// No argument.
     None,
     /// A question mark.
@@ -33,7 +33,7 @@ pub enum Argument {
 
 /// Takes the next line, or the part of it up to a wait. CR ends a line; an LF after it has no meaning. Of a line that is too
 /// long, enough is kept to show that it is too long.
-pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+pub(super) fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     loop {
         let Some(end) = inbox.iter().position(|&byte| byte == b'\r') else {
             inbox.truncate(LINE_MOST + 2); // an LF may lead it
@@ -49,7 +49,7 @@ pub fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 
 /// Returns the commands of a line, in order. They are separated by `;`, and blanks have no meaning. A line that is too long
 /// contains no commands.
-pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
+pub(super) fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
     if line.len() > LINE_MOST {
         return vec![Err(General::UNKNOWN_COMMAND.into())];
     }
@@ -59,7 +59,7 @@ pub fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
 
 impl Command {
     /// Returns the axis of a command that needs one.
-    pub fn axis(&self) -> Result<Axis, EspError> {
+    pub(super) fn axis(&self) -> Result<Axis, EspError> {
         match self.axis {
             None => Err(General::AXIS_MISSING.into()),
             Some(number @ 1..=3) => Ok(Axis::ALL[number as usize - 1]),
@@ -68,7 +68,7 @@ impl Command {
     }
 
     /// Returns the axis of a command that can concern all axes; `None` means all (no number, or 0).
-    pub fn axis_or_all(&self) -> Result<Option<Axis>, EspError> {
+    pub(super) fn axis_or_all(&self) -> Result<Option<Axis>, EspError> {
         match self.axis {
             None | Some(0) => Ok(None),
             Some(_) => self.axis().map(Some),
@@ -78,13 +78,13 @@ impl Command {
 
 impl Argument {
     /// Whether the command is a query, or a bare `T` command (report).
-    pub fn tells(&self) -> bool {
+    pub(super) fn tells(&self) -> bool {
         !matches!(self, Argument::Value(_))
     }
 
     /// Returns the number of a command that needs one: digits, a sign, a point. Returns `out_of_range` if the text isn't a
     /// number. An exponent isn't among the forms seen on real controllers.
-    pub fn number(&self, out_of_range: EspError) -> Result<f64, EspError> {
+    pub(super) fn number(&self, out_of_range: EspError) -> Result<f64, EspError> {
         match self {
             Argument::Value(text) if text.bytes().all(|byte| byte.is_ascii_digit() || b"+-.".contains(&byte)) => {
                 text.parse().map_err(|_| out_of_range)
@@ -95,7 +95,7 @@ impl Argument {
     }
 
     /// Returns the number, or a default if there is no argument.
-    pub fn number_or(&self, default: f64, out_of_range: EspError) -> Result<f64, EspError> {
+    pub(super) fn number_or(&self, default: f64, out_of_range: EspError) -> Result<f64, EspError> {
         if *self == Argument::None { Ok(default) } else { self.number(out_of_range) }
     }
 }

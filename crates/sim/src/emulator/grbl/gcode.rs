@@ -7,7 +7,7 @@ const NOT_NEGATIVE: [u8; 3] = *b"FNP";
 
 /// Motion mode of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MotionMode {
+pub(super) enum MotionMode {
     /// G0: at the largest rate.
     Rapid,
     /// G1: at the feed rate.
@@ -16,7 +16,7 @@ pub enum MotionMode {
 
 /// Modal state of the parser, limited to the part that affects motions.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Modal {
+pub(super) struct Modal {
     /// G0 or G1.
     pub motion: MotionMode,
     /// G91.
@@ -35,7 +35,7 @@ impl Default for Modal {
 
 /// Content of a line, as its words alone show it.
 #[derive(Debug, Default, PartialEq)]
-pub struct Block {
+pub(super) struct Block {
     motion: Option<MotionMode>,
     action: Option<Action>,
     machine: bool,
@@ -52,7 +52,7 @@ enum Action {
 
 /// The meaning of a line.
 #[derive(Debug, PartialEq)]
-pub enum BlockOrder {
+pub(super) enum BlockOrder {
     /// No action that takes time.
     Nothing,
     /// Motion to a place in machine coordinates, mm, at a feed, mm/min, or as fast as possible.
@@ -63,7 +63,7 @@ pub enum BlockOrder {
 
 impl Block {
     /// Parses the words of a line: letters and numbers, nothing between.
-    pub fn parse(line: &str) -> Result<Block, GrblError> {
+    pub(super) fn parse(line: &str) -> Result<Block, GrblError> {
         let mut block = Block::default();
         let mut rest = line.as_bytes();
         while let Some((&letter, after)) = rest.split_first() {
@@ -90,13 +90,13 @@ impl Block {
     }
 
     /// The seconds of a G4.
-    pub fn dwell_s(&self) -> Option<f64> {
+    pub(super) fn dwell_s(&self) -> Option<f64> {
         self.value(b'P').filter(|_| self.action == Some(Action::Dwell))
     }
 
     /// Updates the modal state and returns the resulting action. `at_mm` is the end of the motions so far, in machine
     /// coordinates. After an error the modal state is unchanged.
-    pub fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
+    pub(super) fn execute(&self, modal: &mut Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         let mut next = modal.clone();
         next.motion = self.motion.unwrap_or(next.motion);
         next.incremental = self.incremental.unwrap_or(next.incremental);
@@ -133,7 +133,7 @@ impl Block {
     }
 
     /// Returns the action of a `$J=` line. The line uses the modal state but doesn't change it.
-    pub fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
+    pub(super) fn jog(&self, modal: &Modal, at_mm: [f64; 3]) -> Result<BlockOrder, GrblError> {
         if self.action.is_some() || self.motion.is_some() {
             return Err(GrblError::BadJog);
         }
@@ -194,7 +194,7 @@ impl Block {
 }
 
 /// Parses a number at the front (a sign, digits, a point, no exponent). Returns it with the rest of the text.
-pub fn number(text: &[u8]) -> Option<(f64, &[u8])> {
+pub(super) fn number(text: &[u8]) -> Option<(f64, &[u8])> {
     let sign = usize::from(matches!(text.first(), Some(b'+' | b'-')));
     let length = text[sign..].iter().take_while(|&&byte| byte.is_ascii_digit() || byte == b'.').count();
     let (number, rest) = text.split_at(sign + length);

@@ -6,7 +6,7 @@ const LINE_MOST: usize = 79;
 /// Reads GRBL's serial line byte by byte. Real-time bytes are taken out at any position. The other bytes are joined to lines,
 /// without blanks and comments and in capitals.
 #[derive(Default)]
-pub struct LineReader {
+pub(super) struct LineReader {
     text: Vec<u8>,
     overlong: bool,
     /// Character that ends the comment being skipped.
@@ -15,7 +15,7 @@ pub struct LineReader {
 
 /// Complete input.
 #[derive(Debug, PartialEq)]
-pub enum Input {
+pub(super) enum Input {
     /// A byte that acts at once and belongs to no line.
     RealTime(u8),
     /// A line; `None` if it had more than [`LINE_MOST`] characters.
@@ -25,7 +25,7 @@ pub enum Input {
 impl LineReader {
     /// Takes bytes from the front of the inbox until an input is complete. No incomplete input stays in the inbox, and at most
     /// one line stays in this reader.
-    pub fn take(&mut self, inbox: &mut Vec<u8>) -> Option<Input> {
+    pub(super) fn take(&mut self, inbox: &mut Vec<u8>) -> Option<Input> {
         for taken in 0..inbox.len() {
             if let Some(input) = self.read(inbox[taken]) {
                 inbox.drain(..=taken);
@@ -37,7 +37,7 @@ impl LineReader {
     }
 
     /// Discards the incomplete line.
-    pub fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         *self = LineReader::default();
     }
 

@@ -7,7 +7,7 @@ use palpate_core::quantity::Axis;
 use std::collections::VecDeque;
 
 /// Number of blocks that the planner holds.
-pub const BLOCKS_MOST: usize = 15;
+pub(super) const BLOCKS_MOST: usize = 15;
 /// Axes that GRBL homes together, in order. z is first, so that it is out of the way.
 const HOMING_TURNS: [&[Axis]; 2] = [&[Axis::Z], &[Axis::X, Axis::Y]];
 /// Ratio of the deceleration after a cut-off of the steps to the normal braking. GRBL doesn't count the remaining motion.
@@ -20,7 +20,7 @@ const ROUNDING: f64 = 1e-9;
 ///
 /// Blocks are planned ahead as motions of the scene, so they run even if nobody asks. An axis stops at each corner (GRBL would
 /// round it, slowly). Blocks on one line at one rate are joined into one block.
-pub struct Machine {
+pub(super) struct Machine {
     /// The frame and the settings.
     pub board: Board,
     /// True place minus counted place, mm.
@@ -32,7 +32,7 @@ pub struct Machine {
 
 /// Request of a line: a motion to a place, machine mm, at a feed, mm/min, or as fast as possible.
 #[derive(Clone, Copy, Debug)]
-pub struct PlannedLine {
+pub(super) struct PlannedLine {
     /// Target of the motion.
     pub to_mm: [f64; 3],
     /// Speed of the motion.
@@ -59,7 +59,7 @@ struct Block {
 
 /// Activity of the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Activity {
+pub(super) enum Activity {
     /// No motion.
     Idle,
     /// Lines with G0 and G1.
@@ -70,7 +70,7 @@ pub enum Activity {
 
 /// The result of a search for home.
 #[derive(Clone, Copy, Debug)]
-pub struct Homed {
+pub(super) struct Homed {
     /// Time of the end, s.
     pub end_s: f64,
     /// True place minus counted place at that time, mm.
@@ -79,19 +79,19 @@ pub struct Homed {
 
 impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
-    pub fn new(board: Board, scene: &Scene) -> Self {
+    pub(super) fn new(board: Board, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
         Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None }
     }
 
     /// Switches the controller off and on: the axes stop, and their present places count as zero.
-    pub fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn power_cycle(&mut self, scene: &mut Scene, now_s: f64) {
         self.cut_off(scene, now_s);
         self.offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
     }
 
     /// Applies the effects of everything that has ended by `now_s`.
-    pub fn settle(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn settle(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(cancelled_s) = self.cancelled_s {
             if now_s >= cancelled_s {
                 self.blocks.clear();
@@ -110,7 +110,7 @@ impl Machine {
     }
 
     /// Activity of the axes, as of the last [`settle`](Self::settle).
-    pub fn activity(&self) -> Activity {
+    pub(super) fn activity(&self) -> Activity {
         match self.blocks.front() {
             None => Activity::Idle,
             Some(block) if block.jog => Activity::Jog,
@@ -119,7 +119,7 @@ impl Machine {
     }
 
     /// Time at which another block can be accepted, s. This is at once unless the planner is full or a motion is being cancelled.
-    pub fn ready_s(&self) -> f64 {
+    pub(super) fn ready_s(&self) -> f64 {
         match (self.cancelled_s, self.blocks.front()) {
             (Some(cancelled_s), _) => cancelled_s,
             (None, Some(front)) if self.blocks.len() == BLOCKS_MOST => front.end_s,
@@ -128,27 +128,27 @@ impl Machine {
     }
 
     /// Time at which all planned motions have ended, s.
-    pub fn end_s(&self) -> f64 {
+    pub(super) fn end_s(&self) -> f64 {
         self.cancelled_s.unwrap_or_else(|| self.blocks.back().map_or(0.0, |block| block.end_s))
     }
 
     /// Positions of the axes, machine mm, rounded to steps.
-    pub fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+    pub(super) fn places_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         self.whole_steps(std::array::from_fn(|n| scene.motion(Axis::ALL[n]).position_mm(now_s) - self.offset_mm[n]))
     }
 
     /// End of the planned motions, machine mm.
-    pub fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
+    pub(super) fn end_mm(&self, scene: &Scene, now_s: f64) -> [f64; 3] {
         self.blocks.back().map_or_else(|| self.places_mm(scene, now_s), |block| block.to_mm)
     }
 
     /// Speed of the tool, mm/s.
-    pub fn speed_mm_s(&self, scene: &Scene, now_s: f64) -> f64 {
+    pub(super) fn speed_mm_s(&self, scene: &Scene, now_s: f64) -> f64 {
         Axis::ALL.map(|axis| scene.motion(axis).speed_mm_s(now_s).powi(2)).iter().sum::<f64>().sqrt()
     }
 
     /// Axes whose limit switch is pressed.
-    pub fn switches(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
+    pub(super) fn switches(&self, scene: &Scene, now_s: f64) -> [bool; 3] {
         std::array::from_fn(|n| {
             let (min_mm, max_mm) = self.board.ends_mm(n);
             let place_mm = scene.motion(Axis::ALL[n]).position_mm(now_s);
@@ -157,7 +157,7 @@ impl Machine {
     }
 
     /// Plans one more line. There is always room, because GRBL checks this first ([`ready_s`](Self::ready_s)).
-    pub fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
+    pub(super) fn add(&mut self, line: PlannedLine, scene: &mut Scene, now_s: f64) {
         let from_mm = self.end_mm(scene, now_s);
         let to_mm = self.whole_steps(line.to_mm);
         let way_mm: [f64; 3] = std::array::from_fn(|n| to_mm[n] - from_mm[n]);
@@ -189,7 +189,7 @@ impl Machine {
     }
 
     /// Starts all blocks again, from the present places and speeds of the axes.
-    pub fn plan(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn plan(&mut self, scene: &mut Scene, now_s: f64) {
         if self.cancelled_s.is_some() || self.blocks.is_empty() {
             return;
         }
@@ -223,7 +223,7 @@ impl Machine {
     }
 
     /// Brakes, and removes all blocks when the axes are at rest.
-    pub fn cancel(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn cancel(&mut self, scene: &mut Scene, now_s: f64) {
         if let Some(front) = self.blocks.front().filter(|_| self.cancelled_s.is_none()) {
             let decelerations_mm_s2 = front.way.map(|way| way.abs() * front.acceleration_mm_s2);
             self.cancelled_s = Some(self.brake(decelerations_mm_s2, scene, now_s));
@@ -231,7 +231,7 @@ impl Machine {
     }
 
     /// Stops the steps at once and removes all blocks. The count stays unchanged, but moving axes continue a little by inertia.
-    pub fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn cut_off(&mut self, scene: &mut Scene, now_s: f64) {
         let counted_mm = self.places_mm(scene, now_s);
         let coasts = self.speed_mm_s(scene, now_s) > 0.0;
         self.blocks.clear();
@@ -246,7 +246,7 @@ impl Machine {
 
     /// Homes all axes: to the switch at the seek rate, off it, to it at the locate rate, off it. Only a search that has reached
     /// its end [counts](Self::is_home).
-    pub fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
+    pub(super) fn home(&mut self, scene: &mut Scene, now_s: f64) -> Homed {
         self.cut_off(scene, now_s);
         let mut from_s = Axis::ALL.into_iter().map(|axis| scene.motion(axis).end_s()).fold(now_s, f64::max);
         let mut offset_mm = self.offset_mm;
@@ -266,7 +266,7 @@ impl Machine {
     }
 
     /// Ends the search for home: the position is now known.
-    pub fn is_home(&mut self, homed: Homed) {
+    pub(super) fn is_home(&mut self, homed: Homed) {
         self.offset_mm = homed.offset_mm;
     }
 

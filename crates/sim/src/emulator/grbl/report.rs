@@ -5,7 +5,7 @@ use super::machine::BLOCKS_MOST;
 use std::fmt::Write;
 
 /// Bytes of the serial line that GRBL buffers.
-pub const RX_MOST: usize = 128;
+pub(super) const RX_MOST: usize = 128;
 /// Number of reports from one report with the work offset to the next, during a motion and at rest.
 const OFFSET_EVERY: (u8, u8) = (30, 10);
 /// Number of reports from one report with the overrides to the next, during a motion and at rest.
@@ -13,13 +13,13 @@ const OVERRIDES_EVERY: (u8, u8) = (20, 10);
 
 /// Counter of status reports. Data that seldom change are only in some reports.
 #[derive(Default)]
-pub struct Reporter {
+pub(super) struct Reporter {
     offset_in: u8,
     overrides_in: u8,
 }
 
 /// Content of a status report.
-pub struct StatusReport {
+pub(super) struct StatusReport {
     /// Name of the state.
     pub state: String,
     /// Whether an axis moves.
@@ -36,12 +36,12 @@ pub struct StatusReport {
 
 impl Reporter {
     /// Notes that the offset has changed; the next report contains it.
-    pub fn offset_changed(&mut self) {
+    pub(super) fn offset_changed(&mut self) {
         self.offset_in = 0;
     }
 
     /// Returns the line that answers `?`.
-    pub fn status(&mut self, status: &StatusReport) -> String {
+    pub(super) fn status(&mut self, status: &StatusReport) -> String {
         let mut line = format!("<{}|MPos:{}", status.state, places(status.places_mm));
         // writing to a string can't fail
         let _ = write!(line, "|FS:{:.0},0", status.speed_mm_s * 60.0);
@@ -69,7 +69,7 @@ impl Reporter {
 }
 
 /// Returns the lines of `$#`.
-pub fn parameters(modal: &Modal) -> Vec<String> {
+pub(super) fn parameters(modal: &Modal) -> Vec<String> {
     let zero = places([0.0; 3]);
     let systems = (54..=59).chain([28, 30]).map(|system| format!("[G{system}:{zero}]"));
     let rest = [format!("[G92:{}]", places(modal.g92_mm)), "[TLO:0.000]".into(), format!("[PRB:{zero}:0]")];
@@ -77,14 +77,14 @@ pub fn parameters(modal: &Modal) -> Vec<String> {
 }
 
 /// Returns the line of `$G`.
-pub fn modes(modal: &Modal) -> String {
+pub(super) fn modes(modal: &Modal) -> String {
     let (motion, distance) = (u8::from(modal.motion == MotionMode::Feed), 90 + u8::from(modal.incremental));
     format!("[GC:G{motion} G54 G17 G21 G{distance} G94 M5 M9 T0 F{:.0} S0]", modal.feed_mm_min)
 }
 
 /// Returns the lines of `$I`: option V, a spindle with variable speed, and perhaps Z, an origin set by homing; then the sizes of the
 /// buffers.
-pub fn build_info(sets_origin: bool) -> [String; 2] {
+pub(super) fn build_info(sets_origin: bool) -> [String; 2] {
     let options = if sets_origin { "VZ" } else { "V" };
     ["[VER:1.1h.20190825:]".into(), format!("[OPT:{options},{BLOCKS_MOST},{RX_MOST}]")]
 }

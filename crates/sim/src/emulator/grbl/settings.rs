@@ -50,18 +50,18 @@ const READY: [(u16, f64); 34] = [
 /// Settings that are floating-point numbers; the others are whole numbers.
 const FLOATS: [std::ops::RangeInclusive<u16>; 4] = [11..=12, 24..=25, 27..=27, 100..=132];
 
-pub const SOFT_LIMITS: u16 = 20;
-pub const HOMING: u16 = 22;
-pub const HOMING_DIRECTION: u16 = 23;
+pub(super) const SOFT_LIMITS: u16 = 20;
+pub(super) const HOMING: u16 = 22;
+pub(super) const HOMING_DIRECTION: u16 = 23;
 const LOCATE_MM_MIN: u16 = 24;
 const SEEK_MM_MIN: u16 = 25;
 const DEBOUNCE_MS: u16 = 26;
 const PULL_OFF_MM: u16 = 27;
 // the first of three, for x
 const STEPS_PER_MM: u16 = 100;
-pub const RATE_MM_MIN: u16 = 110;
-pub const ACCELERATION_MM_S2: u16 = 120;
-pub const TRAVEL_MM: u16 = 130;
+pub(super) const RATE_MM_MIN: u16 = 110;
+pub(super) const ACCELERATION_MM_S2: u16 = 120;
+pub(super) const TRAVEL_MM: u16 = 130;
 
 impl Default for Settings {
     fn default() -> Self {

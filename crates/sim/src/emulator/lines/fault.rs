@@ -87,23 +87,23 @@ pub enum LineFaultKind {
 pub(super) struct Faults(Vec<LineFault>);
 
 impl Faults {
-    pub fn add(&mut self, fault: LineFault) {
+    pub(super) fn add(&mut self, fault: LineFault) {
         self.0.push(fault);
     }
 
     /// End of a fault of this kind that is present at `at_s`, s.
-    pub fn end_s(&self, kind: LineFaultKind, at_s: f64) -> Option<f64> {
+    pub(super) fn end_s(&self, kind: LineFaultKind, at_s: f64) -> Option<f64> {
         let ends = self.0.iter().filter(|fault| fault.kind == kind && fault.at_s <= at_s);
         ends.map(|fault| fault.at_s + fault.for_s).filter(|&end_s| at_s < end_s).reduce(f64::max)
     }
 
     /// Time of the next reset, s; infinite if there is none.
-    pub fn next_reset_s(&self) -> f64 {
+    pub(super) fn next_reset_s(&self) -> f64 {
         self.resets().map(|(_, fault)| fault.at_s).fold(f64::INFINITY, f64::min)
     }
 
     /// Takes the first reset up to `until_s`.
-    pub fn take_reset(&mut self, until_s: f64) -> Option<LineFault> {
+    pub(super) fn take_reset(&mut self, until_s: f64) -> Option<LineFault> {
         let first = self.resets().min_by(|(_, a), (_, b)| a.at_s.total_cmp(&b.at_s));
         let (index, _) = first.filter(|(_, fault)| fault.at_s <= until_s)?;
         Some(self.0.swap_remove(index))

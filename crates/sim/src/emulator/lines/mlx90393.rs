@@ -4,7 +4,7 @@ use crate::scene::Scene;
 
 /// Time of `setup()` of the sketches, s: 10 ms, then some 5 ms for each of five chips (two waits of 2 ms in `MLX90393::begin`, and its
 /// registers).
-pub const SETUP_S: f64 = 0.035;
+pub(super) const SETUP_S: f64 = 0.035;
 
 /// Number of magnetic channels of a chip.
 const AXES: usize = 3;

@@ -62,13 +62,13 @@ struct Transmission {
 }
 
 impl Uart {
-    pub fn new(baud: Option<f64>) -> Self {
+    pub(super) fn new(baud: Option<f64>) -> Self {
         let byte_s = baud.map_or(0.0, |baud| BITS_PER_BYTE / baud);
         Uart { byte_s, under_way: VecDeque::new(), waiting: 0, free_s: 0.0 }
     }
 
     /// Sends bytes from `at_s` on, after those under way. Returns the time at which the last byte is sent, s.
-    pub fn send(&mut self, bytes: Vec<u8>, at_s: f64) -> f64 {
+    pub(super) fn send(&mut self, bytes: Vec<u8>, at_s: f64) -> f64 {
         let from_s = at_s.max(self.free_s);
         self.free_s = from_s + bytes.len() as f64 * self.byte_s;
         if !bytes.is_empty() && self.waiting + bytes.len() <= WAITING_MOST {
@@ -79,12 +79,12 @@ impl Uart {
     }
 
     /// Time from which a sketch can print without waiting, s.
-    pub fn has_room_s(&self) -> f64 {
+    pub(super) fn has_room_s(&self) -> f64 {
         self.free_s - PRINTED_AHEAD * self.byte_s
     }
 
     /// Takes the bytes that have arrived at `now_s`.
-    pub fn arrived(&mut self, now_s: f64) -> Vec<u8> {
+    pub(super) fn arrived(&mut self, now_s: f64) -> Vec<u8> {
         let mut arrived = Vec::new();
         while let Some(first) = self.under_way.front_mut() {
             let sent = first.sent(self.byte_s, now_s);
@@ -100,12 +100,12 @@ impl Uart {
     }
 
     /// Time at which the next transmission is complete, s; infinite if there is none.
-    pub fn next_s(&self) -> f64 {
+    pub(super) fn next_s(&self) -> f64 {
         self.under_way.front().map_or(f64::INFINITY, |first| first.from_s + first.bytes.len() as f64 * self.byte_s)
     }
 
     /// Stops sending at `at_s`: bytes that weren't sent until then are lost.
-    pub fn cut(&mut self, at_s: f64) {
+    pub(super) fn cut(&mut self, at_s: f64) {
         for transmission in &mut self.under_way {
             let sent = transmission.sent(self.byte_s, at_s).max(transmission.taken);
             transmission.bytes.truncate(sent);
@@ -116,7 +116,7 @@ impl Uart {
     }
 
     /// Loses all bytes under way.
-    pub fn clear(&mut self, now_s: f64) {
+    pub(super) fn clear(&mut self, now_s: f64) {
         self.under_way.clear();
         self.waiting = 0;
         self.free_s = now_s;

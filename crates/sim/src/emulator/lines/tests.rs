@@ -10,13 +10,18 @@ use tokio::io::AsyncReadExt;
 use tokio::time::Instant;
 
 /// Opens a link.
-pub fn opened<F: Firmware>(mut board: Board<F>) -> Board<F> {
+pub(super) fn opened<F: Firmware>(mut board: Board<F>) -> Board<F> {
     assert!(board.accept().is_none());
     board
 }
 
 /// The bytes that a board pushes from one time to another, with the times at which they arrive; it is asked each millisecond.
-pub fn listen<F: Firmware>(board: &mut Board<F>, scene: &mut Scene, from_s: f64, to_s: f64) -> Vec<(f64, Vec<u8>)> {
+pub(super) fn listen<F: Firmware>(
+    board: &mut Board<F>,
+    scene: &mut Scene,
+    from_s: f64,
+    to_s: f64,
+) -> Vec<(f64, Vec<u8>)> {
     let mut heard = Vec::new();
     for ms in (from_s * 1000.0).round() as u64..(to_s * 1000.0).round() as u64 {
         let now_s = ms as f64 / 1000.0;

@@ -16,7 +16,7 @@ const ADMINISTRATOR: &str = "Administrator";
 const TICK_S: f64 = 0.001;
 
 /// The controller behind all sockets.
-pub struct Controller {
+pub(super) struct Controller {
     pub(super) groups: Vec<Group>,
     events: Events,
     volts_per_newton: f64,
@@ -25,7 +25,7 @@ pub struct Controller {
 }
 
 /// The result of a call.
-pub enum Answer {
+pub(super) enum Answer {
     /// These values, at once.
     Values(String),
     /// Result of a group's activity, when it ends.
@@ -45,12 +45,12 @@ impl From<Outcome> for Answer {
 }
 
 impl Controller {
-    pub fn new(groups: Vec<Group>, volts_per_newton: f64) -> Self {
+    pub(super) fn new(groups: Vec<Group>, volts_per_newton: f64) -> Self {
         Controller { groups, events: Events::default(), volts_per_newton, stirred: false }
     }
 
     /// Applies the effects of everything that has ended by `now_s`, and triggers the events whose conditions are met.
-    pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         self.groups.iter_mut().for_each(|group| group.notice(scene, now_s));
         if !self.guards() {
             return;
@@ -64,24 +64,24 @@ impl Controller {
     }
 
     /// Next time at which [`notice`](Self::notice) may have something to do, s; infinite if there is none without a call.
-    pub fn next_s(&self, now_s: f64) -> f64 {
+    pub(super) fn next_s(&self, now_s: f64) -> f64 {
         let look_s = if self.guards() { now_s + TICK_S } else { f64::INFINITY };
         self.groups.iter().map(Group::end_s).fold(look_s, f64::min)
     }
 
     /// Whether no link waits for any group's activity.
-    pub fn is_unattended(&self) -> bool {
+    pub(super) fn is_unattended(&self) -> bool {
         self.groups.iter().all(Group::is_unattended)
     }
 
     /// Whether something that a link may wait for has begun or ended since the last call.
-    pub fn take_stirred(&mut self) -> bool {
+    pub(super) fn take_stirred(&mut self) -> bool {
         let stirred = std::mem::take(&mut self.stirred);
         self.groups.iter_mut().fold(stirred, |stirred, group| std::mem::take(&mut group.stirred) || stirred)
     }
 
     /// Executes a call.
-    pub fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    pub(super) fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
         match call.name {
             "FirmwareVersionGet" => tell(call, Type::Char, FIRMWARE),
             "InstallerVersionGet" => tell(call, Type::Char, INSTALLER),

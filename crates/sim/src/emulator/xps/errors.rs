@@ -2,41 +2,41 @@
 
 /// Result of a call: 0, or the code of an error (manual, error list).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Code(pub i32);
+pub(super) struct Code(pub i32);
 
 impl Code {
-    pub const DONE: Code = Code(0);
-    pub const BUSY_SOCKET: Code = Code(-1);
-    pub const STRING_TOO_LONG: Code = Code(-3);
-    pub const UNKNOWN_COMMAND: Code = Code(-4);
-    pub const WRONG_FORMAT: Code = Code(-7);
-    pub const WRONG_OBJECT: Code = Code(-8);
-    pub const WRONG_COUNT: Code = Code(-9);
-    pub const WRONG_CHAR: Code = Code(-13);
-    pub const WRONG_DOUBLE: Code = Code(-14);
-    pub const WRONG_INT: Code = Code(-15);
-    pub const OUT_OF_RANGE: Code = Code(-17);
-    pub const POSITIONER_NAME: Code = Code(-18);
-    pub const GROUP_NAME: Code = Code(-19);
-    pub const NOT_ALLOWED: Code = Code(-22);
-    pub const EMERGENCY: Code = Code(-26);
-    pub const ABORTED: Code = Code(-27);
-    pub const ACTION_NAME: Code = Code(-39);
-    pub const EVENT_NAME: Code = Code(-40);
-    pub const NO_EVENTS: Code = Code(-80);
-    pub const NO_ACTIONS: Code = Code(-81);
-    pub const TOO_MANY_EVENTS: Code = Code(-82);
-    pub const EVENT_UNKNOWN: Code = Code(-83);
-    pub const LOGIN: Code = Code(-106);
+    pub(super) const DONE: Code = Code(0);
+    pub(super) const BUSY_SOCKET: Code = Code(-1);
+    pub(super) const STRING_TOO_LONG: Code = Code(-3);
+    pub(super) const UNKNOWN_COMMAND: Code = Code(-4);
+    pub(super) const WRONG_FORMAT: Code = Code(-7);
+    pub(super) const WRONG_OBJECT: Code = Code(-8);
+    pub(super) const WRONG_COUNT: Code = Code(-9);
+    pub(super) const WRONG_CHAR: Code = Code(-13);
+    pub(super) const WRONG_DOUBLE: Code = Code(-14);
+    pub(super) const WRONG_INT: Code = Code(-15);
+    pub(super) const OUT_OF_RANGE: Code = Code(-17);
+    pub(super) const POSITIONER_NAME: Code = Code(-18);
+    pub(super) const GROUP_NAME: Code = Code(-19);
+    pub(super) const NOT_ALLOWED: Code = Code(-22);
+    pub(super) const EMERGENCY: Code = Code(-26);
+    pub(super) const ABORTED: Code = Code(-27);
+    pub(super) const ACTION_NAME: Code = Code(-39);
+    pub(super) const EVENT_NAME: Code = Code(-40);
+    pub(super) const NO_EVENTS: Code = Code(-80);
+    pub(super) const NO_ACTIONS: Code = Code(-81);
+    pub(super) const TOO_MANY_EVENTS: Code = Code(-82);
+    pub(super) const EVENT_UNKNOWN: Code = Code(-83);
+    pub(super) const LOGIN: Code = Code(-106);
 
     /// Returns the text of `ErrorStringGet`; `None` for an unknown code.
-    pub fn text(self) -> Option<&'static str> {
+    pub(super) fn text(self) -> Option<&'static str> {
         TEXTS.iter().find(|(code, _)| *code == self.0).map(|(_, text)| *text)
     }
 }
 
 /// Returns the answer to `ErrorListGet`: all codes but 0, and their texts.
-pub fn list() -> String {
+pub(super) fn list() -> String {
     TEXTS.iter().skip(1).map(|(code, text)| format!("Error {code}: {text};")).collect()
 }
 

@@ -16,7 +16,7 @@ const INPUTS: usize = 4;
 /// limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), and a motion (`XYZ.SGamma.MotionState`, also of one positioner). The only
 /// action: `XYZ.MoveAbort`.
 #[derive(Default)]
-pub struct Events {
+pub(super) struct Events {
     conditions: Vec<Condition>,
     /// Index of the group that the configured action aborts.
     aborts: Option<usize>,
@@ -39,7 +39,7 @@ enum Condition {
 
 impl Events {
     /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: sets the conditions, which must all be met.
-    pub fn set_conditions(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
+    pub(super) fn set_conditions(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
         let mut conditions = Vec::new();
         while conditions.is_empty() || !call.is_through() {
             conditions.push(Condition::read(call, groups)?);
@@ -52,7 +52,7 @@ impl Events {
     }
 
     /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`: sets the action.
-    pub fn set_action(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
+    pub(super) fn set_action(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
         let name = call.text()?;
         let Some(Ok(Object::Group(aborts))) = name.strip_suffix(".MoveAbort").map(|name| object(groups, name)) else {
             return Err(Code::ACTION_NAME);
@@ -65,7 +65,7 @@ impl Events {
     }
 
     /// `EventExtendedStart`: returns the id of a new event.
-    pub fn start(&mut self) -> Result<i32, Code> {
+    pub(super) fn start(&mut self) -> Result<i32, Code> {
         if self.conditions.is_empty() {
             return Err(Code::NO_EVENTS);
         }
@@ -79,20 +79,20 @@ impl Events {
     }
 
     /// `EventExtendedRemove`: removes an event.
-    pub fn remove(&mut self, id: i32) -> Result<(), Code> {
+    pub(super) fn remove(&mut self, id: i32) -> Result<(), Code> {
         let index = self.started.iter().position(|event| event.id == id).ok_or(Code::EVENT_UNKNOWN)?;
         self.started.remove(index);
         Ok(())
     }
 
     /// Whether any event is started.
-    pub fn armed(&self) -> bool {
+    pub(super) fn armed(&self) -> bool {
         !self.started.is_empty()
     }
 
     /// Returns the groups that the events that happen now abort. `moves` are the groups' positioners that move, and `volts`
     /// returns the input voltages. Events that have happened are removed.
-    pub fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: &[Vec<bool>]) -> Vec<usize> {
+    pub(super) fn happen(&mut self, mut volts: impl FnMut(usize) -> f64, moves: &[Vec<bool>]) -> Vec<usize> {
         let mut aborted = Vec::new();
         self.started.retain(|event| {
             let met = event.conditions.iter().all(|condition| condition.is_met(&mut volts, moves));
@@ -138,13 +138,13 @@ impl Condition {
 }
 
 /// Returns the index of the analog input with this name, from 0.
-pub fn input(name: &str) -> Option<usize> {
+pub(super) fn input(name: &str) -> Option<usize> {
     let number: usize = name.strip_prefix("GPIO2.ADC")?.parse().ok()?;
     (1..=INPUTS).contains(&number).then(|| number - 1)
 }
 
 /// Returns the voltage on an analog input, V: the load cell on the first input, zero on the others.
-pub fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f64) -> f64 {
+pub(super) fn input_v(input: usize, volts_per_newton: f64, scene: &mut Scene, now_s: f64) -> f64 {
     if input == 0 { (scene.load_cell_n(now_s) * volts_per_newton).clamp(-RANGE_V, RANGE_V) } else { 0.0 }
 }
 

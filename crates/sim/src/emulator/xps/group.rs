@@ -13,13 +13,13 @@ const CALIBRATE_S: f64 = 2.0;
 
 /// Object of a call, by index: a group, or a positioner of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Object {
+pub(super) enum Object {
     Group(usize),
     Positioner(usize, usize),
 }
 
 /// Returns the object with this name: a group, or `group.positioner`.
-pub fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
+pub(super) fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
     let index_of = |name: &str| groups.iter().position(|group| group.name == name);
     let Some((group, positioner)) = name.split_once('.') else {
         return index_of(name).map(Object::Group).ok_or(Code::GROUP_NAME);
@@ -31,7 +31,7 @@ pub fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
 
 /// Possible states of a group, by their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub(super) enum State {
     NotInitialized = 0,
     Killed = 7,
     ReadyFromAbort = 10,
@@ -49,10 +49,10 @@ pub enum State {
 
 /// Future result of a call that is answered when it is finished. The group writes it, and the waiting link reads it. A closed
 /// link has dropped it.
-pub type Outcome = Arc<OnceLock<Code>>;
+pub(super) type Outcome = Arc<OnceLock<Code>>;
 
 /// One group of one to three positioners, its life cycle and its motions. It does one thing at a time.
-pub struct Group {
+pub(super) struct Group {
     name: String,
     pub positioners: Vec<Positioner>,
     state: State,
@@ -82,7 +82,7 @@ enum Then {
 
 impl State {
     /// Returns the text of `GroupStatusStringGet` for a number.
-    pub fn text(number: i32) -> &'static str {
+    pub(super) fn text(number: i32) -> &'static str {
         match number {
             0 => "Not initialized state",
             7 => "Not initialized state due to a GroupKill or KillAll command",
@@ -111,37 +111,37 @@ impl State {
 
 impl Group {
     /// Creates a group as it is at power-on.
-    pub fn new(name: &str, positioners: Vec<Positioner>) -> Self {
+    pub(super) fn new(name: &str, positioners: Vec<Positioner>) -> Self {
         Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
     }
 
     /// The number of its state.
-    pub fn status(&self) -> i32 {
+    pub(super) fn status(&self) -> i32 {
         self.state as i32
     }
 
     /// Whether there is a motion that an abort can stop and that hasn't been aborted.
-    pub fn can_be_aborted(&self) -> bool {
+    pub(super) fn can_be_aborted(&self) -> bool {
         self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
     }
 
     /// Whether each positioner moves.
-    pub fn moves(&self, scene: &Scene, now_s: f64) -> Vec<bool> {
+    pub(super) fn moves(&self, scene: &Scene, now_s: f64) -> Vec<bool> {
         self.positioners.iter().map(|positioner| positioner.moves(scene, now_s)).collect()
     }
 
     /// Time at which the activity ends, s; infinite if it never ends by itself.
-    pub fn end_s(&self) -> f64 {
+    pub(super) fn end_s(&self) -> f64 {
         self.errand.as_ref().map_or(f64::INFINITY, |errand| errand.end_s)
     }
 
     /// Whether no link waits for the activity.
-    pub fn is_unattended(&self) -> bool {
+    pub(super) fn is_unattended(&self) -> bool {
         self.errand.as_ref().is_none_or(|errand| Arc::strong_count(&errand.outcome) == 1)
     }
 
     /// Applies the effects of everything that has ended by `now_s`.
-    pub fn notice(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn notice(&mut self, scene: &mut Scene, now_s: f64) {
         while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
             match errand.then {
                 Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
@@ -158,7 +158,7 @@ impl Group {
     }
 
     /// `GroupInitialize`, and `GroupInitializeWithEncoderCalibration`: from not initialised to not referenced.
-    pub fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
+    pub(super) fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(matches!(self.state, State::NotInitialized | State::Killed))?;
         self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
         let end_s = now_s + INITIALIZE_S + if calibrates { CALIBRATE_S } else { 0.0 };
@@ -167,7 +167,7 @@ impl Group {
     }
 
     /// `GroupHomeSearch`: z if it is in the group, then x and y together.
-    pub fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+    pub(super) fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         self.must(self.state == State::NotReferenced)?;
         self.state = State::Homing;
         self.stirred = true;
@@ -181,7 +181,12 @@ impl Group {
     }
 
     /// `GroupMoveAbsolute`: the positioners with a target start together and arrive together.
-    pub fn move_to(&mut self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+    pub(super) fn move_to(
+        &mut self,
+        counts_mm: &[Option<f64>],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<Outcome, Code> {
         self.must(self.state.is_ready())?;
         self.must_allow(counts_mm)?;
         let end_s = self.start(counts_mm, scene, now_s);
@@ -189,7 +194,7 @@ impl Group {
     }
 
     /// `GroupMoveRelative`: moves from the controller's setpoints.
-    pub fn move_by(&mut self, ways_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
+    pub(super) fn move_by(&mut self, ways_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
         let from = |(way_mm, positioner): (&Option<f64>, &Positioner)| {
             way_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm)
         };
@@ -198,7 +203,7 @@ impl Group {
     }
 
     /// `GroupMoveAbort`: stops each positioner with the deceleration of its motion. The move under way ends then, with its error.
-    pub fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
+    pub(super) fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
         self.must(self.state == State::Moving)?;
         self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
         self.cut_short(State::Moving, State::ReadyFromAbort, Code::ABORTED, scene, now_s);
@@ -206,21 +211,21 @@ impl Group {
     }
 
     /// `GroupKill`: stops as hard as the stage can, and turns the motors off.
-    pub fn kill(&mut self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn kill(&mut self, scene: &mut Scene, now_s: f64) {
         self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
         self.cut_short(State::Braking, State::Killed, Code::EMERGENCY, scene, now_s);
         self.notice(scene, now_s);
     }
 
     /// `GroupMotionEnable` and `GroupMotionDisable`.
-    pub fn enable(&mut self, on: bool) -> Result<(), Code> {
+    pub(super) fn enable(&mut self, on: bool) -> Result<(), Code> {
         self.must(if on { self.state == State::Disabled } else { self.state.is_ready() })?;
         self.state = if on { State::ReadyFromEnable } else { State::Disabled };
         Ok(())
     }
 
     /// `PositionerUserTravelLimitsSet`: within the travel, and not while something moves.
-    pub fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
+    pub(super) fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
         self.must(!matches!(self.state, State::Moving | State::Homing))?;
         let travel_mm = super::positioner::TRAVEL_MM;
         if limits_mm.0 < -travel_mm || limits_mm.1 > travel_mm || limits_mm.0 >= limits_mm.1 {

@@ -4,11 +4,11 @@ use crate::scene::{Scene, Trajectory};
 use palpate_core::quantity::Axis;
 
 /// Travel of a VP-25XL to either side of its middle, mm (its file in a public XPS configuration).
-pub const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
+pub(super) const TRAVEL_MM: f64 = crate::emulator::STAGE_TRAVEL_MM;
 /// Largest speed of a VP-25XL, mm/s (same file).
-pub const SPEED_MOST_MM_S: f64 = 25.0;
+pub(super) const SPEED_MOST_MM_S: f64 = 25.0;
 /// Largest acceleration of a VP-25XL, mm/s^2 (same file).
-pub const ACCELERATION_MOST_MM_S2: f64 = 100.0;
+pub(super) const ACCELERATION_MOST_MM_S2: f64 = 100.0;
 /// Ratio of the emergency deceleration to the normal one (same file: 1 or 4).
 const EMERGENCY_FACTOR: f64 = 4.0;
 /// Speed and acceleration of homing, mm/s and mm/s^2.
@@ -27,7 +27,7 @@ const END_PLUS: u32 = 0x8000_0200;
 /// One positioner of a group: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates,
 /// unless a name contains `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the positioner
 /// is homed.
-pub struct Positioner {
+pub(super) struct Positioner {
     pub name: String,
     pub axis: Axis,
     /// True place minus count, mm.
@@ -40,7 +40,7 @@ pub struct Positioner {
 /// Motion parameters of a positioner. The jerk times are stored and reported, and have no other effect, because the scene's axes
 /// change their acceleration at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SGamma {
+pub(super) struct SGamma {
     pub speed_mm_s: f64,
     pub acceleration_mm_s2: f64,
     pub jerk_s: (f64, f64),
@@ -48,7 +48,7 @@ pub struct SGamma {
 
 impl SGamma {
     /// Whether a VP-25XL can do this.
-    pub fn is_sound(&self) -> bool {
+    pub(super) fn is_sound(&self) -> bool {
         let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = *self;
         speed_mm_s > 0.0
             && speed_mm_s <= SPEED_MOST_MM_S
@@ -61,7 +61,7 @@ impl SGamma {
 
 impl Positioner {
     /// Creates a positioner at power-on: its present place counts as zero.
-    pub fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
+    pub(super) fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
         let s_gamma =
             SGamma { speed_mm_s: SPEED_MOST_MM_S, acceleration_mm_s2: ACCELERATION_MOST_MM_S2, jerk_s: JERK_S };
         let mut positioner =
@@ -71,69 +71,69 @@ impl Positioner {
     }
 
     /// Makes the encoder count from the present place of the positioner.
-    pub fn reset_encoder(&mut self, scene: &Scene) {
+    pub(super) fn reset_encoder(&mut self, scene: &Scene) {
         self.offset_mm = scene.motion(self.axis).end_mm();
     }
 
     /// Notes that the home mark is found, so the count is true.
-    pub fn set_homed(&mut self) {
+    pub(super) fn set_homed(&mut self) {
         self.offset_mm = 0.0;
     }
 
     /// Position as a count, mm.
-    pub fn count_mm(&self, scene: &mut Scene, now_s: f64) -> f64 {
+    pub(super) fn count_mm(&self, scene: &mut Scene, now_s: f64) -> f64 {
         scene.axis(self.axis, now_s).0 - self.offset_mm
     }
 
     /// Present setpoint of the controller as a count, mm.
-    pub fn setpoint_mm(&self, scene: &Scene, now_s: f64) -> f64 {
+    pub(super) fn setpoint_mm(&self, scene: &Scene, now_s: f64) -> f64 {
         scene.motion(self.axis).position_mm(now_s) - self.offset_mm
     }
 
     /// Whether the controller moves it.
-    pub fn moves(&self, scene: &Scene, now_s: f64) -> bool {
+    pub(super) fn moves(&self, scene: &Scene, now_s: f64) -> bool {
         scene.motion(self.axis).moving(now_s)
     }
 
     /// Time at which the controller expects the motion to end, s.
-    pub fn end_s(&self, scene: &Scene) -> f64 {
+    pub(super) fn end_s(&self, scene: &Scene) -> f64 {
         scene.motion(self.axis).end_s()
     }
 
     /// Whether a count is allowed as a target.
-    pub fn allows(&self, count_mm: f64) -> bool {
+    pub(super) fn allows(&self, count_mm: f64) -> bool {
         count_mm >= self.limits_mm.0 - ROUNDING_MM && count_mm <= self.limits_mm.1 + ROUNDING_MM
     }
 
     /// Time needed from the present place to a count, s.
-    pub fn time_to_s(&self, count_mm: f64, scene: &Scene) -> f64 {
+    pub(super) fn time_to_s(&self, count_mm: f64, scene: &Scene) -> f64 {
         self.way_to(count_mm, 1.0, scene, 0.0).end_s()
     }
 
     /// Moves from the present place to a count, slower than possible by the factor `slower`.
-    pub fn go_to(&self, count_mm: f64, slower: f64, scene: &mut Scene, now_s: f64) {
+    pub(super) fn go_to(&self, count_mm: f64, slower: f64, scene: &mut Scene, now_s: f64) {
         let way = self.way_to(count_mm, slower, scene, now_s);
         scene.set_motion(self.axis, way, now_s);
     }
 
     /// Moves to the home mark.
-    pub fn go_home(&self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn go_home(&self, scene: &mut Scene, now_s: f64) {
         let way = Trajectory::to(now_s, self.commanded(scene, now_s), 0.0, HOME_SPEED_MM_S, HOME_ACCELERATION_MM_S2);
         scene.set_motion(self.axis, way, now_s);
     }
 
     /// Stops with the deceleration of its motion.
-    pub fn abort(&self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn abort(&self, scene: &mut Scene, now_s: f64) {
         self.stop(self.s_gamma.acceleration_mm_s2, scene, now_s);
     }
 
     /// Stops as hard as possible.
-    pub fn brake(&self, scene: &mut Scene, now_s: f64) {
+    pub(super) fn brake(&self, scene: &mut Scene, now_s: f64) {
         self.stop(ACCELERATION_MOST_MM_S2 * EMERGENCY_FACTOR, scene, now_s);
     }
 
     /// Returns the bits of the hardware status: above the home mark, or at an end of the travel.
-    pub fn hardware_status(&self, scene: &mut Scene, now_s: f64) -> u32 {
+    pub(super) fn hardware_status(&self, scene: &mut Scene, now_s: f64) -> u32 {
         let place_mm = scene.axis(self.axis, now_s).0;
         let bits = [
             (place_mm >= 0.0, ABOVE_HOME),
@@ -175,7 +175,7 @@ fn least_brake_mm_s2((place_mm, speed_mm_s): (f64, f64)) -> f64 {
 }
 
 /// The hardware status in words.
-pub fn hardware_text(status: u32) -> String {
+pub(super) fn hardware_text(status: u32) -> String {
     let texts = [(ABOVE_HOME, "ZM high level"), (0x100, "Minus end of run"), (0x200, "Plus end of run")];
     let told: Vec<&str> = texts.iter().filter(|(bits, _)| status & bits != 0).map(|(_, text)| *text).collect();
     told.join(" - ")

@@ -3,9 +3,9 @@
 use super::errors::Code;
 
 /// Longest reply. Existing clients assume that one segment of this size is the complete reply.
-pub const REPLY_MOST: usize = 1024;
+pub(super) const REPLY_MOST: usize = 1024;
 /// Longest request. A reply echoes it, with a code before it and the end mark after it.
-pub const REQUEST_MOST: usize = 1000;
+pub(super) const REQUEST_MOST: usize = 1000;
 /// End of every reply. Some clients also send it after their requests.
 const END: &[u8] = b",EndOfAPI";
 /// Number of significant digits of a number (EPICS uses `%.13g`).
@@ -13,7 +13,7 @@ const DIGITS: i32 = 13;
 
 /// One call: `Name(argument,argument,type *)`. Its arguments are taken one after another.
 #[derive(Debug, PartialEq)]
-pub struct Call<'a> {
+pub(super) struct Call<'a> {
     pub name: &'a str,
     arguments: Vec<&'a str>,
     taken: usize,
@@ -21,7 +21,7 @@ pub struct Call<'a> {
 
 /// Type that a call states for its results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Type {
+pub(super) enum Type {
     Char,
     Double,
     Int,
@@ -29,7 +29,7 @@ pub enum Type {
 
 /// Takes the next request: up to its balanced `)`. There is no other end. Rests of line ends and of `,EndOfAPI` before the
 /// request are ignored. A line that ends outside of parentheses, or is too long, can't be a request and is refused.
-pub fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+pub(super) fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     let lead = lead(inbox);
     inbox.drain(..lead);
     let mut depth = 0;
@@ -46,12 +46,12 @@ pub fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 }
 
 /// Returns a reply with the results of a call, values separated by commas.
-pub fn done(values: &str) -> Vec<u8> {
+pub(super) fn done(values: &str) -> Vec<u8> {
     format!("0,{values},EndOfAPI").into_bytes()
 }
 
 /// Returns a reply with an error, and the request as received.
-pub fn failed(code: Code, request: &[u8]) -> Vec<u8> {
+pub(super) fn failed(code: Code, request: &[u8]) -> Vec<u8> {
     let mut reply = format!("{},", code.0).into_bytes();
     let room = REPLY_MOST - reply.len() - END.len();
     reply.extend(&request[..request.len().min(room)]);
@@ -60,7 +60,7 @@ pub fn failed(code: Code, request: &[u8]) -> Vec<u8> {
 }
 
 /// Formats a number as `%.13g` does.
-pub fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let scientific = format!("{:.*e}", DIGITS as usize - 1, value + 0.0);
     let Some((mantissa, exponent)) = scientific.split_once('e') else { return scientific };
     let exponent: i32 = exponent.parse().unwrap_or(0);
@@ -72,13 +72,13 @@ pub fn number(value: f64) -> String {
 }
 
 /// Formats numbers, separated by commas.
-pub fn numbers(values: impl IntoIterator<Item = f64>) -> String {
+pub(super) fn numbers(values: impl IntoIterator<Item = f64>) -> String {
     values.into_iter().map(number).collect::<Vec<_>>().join(",")
 }
 
 impl<'a> Call<'a> {
     /// Parses the call of a request.
-    pub fn read(request: &'a [u8]) -> Result<Self, Code> {
+    pub(super) fn read(request: &'a [u8]) -> Result<Self, Code> {
         if request.len() > REQUEST_MOST {
             return Err(Code::STRING_TOO_LONG);
         }
@@ -94,26 +94,26 @@ impl<'a> Call<'a> {
     }
 
     /// Returns the next argument unchanged.
-    pub fn text(&mut self) -> Result<&'a str, Code> {
+    pub(super) fn text(&mut self) -> Result<&'a str, Code> {
         let text = self.arguments.get(self.taken).ok_or(Code::WRONG_COUNT)?;
         self.taken += 1;
         Ok(text)
     }
 
     /// Returns the next argument as a number.
-    pub fn number(&mut self) -> Result<f64, Code> {
+    pub(super) fn number(&mut self) -> Result<f64, Code> {
         let value: f64 = self.text()?.parse().map_err(|_| Code::WRONG_DOUBLE)?;
         if value.is_finite() { Ok(value) } else { Err(Code::WRONG_DOUBLE) }
     }
 
     /// Returns the next argument as an integer.
-    pub fn whole(&mut self) -> Result<i32, Code> {
+    pub(super) fn whole(&mut self) -> Result<i32, Code> {
         self.text()?.parse().map_err(|_| Code::WRONG_INT)
     }
 
     /// Checks that the next arguments name `count` results of a type and that nothing follows. The position of blanks in `double
     /// *` doesn't matter.
-    pub fn results(mut self, results: Type, count: usize) -> Result<(), Code> {
+    pub(super) fn results(mut self, results: Type, count: usize) -> Result<(), Code> {
         for _ in 0..count {
             self.result(results)?;
         }
@@ -121,7 +121,7 @@ impl<'a> Call<'a> {
     }
 
     /// Checks that the next argument names a result.
-    pub fn result(&mut self, result: Type) -> Result<(), Code> {
+    pub(super) fn result(&mut self, result: Type) -> Result<(), Code> {
         let (name, code) = match result {
             Type::Char => ("char", Code::WRONG_CHAR),
             Type::Double => ("double", Code::WRONG_DOUBLE),
@@ -132,12 +132,12 @@ impl<'a> Call<'a> {
     }
 
     /// Checks that nothing follows.
-    pub fn end(self) -> Result<(), Code> {
+    pub(super) fn end(self) -> Result<(), Code> {
         if self.is_through() { Ok(()) } else { Err(Code::WRONG_COUNT) }
     }
 
     /// Whether all arguments have been taken.
-    pub fn is_through(&self) -> bool {
+    pub(super) fn is_through(&self) -> bool {
         self.taken == self.arguments.len()
     }
 }

@@ -19,7 +19,7 @@ use palpate_solver::BEST;
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// A figure: the name of its file and the SVG.
-pub type Drawn = (String, String);
+pub(super) type Drawn = (String, String);
 
 /// Look of a method. Similar methods have similar colours. The automatic choice is a thin line over the chosen method.
 fn look(solver: &str) -> Look {
