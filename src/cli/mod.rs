@@ -53,8 +53,10 @@ mod verify;
 mod which_way;
 mod withdraw;
 
+pub use provenance::built_from;
+
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
 use miette::MietteHandlerOpts;
 use std::io::{self, Write};
 use std::path::Path;
@@ -112,9 +114,13 @@ enum Command {
     Man(shell::ManArgs),
 }
 
-/// Parses the command line, runs the command, and turns the outcome into an exit code.
-pub fn main() -> ExitCode {
-    let command = CommandLine::try_parse().unwrap_or_else(|error| refuse(&error)).command;
+/// Parses the command line, runs the command, and turns the outcome into an exit code. `commit` is the one that the program is
+/// built from.
+pub fn main(commit: Option<&'static str>) -> ExitCode {
+    built_from(commit);
+    let matches = CommandLine::command().version(&*provenance::version().leak()).try_get_matches();
+    let parsed = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
+    let command = parsed.unwrap_or_else(|error| refuse(&error)).command;
     // a link, a path or an option is one word: it isn't broken at slashes or hyphens
     let handler = || {
         MietteHandlerOpts::new()

@@ -1,13 +1,32 @@
 //! Which program on which machine.
 
 use jiff::Zoned;
+use std::sync::OnceLock;
+
+/// Commit that the program is built from. The library doesn't know it: it would be compiled again after every commit.
+static COMMIT: OnceLock<Option<&str>> = OnceLock::new();
+
+/// States the commit that the program is built from. The first statement counts.
+pub fn built_from(commit: Option<&'static str>) {
+    COMMIT.get_or_init(|| commit);
+}
+
+/// Version of the program, and the commit that it is built from if that is known.
+pub(super) fn version() -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    commit().map_or_else(|| version.to_owned(), |commit| format!("{version} ({commit})"))
+}
+
+fn commit() -> Option<&'static str> {
+    COMMIT.get().copied().flatten()
+}
 use palpate_data::dataset::{Durability, Provenance};
 
 /// This program, on this machine, now.
 pub(super) fn session(durability: Durability) -> Provenance {
     Provenance {
         palpate: env!("CARGO_PKG_VERSION").to_owned(),
-        commit: option_env!("PALPATE_COMMIT").map(str::to_owned),
+        commit: commit().map(str::to_owned),
         host: gethostname::gethostname().to_string_lossy().into_owned(),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         started: now(),

@@ -18,8 +18,18 @@ fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
             assert!(shipped(path).is_file(), "{path}, which `palpate {subcommand} --help` names");
         }
     }
+}
+
+#[test]
+fn version_and_manifest_name_the_commit_that_the_program_is_built_from() {
+    let bench = Bench::with([("r.toml", SMALL)]);
     let version = bench.palpate_ends(0, "--version").out;
-    assert_eq!(version.trim(), concat!("palpate ", env!("CARGO_PKG_VERSION")));
+    bench.palpate_ends(0, "run r.toml --out run");
+    let manifest = bench.manifest("run");
+    let commit = manifest["sessions"][0]["commit"].as_str().map(|commit| format!(" ({commit})")).unwrap_or_default();
+    assert_eq!(version.trim(), format!("palpate {}{commit}", env!("CARGO_PKG_VERSION")));
+    // a checkout of this repository names its commit
+    assert_eq!(commit.is_empty(), !shipped(".git").exists(), "{version}");
 }
 
 #[test]
