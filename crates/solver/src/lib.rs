@@ -1,10 +1,29 @@
 //! The inverse problem: finds place and force of a contact from a calibration and one reading of the array.
 //!
-//! A [`Calibration`] is presses of known place and force. [`fit`] prepares a [`Solver`] from it once; `solve` then
-//! turns a reading (one output for each) into a [`Solution`], or returns the reason: a reading without an answer is an
-//! error, never NaN. [`evaluate`] holds a solver against presses whose truth is known.
+//! A [`Calibration`] is presses of known place and force. [`Model::fit`] fits a method to it once, and a [`Session`] solves one
+//! reading after another: one output of each taxel gives a [`Solution`], or the reason why there is none. No answer is NaN.
+//! [`evaluate`] compares the answers with presses whose place and force are known. Places are in the specimen frame, mm; forces in N.
 //!
 //! Nothing here reads files, asks the time or logs.
+//!
+//! ```
+//! use palpate_solver::{Calibration, CalibrationPoint, Model, Place, Session, Setting};
+//!
+//! // a row of three taxels, 4 mm apart, pressed with 1 N at nine places
+//! let outputs = |x_mm: f64| [-4.0, 0.0, 4.0].map(|taxel_mm: f64| (-(x_mm - taxel_mm).powi(2) / 16.0).exp());
+//! let presses: Vec<_> = (-4..=4).map(|x_mm| (f64::from(x_mm), outputs(f64::from(x_mm)))).collect();
+//! let points: Vec<_> = presses
+//!     .iter()
+//!     .map(|(x_mm, outputs)| CalibrationPoint { place: Place::new(*x_mm, 0.0), force_n: 1.0, outputs })
+//!     .collect();
+//! let model = Model::fit("pearson", Calibration::new(&points)?, &Setting::default())?;
+//!
+//! let half_the_force = outputs(2.1).map(|output| 0.5 * output);
+//! let contact = Session::new(model).solve(&half_the_force)?;
+//! assert_eq!(contact.place, Place::new(2.0, 0.0)); // the paper's method answers with a calibrated place
+//! assert!((contact.force_n - 0.5).abs() < 0.05);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //!
 //! # The methods
 //!
@@ -104,7 +123,7 @@ pub use whitened::Whitened;
 pub use widths::HalfWidths;
 pub use workspace::Workspace;
 
-use palpate_core::quantity::Place;
+pub use palpate_core::quantity::{ArrayLayout, Place};
 
 /// Names that [`fit`] accepts; the paper's own method is first.
 pub const SOLVERS: [&str; 10] = [
@@ -251,3 +270,8 @@ pub enum SolveError {
 
 #[cfg(test)]
 mod tests;
+
+/// The example of the README.
+#[doc = include_str!("../README.md")]
+#[cfg(doctest)]
+struct Readme;
