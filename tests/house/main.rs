@@ -1,7 +1,6 @@
 //! What the project asks of its own files.
 
 mod book;
-mod floors;
 mod promises;
 mod prose;
 mod words;

@@ -1,6 +1,8 @@
 //! The commit that a program is built from, as a macro. A build script would compile the whole package again after every commit;
 //! this macro makes the commit an input of the one target that names it.
 
+#![forbid(unsafe_code)]
+
 use proc_macro::TokenStream;
 use std::path::{Path, PathBuf};
 use std::process::Command;

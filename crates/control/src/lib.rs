@@ -8,6 +8,8 @@
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces are relative to the zero measured in
 //! air.
 
+#![forbid(unsafe_code)]
+
 mod budget;
 mod curve;
 mod hum;

@@ -6,6 +6,8 @@
 //! | [`mechanics`] | linear elasticity: what a taxel reads of a load |
 //! | [`parallel`] | work on all processors |
 
+#![forbid(unsafe_code)]
+
 pub mod mechanics;
 pub mod parallel;
 pub mod quantity;

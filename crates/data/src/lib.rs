@@ -6,6 +6,8 @@
 //! | [`dataset`] | the journal, which is the record, and the tables that are views of it |
 //! | [`acceptance`] | a rule, what was measured, the one verdict |
 
+#![forbid(unsafe_code)]
+
 pub mod acceptance;
 pub mod dataset;
 pub mod recipe;

@@ -4,6 +4,8 @@
 //! through a [`Table`]. Each request for a key either returns a value, or records a [`Problem`] and continues. A person therefore
 //! sees all problems at once, each with the line, the expected value and the nearest correct spelling.
 
+#![forbid(unsafe_code)]
+
 mod difference;
 mod key;
 pub mod layout;

@@ -1,5 +1,7 @@
 //! One module per instrument family: a role of [`palpate_link::device`] over a link of [`palpate_link::wire`].
 
+#![forbid(unsafe_code)]
+
 mod any;
 pub mod daqmx;
 mod esp301;

@@ -7,6 +7,8 @@
 //! | [`export`] | runs for other programs: frames, files, a lake, C |
 //! | [`paper`] | what the paper reports |
 
+#![forbid(unsafe_code)]
+
 pub mod chart;
 pub mod export;
 pub mod paper;

@@ -6,6 +6,8 @@
 //! | [`run`] | executes a plan on a rig: prepares, presses, records, parks |
 //! | [`batch`] | sensors of one design, one after another: journal, state, control charts |
 
+#![forbid(unsafe_code)]
+
 pub mod batch;
 pub mod rig;
 pub mod run;

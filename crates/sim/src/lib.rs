@@ -5,5 +5,7 @@
 //! | [`scene`] | the physics of a simulated rig, pure, advanced in closed form |
 //! | [`emulator`] | one for each wire protocol; never sees a driver |
 
+#![forbid(unsafe_code)]
+
 pub mod emulator;
 pub mod scene;

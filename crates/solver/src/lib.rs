@@ -50,6 +50,8 @@
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
 
+#![forbid(unsafe_code)]
+
 mod adapt;
 mod adapted;
 mod appraised;

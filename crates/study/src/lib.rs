@@ -8,6 +8,8 @@
 //!
 //! Everything except measured times follows from the seed, so the same study gives the same bytes.
 
+#![forbid(unsafe_code)]
+
 pub mod ablation;
 mod bench;
 mod bound;
