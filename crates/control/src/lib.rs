@@ -33,12 +33,12 @@ pub use map::{Lesson, Map, Shot};
 pub use mean::{Mean, mean_of};
 pub use permit::{Permit, Permitted, Sideways, Standing};
 pub use press::{
-    AIR_READINGS, APPROACH_MOST_MM_S, AirReadings, Command, Context, Event, FIRST_APPROACH_MM_S, ForceLoop,
-    GAIN_TIMES_DEAD_TIME, Moment, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
+    AIR_READINGS, AirReadings, Command, Context, Event, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment,
+    SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
-pub use surface::{Expected, SurfaceMap};
+pub use surface::Expected;
 pub use task::{Branch, Level, Strategy, Task};
 pub use taught::Taught;
 pub use trip::{Rule, Trip};

@@ -245,7 +245,7 @@ impl Shot {
     }
 
     /// Force to aim the first motion at, N. This force is below the set force by the possible miss.
-    pub fn aim_n(&self, force_set_n: f64) -> f64 {
+    pub(crate) fn aim_n(&self, force_set_n: f64) -> f64 {
         self.aim * force_set_n
     }
 
@@ -268,7 +268,7 @@ impl Shot {
     }
 
     /// Depth and stiffness at a force if the curve holds unchanged, mm and N/mm.
-    pub fn on_curve(&self, force_n: f64) -> (f64, f64) {
+    pub(crate) fn on_curve(&self, force_n: f64) -> (f64, f64) {
         let depth_mm = self.shape.depth_mm(force_n);
         (depth_mm, self.shape.stiffness_n_mm(depth_mm))
     }

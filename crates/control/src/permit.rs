@@ -183,7 +183,7 @@ impl Permit {
     ///
     /// # Errors
     /// A trip if the difference is larger.
-    pub fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+    pub(crate) fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 

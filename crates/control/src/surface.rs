@@ -31,14 +31,14 @@ pub struct Expected {
 /// Surface learned from touches: a plane with its uncertainty. The prior is the rig's frame (flat, within its uncertainty), so
 /// the map is usable before the first touch.
 #[derive(Clone, Debug)]
-pub struct SurfaceMap {
+pub(crate) struct SurfaceMap {
     uncertainty_mm: f64,
     plane: Plane,
 }
 
 impl SurfaceMap {
     /// Creates a map that contains only this: the surface is within `uncertainty_mm` of z = 0.
-    pub fn new(uncertainty_mm: f64) -> Self {
+    pub(crate) fn new(uncertainty_mm: f64) -> Self {
         let prior = |sigma: f64| (TOUCH_SIGMA_MM / sigma).powi(2);
         let slope = prior(uncertainty_mm / SLOPE_ARM_MM);
         let plane = Plane::new(Place::default(), [prior(uncertainty_mm), slope, slope]);
@@ -46,17 +46,17 @@ impl SurfaceMap {
     }
 
     /// Adds a touch: contact began at `z_mm` at this place.
-    pub fn learn(&mut self, place: Place, z_mm: f64) {
+    pub(crate) fn learn(&mut self, place: Place, z_mm: f64) {
         self.plane.take(place, z_mm, 1.0);
     }
 
     /// Number of touches in the map.
-    pub fn touches(&self) -> usize {
+    pub(crate) fn touches(&self) -> usize {
         self.plane.count()
     }
 
     /// Returns the expected position of the surface. The bounds never exceed the bounds of the rig's frame.
-    pub fn expect(&self, place: Place) -> Expected {
+    pub(crate) fn expect(&self, place: Place) -> Expected {
         let (z_mm, spread) = self.plane.at(place);
         let sigma_mm = self.scatter_mm() * (spread + 1.0).sqrt();
         let bound_mm = BOUND_SIGMAS * sigma_mm;

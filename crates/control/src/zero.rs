@@ -88,7 +88,7 @@ impl Zero {
 
     /// Returns the zero of the same cell relative to newer air.
     #[must_use]
-    pub fn counted_from(&self, air: &AirReadings) -> Zero {
+    pub(crate) fn counted_from(&self, air: &AirReadings) -> Zero {
         Zero { offset_n: air.mean_n, offset_sigma_n: self.sigma_own_n(air.readings), ..*self }
     }
 
@@ -104,7 +104,7 @@ impl Zero {
 
     /// Standard deviation of the mean of some readings by their own noise, N. Neighbouring readings with common noise count as
     /// fewer readings.
-    pub fn noise_of_mean_n(&self, readings: u32) -> f64 {
+    pub(crate) fn noise_of_mean_n(&self, readings: u32) -> f64 {
         let fewer = (1.0 + self.shared) / (1.0 - self.shared);
         self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
     }

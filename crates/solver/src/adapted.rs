@@ -62,7 +62,7 @@ pub enum AdaptError {
 }
 
 /// Smallest number of new presses.
-pub const FEWEST_PRESSES: usize = 5;
+pub(crate) const FEWEST_PRESSES: usize = 5;
 
 /// Largest probability, by Student's t test, that chance alone gives a larger change its advantage on held-out presses. Above it
 /// the larger change isn't used.

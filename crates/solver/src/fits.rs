@@ -4,7 +4,7 @@ use super::{Broken, FitError, Fitted, Model};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Largest number of fits that are kept at the same time, for all sessions of a model.
-pub const MOST_FITS: usize = 64;
+pub(crate) const MOST_FITS: usize = 64;
 
 /// A model, and its fits without some units. Sessions that share it need each fit only once.
 pub struct Fits {

@@ -17,7 +17,7 @@ pub const NEIGHBOURS: usize = 4;
 /// is the weighted mean of the points' places. The weighted mean of their outputs per newton is the expected reading of one newton
 /// there. The force is the factor that fits this mean to the reading best over all units.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct PearsonKnn {
+pub(crate) struct PearsonKnn {
     units: usize,
     places: Vec<Place>,
     /// Outputs over force, 1/N, row-major points x units.
@@ -29,7 +29,7 @@ pub struct PearsonKnn {
 impl PearsonKnn {
     /// Prepares the calibration's rows once. A point at which all units read the same correlates with nothing and is excluded.
     /// Returns an error if no point is left.
-    pub fn fit(calibration: &Calibration) -> Result<Self, FitError> {
+    pub(crate) fn fit(calibration: &Calibration) -> Result<Self, FitError> {
         let units = calibration.units();
         let (mut places, mut per_newton, mut directions) = (Vec::new(), Vec::new(), Vec::new());
         let mut room = Vec::new();

@@ -102,26 +102,31 @@ mod widths;
 mod workspace;
 
 pub use adapt::{Change, Extent, UnitChange};
-pub use adapted::{AdaptError, Adapted, FEWEST_PRESSES, HeldOut, MeanErrors};
+pub use adapted::AdaptError;
+pub use adapted::{Adapted, HeldOut, MeanErrors};
 pub use broken::{Broken, Fault};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, Unsolved, Verdicts, Within, evaluate,
 };
-pub use fits::{Fits, MOST_FITS};
+pub use fits::Fits;
+pub(crate) use fits::MOST_FITS;
 pub use fitted::{Candidate, Choice, Fitted};
-pub use knn::{NEIGHBOURS, PearsonKnn};
+pub use knn::NEIGHBOURS;
+pub(crate) use knn::PearsonKnn;
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
 pub use plane::Plane;
 pub use prepared::Prepared;
-pub use prior::{Belongs, Deviation, Deviations, Prior, PriorError, SENSORS_LEAST, Sibling, Spread};
+pub use prior::Deviations;
+pub use prior::PriorError;
+pub use prior::{Belongs, Deviation, Prior, SENSORS_LEAST, Sibling, Spread};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};
-pub use whitened::Whitened;
+pub(crate) use whitened::Whitened;
 pub use widths::HalfWidths;
 pub use workspace::Workspace;
 

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// largest likelihood. Outputs aren't centred, so an array without contact must read 0. If several points are equally good, the
 /// first one counts. A point at which no unit reads anything is never an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Whitened {
+pub(crate) struct Whitened {
     /// Smallest noise divided by each unit's noise, at most 1.
     weights: Vec<f64>,
     /// Smallest noise, in the outputs' unit.
@@ -36,7 +36,7 @@ impl Whitened {
     ///
     /// # Errors
     /// The noise isn't one finite value above 0 for each unit, or no unit reads anything at any point.
-    pub fn fit(calibration: &Calibration, noise_sd: &[f64]) -> Result<Self, FitError> {
+    pub(crate) fn fit(calibration: &Calibration, noise_sd: &[f64]) -> Result<Self, FitError> {
         let units = calibration.units();
         if noise_sd.len() != units || !noise_sd.iter().all(|sd| *sd > 0.0 && sd.is_finite()) {
             return Err(FitError::Noise);

@@ -8,11 +8,11 @@ use palpate_control::Strategy;
 use palpate_run::rig::RigSpec;
 
 /// Requested tolerances, N.
-pub const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
+pub(crate) const TOLERANCES_N: [f64; 5] = [0.050, 0.020, 0.010, 0.005, 0.002];
 /// True stiffness divided by declared stiffness.
-pub const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
+pub(crate) const MISMATCHES: [f64; 6] = [0.5, 1.0, 1.5, 2.0, 3.0, 5.0];
 /// Declared stiffnesses of the nominal specimen, N/mm.
-pub const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
+pub(crate) const DECLARED_N_MM: [f64; 6] = [2.0, 4.0, 8.0, 20.0, 100.0, 500.0];
 /// Declared stiffness, N/mm, from which fewer places are pressed.
 pub(crate) const SLOW_N_MM: f64 = 100.0;
 /// Number of places along a side of this smaller square.

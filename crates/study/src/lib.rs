@@ -27,9 +27,10 @@ pub mod validation;
 pub use bench::Bench;
 pub use bound::least_s;
 pub use condition::{Condition, ConditionOutcome, Part};
-pub use control::{DECLARED_N_MM, LoopFindings, LoopSize, MISMATCHES, TOLERANCES_N, control};
+pub use control::{LoopFindings, LoopSize, control};
 pub use figures::figures;
-pub use scenes::{BenchChange, NOMINAL, SCENES};
+pub use scenes::BenchChange;
+pub use scenes::NOMINAL;
 pub use stability::Onset;
 
 use miette::Diagnostic;

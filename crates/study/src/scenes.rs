@@ -24,7 +24,7 @@ const TIME_CONSTANTS: f64 = 2.5;
 pub const NOMINAL: BenchChange = change("nominal", 1.0, |_| {});
 
 /// All scenes of the study.
-pub const SCENES: [BenchChange; 13] = [
+pub(crate) const SCENES: [BenchChange; 13] = [
     NOMINAL,
     change("soft, 0.4 N/mm", 0.3, |spec| {
         spec.scene.contact = line(0.4, spec.scene.contact.toe_mm);

@@ -44,7 +44,7 @@ const TELL_SHARE: f64 = 0.3;
 const LOOKS_MAX: u32 = 2000;
 const FIRST_LOOKS_MAX: u32 = 20_000;
 /// Fastest approach, mm/s. A higher speed loses its gain in braking.
-pub const APPROACH_MOST_MM_S: f64 = 2.0;
+pub(crate) const APPROACH_MOST_MM_S: f64 = 2.0;
 
 /// Fastest approach until the first touch of the specimen, mm/s, unless the rig file states another value. An obstacle of 200
 /// N/mm then gets less than 3 N while host and load cell work.

@@ -14,7 +14,7 @@ use super::profile::MotionProfile;
 use super::task::{Branch, Level, Strategy, Task};
 use super::trip::{Rule, Trip};
 pub use dialogue::{AirReadings, Command, Context, Event, Moment, Steer};
-pub use guarded::{APPROACH_MOST_MM_S, FIRST_APPROACH_MM_S, TOUCH_MOST_N};
+pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
 pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 

@@ -13,10 +13,10 @@ use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, StudentsT};
 use statrs::statistics::Statistics as _;
 
 /// Smallest probability that a bound covers the true value.
-pub const CONFIDENCE: f64 = 0.95;
+pub(crate) const CONFIDENCE: f64 = 0.95;
 
 /// Smallest number of presses from which a mean is bounded. With fewer presses, skewed errors exceed the bound too often.
-pub const MEAN_PRESSES_LEAST: usize = 59;
+pub(crate) const MEAN_PRESSES_LEAST: usize = 59;
 
 /// Confidence for which a mean's bound is computed, as a fraction. It is large enough that the bound also covers [`CONFIDENCE`]
 /// of skewed errors. Exponentially distributed errors reduce it by 0.3 %, log-normal ones (sigma 0.8) by 1.5 %.
@@ -33,7 +33,7 @@ enum Side {
 }
 
 /// Returns the upper bound of the mean of a population from a sample; `None` below [`MEAN_PRESSES_LEAST`] values.
-pub fn mean_upper(values: &[f64]) -> Option<f64> {
+pub(crate) fn mean_upper(values: &[f64]) -> Option<f64> {
     mean_bound(values, MEAN_CONFIDENCE, Side::Upper)
 }
 
@@ -45,7 +45,7 @@ pub fn mean_interval(values: &[f64]) -> Option<(f64, f64)> {
 
 /// Returns the upper bound of the quantile `share` of a population. It is the smallest order statistic that is above the quantile
 /// in 95 % of samples; `None` if even the largest isn't. `sorted` is in ascending order.
-pub fn quantile_upper(sorted: &[f64], share: f64) -> Option<f64> {
+pub(crate) fn quantile_upper(sorted: &[f64], share: f64) -> Option<f64> {
     let n = sorted.len();
     // the r-th smallest is above the quantile unless r or more values are below it
     let is_above = |r: &usize| binomial_at_most(r - 1, n, share) >= CONFIDENCE;
@@ -61,7 +61,7 @@ pub fn quantile_interval(sorted: &[f64], share: f64) -> Option<(f64, f64)> {
 }
 
 /// Returns the smallest number of values from which the quantile `share` has an upper bound: 59 for the 95th percentile.
-pub fn quantile_least(share: f64) -> usize {
+pub(crate) fn quantile_least(share: f64) -> usize {
     ((1.0 - CONFIDENCE).ln() / share.ln()).ceil() as usize
 }
 
@@ -72,7 +72,7 @@ pub fn quantile_interval_least(share: f64) -> usize {
 }
 
 /// Returns the lower bound of the fraction of a population with a property that `count` of `n` have; 0 to 1.
-pub fn share_lower(count: usize, n: usize) -> f64 {
+pub(crate) fn share_lower(count: usize, n: usize) -> f64 {
     if count == 0 {
         return 0.0;
     }
@@ -93,7 +93,7 @@ pub fn share_interval(count: usize, n: usize) -> (f64, f64) {
 
 /// Returns the upper bound of a standard deviation with `freedom` degrees of freedom, as a multiple of this standard deviation.
 /// Assumes a normal distribution.
-pub fn sd_upper_factor(freedom: f64) -> Option<f64> {
+pub(crate) fn sd_upper_factor(freedom: f64) -> Option<f64> {
     Some((freedom / chi_squared_quantile(freedom, 1.0 - CONFIDENCE)?).sqrt())
 }
 

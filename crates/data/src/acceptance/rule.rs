@@ -190,7 +190,7 @@ impl Figure {
     }
 
     /// Whether the figure is the worst of the units' characteristics.
-    pub const fn is_of_units(self) -> bool {
+    pub(crate) const fn is_of_units(self) -> bool {
         matches!(
             self,
             Figure::Repeatability

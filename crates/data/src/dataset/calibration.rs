@@ -61,7 +61,7 @@ pub enum CalibrateError {
 }
 
 /// Smallest number of different places of a calibration. With fewer, every contact would get the same place.
-pub const PLACES_LEAST: usize = 2;
+pub(crate) const PLACES_LEAST: usize = 2;
 
 /// Returns the calibration presses of a run, with the load cell's forces.
 pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
@@ -97,7 +97,7 @@ pub struct ForceColumn {
 pub const LOAD_CELL: ForceColumn = ForceColumn { name: "force_n", of: |press| press.force_n };
 
 /// Commanded force; known only for a run.
-pub const COMMANDED: ForceColumn = ForceColumn { name: "force_set_n", of: |press| press.force_set_n };
+pub(crate) const COMMANDED: ForceColumn = ForceColumn { name: "force_set_n", of: |press| press.force_set_n };
 
 /// The unflagged presses of one kind.
 pub struct Selection<'a> {

@@ -19,7 +19,7 @@ pub fn open(path: &Path) -> io::Result<File> {
 ///
 /// # Errors
 /// The same as for [`open`].
-pub fn open_to_append(path: &Path) -> io::Result<File> {
+pub(crate) fn open_to_append(path: &Path) -> io::Result<File> {
     opened(path, OpenOptions::new().append(true))
 }
 
@@ -27,7 +27,7 @@ pub fn open_to_append(path: &Path) -> io::Result<File> {
 ///
 /// # Errors
 /// The same as for [`open`].
-pub fn open_or_create(path: &Path) -> io::Result<File> {
+pub(crate) fn open_or_create(path: &Path) -> io::Result<File> {
     match open_to_append(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => {
             OpenOptions::new().append(true).create_new(true).open(path)
@@ -84,7 +84,7 @@ pub(super) fn advice(why: &io::Error) -> &'static str {
 }
 
 /// A file being written. It is written next to its final path, then renamed, so it is replaced completely or not at all.
-pub struct Draft {
+pub(crate) struct Draft {
     out: io::BufWriter<File>,
     beside: PathBuf,
     path: PathBuf,
@@ -95,7 +95,7 @@ impl Draft {
     ///
     /// # Errors
     /// An error of the operating system, or the path is something other than a regular file with one name.
-    pub fn new(path: &Path) -> io::Result<Draft> {
+    pub(crate) fn new(path: &Path) -> io::Result<Draft> {
         check_place(path)?;
         let beside = beside(path);
         match fs::remove_file(&beside) {
@@ -109,7 +109,7 @@ impl Draft {
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn write(&mut self, text: &str) -> io::Result<()> {
+    pub(crate) fn write(&mut self, text: &str) -> io::Result<()> {
         self.out.write_all(text.as_bytes())
     }
 
@@ -117,7 +117,7 @@ impl Draft {
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn publish(mut self) -> io::Result<()> {
+    pub(crate) fn publish(mut self) -> io::Result<()> {
         self.out.flush()?;
         fs::rename(&self.beside, &self.path)
     }

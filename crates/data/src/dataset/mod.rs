@@ -62,7 +62,8 @@ pub use manifest::Manifest;
 pub use mapping::{COLUMN_KEYS, Mapping};
 pub use new_folder::make_folder;
 use palpate_core::quantity::round;
-pub use press::{COLUMNS, Column, OUTPUTS, Presence, Press, output_name};
+pub use press::Presence;
+pub use press::{COLUMNS, Column, OUTPUTS, Press, output_name};
 pub use presses::Presses;
 pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
@@ -71,6 +72,8 @@ pub use session::{
     is_label,
 };
 pub use table::{parse_table, read_table};
-pub use table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, TableError};
+pub(crate) use table_error::MAX_COLUMNS;
+pub use table_error::TableError;
 pub use verify::{Verified, verify};
-pub use views::{CHARACTERISTIC_COLUMNS, Characteristic, TABLES};
+pub use views::Characteristic;
+pub use views::{CHARACTERISTIC_COLUMNS, TABLES};

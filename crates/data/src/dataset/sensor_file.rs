@@ -20,7 +20,7 @@ pub const MARK: &str = "palpate sensor 1";
 const KIND: &str = "palpate sensor ";
 
 /// Largest size of a model in a file, bytes.
-pub const MOST_BYTES: usize = 32 << 20;
+pub(crate) const MOST_BYTES: usize = 32 << 20;
 
 /// Largest size of a card, bytes.
 const CARD_MOST_BYTES: usize = 64 << 10;

@@ -6,11 +6,11 @@ use std::io;
 
 /// Size of the largest table that is read, bytes: about 100 000 presses of 500 units, far beyond any run. Only numbers are kept
 /// in memory, which are mostly smaller than the text.
-pub const MAX_TABLE_BYTES: u64 = 512 << 20;
+pub(crate) const MAX_TABLE_BYTES: u64 = 512 << 20;
 /// Largest number of rows of a table. A stage that presses every three seconds needs a month for this number.
-pub const MAX_ROWS: usize = 1 << 20;
+pub(crate) const MAX_ROWS: usize = 1 << 20;
 /// Largest number of columns of a table. It is far beyond any array, and small enough to search names one by one.
-pub const MAX_COLUMNS: usize = 4096;
+pub(crate) const MAX_COLUMNS: usize = 4096;
 
 /// Reason why a table can't be used; `line` counts from 1.
 #[derive(Debug, thiserror::Error, Diagnostic)]

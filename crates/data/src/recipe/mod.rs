@@ -13,7 +13,8 @@ mod teach;
 pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
-pub use step::{Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step, UnitChoice};
+pub use step::UnitChoice;
+pub use step::{Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step};
 pub use teach::Entry;
 
 use crate::acceptance::Rule;
@@ -31,7 +32,7 @@ pub const RULE_KEYS: Keys = accept::accept::KEYS;
 pub const PRESSES_MAX: usize = 100_000;
 
 /// Largest number of entries of any plan: the recipe's presses, and the presses that teach.
-pub const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
+pub(crate) const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
 
 /// A recipe, parsed but not yet checked against a rig.
 #[derive(Clone, Debug)]

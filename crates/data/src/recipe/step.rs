@@ -120,7 +120,7 @@ impl Order {
     }
 
     /// Returns the numbers of the points of this number of columns and rows, in the order of the visits.
-    pub fn visits(self, columns: usize, rows: usize) -> Vec<usize> {
+    pub(crate) fn visits(self, columns: usize, rows: usize) -> Vec<usize> {
         let pass = |(from_x, from_y, stride): (usize, usize, usize)| {
             let row = move |y: usize| (from_x..columns).step_by(stride).map(move |x| y * columns + x);
             (from_y..rows).step_by(stride).flat_map(row)

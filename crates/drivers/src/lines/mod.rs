@@ -16,7 +16,8 @@ mod roles;
 #[cfg(test)]
 mod tests;
 
-pub use framing::{Finder, Framing, Rejected};
+pub use framing::Rejected;
+pub use framing::{Finder, Framing};
 pub use keys::KEYS;
 pub use port::{LinePort, Received};
 pub use profile::{LineProfile, SHIPPED};

@@ -67,7 +67,7 @@ impl Client {
     }
 
     /// Limits the requests to one in each `pace`.
-    pub fn set_pace(&mut self, pace: Duration) {
+    pub(crate) fn set_pace(&mut self, pace: Duration) {
         self.pace = pace;
     }
 

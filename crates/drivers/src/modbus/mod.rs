@@ -12,7 +12,9 @@ mod request;
 pub use array::ModbusArray;
 pub use client::Client;
 pub use load_cell::ModbusLoadCell;
-pub use number::{Encoding, NumberType, WordOrder};
+pub use number::Encoding;
+pub use number::NumberType;
+pub use number::WordOrder;
 pub use profile::{Profile, Register, SHIPPED};
 pub use request::{Framing, Function, Transport};
 

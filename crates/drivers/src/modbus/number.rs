@@ -69,7 +69,7 @@ impl Encoding {
     }
 
     /// Returns the number in some registers; `None` if there are too few.
-    pub fn decode(&self, words: &[u16]) -> Option<f64> {
+    pub(crate) fn decode(&self, words: &[u16]) -> Option<f64> {
         let words = words.get(..usize::from(self.registers()))?;
         let word = |word: &u16| u64::from(if self.swap_bytes { word.swap_bytes() } else { *word });
         let joined = |bits: u64, word: u64| bits << 16 | word;

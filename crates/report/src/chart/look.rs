@@ -80,7 +80,7 @@ pub enum Line {
 pub(super) const LIGHT: &str = include_str!("light.css");
 
 /// Style sheet in light and dark colours, following the reader's setting.
-pub const STYLE: &str = concat!(include_str!("light.css"), include_str!("dark.css"));
+pub(crate) const STYLE: &str = concat!(include_str!("light.css"), include_str!("dark.css"));
 
 impl Hue {
     /// Class name of the colour.

@@ -15,9 +15,10 @@ mod panel;
 mod ramp;
 
 pub use axis::{ChartAxis, Scale};
-pub use look::{Hue, Line, Look, STYLE, Shape};
+pub(crate) use look::STYLE;
+pub use look::{Hue, Line, Look, Shape};
 pub use panel::{Anchor, Cell, Mark, Panel, Part};
-pub use ramp::Ramp;
+pub(crate) use ramp::Ramp;
 
 use labels::{Label, SIZE_PX, laid_out};
 use letters::{width_px, wrapped};
@@ -68,7 +69,7 @@ const GAP: f64 = 44.0;
 /// Space between the panels of a grid, px, with room for the numbers next to them.
 const GAP_OF_GRID: f64 = 50.0;
 /// Gap between panels with shared axes, px: space for the ends of two axes next to each other.
-pub const SHARED_GAP_PX: f64 = 20.0;
+pub(crate) const SHARED_GAP_PX: f64 = 20.0;
 /// Space above the panels of a figure whose title is printed by the page, px. The second constant is the part cut off below,
 /// because the page has its own margins, px.
 const TOP_INLINE: f64 = 14.0;

@@ -2,7 +2,7 @@
 
 /// Colours for a quantity: from dark blue through greys to light yellow, with increasing lightness. They keep their order in grey
 /// print and for colour-blind people (after the idea of cividis: Nunez, Anderton and Renslow 2018).
-pub struct Ramp;
+pub(crate) struct Ramp;
 
 /// Number of colours.
 pub(super) const LEVELS: usize = 16;
@@ -13,17 +13,17 @@ const ANCHORS: [[f64; 3]; 5] =
 
 impl Ramp {
     /// Returns the level of the colour for a fraction from 0 to 1.
-    pub fn level(share: f64) -> usize {
+    pub(crate) fn level(share: f64) -> usize {
         ((share.clamp(0.0, 1.0) * LEVELS as f64) as usize).min(LEVELS - 1)
     }
 
     /// Returns the class of elements with this colour.
-    pub fn class(level: usize) -> String {
+    pub(crate) fn class(level: usize) -> String {
         format!("c{level}")
     }
 
     /// Returns the style sheet of these classes.
-    pub fn style() -> String {
+    pub(crate) fn style() -> String {
         let rule = |level| format!(".{}{{fill:{}}}", Ramp::class(level), colour(level));
         (0..LEVELS).map(rule).collect()
     }

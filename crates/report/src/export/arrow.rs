@@ -62,7 +62,7 @@ pub fn batch(frame: Frame, schema: SchemaRef) -> io::Result<RecordBatch> {
 ///
 /// # Errors
 /// An error of the operating system.
-pub fn write_ipc(frame: Frame, manifest: &str, out: impl Write) -> io::Result<()> {
+pub(crate) fn write_ipc(frame: Frame, manifest: &str, out: impl Write) -> io::Result<()> {
     let metadata = HashMap::from([(MANIFEST.to_owned(), manifest.to_owned())]);
     let schema = Arc::new(schema(&frame).with_metadata(metadata));
     let mut writer = FileWriter::try_new_buffered(out, &schema).map_err(io::Error::other)?;

@@ -104,7 +104,7 @@ pub fn characteristics(run: &Recorded, layout: &ArrayLayout) -> Option<Frame> {
 }
 
 /// Returns the same from the presses of a characterisation.
-pub fn characteristics_of(presses: &Presses, layout: &ArrayLayout) -> Option<Frame> {
+pub(crate) fn characteristics_of(presses: &Presses, layout: &ArrayLayout) -> Option<Frame> {
     let units = characterise(&Staircases::of_run(presses, layout)?, Repeatability::default());
     let count = |of: fn(&UnitCharacteristics) -> usize| Values::I64(units.iter().map(|unit| of(unit) as i64).collect());
     let mut columns = vec![Column::new("unit", "Number of the unit, from 1.", count(|unit| unit.unit))];

@@ -19,7 +19,8 @@ mod npz;
 mod rows;
 
 pub use bench::{BenchError, bench_of};
-pub use c::{NoC, c_file};
+pub use c::NoC;
+pub use c::c_file;
 pub use format::{Format, NotBuilt, write_file, write_tables};
 #[cfg(feature = "files")]
 pub use rows::of_run;

@@ -157,7 +157,7 @@ pub struct Section {
 
 impl Section {
     /// Creates a section with a heading, some words and figures; `None` without figures.
-    pub fn of_figures(title: &str, before: &Markup, figures: Vec<Drawn>) -> Option<Section> {
+    pub(crate) fn of_figures(title: &str, before: &Markup, figures: Vec<Drawn>) -> Option<Section> {
         (!figures.is_empty()).then(|| Section::new(title, before, figures))
     }
 

@@ -12,7 +12,7 @@ pub enum Admitted {
 }
 
 /// Serial numbers that were typed and not calibrated yet: the sensors on the tray.
-pub type Tray<'a> = &'a [String];
+pub(crate) type Tray<'a> = &'a [String];
 
 impl State {
     /// Returns the kind of a typed sensor, if it may be calibrated now.

@@ -10,7 +10,7 @@ use palpate_core::quantity::Ewma;
 
 /// Largest expected standard deviation of the bench, as a fraction of that of the sensors. A bench that repeats worse than this
 /// raises alarms, because its own deviation then matters.
-pub const BENCH_SHARE: f64 = 0.2;
+pub(crate) const BENCH_SHARE: f64 = 0.2;
 
 /// Weights of the newest value.
 const REFERENCE_WEIGHT: f64 = 0.5;

@@ -19,7 +19,7 @@ mod seed;
 mod serial;
 mod state;
 
-pub use admit::{Admitted, Tray};
+pub use admit::Admitted;
 pub use chance::{Chance, DRAWS, Test, chance};
 pub use conclude::{Basis, Conclusion, conclude};
 pub use design::ByDesign;
@@ -27,9 +27,10 @@ pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Charted, Ended, Event, Facts,
 pub use file::{BatchFile, Nest, PriorRuns, Typical, parse};
 pub use folder::{BatchError, BatchFolder, RUNS, beginning, read_state};
 pub use history::History;
-pub use monitor::{Monitor, Quantity};
+pub use monitor::Monitor;
+pub use monitor::Quantity;
 pub use seed::{run_seed, specimen_seed};
-pub use serial::{SERIAL_MOST, check_serial};
+pub use serial::check_serial;
 pub use state::{Item, Standing, State};
 
 use palpate_document::Keys;
@@ -38,4 +39,4 @@ use palpate_document::Keys;
 pub const KEYS: Keys = keys::root::KEYS;
 
 /// Largest number of serial numbers of a batch.
-pub const SERIALS_MAX: usize = 100_000;
+pub(crate) const SERIALS_MAX: usize = 100_000;

@@ -1,7 +1,7 @@
 //! Serial numbers of sensors, which are also names of folders.
 
 /// Largest number of characters of a serial number.
-pub const SERIAL_MOST: usize = 64;
+pub(crate) const SERIAL_MOST: usize = 64;
 
 /// Words that a person types instead of a serial number.
 const WORDS: [&str; 1] = ["later"];

@@ -21,17 +21,22 @@ mod spec;
 mod which_way;
 
 pub use bench::Bench;
-pub use cell::{AdjustedCell, GAIN_UNKNOWN};
+pub use cell::AdjustedCell;
+pub use cell::GAIN_UNKNOWN;
 pub use compare::{Consequence, Difference, differences};
 pub use emulated::{EmulatedDevice, FarEnd};
 pub use family::{FAMILIES, Family, Links, Role};
 pub use open::OpenRig;
 pub use parse::parse;
-pub use simulated::{SceneProbe, SimulatedRig};
-pub use spec::{
-    ArrayDriver, ArraySpec, Driver, Home, HomeSide, LoadCellDriver, LoadCellSpec, Misfit, OwnFile, RigSpec,
-    StageDriver, StageSpec, Wiring,
-};
+pub use simulated::SceneProbe;
+pub use simulated::SimulatedRig;
+pub use spec::ArrayDriver;
+pub use spec::ArraySpec;
+pub use spec::HomeSide;
+pub use spec::LoadCellDriver;
+pub use spec::StageDriver;
+pub use spec::StageSpec;
+pub use spec::{Driver, Home, LoadCellSpec, Misfit, OwnFile, RigSpec, Wiring};
 pub use which_way::WhichWay;
 
 use palpate_document::Keys;

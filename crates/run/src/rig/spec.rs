@@ -247,7 +247,7 @@ impl RigSpec {
     }
 
     /// Returns the timing of the rig according to its file, without measured link times.
-    pub fn unmeasured_timing(&self) -> Timing {
+    pub(crate) fn unmeasured_timing(&self) -> Timing {
         Timing {
             exchange_s: 0.0,
             settle_s: self.stage.settle_s + self.load_cell.lag_s,

@@ -77,7 +77,7 @@ impl Cancel {
     }
 
     /// Waits until a pause ends or a stop is requested.
-    pub async fn while_pausing(&self) {
+    pub(crate) async fn while_pausing(&self) {
         self.wait_for(|word| word != Word::Pause).await;
     }
 

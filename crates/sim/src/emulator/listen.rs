@@ -10,7 +10,7 @@ use tokio::time::{Instant, sleep};
 
 /// Largest number of clients at once on one TCP port. A further client is accepted and closed at once, so that it sees a refusal
 /// instead of a wait.
-pub const CLIENTS_MOST: usize = 16;
+pub(crate) const CLIENTS_MOST: usize = 16;
 
 /// Rest after a client couldn't be accepted. If the cause persists, the rest keeps the loop from spinning.
 const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);

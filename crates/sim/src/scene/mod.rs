@@ -171,7 +171,7 @@ impl Scene {
 
     /// Returns the load cell's reading at `now_s`, N: its last conversion that has arrived, pressing positive, with noise,
     /// without a zero subtracted.
-    pub fn load_cell_n(&mut self, now_s: f64) -> f64 {
+    pub(crate) fn load_cell_n(&mut self, now_s: f64) -> f64 {
         self.advance(now_s);
         self.load_cell.read(now_s, &self.faults)
     }
@@ -191,7 +191,7 @@ impl Scene {
     }
 
     /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
-    pub fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
+    pub(crate) fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
         let silent = match device {
             Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
             Device::LoadCell => self.faults.any(FaultKind::Stale, now_s),

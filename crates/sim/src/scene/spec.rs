@@ -121,7 +121,7 @@ pub struct LoadCell {
 
 impl LoadCell {
     /// Force reading caused by the tool while the stage accelerates toward the specimen, N.
-    pub fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
+    pub(crate) fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
         self.tool_kg * (acceleration_mm_s2 / 1000.0 - GRAVITY_M_S2)
     }
 
@@ -163,7 +163,7 @@ impl Wave {
     }
 
     /// Slope of the wave at a time, 1/s.
-    pub fn slope_at(&self, at_s: f64) -> f64 {
+    pub(crate) fn slope_at(&self, at_s: f64) -> f64 {
         self.amplitude * TAU / self.period_s * (TAU * at_s / self.period_s).cos()
     }
 }

@@ -11,7 +11,8 @@ mod posterior;
 mod spread;
 
 pub use belongs::{Belongs, Deviation};
-pub use spread::{Deviations, Spread};
+pub use spread::Deviations;
+pub use spread::Spread;
 
 use super::adapt::{Fit, Map, Moved};
 use super::field::Field;

@@ -125,7 +125,7 @@ pub struct Aim<'a> {
 impl Aim<'_> {
     /// Returns r of a second contact, and its change per millimetre of the contact's path; `None` if all units read the same for
     /// it.
-    pub fn r_and_slope(&self, second: Place, direction_rad: f64) -> Option<(f64, f64)> {
+    pub(crate) fn r_and_slope(&self, second: Place, direction_rad: f64) -> Option<(f64, f64)> {
         let sums = self.array.sums(second, direction_rad, |unit| self.pattern[unit]);
         let power = sums.power()?;
         // the pattern is centred, so that it needs no centred readings beside it

@@ -253,7 +253,7 @@ impl DesignFindings {
     }
 
     /// Whether all units lie under a point load in a half-space, as in the paper.
-    pub fn is_papers(&self) -> bool {
+    pub(crate) fn is_papers(&self) -> bool {
         self.passage == Passage::half_space(self.passage.depth_mm)
     }
 

@@ -58,7 +58,7 @@ fn curve(figure: &'static str, n: usize, s: f64, d1: f64, to: f64) -> LineCurve 
 
 impl LineCurve {
     /// Returns the distances from the first contact at which r turns, to the left and to the right.
-    pub fn turnings(&self) -> [Option<f64>; 2] {
+    pub(crate) fn turnings(&self) -> [Option<f64>; 2] {
         let array = Array::line(self.n, self.s);
         let to = self.points.last().map_or(0.0, |(d2, _)| *d2);
         [walk_left(&array, self.d1), walk_right(&array, self.d1, to)].map(|walk| walk.turning_mm)

@@ -12,12 +12,15 @@ mod line;
 mod turning;
 
 pub use super::methods::cramer_rao::MeanBound;
-pub use array::{Aim, Array};
+pub use array::Aim;
+pub use array::Array;
 pub use claims::Claim;
 pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
 pub use figures::{design_figures, figures};
 pub use line::LineCurve;
-pub use turning::{Area, ArrayWalk, NEAR_R, Survey, Turning};
+pub use turning::ArrayWalk;
+pub use turning::Survey;
+pub use turning::{Area, NEAR_R, Turning};
 
 use serde::Serialize;
 use serde_json::json;

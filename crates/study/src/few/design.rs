@@ -48,7 +48,7 @@ impl Design {
 
     /// Returns the same design with another thickness of the layer.
     #[must_use]
-    pub fn with_layer(&self, times: f64) -> Design {
+    pub(crate) fn with_layer(&self, times: f64) -> Design {
         self.with(|skin| skin.elastomer.iter_mut().for_each(|elastomer| elastomer.depth_mm *= times))
     }
 

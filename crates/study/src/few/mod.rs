@@ -14,7 +14,8 @@ mod verdicts;
 pub use design::Design;
 pub use figure::few_figures;
 pub use presses::{FewRow, Way, presses};
-pub use strangers::{Stranger, StrangerRow, strangers};
+pub use strangers::Stranger;
+pub use strangers::{StrangerRow, strangers};
 pub use verdicts::{VerdictRow, verdicts};
 
 use super::StudyError;

@@ -205,7 +205,7 @@ impl Harm {
     }
 
     /// Changes the readings, if the condition varies them. The readings follow one another in time.
-    pub fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut Stream) {
+    pub(crate) fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut Stream) {
         match self.kind {
             Kind::Aging => age(readings, value / 100.0, rng),
             Kind::Outliers => add_spikes(readings, value / 100.0, rng),

@@ -13,13 +13,15 @@ mod trial;
 
 pub use budget::{PRESS_S, budget, budget_of};
 pub use conditions::{CONDITIONS, Harm};
-pub use covered::{FoundCoverage, STATED_PERCENT};
+pub use covered::FoundCoverage;
+pub use covered::STATED_PERCENT;
 pub use failures::failures;
 pub use figures::{budget_figures, budget_figures_of, coverage_figures, failure_figures, speed_accuracy_figures};
 pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
-pub use trial::{CRAMER_RAO, Method, MethodRow, Tally};
+pub(crate) use trial::CRAMER_RAO;
+pub use trial::{Method, MethodRow, Tally};
 
 /// Returns the rows of one scene, method and condition, in order.
 pub fn rows_of<'a>(

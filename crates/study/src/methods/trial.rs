@@ -105,7 +105,7 @@ pub struct MethodRow {
 }
 
 /// Name of the Cramer-Rao bound.
-pub const CRAMER_RAO: &str = "cramer-rao";
+pub(crate) const CRAMER_RAO: &str = "cramer-rao";
 /// Name of the bound from the errors that a method states itself.
 pub(super) const STATED: &str = "stated by surrogate";
 

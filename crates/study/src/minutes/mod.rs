@@ -27,11 +27,11 @@ use serde::Serialize;
 use std::sync::Arc;
 
 /// Time at the bench for mounting the sensor before a run, minutes.
-pub const MOUNTING_MIN: f64 = 4.0;
+pub(crate) const MOUNTING_MIN: f64 = 4.0;
 /// Time for warming up the load cell and the array, minutes.
-pub const WARM_UP_MIN: f64 = 10.0;
+pub(crate) const WARM_UP_MIN: f64 = 10.0;
 /// Time for touching the sensor to find its position, and for checking zeros, minutes.
-pub const ZEROING_MIN: f64 = 1.0;
+pub(crate) const ZEROING_MIN: f64 = 1.0;
 /// Sum of mounting, warm-up and zeroing, minutes.
 pub const HANDLING_MIN: f64 = MOUNTING_MIN + WARM_UP_MIN + ZEROING_MIN;
 

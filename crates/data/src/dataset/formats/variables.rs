@@ -4,7 +4,7 @@ use crate::dataset::table_error::{MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES};
 use std::fmt::Write as _;
 
 /// A named array with a value for each row, in one or more columns.
-pub struct Variable {
+pub(crate) struct Variable {
     /// Name of the array. A frame of an exported file is before it: `presses.x_mm`.
     pub name: String,
     /// Number of rows.

@@ -21,7 +21,7 @@ use serde_json::Value;
 use std::io;
 
 /// Length of the longest line that is read, bytes: 4096 outputs of 60 characters each.
-pub const MAX_LINE_BYTES: usize = 256 << 10;
+pub(crate) const MAX_LINE_BYTES: usize = 256 << 10;
 
 /// Format of readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

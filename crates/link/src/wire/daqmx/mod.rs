@@ -19,13 +19,13 @@ pub const DIFF: i32 = 10106;
 /// See [`RSE`].
 pub const PSEUDO_DIFF: i32 = 12529;
 /// `DAQmx_Val_Volts`.
-pub const VOLTS: i32 = 10348;
+pub(crate) const VOLTS: i32 = 10348;
 /// `DAQmx_Val_Rising`.
 pub const RISING: i32 = 10280;
 /// `DAQmx_Val_ContSamps`.
-pub const CONTINUOUS: i32 = 10123;
+pub(crate) const CONTINUOUS: i32 = 10123;
 /// `DAQmx_Val_GroupByScanNumber`: the samples of one instant are next to each other.
-pub const BY_SCAN: u32 = 1;
+pub(crate) const BY_SCAN: u32 = 1;
 /// `DAQmx_Val_Auto`: all available samples.
 pub const AUTO: i32 = -1;
 

@@ -22,7 +22,7 @@ use results::{Results, results};
 use thiserror::Error;
 
 /// Statement about signatures in every certificate.
-pub const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It is based on the journals whose SHA-256 \
+pub(crate) const NOT_SIGNED: &str = "This document is not signed by the program that wrote it. It is based on the journals whose SHA-256 \
                               it states; `palpate verify RUN --certificate FILE` compares them.";
 
 /// A certificate, ready for writing.

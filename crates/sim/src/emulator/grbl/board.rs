@@ -50,7 +50,7 @@ impl Board {
     }
 
     /// Returns the switch that an axis homes to, and the place at which homing leaves it, mm in the scene.
-    pub fn switch_mm(&self, axis: usize) -> (f64, f64) {
+    pub(crate) fn switch_mm(&self, axis: usize) -> (f64, f64) {
         let (min_mm, max_mm) = self.ends_mm(axis);
         let off_mm = self.settings.pull_off_mm().min(self.lengths_mm[axis]); // the other end stops it
         if self.settings.homes_to_minus(axis) { (min_mm, min_mm + off_mm) } else { (max_mm, max_mm - off_mm) }
@@ -67,7 +67,7 @@ impl Board {
     }
 
     /// Returns the counts that the soft limits allow, mm (GRBL's system.c).
-    pub fn soft_limits_mm(&self, axis: usize) -> (f64, f64) {
+    pub(crate) fn soft_limits_mm(&self, axis: usize) -> (f64, f64) {
         let travel_mm = self.settings.travel_mm(axis);
         let is_up = self.sets_origin && self.settings.homes_to_minus(axis);
         if is_up { (0.0, travel_mm) } else { (-travel_mm, 0.0) }

@@ -101,7 +101,7 @@ impl Settings {
     }
 
     /// `$20`: whether lines beyond the travel are refused.
-    pub fn limits_softly(&self) -> bool {
+    pub(crate) fn limits_softly(&self) -> bool {
         self.of(SOFT_LIMITS) != 0.0
     }
 
@@ -111,12 +111,12 @@ impl Settings {
     }
 
     /// `$23`: whether an axis searches toward minus.
-    pub fn homes_to_minus(&self, axis: usize) -> bool {
+    pub(crate) fn homes_to_minus(&self, axis: usize) -> bool {
         self.of(HOMING_DIRECTION) as u8 & (1 << axis) != 0
     }
 
     /// `$24`: speed of locating a switch, mm/s.
-    pub fn locate_mm_s(&self) -> f64 {
+    pub(crate) fn locate_mm_s(&self) -> f64 {
         self.of(LOCATE_MM_MIN) / 60.0
     }
 
@@ -126,7 +126,7 @@ impl Settings {
     }
 
     /// `$26`: rest between the phases of homing, s.
-    pub fn debounce_s(&self) -> f64 {
+    pub(crate) fn debounce_s(&self) -> f64 {
         self.of(DEBOUNCE_MS) / 1000.0
     }
 
@@ -136,7 +136,7 @@ impl Settings {
     }
 
     /// `$100` to `$102`: steps per mm.
-    pub fn steps_per_mm(&self, axis: usize) -> f64 {
+    pub(crate) fn steps_per_mm(&self, axis: usize) -> f64 {
         self.of(STEPS_PER_MM + axis as u16)
     }
 

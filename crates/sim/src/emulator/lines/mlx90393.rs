@@ -10,7 +10,7 @@ pub(super) const SETUP_S: f64 = 0.035;
 const AXES: usize = 3;
 
 /// Magnetic field for one reading unit of a taxel, microtesla. 1 N directly above a taxel gives one reading unit.
-pub const MICROTESLA_PER_UNIT: f64 = 100.0;
+pub(crate) const MICROTESLA_PER_UNIT: f64 = 100.0;
 
 /// Magnetic field of each channel at rest, microtesla: that of the skin's magnets.
 pub const REST_MICROTESLA: f64 = 500.0;

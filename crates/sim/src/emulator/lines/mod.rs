@@ -30,7 +30,7 @@ pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
 pub use hx711::{Hx711, Hx711Sketch};
 pub use mark10::Mark10;
 pub use mlx_text::MlxText;
-pub use mlx90393::{MICROTESLA_PER_UNIT, REST_MICROTESLA};
+pub use mlx90393::REST_MICROTESLA;
 pub use port::Port;
 pub use reskin::ReSkin;
 pub use velostat::Velostat;
@@ -50,7 +50,7 @@ use tokio::sync::Notify;
 pub(super) const LINE_END: &[u8] = b"\r\n";
 
 /// Number of lines that a board remembers having sent.
-pub const SENT_MOST: usize = 4096;
+pub(crate) const SENT_MOST: usize = 4096;
 
 /// Time before an event at which it counts as due, s: times are rounded on their way through the clock.
 const EARLY_S: f64 = 1e-6;
