@@ -1,14 +1,11 @@
 //! Pages of batches: their numbers are those of the events, and they stay usable with thousands of sensors.
 
-use crate::support::batches::{Drawn, WITHIN, write};
+use crate::support::batches::{Drawn, MONTH, WITHIN, write};
 use crate::support::{Bench, shipped_text};
 use palpate::acceptance::Verdict;
 use palpate::batch::{Ended, Event};
 use std::collections::HashMap;
 use std::fs;
-
-pub const MONTH: Drawn =
-    Drawn { name: "june", sensors: 120, outputs: 9, every: 10, guarded: true, drift: 0.03, seed: 1 };
 
 /// Largest page of 5,000 sensors, MB.
 const LARGEST_MB: f64 = 8.0;

@@ -2,39 +2,8 @@
 //! numbers beside it, on its page and where `evaluate` and `run` print.
 
 use crate::support::printed::is_narrow;
+use crate::support::skins::skins;
 use crate::support::{Bench, shipped, shipped_text};
-
-/// A magnetic skin of 4 x 4 outputs, and one of five chips with three axes each, both in microtesla.
-pub const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
-pub const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
-
-/// A recipe with everything, for either skin.
-pub const SKIN: &str = r#"
-name = "skin"
-
-[[step]]
-phase = "characterisation"
-units = "all"
-staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
-
-[[step]]
-phase = "calibration"
-grid = { x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], spacing_mm = 1.0 }
-force_n = 1.5
-
-[[step]]
-phase = "test"
-random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2.0] }
-"#;
-
-/// A bench with a run of both skins.
-pub fn skins() -> Bench {
-    let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
-    for skin in ["magnetic", "fifteen"] {
-        bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));
-    }
-    bench
-}
 
 #[test]
 fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {

@@ -125,9 +125,3 @@ pub fn wait(mut child: Child) -> Option<i32> {
     let status = receiver.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("process {number} doesn't end"));
     status.expect("it can be waited for").code()
 }
-
-/// Whether there is a `setsid` that gives a program a controlling terminal.
-pub fn has_ctty() -> bool {
-    let help = Command::new("setsid").arg("--help").stderr(Stdio::null()).output();
-    help.is_ok_and(|help| String::from_utf8_lossy(&help.stdout).contains("--ctty"))
-}

@@ -4,6 +4,10 @@
 pub mod alone;
 pub mod bad_line;
 pub mod batches;
+pub mod book;
+pub mod campaign;
+pub mod certified;
+pub mod characteristics;
 pub mod interrupted;
 pub mod mutation;
 pub mod phases;
@@ -13,7 +17,6 @@ pub mod rows;
 pub mod safety;
 pub mod served;
 pub mod skins;
-pub mod skips;
 pub mod twins;
 pub mod walks;
 
@@ -208,21 +211,19 @@ pub fn exchanged(text: &str, from: &str, to: &str) -> String {
     text.replacen(from, to, 1)
 }
 
-/// A shared library of one of the project's C files, built on a bench with some words more; none where there is no compiler.
-pub fn shared_library(test: &str, bench: &Bench, name: &str, source: &str, words: &[&str]) -> Option<PathBuf> {
+/// A shared library of one of the project's C files, built on a bench with some words more.
+pub fn shared_library(bench: &Bench, name: &str, source: &str, words: &[&str]) -> PathBuf {
     let path = bench.path(name);
     let mut compiler = Command::new("cc");
     compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
-    match compiler.arg(&path).arg(shipped(source)).args(words).output() {
-        Err(error) => {
-            skips::skipped(test, &format!("cc: {error}"));
-            None
-        }
-        Ok(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            Some(path)
-        }
-    }
+    let output = there(compiler.arg(&path).arg(shipped(source)).args(words), "a C compiler that is called cc");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    path
+}
+
+/// What a program of others came to, which must be there; `install` says what has it.
+pub fn there(command: &mut Command, install: &str) -> Output {
+    command.output().unwrap_or_else(|error| panic!("{command:?}: {error}. Install {install}"))
 }
 
 /// Longest wait for the next line of a program that is running: many times what any takes, and an end for one that hangs.
