@@ -1,12 +1,12 @@
 //! Every parser of what comes over a link, fed with real messages that were mutated: none panics, none takes more memory than
 //! a message is worth.
 //!
-//! 100,000 inputs each by default; `PALPATE_FUZZ=10000000 cargo test --release --test bounds fuzz:: -- --nocapture` for as many.
+//! `PALPATE_TESTS=full` tries 100,000 inputs of each.
 
 use crate::HEAP;
 use crate::support::alone::ran_alone;
+use crate::support::campaign;
 use crate::support::mutation::{INPUT_MOST, mutated};
-use crate::support::skips::asked;
 use palpate::device::{Reins, Stage};
 use palpate::driver::grbl::{Build, parse_report};
 use palpate::driver::lines::{Finder, LineProfile};
@@ -23,8 +23,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant as Wall;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
-/// Inputs of each parser; fewer in a debug build, so that `cargo test` stays quick.
-const INPUTS: usize = if cfg!(debug_assertions) { 5_000 } else { 100_000 };
+/// Inputs of each parser: quick and full.
+const INPUTS: (usize, usize) = (2_000, 100_000);
 
 /// Most that parsing one message may hold at once, bytes: the longest message there is, several times over.
 const HELD_MOST: usize = 1 << 20;
@@ -156,7 +156,7 @@ fn bytes<'a>(seeds: &[&'a str]) -> Vec<&'a [u8]> {
 
 /// Feeds a parser, and says how much and how fast.
 fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
-    let inputs = asked("PALPATE_FUZZ").and_then(|inputs| inputs.parse().ok()).unwrap_or(INPUTS);
+    let inputs = campaign::size(INPUTS.0, INPUTS.1);
     let mut rng = stream(1, 0, name);
     let mut input = Vec::with_capacity(2 * INPUT_MOST);
     parse(seeds[0]); // what it holds for good, it holds by now

@@ -1,8 +1,8 @@
 //! Every file that comes from outside, fed with real ones that were mutated: none upsets the program, none takes more memory
 //! or time than it is worth, and what is wrong with it is told with its place.
 //!
-//! Few inputs by default; `PALPATE_FUZZ_MINUTES=60 cargo test --release --test bounds fuzz_files::recipes -- --nocapture` for an
-//! hour's worth of one target.
+//! The numbers here are those of the full tier. `PALPATE_TESTS=100 cargo test --release --test bounds fuzz_files::recipes --
+//! --nocapture` tries a hundred times as many of one target.
 
 mod feeding;
 mod seeds;

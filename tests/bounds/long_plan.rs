@@ -8,8 +8,7 @@ use palpate::rig::{self, RigSpec, SIM_RIG};
 
 const MILLION: usize = 1_000_000;
 
-/// What a refusal may take: time of the processor, s, and memory, bytes.
-const REFUSAL_S: f64 = if cfg!(debug_assertions) { 0.5 } else { 0.05 };
+/// What a refusal may hold, bytes: a plan that was made first would hold ten times as much.
 const REFUSAL_BYTES: usize = 20 << 20;
 
 /// What the plan of so many presses may take on the way, bytes a press.
@@ -40,7 +39,7 @@ fn a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed()
             refused.unwrap_err(),
             [format!("r.toml:{place}: the plan has 1000000 presses, but at most 100000 are allowed")]
         );
-        assert!(cost.cpu_s < REFUSAL_S && cost.bytes < REFUSAL_BYTES, "{step}: {cost:?}");
+        assert!(cost.bytes < REFUSAL_BYTES, "{step}: {cost:?}");
     }
     for step in STEPS {
         let (allowed, cost) = measured(|| planned(&spec, &text(step), MILLION));

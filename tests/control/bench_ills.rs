@@ -1,9 +1,9 @@
 //! The force with the ills of a bench: drift, wander, hum, and all at once. (a) is the true force less the set one in the window,
 //! (b) the true force less the recorded one, both as the scene knows them.
 //!
-//! `PALPATE_BENCH_SEEDS=5 cargo test --release --test control bench_ills -- --nocapture` for five calibrations of 625 presses
-//! each; by default one of 121.
+//! The full tier makes one calibration of 121 presses of each ill; `PALPATE_TESTS=5` makes five of 625.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
 use palpate::dataset::Record;
 use palpate::quantity::Axis;
@@ -57,11 +57,11 @@ struct Figures {
 }
 
 fn figures(name: &'static str, told: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
-    let seeds: Option<u64> = std::env::var("PALPATE_BENCH_SEEDS").ok().map(|seeds| seeds.parse().expect("a number"));
-    let recipe = if seeds.is_some() { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) };
+    let seeds = campaign::size(1, 1) as u64;
+    let recipe = if seeds > 1 { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) };
     let mut spec = bench(name);
     ill(&mut spec);
-    let seeds: Vec<u64> = (1..=seeds.unwrap_or(1)).collect();
+    let seeds: Vec<u64> = (1..=seeds).collect();
     let walks = in_parallel(&seeds, |seed| {
         let walked = walked(&spec, &plan(&spec, &recipe, *seed));
         assert!(walked.ending.halt.is_none(), "{name}, {told}: {:?}", walked.ending.told());

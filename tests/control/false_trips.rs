@@ -1,13 +1,11 @@
 //! Without a fault no strategy trips, and a map keeps its bars: whole calibrations on both benches, judged by the scene's truth.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, Walked, bench, in_parallel, must_be_none, plan, walked};
 use palpate::control::Strategy;
 use palpate::recipe::Phase;
 
-/// In a debug build the calibrations are coarser and fewer, so that `cargo test` stays quick.
-const THINNED: bool = cfg!(debug_assertions);
-
-/// The shipped recipe's calibration, coarser in a debug build; and the paper's test points, N and mm.
+/// The shipped recipe's calibration, coarser in the quick tier; and the paper's test points, N and mm.
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 3.0");
 const POINTS: &str = "\n[[step]]\nphase = \"test\"\nrandom = { count = 100, x_mm = [-6.0, 6.0], \
@@ -122,14 +120,15 @@ impl Calibration {
         spec.scene.load_cell.as_mut().expect("a load cell").noise_n = self.noise_n;
         let head = RECIPE.split("[[step]]").next().expect("what is before the steps");
         let mut text = if self.grid { RECIPE } else { head }.to_owned();
-        if THINNED {
+        if campaign::is_quick() {
             text = text.replacen(COARSER.0, COARSER.1, 1);
         }
         if self.raster {
             text = text.replacen(", order = \"interleaved\"", "", 1);
         }
         if self.points {
-            text += &POINTS.replacen("count = 100", &format!("count = {}", if THINNED { 20 } else { 100 }), 1);
+            text +=
+                &POINTS.replacen("count = 100", &format!("count = {}", if campaign::is_quick() { 20 } else { 100 }), 1);
         }
         let text = text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", self.strategy.name()), 1);
         let walked = walked(&spec, &plan(&spec, &text, self.seed));
@@ -144,8 +143,8 @@ impl Calibration {
 const NOISE_N: f64 = 0.003;
 const NOISIER_N: f64 = 0.010;
 
-fn seeds(most: u64) -> std::ops::RangeInclusive<u64> {
-    1..=if THINNED { 1 } else { most }
+fn seeds(most: usize) -> std::ops::RangeInclusive<u64> {
+    1..=campaign::size(1, most) as u64
 }
 
 #[test]
@@ -191,7 +190,7 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
             }
         };
         // presses farther apart take longer
-        must(THINNED || raster.median_s / BOUND_S <= bars.ratio, "time a press");
+        must(campaign::is_quick() || raster.median_s / BOUND_S <= bars.ratio, "time a press");
         for (points, told) in [(after, "points after a calibration"), (alone, "points alone")] {
             must(points.p95_n <= POINTS_P95_N && points.over_n <= POINTS_OVER_N, told);
         }
@@ -220,7 +219,7 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
             let figures = Figures::of(&walks.iter().collect::<Vec<_>>(), Phase::Calibration);
             let told = format!("{bench}, {}", strategy.name());
             figures.print(&told);
-            missed.extend(figures.missed(bars, !THINNED).iter().map(|what| format!("{told}: {what}")));
+            missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{told}: {what}")));
         }
     }
     must_be_none(&missed);

@@ -1,6 +1,7 @@
 //! Every fault, alone and with every other, on both benches, at any instant of a run: nothing the load cell, the specimen or
 //! a link does may cost the specimen its limits. Judged by the scene's truth from the first message until all is at rest.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
 use palpate::control::{Reaction, Strategy, safe_speed_mm_s};
 use palpate::dataset::Contact;
@@ -11,17 +12,14 @@ use palpate::scene::{Fault, FaultKind};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
-/// In a debug build only some of the runs are made, so that `cargo test` stays quick.
-const THINNED: bool = cfg!(debug_assertions);
-
-/// Of so many of them one is made there; it goes with neither rigs nor speeds.
+/// Of so many runs of one seed the quick tier makes one; it goes with neither rigs nor speeds.
 const THINNED_BY: usize = 5;
 
-/// Seeds of each fault, rig and speed with the map's presses; with the others; of each pair of faults.
-const SEEDS: u64 = if THINNED { 1 } else { 20 };
-const OTHER_SEEDS: u64 = if THINNED { 1 } else { 4 };
-const PAIR_SEEDS: u64 = if THINNED { 1 } else { 3 };
-const OTHER_PAIR_SEEDS: u64 = 1;
+/// Seeds of each fault, rig and speed in the full tier, with the map's presses; with the others; of each pair of faults.
+const SEEDS: usize = 20;
+const OTHER_SEEDS: usize = 4;
+const PAIR_SEEDS: usize = 3;
+const OTHER_PAIR_SEEDS: usize = 1;
 
 /// Speeds of the stage, mm/s; the last is the benches' own.
 const SPEEDS_MM_S: [f64; 4] = [0.5, 2.0, 5.0, 25.0];
@@ -204,22 +202,23 @@ fn run_all(cases: &[Case]) -> Vec<Outcome> {
     in_parallel(cases, |case| case.run(&sounds[&case.key()]))
 }
 
-fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: f64, seeds: u64) -> Vec<Case> {
+fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: f64, seeds: usize) -> Vec<Case> {
+    let (seeds, is_quick) = (campaign::size(1, seeds) as u64, campaign::is_quick());
     let mut cases = Vec::new();
     for kinds in kinds {
         for (bench, _) in BENCHES {
             for &speed_mm_s in speeds {
                 for seed in 1..=seeds {
                     // one seed alone would have its faults strike at one place in every run
-                    let seed = if THINNED { 1 + cases.len() as u64 } else { seed };
+                    let seed = if is_quick { 1 + cases.len() as u64 } else { seed };
                     cases.push(Case { bench, speed_mm_s, strategy, force_n, kinds: kinds.clone(), seed });
                 }
             }
         }
     }
-    if THINNED {
+    if is_quick {
         cases = cases.into_iter().step_by(THINNED_BY).collect();
-        println!("debug build: thinned to {} runs", cases.len());
+        println!("thinned to {} runs", cases.len());
     }
     cases
 }

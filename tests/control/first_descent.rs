@@ -1,8 +1,9 @@
 //! The first descent asks the frame for nothing: wherever the surface really is, and whenever the host dies, the specimen as
 //! declared bears at most the force limit.
 //!
-//! `PALPATE_DESCENTS=200 cargo test --release --test control first_descent -- --nocapture` for as many surfaces of each strategy.
+//! `PALPATE_TESTS=full` tries twelve surfaces of each strategy and each failure.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
 use palpate::control::{FIRST_APPROACH_MM_S, Strategy};
 use palpate::quantity::{Axis, Place, stream};
@@ -22,8 +23,7 @@ const FAILS_S: f64 = 60.0;
 const PEAK_N: f64 = 0.0005;
 
 fn descents() -> u64 {
-    let most = std::env::var("PALPATE_DESCENTS").ok().map(|most| most.parse().expect("a number"));
-    most.unwrap_or(if cfg!(debug_assertions) { 2 } else { 12 })
+    campaign::size(1, 12) as u64
 }
 
 fn recipe(strategy: Strategy) -> String {

@@ -1,8 +1,8 @@
 //! A load cell whose gain is off: what a check with a known weight makes of it, and what notices it without one.
 //!
-//! `PALPATE_BENCH_SEEDS=3 cargo test --release --test control gain -- --nocapture` for calibrations of 625 presses each of three
-//! seeds; by default one of 121.
+//! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625, each with a seed of its own.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time, plan, walked};
 use palpate::quantity::WeightCheck;
 use palpate::recipe::Phase;
@@ -21,12 +21,12 @@ const BADLY_KNOWN: (f64, f64) = (0.005, 0.008);
 /// The least stiffness that is declared: a tenth below the softest that a press of these benches shows first, N/mm.
 const STIFFNESS_LEAST_N_MM: f64 = 0.9;
 
-fn seeds() -> Option<u64> {
-    std::env::var("PALPATE_BENCH_SEEDS").ok().map(|seeds| seeds.parse().expect("a number"))
+fn seeds() -> u64 {
+    campaign::size(1, 1) as u64
 }
 
 fn recipe() -> String {
-    if seeds().is_some() { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) }
+    if seeds() > 1 { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) }
 }
 
 fn with_gain(name: &str, gain: f64) -> RigSpec {
@@ -52,7 +52,7 @@ fn checked(spec: &RigSpec, u_share: f64, seed: u64, adjusted: bool) -> WeightChe
 fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_known() {
     for (name, _) in BENCHES {
         for (u_share, most_n) in [WELL_KNOWN, BADLY_KNOWN] {
-            let seeds: Vec<u64> = (1..=seeds().unwrap_or(1)).collect();
+            let seeds: Vec<u64> = (1..=seeds()).collect();
             let told = in_parallel(&seeds, |&seed| {
                 let mut spec = with_gain(name, 1.01);
                 let check = checked(&spec, u_share, seed, true);

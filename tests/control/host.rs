@@ -1,6 +1,7 @@
 //! The host and its links may die at any instant: whatever the devices were told by then is safe to finish. Judged by the
 //! scene's truth until all is at rest.
 
+use crate::support::campaign;
 use crate::support::walks::{BENCHES, Deaths, Walked, Worst, bench, end_of, in_parallel, plan, walked_with};
 use palpate::control::Strategy;
 use palpate::emulator::{Instrument, Shared};
@@ -10,8 +11,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// In a debug build only each so many-th command meets with a mishap, so that `cargo test` stays quick.
-const EVERY: usize = if cfg!(debug_assertions) { 97 } else { 1 };
+/// Each so-many-th command meets with a mishap: quick and full.
+const EVERY: (usize, usize) = (97, 1);
 
 /// How late what is late is, s.
 const LATE_S: f64 = 10.0;
@@ -233,8 +234,8 @@ impl Instrument for Beset {
 /// nothing any more once the host is dead.
 #[test]
 fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
-    let speeds: &[f64] = if cfg!(debug_assertions) { &[25.0] } else { &[0.5, 5.0, 25.0] };
-    let seeds = if cfg!(debug_assertions) { 1 } else { 2 };
+    let speeds: &[f64] = if campaign::is_quick() { &[25.0] } else { &[0.5, 5.0, 25.0] };
+    let seeds = campaign::size(1, 2) as u64;
     let jobs: Vec<(Setup, u64)> =
         setups(speeds).into_iter().flat_map(|setup| (1..=seeds).map(move |seed| (setup, seed))).collect();
     let walks = in_parallel(&jobs, |(setup, seed)| setup.walked(Deaths::Tried, *seed, &|_| {}));
@@ -261,15 +262,16 @@ struct Row {
 
 #[test]
 fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
+    let every = campaign::every(EVERY.0, EVERY.1);
     let mut jobs = Vec::new();
     for setup in setups(&[25.0]) {
         let (sound, commands) = setup.struck(Mishap::None, 0);
         assert!(sound.ending.halt.is_none(), "{setup:?}: {:?}", sound.ending.told());
-        let struck = |mishap| (0..commands).step_by(EVERY).map(move |at| (setup, mishap, at, commands));
+        let struck = |mishap| (0..commands).step_by(every).map(move |at| (setup, mishap, at, commands));
         jobs.extend(Mishap::ALL.into_iter().flat_map(struck));
     }
-    if EVERY > 1 {
-        println!("debug build: thinned to every {EVERY}th command");
+    if every > 1 {
+        println!("each {every}th command");
     }
     let walks = in_parallel(&jobs, |&(setup, mishap, at, _)| setup.struck(mishap, at).0);
     let mut broken = Vec::new();

@@ -1,6 +1,7 @@
 //! The press as a machine, driven by specimens that keep what the rig declares and by drivers that say anything: every motion
 //! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
 
+use crate::support::campaign;
 use palpate::control::{
     AIR_READINGS, AirReadings, Branch, Command, Context, Event, ForceLoop, Lesson, Level, Map, Moment, Permit,
     Permitted, Rule, Shot, Softest, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
@@ -11,7 +12,9 @@ use std::collections::BTreeMap;
 use std::thread;
 
 /// Steps of each of the two drivers.
-const STEPS: u64 = if cfg!(debug_assertions) { 100_000 } else { 4_000_000 };
+fn steps_wanted() -> u64 {
+    campaign::size(100_000, 4_000_000) as u64
+}
 /// Threads; each has its own part of the seeds.
 const THREADS: u64 = 2;
 
@@ -422,7 +425,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
 fn until_enough<T: Send>(drive: impl Fn(u64) -> (u64, T) + Sync) -> (u64, Vec<T>) {
     let part = |thread: u64| {
         let (mut steps, mut ends, mut seed) = (0, Vec::new(), thread);
-        while steps < STEPS / THREADS {
+        while steps < steps_wanted() / THREADS {
             let (more, end) = drive(seed);
             steps += more;
             ends.push(end);
@@ -484,7 +487,7 @@ fn whatever_it_is_told_a_press_ends_and_no_end_point_breaks_the_promise() {
 
 #[test]
 fn a_press_that_is_over_moves_nothing_any_more() {
-    for seed in 0..STEPS / 1000 {
+    for seed in 0..steps_wanted() / 1000 {
         let (_, mut draw, told, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
         let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS, age_s: 0.0 };

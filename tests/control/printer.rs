@@ -1,10 +1,10 @@
 //! A stage with a printer's steps under faults: whatever fails, and wherever the surface is, the specimen bears no more than its
 //! limits. Judged by the scene's truth.
 //!
-//! `PALPATE_PRINTER_RUNS=1000 cargo test --release --test control printer -- --nocapture` for as many runs of 49 presses.
+//! `PALPATE_TESTS=full` makes 60 runs of 49 presses with a fault in each.
 
-use crate::support::shipped_text;
 use crate::support::walks::{end_of, in_parallel, must_be_none, plan, walked};
+use crate::support::{campaign, shipped_text};
 use palpate::control::Strategy;
 use palpate::quantity::{Place, Steps, stream};
 use palpate::recipe::Plan;
@@ -13,8 +13,8 @@ use palpate::scene::{Fault, FaultKind, Mounting};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
-/// Runs, unless others are asked for.
-const RUNS: u64 = if cfg!(debug_assertions) { 8 } else { 60 };
+/// Runs with a fault: quick and full.
+const RUNS: (usize, usize) = (8, 60);
 
 /// The force of the presses, N.
 const FORCE_N: f64 = 0.5;
@@ -70,7 +70,7 @@ fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stoo
 
 #[test]
 fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
-    let runs = std::env::var("PALPATE_PRINTER_RUNS").map_or(RUNS, |runs| runs.parse().expect("a number"));
+    let runs = campaign::size(RUNS.0, RUNS.1) as u64;
     // a sound run says when anything may fail
     let sound: Vec<(f64, f64)> = Strategy::ALL
         .map(|strategy| {

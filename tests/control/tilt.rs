@@ -1,5 +1,6 @@
 //! A tilted specimen: `align` finds its tilt, rows are along its normal, and x and y stay where they are in contact.
 
+use crate::support::campaign;
 use crate::support::safety::{STAIRCASE, recipe, rig_with, truthful};
 use crate::support::walks::{Deaths, bench, in_parallel, in_virtual_time, plan, walked, walked_with};
 use palpate::emulator::{Instrument, Shared};
@@ -212,7 +213,7 @@ impl Instrument for Sideways {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: if cfg!(debug_assertions) { 3 } else { 24 }, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: campaign::size(3, 24) as u32, ..ProptestConfig::default() })]
 
     /// Whatever the tilt, the seed and the strategy, and whether the rig states the tilt: x and y aren't commanded under a force,
     /// and don't move in contact.

@@ -1,15 +1,16 @@
 //! The stated uncertainty of a force is true: over many load cells that differ from theirs as their certificates say.
 //!
-//! `PALPATE_RIGS=2000 cargo test --release --test control uncertainty -- --nocapture` for as many rigs.
+//! `PALPATE_TESTS=full` tries 200 rigs of each kind.
 
+use crate::support::campaign;
 use crate::support::walks::{bench, in_parallel, must_be_none, plan, walked};
 use palpate::quantity::{COVERAGE, Certificate, StatedError, stream};
 use palpate::run::Ending;
 use rand::distr::{Distribution, Uniform};
 use rand_distr::StandardNormal;
 
-/// Rigs of each kind of certificate.
-const RIGS: u64 = if cfg!(debug_assertions) { 10 } else { 200 };
+/// Rigs of each kind of certificate: quick and full.
+const RIGS: (usize, usize) = (10, 200);
 
 /// Expanded uncertainty of the cells' gains, percent, k = 2; and a class: limits of error as a share of full scale, percent and N.
 const U_PERCENT: f64 = 1.0;
@@ -22,7 +23,7 @@ const LIMIT_N: f64 = 2.5;
 
 #[test]
 fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
-    let rigs = std::env::var("PALPATE_RIGS").map_or(RIGS, |rigs| rigs.parse().expect("a number"));
+    let rigs = campaign::size(RIGS.0, RIGS.1) as u64;
     let places: Vec<String> = FORCES_N
         .iter()
         .map(|n| format!("[[step]]\nphase = \"test\"\nlist = {{ places_mm = [[{n}, 0.5]] }}\nforce_n = {n}\n"))

@@ -1,8 +1,9 @@
 //! What happens before there is a zero: wherever home is and whichever way z really goes, the specimen as declared bears at most
 //! the force limit, and no zero is taken in contact.
 //!
-//! `PALPATE_HOMINGS=1000 cargo test --release --test control unzeroed -- --nocapture` for as many homings with a tool on the cell.
+//! `PALPATE_TESTS=full` makes 50 trials of each kind on each bench.
 
+use crate::support::campaign;
 use crate::support::walks::{
     BENCHES, Deaths, bench, end_of, in_parallel, in_virtual_time, must_be_none, plan, walked_with,
 };
@@ -13,7 +14,9 @@ use palpate::scene::Mounting;
 use rand::RngExt;
 
 /// Trials of each kind on each bench.
-const TRIALS: u64 = if cfg!(debug_assertions) { 5 } else { 50 };
+fn trials() -> u64 {
+    campaign::size(5, 50) as u64
+}
 
 /// The end of z's travel, where an ESP301 homes to, mm.
 const END_MM: f64 = 12.5;
@@ -52,7 +55,7 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
     let mut jobs = Vec::new();
     for (name, _) in BENCHES {
         for wrong in [Wrong::Down, Wrong::DownInContact, Wrong::Preload] {
-            jobs.extend((0..TRIALS).map(|nth| (name, wrong, nth)));
+            jobs.extend((0..trials()).map(|nth| (name, wrong, nth)));
         }
     }
     let seen = in_parallel(&jobs, |&(name, wrong, nth)| {
@@ -99,9 +102,8 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
 
 #[test]
 fn a_tool_of_200_g_stops_no_search_for_home() {
-    let count = std::env::var("PALPATE_HOMINGS").map_or(TRIALS, |count| count.parse().expect("a number"));
     let jobs: Vec<(&str, u64)> =
-        BENCHES.iter().flat_map(|(name, _)| (0..count.div_ceil(2)).map(move |nth| (*name, nth))).collect();
+        BENCHES.iter().flat_map(|(name, _)| (0..trials().div_ceil(2)).map(move |nth| (*name, nth))).collect();
     let stopped = in_parallel(&jobs, |&(name, nth)| {
         let mut spec = specimen_at(name, 20.0);
         spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;

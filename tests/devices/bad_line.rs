@@ -1,13 +1,13 @@
 //! Every driver on a line that drops, delays, doubles, cuts short, garbles and swaps messages, and is closed now and then. No
 //! call hangs or panics, no value is taken that can be told to be wrong, and a stage ends where it was sent or stopped.
 //!
-//! `PALPATE_BAD_LINE=100000` for that many runs of all drivers together, `PALPATE_BAD_LINE_ONLY=Xps` for one driver's.
+//! `PALPATE_TESTS=10` makes 100,000 runs of all drivers together, `PALPATE_BAD_LINE_ONLY=Xps` only one driver's.
 
 mod readers;
 mod stages;
 
 use crate::support::alone::ran_alone;
-use crate::support::skips::asked;
+use crate::support::campaign;
 use crate::support::walks::{in_parallel, in_virtual_time};
 use palpate::rig::{self, RigSpec};
 use palpate::scene::{ContactLaw, Latencies};
@@ -15,8 +15,8 @@ use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;
 
-/// Runs of all drivers together; fewer in a debug build, so that `cargo test` stays quick.
-const RUNS: u64 = if cfg!(debug_assertions) { 1000 } else { 10_000 };
+/// Runs of all drivers together: quick and full.
+const RUNS: (usize, usize) = (500, 10_000);
 
 /// Part of the values that a line may falsify without anybody being able to tell: what garbles 15 % of all messages garbles
 /// some digit of at most so many answers.
@@ -216,7 +216,7 @@ fn nothing_that_can_be_told_from_the_truth_is_taken_for_it() {
     if ran_alone("bad_line::nothing_that_can_be_told_from_the_truth_is_taken_for_it") {
         return;
     }
-    let runs = asked("PALPATE_BAD_LINE").and_then(|runs| runs.parse().ok()).unwrap_or(RUNS);
+    let runs = campaign::size(RUNS.0, RUNS.1) as u64;
     campaign(runs / 20, false); // what is judged here holds on a good line
     campaign(runs, true);
 }

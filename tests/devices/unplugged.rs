@@ -1,15 +1,15 @@
 //! A device is lost in the middle of a press: unplugged, silent or garbled from one message on, whatever the press is at. The
 //! run ends by itself and says which device, nothing is hurt, what was recorded stays, and the run goes on when it is back.
 //!
-//! `PALPATE_UNPLUGGED=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase
-//! of a press, `all` at every message.
+//! `PALPATE_TESTS=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of
+//! a press, and at every message where a phase has no more.
 
 mod far;
 mod kept;
 
 use crate::support::alone::ran_alone;
+use crate::support::campaign;
 use crate::support::phases::Phase;
-use crate::support::skips;
 use crate::support::walks::{Worst, bench, in_parallel, plan};
 use far::{Fate, Loss};
 use kept::{Kept, Walked};
@@ -23,9 +23,9 @@ use std::collections::BTreeMap;
 /// How often each device is lost in each way in each phase.
 const LOSSES: usize = 1;
 
-/// Of so many cases one is made by default: on a bench, and on another rig.
-const EVERY: usize = if cfg!(debug_assertions) { 5 } else { 2 };
-const EVERY_ELSEWHERE: usize = if cfg!(debug_assertions) { 7 } else { 3 };
+/// Of so many cases one is made, in the quick tier and in the full one: on a bench, and on another rig.
+const EVERY: (usize, usize) = (5, 2);
+const EVERY_ELSEWHERE: (usize, usize) = (7, 3);
 
 /// Presses that teach, and presses in which something is lost: a staircase, a plain one, and one for that to depart to.
 const TEACHES: usize = 5;
@@ -121,10 +121,8 @@ fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing(
 }
 
 fn setups() -> Vec<Setup> {
-    let asked = skips::asked("PALPATE_UNPLUGGED");
-    let asked = asked.map(|asked| if asked == "all" { usize::MAX } else { asked.parse().expect("a number, or all") });
-    let losses = asked.unwrap_or(LOSSES);
-    let every = |every| if asked.is_some() { 1 } else { every };
+    let losses = campaign::size(LOSSES, LOSSES);
+    let every = |(quick, full)| campaign::every(quick, full);
     let bench = |rig| {
         let every = every(EVERY);
         Strategy::ALL.map(|strategy| Setup { rig, strategy, losses, every })

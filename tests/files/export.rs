@@ -1,9 +1,8 @@
 //! Exported files, each read by its own reader and compared with the CSV export, bit for bit.
 
 use crate::bench;
-use crate::support::Bench;
 use crate::support::python::{Python, said};
-use crate::support::skips::skipped;
+use crate::support::{Bench, there};
 use std::fs;
 use std::process::Command;
 
@@ -23,6 +22,7 @@ fn exported() -> Bench {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn every_format_has_the_same_numbers_for_its_own_reader() {
     let bench = exported();
     assert_eq!(bench.read("all/csv/presses.csv"), bench.read("runs/every/presses.csv"));
@@ -32,7 +32,7 @@ fn every_format_has_the_same_numbers_for_its_own_reader() {
             "pandas" => "import pandas, pyarrow",
             library => &format!("import {library}"),
         };
-        let Some(python) = Python::with(&format!("files read by {library}"), import) else { continue };
+        let python = Python::with(import);
         let words = [library.into(), bench.path("all").into_os_string()];
         let compared: u64 = said(python.script("frames.py", words)).trim().parse().unwrap();
         assert!(compared > VALUES_LEAST, "{library}: {compared}");
@@ -41,16 +41,14 @@ fn every_format_has_the_same_numbers_for_its_own_reader() {
 
 /// Octave prints doubles in hexadecimal, which are compared with those of the CSV file.
 #[test]
+#[ignore = "needs octave-cli"]
 fn octave_reads_the_same_numbers_and_texts() {
     let bench = exported();
     let script = "load all/run.mat; printf('%s\\n', num2hex(presses.force_n)'); printf('%s\\n', presses.phase{:}); \
                   printf('%d %d\\n', size(presses.outputs)); printf('%s\\n', num2hex(presses.outputs(:, end))'); \
                   printf('%s %s\\n', presses.unit.force_n, class(manifest));";
-    let octave = Command::new("octave-cli").args(["--norc", "--eval", script]).current_dir(bench.path("")).output();
-    let output = match octave {
-        Ok(output) => output,
-        Err(error) => return skipped("MAT files read by Octave", &error.to_string()),
-    };
+    let mut octave = Command::new("octave-cli");
+    let output = there(octave.args(["--norc", "--eval", script]).current_dir(bench.path("")), "Octave");
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{err}");
     let mut reader = csv::Reader::from_reader(fs::File::open(bench.path("all/csv/presses.csv")).unwrap());

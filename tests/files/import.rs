@@ -7,9 +7,9 @@ use crate::support::{Bench, shipped_text};
 const SHORT: &str = "--columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch_1..ch_9";
 
 /// A bench with the example's calibration under other names, as CSV and in the formats of other libraries.
-fn tables(test: &str) -> Option<Bench> {
+fn tables() -> Bench {
     let imports = "import numpy, openpyxl, pandas, polars, scipy.io, pyarrow";
-    let python = Python::with(test, imports)?;
+    let python = Python::with(imports);
     let text = shipped_text("data/example/calibration.csv");
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let header = reader.headers().unwrap().clone();
@@ -24,7 +24,7 @@ fn tables(test: &str) -> Option<Bench> {
     }
     let bench = Bench::with([("grid.csv", table.as_str())]);
     said(python.script("tables.py", [bench.path("grid.csv"), bench.path("")]));
-    Some(bench)
+    bench
 }
 
 /// The presses of an imported run.
@@ -33,8 +33,9 @@ fn presses(bench: &Bench, run: &str) -> String {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn a_table_of_any_format_gives_the_presses_of_its_csv() {
-    let Some(bench) = tables("tables of other programs") else { return };
+    let bench = tables();
     bench.palpate_ends(0, &format!("import grid.csv {SHORT} --out csv"));
     bench.palpate_ends(0, &format!("import sheet.csv {SHORT} --out sheet-csv"));
     for (words, out) in [("one.xlsx", "one"), ("two.xlsx --sheet Data", "two")] {
@@ -61,8 +62,9 @@ fn a_table_of_any_format_gives_the_presses_of_its_csv() {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn what_is_wrong_is_named_with_sheet_row_and_column() {
-    let Some(bench) = tables("wrong tables of other programs") else { return };
+    let bench = tables();
     bench.write("text.npz", "no archive");
     bench.write("text.mat", "no variables");
     bench.write("text.parquet", "no columns");

@@ -1,21 +1,20 @@
 //! A writer of a lake that is killed at any moment: no reader ever sees half a run.
 
 use crate::bench;
-use crate::support::Bench;
-use crate::support::skips::asked;
+use crate::support::{Bench, campaign};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 
-/// Kills, unless `PALPATE_LAKE_KILLS` asks for others.
-const KILLS: usize = 20;
+/// Kills: quick and full.
+const KILLS: (usize, usize) = (5, 20);
 
 /// Rows of the files of presses that are visible now.
 ///
 /// A file may be replaced while it is looked for, and is then looked for again.
-fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
+pub fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
     let mut found = Vec::new();
     let mut folders = vec![lake.join("presses")];
     while let Some(folder) = folders.pop() {
@@ -52,7 +51,7 @@ fn cut(bench: &Bench, run: &str, part: &str, contacts: usize) {
 
 #[test]
 fn a_killed_writer_leaves_whole_runs() {
-    let kills = asked("PALPATE_LAKE_KILLS").map_or(KILLS, |kills| kills.parse().unwrap());
+    let kills = campaign::size(KILLS.0, KILLS.1);
     let bench = bench([("runs/a", "--sensor A --design d"), ("runs/b", "--sensor B --design d")]);
     let lake = bench.path("lake");
     for run in ["a", "b"] {

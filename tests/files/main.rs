@@ -7,7 +7,8 @@ mod export;
 mod import;
 mod killed;
 mod lake;
-mod speed;
+mod long;
+mod recorded;
 
 use support::Bench;
 

@@ -1,13 +1,11 @@
 //! NI's library as it is loaded: a stub of it in C (`tests/outside/daqmx/stub.c`) behind the real `dlopen`, on the real clock.
 //!
-//! Without a C compiler (`cc`) these tests say that they are skipped, and pass; that with nidaqmx-python needs
-//! `PALPATE_PYTHON` too.
+//! Needs a C compiler (`cc`); the test with nidaqmx-python needs `PALPATE_PYTHON` too.
 #![cfg(target_os = "linux")]
 
 use crate::support::python::{Python, said};
 use crate::support::served::Served;
-use crate::support::skips::skipped;
-use crate::support::{Bench, exchanged, shared_library, shipped_text};
+use crate::support::{Bench, exchanged, shared_library, shipped_text, there};
 use palpate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use palpate::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
@@ -27,10 +25,10 @@ const UNKNOWN_DEVICE: &str =
 const OVERRUN: &str = "error -200279: The application is not able to keep up with the hardware acquisition.\n\nStatus \
                        Code: -200279";
 
-/// The stub, built with some words more; none where there is no compiler.
-fn stub(test: &str, bench: &Bench, words: &[&str]) -> Option<PathBuf> {
+/// The stub, built with some words more.
+fn stub(bench: &Bench, words: &[&str]) -> PathBuf {
     let words: Vec<&str> = words.iter().copied().chain(["-Wl,-soname,libnidaqmx.so"]).collect();
-    shared_library(test, bench, "libnidaqmx.so", "tests/outside/daqmx/stub.c", &words)
+    shared_library(bench, "libnidaqmx.so", "tests/outside/daqmx/stub.c", &words)
 }
 
 fn load(path: &std::path::Path) -> Result<DaqmxLibrary, LoadError> {
@@ -54,9 +52,10 @@ fn refused(result: Result<(), DeviceError>) -> String {
 }
 
 #[tokio::test]
+#[ignore = "needs a C compiler: cc"]
 async fn samples_come_through_the_loaded_library_in_order_and_whole() {
     let bench = Bench::new();
-    let Some(path) = stub("samples through the library", &bench, &[]) else { return };
+    let path = stub(&bench, &[]);
     let library = load(&path).expect("the library");
     let mut task = 0;
     assert_eq!(library.create_task("", &mut task), 0);
@@ -84,9 +83,10 @@ async fn samples_come_through_the_loaded_library_in_order_and_whole() {
 }
 
 #[tokio::test]
+#[ignore = "needs a C compiler: cc"]
 async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
     let bench = Bench::new();
-    let Some(path) = stub("the roles on the library", &bench, &[]) else { return };
+    let path = stub(&bench, &[]);
     let both = vec![inputs("Dev1/ai0", 1), inputs("Dev1/ai1:9", 9)];
     let shared: SharedAcquisition = Arc::new(Mutex::new(acquisition(load(&path).expect("the library"), both)));
     let identity = |role: &str| Identity {
@@ -122,9 +122,10 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
 }
 
 #[tokio::test]
+#[ignore = "needs a C compiler: cc"]
 async fn what_the_library_refuses_is_told_in_its_own_words() {
     let bench = Bench::new();
-    let Some(path) = stub("the library's errors", &bench, &[]) else { return };
+    let path = stub(&bench, &[]);
     let mut unknown = acquisition(load(&path).expect("the library"), vec![inputs("Dev7/ai0", 1)]);
     assert_eq!(refused(unknown.prepare().await), UNKNOWN_DEVICE);
     let mut lost = acquisition(load(&path).expect("the library"), vec![inputs("Lost1/ai0:3", 4)]);
@@ -135,20 +136,26 @@ async fn what_the_library_refuses_is_told_in_its_own_words() {
 }
 
 #[test]
-fn a_library_that_isnt_there_or_lacks_a_function_is_named() {
-    let bench = Bench::new();
-    let missing = bench.path("none.so");
+fn a_library_that_isnt_there_is_named() {
+    let missing = Bench::new().path("none.so");
     let error = load(&missing).err().expect("no library").to_string();
     assert!(error.contains("NI's DAQmx library wasn't found on this machine") && error.contains("none.so"), "{error}");
-    let Some(path) = stub("a library without a function", &bench, &["-DLACKS_STOP"]) else { return };
+}
+
+#[test]
+#[ignore = "needs a C compiler: cc"]
+fn a_library_that_lacks_a_function_is_named() {
+    let bench = Bench::new();
+    let path = stub(&bench, &["-DLACKS_STOP"]);
     let error = load(&path).err().expect("not this library").to_string();
     assert_eq!(error, format!("{} isn't NI's DAQmx library: it has no function DAQmxStopTask", path.display()));
 }
 
 #[test]
+#[ignore = "needs a C compiler: cc"]
 fn doctor_meets_a_rigs_own_library() {
     let bench = Bench::new();
-    let Some(path) = stub("doctor on the library", &bench, &[]) else { return };
+    let path = stub(&bench, &[]);
     let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
     let link = format!("daqmx://{}", path.display());
     let mut rig = shipped_text("rigs/esp301.toml");
@@ -167,15 +174,13 @@ fn doctor_meets_a_rigs_own_library() {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt), cc and objdump"]
 fn nidaqmx_python_reads_the_same_numbers_of_the_same_stub() {
-    let test = "nidaqmx-python on the stub";
-    let Some(python) = Python::with(test, "import nidaqmx") else { return };
+    let python = Python::with("import nidaqmx");
     // with LD_LIBRARY_PATH alone, Python finds a library by asking the linker and objdump
-    if Command::new("objdump").arg("--version").output().is_err() {
-        return skipped(test, "there is no objdump");
-    }
+    there(Command::new("objdump").arg("--version"), "objdump (binutils)");
     let bench = Bench::new();
-    let Some(path) = stub(test, &bench, &[]) else { return };
+    let path = stub(&bench, &[]);
     let mut command = python.script("nidaqmx_stub.py", [&path]);
     command.env("LD_LIBRARY_PATH", path.parent().expect("a folder"));
     let told = said(command);

@@ -1,12 +1,20 @@
-//! Programs and libraries of others, on the real clock.
+//! Programs and libraries of others, on the real clock. A test that needs something besides Rust is ignored unless it is asked for
+//! (`cargo test --test outside -- --include-ignored`), and fails then where that is missing.
 
 #[path = "../support/mod.rs"]
 mod support;
 
+mod book;
+mod browser;
+mod c_file;
+mod certificate;
+mod characteristics;
 mod daqmx;
+mod disk;
 mod emulate;
 mod outliers;
 mod programs;
 mod schemas;
 mod servers;
+mod shells;
 mod skins;

@@ -1,27 +1,27 @@
 //! Programs of others talk to our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer.
 //!
-//! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program
-//! itself; without them it says that it is skipped, and passes.
+//! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
 
 use crate::support::python::{Python, said};
 use crate::support::served::Served;
-use crate::support::skips::skipped;
-use crate::support::{Bench, exchanged, shipped, shipped_text};
+use crate::support::{Bench, exchanged, shipped, shipped_text, there};
 use std::process::Command;
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymeasure_drives_the_esp301_over_a_serial_line() {
     let statement = "import pymeasure, pyvisa_py, serial";
-    let Some(python) = Python::with("pymeasure over a serial line", statement) else { return };
+    let python = Python::with(statement);
     let served = Served::new(&shipped_text("rigs/sim.toml"), "");
     let resource = format!("ASRL{}::INSTR", served.address("stage"));
     assert_eq!(said(python.script("esp300.py", [resource])), "x at 0.250 mm\n");
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymeasure_drives_the_esp301_over_tcp() {
-    let Some(python) = Python::with("pymeasure over TCP", "import pymeasure, pyvisa_py") else { return };
+    let python = Python::with("import pymeasure, pyvisa_py");
     let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
     let [host, port] = served.host_and_port("stage");
     let resource = format!("TCPIP::{host}::{port}::SOCKET");
@@ -29,26 +29,29 @@ fn pymeasure_drives_the_esp301_over_tcp() {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn newportxps_drives_the_xps() {
-    let Some(python) = Python::with("newportxps", "import newportxps") else { return };
+    let python = Python::with("import newportxps");
     let served = Served::new(&shipped_text("rigs/paper.toml"), "");
     let told = said(python.script("newport_xps.py", served.host_and_port("stage")));
     assert!(told.lines().last().is_some_and(|line| line.starts_with("y stopped at ")), "{told}");
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn newports_own_driver_drives_the_xps() {
     let statement =
         "import importlib.util as u, numpy; assert u.find_spec('pymodaq_plugins_newport'), 'it is not there'";
-    let Some(python) = Python::with("pymodaq_plugins_newport", statement) else { return };
+    let python = Python::with(statement);
     let served = Served::new(&shipped_text("rigs/paper.toml"), "");
     let told = said(python.script("vendor_xps.py", served.host_and_port("stage")));
     assert_eq!(told, "x at 1.250 mm\n");
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymodbus_asks_the_labjack_over_tcp() {
-    let Some(python) = Python::with("pymodbus over TCP", "import pymodbus") else { return };
+    let python = Python::with("import pymodbus");
     let served = Served::new(&shipped_text("rigs/sim.toml"), "");
     let [host, port] = served.host_and_port("array");
     let volts = said(python.script("modbus_client.py", ["t7", host, port]));
@@ -56,8 +59,9 @@ fn pymodbus_asks_the_labjack_over_tcp() {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymodbus_asks_every_transmitter_over_a_serial_line() {
-    let Some(python) = Python::with("pymodbus over a serial line", "import pymodbus, serial") else { return };
+    let python = Python::with("import pymodbus, serial");
     for (script, map) in
         [("rs485", "generic-rs485"), ("tlb", "laumas-tlb"), ("zsg", "seneca-zsg"), ("zsg2", "seneca-zsg2")]
     {
@@ -67,10 +71,8 @@ fn pymodbus_asks_every_transmitter_over_a_serial_line() {
 }
 
 #[test]
+#[ignore = "needs mbpoll"]
 fn mbpoll_asks_the_labjack_over_tcp() {
-    if !has_mbpoll("mbpoll over TCP") {
-        return;
-    }
     let served = Served::new(&shipped_text("rigs/sim.toml"), "");
     let [host, port] = served.host_and_port("array");
     let ask = |words: &str| mbpoll(&format!("-m tcp -p {port} {words}"), host);
@@ -92,10 +94,8 @@ fn mbpoll_asks_the_labjack_over_tcp() {
 }
 
 #[test]
+#[ignore = "needs mbpoll"]
 fn mbpoll_asks_the_transmitter_over_a_serial_line() {
-    if !has_mbpoll("mbpoll over a serial line") {
-        return;
-    }
     let served = Served::new(&with_cell("generic-rs485"), "");
     let ask = |words: &str| mbpoll(&format!("-m rtu -b 9600 -P none -a 1 {words}"), served.address("load_cell"));
     let gross = ask("-t 4:int -B -r 80").expect("a weight");
@@ -108,19 +108,18 @@ fn mbpoll_asks_the_transmitter_over_a_serial_line() {
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn grbl_streamer_drives_the_grbl() {
-    let Some(python) = Python::with("grbl-streamer", "import grbl_streamer") else { return };
+    let python = Python::with("import grbl_streamer");
     let served = Served::new(&shipped_text("rigs/grbl.toml"), "");
     let told = said(python.script("grbl.py", [served.address("stage")]));
     assert!(told.starts_with("x at "), "{told}");
 }
 
 #[test]
+#[ignore = "needs python3"]
 fn the_examples_are_devices_of_a_rig() {
-    let test = "the examples";
-    if Command::new("python3").arg("--version").output().is_err() {
-        return skipped(test, "there is no python3");
-    }
+    has_python3();
     let mut command = Bench::new().command("doctor rigs/process.toml --json --confirmed down");
     command.current_dir(shipped(""));
     let told: serde_json::Value = serde_json::from_str(&said(command)).expect("JSON");
@@ -132,11 +131,9 @@ fn the_examples_are_devices_of_a_rig() {
 }
 
 #[test]
+#[ignore = "needs python3"]
 fn a_printer_behind_a_real_process_presses() {
-    let test = "a printer behind a real process";
-    if Command::new("python3").arg("--version").output().is_err() {
-        return skipped(test, "there is no python3");
-    }
+    has_python3();
     let script = shipped("tests/outside/printer_bench.py");
     let command = |role: &str| format!("[\"python3\", {:?}, \".\", \"{role}\"]", script.display().to_string());
     let rig = shipped_text("rigs/printer.toml");
@@ -162,15 +159,14 @@ fn with_cell(map: &str) -> String {
     exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""))
 }
 
-fn has_mbpoll(test: &str) -> bool {
-    let found = Command::new("mbpoll").arg("-V").output();
-    found.inspect_err(|error| skipped(test, &format!("mbpoll: {error}"))).is_ok()
+fn has_python3() {
+    there(Command::new("python3").arg("--version"), "python3");
 }
 
 /// What mbpoll reads, once: the values, or what it complains of.
 fn mbpoll(words: &str, device: &str) -> Result<Vec<String>, String> {
-    let output = Command::new("mbpoll").args(["-0", "-1", "-q"]).args(words.split_whitespace()).arg(device).output();
-    let output = output.expect("mbpoll starts");
+    let mut command = Command::new("mbpoll");
+    let output = there(command.args(["-0", "-1", "-q"]).args(words.split_whitespace()).arg(device), "mbpoll");
     let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
     if !output.status.success() {
         return Err(text(&output.stderr) + &text(&output.stdout));

@@ -14,8 +14,9 @@ fn judged(python: &Python, bench: &Bench, kind: &str, texts: &[PathBuf]) -> Vec<
 }
 
 #[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn schemas_accept_what_is_shipped_and_refuse_what_they_can() {
-    let Some(python) = Python::with("JSON Schemas", "import jsonschema, tomllib") else { return };
+    let python = Python::with("import jsonschema, tomllib");
     let bench = Bench::new();
     let sim = shipped_text("rigs/sim.toml");
     for (kind, folder, whole, twins) in

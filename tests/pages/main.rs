@@ -5,7 +5,6 @@ mod support;
 
 mod ablation;
 mod batch;
-mod browser;
 mod certificate;
 mod curves;
 mod figures;

@@ -2,39 +2,8 @@
 //! numbers beside it, on its page and where `evaluate` and `run` print.
 
 use crate::support::printed::is_narrow;
-use crate::support::{Bench, shipped, shipped_text};
-
-/// A magnetic skin of 4 x 4 outputs, and one of five chips with three axes each, both in microtesla.
-pub(crate) const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
-pub(crate) const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
-
-/// A recipe with everything, for either skin.
-pub(crate) const SKIN: &str = r#"
-name = "skin"
-
-[[step]]
-phase = "characterisation"
-units = "all"
-staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
-
-[[step]]
-phase = "calibration"
-grid = { x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], spacing_mm = 1.0 }
-force_n = 1.5
-
-[[step]]
-phase = "test"
-random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2.0] }
-"#;
-
-/// A bench with a run of both skins.
-pub(crate) fn skins() -> Bench {
-    let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
-    for skin in ["magnetic", "fifteen"] {
-        bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));
-    }
-    bench
-}
+use crate::support::skins::skins;
+use crate::support::{Bench, campaign, shipped, shipped_text};
 
 #[test]
 fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
@@ -52,7 +21,9 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
         let table = bench.read(&format!("{skin}-figures/output-by-place.csv"));
         assert!(table.starts_with("panel,x_mm,y_mm,output_ut\n"), "{}", &table[..60]);
         assert_eq!(table.lines().count(), 1 + 361 * outputs, "{skin}");
-        for solver in ["best", "all"] {
+        // all methods are among the lines of `all`
+        let solvers = if campaign::is_quick() { &["all"][usize::from(skin == "fifteen")..] } else { &["best", "all"] };
+        for solver in solvers {
             let told = bench.palpate_ends(0, &format!("evaluate {skin} --solver {solver}")).out;
             assert!(!told.contains("paper") && !told.contains("0.46 mm") && !told.contains("Table 1"), "{told}");
             is_narrow(&told);
@@ -88,13 +59,14 @@ fn whatever_differs_from_the_papers_protocol_stands_alone() {
         .replace("name = \"paper\"", "name = \"other\"");
     let rig = shipped_text("rigs/sim.toml");
     let wide = rig.replace("pitch_mm = 4.5", "pitch_mm = 4.6");
-    for (name, recipe, rig) in [
+    let others = [
         ("force", short.replace("force_n = 1.0", "force_n = 0.9"), &rig),
         ("grid", short.replace("spacing_mm = 0.5", "spacing_mm = 0.6"), &rig),
         ("count", short.replace("count = 100", "count = 99"), &rig),
         ("light", short.replace("force_n = [0.1, 1.0]", "force_n = [0.2, 1.2]"), &rig),
         ("pitch", short.clone(), &wide),
-    ] {
+    ];
+    for (name, recipe, rig) in others.into_iter().step_by(campaign::every(4, 1)) {
         assert!(recipe != short || *rig != shipped_text("rigs/sim.toml"), "{name} differs in nothing");
         bench.write("recipe.toml", &recipe);
         bench.write("rig.toml", rig);

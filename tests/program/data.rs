@@ -1,13 +1,8 @@
 //! The folder `data`: its example is what the program makes of its recipe, and an independent script finds the same
 //! characteristics.
 
-use crate::support::skips::skipped;
+use crate::support::characteristics::characterised;
 use crate::support::{Bench, shipped, shipped_text};
-use palpate::control::Branch;
-use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
-use palpate::dataset::{Mapping, parse_table};
-use palpate::quantity::{ArrayLayout, round};
-use std::process::{Command, Stdio};
 use toml::{Table, Value};
 
 /// The example's tables and the phase that each holds.
@@ -53,97 +48,10 @@ fn the_example_can_be_evaluated_and_solved_at_once() {
 }
 
 #[test]
-fn an_independent_script_finds_the_same_characteristics() {
-    let text = shipped_text("data/example/characterisation.csv");
+fn the_shipped_characteristics_are_those_of_the_library() {
     let shipped = shipped_text("data/example/characteristics.csv");
     assert!(shipped.lines().count() == 10 && !shipped.contains(",,"), "{shipped}");
-    assert_eq!(characterised(&text), shipped, "by the library");
-    if let Some(found) = recomputed(&text) {
-        assert_eq!(found, shipped, "by Python");
-    }
-    // the simulated units are straight and return to zero: these are bent and wander, and some of their levels are flagged
-    let worn = worn(&text);
-    let expected = characterised(&worn);
-    for column in [5, 6] {
-        let cells = expected.lines().skip(1).map(|line| line.split(',').nth(column).unwrap().parse::<f64>().unwrap());
-        assert!(cells.into_iter().all(|percent| percent.abs() > 0.001), "{expected}");
-    }
-    if let Some(found) = recomputed(&worn) {
-        assert_eq!(found, expected, "by Python, of worn units");
-    }
-}
-
-/// What the library makes of a table of staircases, as `characteristics.csv` has it.
-fn characterised(text: &str) -> String {
-    let presses = parse_table("characterisation.csv", text.as_bytes(), &Mapping::default()).expect("a table");
-    let staircases = Staircases::of_run(&presses, &ArrayLayout::grid(3, 3, 4.5)).expect("staircases");
-    let mut table =
-        shipped_text("data/example/characteristics.csv").lines().next().expect("a header").to_owned() + "\n";
-    for unit in characterise(&staircases, Repeatability::ThreeSd) {
-        let (least, most): (Vec<f64>, Vec<f64>) = [Branch::Loading, Branch::Unloading]
-            .map(|branch| unit.repeatability_interval_percent(branch).expect("repeats"))
-            .into_iter()
-            .unzip();
-        let cells = [
-            unit.repeatability_loading_percent.expect("repeats"),
-            unit.repeatability_unloading_percent.expect("repeats"),
-            unit.hysteresis_percent.expect("two branches"),
-            unit.hysteresis_of_reading_percent.expect("two branches"),
-            unit.linearity_percent.expect("levels"),
-            unit.zero_return_percent.expect("levels in air"),
-            least[0],
-            most[0],
-            least[1],
-            most[1],
-        ];
-        let cells = cells.map(|value| format!("{:.4}", round(value, 4)));
-        table += &format!("{},{}\n", unit.unit, cells.join(","));
-    }
-    table
-}
-
-/// The same by Python, where it is there.
-fn recomputed(text: &str) -> Option<String> {
-    let bench = Bench::with([("characterisation.csv", text)]);
-    let mut python = Command::new("python3");
-    python
-        .arg(shipped("data/check/characteristics.py"))
-        .arg(bench.path("characterisation.csv"))
-        .args(["3", "3", "4.5"]);
-    match python.stdin(Stdio::null()).output() {
-        Ok(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            Some(String::from_utf8(output.stdout).expect("text").replace("\r\n", "\n"))
-        }
-        Err(error) => {
-            skipped("data/check/characteristics.py", &format!("python3: {error}"));
-            None
-        }
-    }
-}
-
-/// The table with outputs that bend and wander with time, and a flag at every 37th row.
-fn worn(text: &str) -> String {
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let header: Vec<String> = reader.headers().expect("a header").iter().map(str::to_owned).collect();
-    let mut worn = header.join(",") + "\n";
-    for (index, row) in reader.records().enumerate() {
-        let row = row.expect("a row");
-        let cell = |name: &str| &row[header.iter().position(|column| column == name).expect("a column")];
-        let t_s: f64 = cell("t_s").parse().expect("a time");
-        let bent = |output: &str| {
-            let output: f64 = output.parse().expect("an output");
-            let wandered = 0.01 * (0.3 * t_s).sin() + 0.02 * output * (0.07 * t_s).cos();
-            format!("{:.7}", output - 0.05 * output * output + wandered)
-        };
-        let cells = header.iter().zip(&row).map(|(name, cell)| match name.as_str() {
-            output if output.starts_with("out_") => bent(cell),
-            "flags" if index % 37 == 0 => "stale".to_owned(),
-            _ => cell.to_owned(),
-        });
-        worn += &(cells.collect::<Vec<String>>().join(",") + "\n");
-    }
-    worn
+    assert_eq!(characterised(&shipped_text("data/example/characterisation.csv")), shipped);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Runs that are killed at any moment: nothing that was acknowledged is lost or changed, and `resume` finishes the plan.
 //!
-//! 50 kills by default; `PALPATE_KILLS=1000 cargo test --release --test record kills:: -- --nocapture` for as many. From
-//! [`THOROUGH`] on, the journal is cut at every byte of its last records too.
+//! `PALPATE_TESTS=full` kills 50 times, and cuts the journal at each eleventh byte of its last records; `PALPATE_TESTS=20` kills 1000
+//! times, and cuts it at every byte.
 #![cfg(unix)]
 
 mod tally;
@@ -9,8 +9,7 @@ mod trial;
 
 use crate::support::interrupted::cut_back;
 use crate::support::rows::{self, Kept, numbered};
-use crate::support::skips::asked;
-use crate::support::{Bench, shipped_text};
+use crate::support::{Bench, campaign, shipped_text};
 use palpate::dataset::{Contact, Journal, Record};
 use serde_json::Value;
 use std::fs;
@@ -20,17 +19,15 @@ use std::time::{Duration, Instant};
 use tally::Tally;
 use trial::Trial;
 
-/// Kills unless `PALPATE_KILLS` says others, and how many make it thorough.
-const KILLS: usize = 50;
-const THOROUGH: usize = 1000;
+/// Kills: quick and full.
+const KILLS: (usize, usize) = (8, 50);
 
 /// Trials at a time.
 const THREADS: usize = 2;
 
-/// Records whose bytes the journal is cut at (the last three presses and the end), and every how many of these bytes where it
-/// isn't to be thorough.
+/// Records whose bytes the journal is cut at (the last three presses and the end), and every how many of these bytes: quick and full.
 const CUT_RECORDS: usize = 4;
-const CUT_STRIDE: usize = 11;
+const CUT_STRIDE: (usize, usize) = (1009, 11);
 
 /// 2 staircases of 5 levels and 12 points of a grid: enough that `--strategy map` puts presses that teach before them.
 const RECIPE: &str = r#"
@@ -59,7 +56,7 @@ const MEMORIES: [&str; 2] = ["relaxation = ", "hysteresis = "];
 #[test]
 fn a_run_killed_at_any_moment_keeps_what_it_acknowledged_and_is_finished_by_resume() {
     let courses = Course::all();
-    let (wanted, made, trials) = (kills_wanted(), AtomicUsize::new(0), AtomicU64::new(0));
+    let (wanted, made, trials) = (campaign::size(KILLS.0, KILLS.1), AtomicUsize::new(0), AtomicU64::new(0));
     let tally = on_threads(|tally| {
         while made.load(Ordering::Relaxed) < wanted {
             let of_one = Trial::new(trials.fetch_add(1, Ordering::Relaxed), &courses).carry_out();
@@ -86,10 +83,6 @@ fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
     });
     println!("{} cuts: {tally}", cuts.len());
     tally.assert_clean();
-}
-
-fn kills_wanted() -> usize {
-    asked("PALPATE_KILLS").map_or(KILLS, |kills| kills.parse().expect("PALPATE_KILLS is a number"))
 }
 
 /// Does the same on some threads at once; what they counted is added up.
@@ -173,10 +166,9 @@ impl Course {
         let journal = self.file("journal.log");
         let ends: Vec<usize> = (1..=journal.len()).filter(|&end| journal[end - 1] == b'\n').collect();
         let first = ends[ends.len() - 1 - CUT_RECORDS];
-        let each = kills_wanted() >= THOROUGH;
-        let is_wanted = move |cut: &usize| {
-            each || ends.iter().any(|end| cut.abs_diff(*end) <= 1) || (cut - first).is_multiple_of(CUT_STRIDE)
-        };
+        let stride = campaign::every(CUT_STRIDE.0, CUT_STRIDE.1);
+        let is_wanted =
+            move |cut: &usize| ends.iter().any(|end| cut.abs_diff(*end) <= 1) || (cut - first).is_multiple_of(stride);
         (first..=journal.len()).filter(is_wanted)
     }
 

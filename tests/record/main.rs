@@ -5,7 +5,6 @@ mod support;
 
 mod changed_rig;
 mod damage;
-mod disk;
 mod kills;
 mod owner;
 mod pauses;

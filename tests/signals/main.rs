@@ -13,7 +13,6 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use support::rows::{json, numbered, table};
-use support::skips::skipped;
 use support::{Bench, LONG, LONG_PRESSES, Live, Told};
 use terminal::{Terminal, heed_hangups, signal, spawned, wait};
 
@@ -103,11 +102,10 @@ fn a_run_that_nobody_hears_is_finished_as_any_other() {
     assert_eq!(numbered(&table(&bench, "run")), plan());
 }
 
+/// `setsid` of util-linux gives a program a controlling terminal.
+#[cfg(target_os = "linux")]
 #[test]
 fn a_closed_terminal_stops_and_parks() {
-    if !terminal::has_ctty() {
-        return skipped("a closed terminal", "there is no setsid that gives a program a controlling terminal");
-    }
     heed_hangups();
     let bench = Bench::with([("r.toml", LONG)]);
     let mut terminal = Terminal::open();

@@ -5,7 +5,6 @@ mod support;
 
 mod acceptance;
 mod adapt;
-mod c_file;
 mod evaluate;
 mod golden;
 mod missing;

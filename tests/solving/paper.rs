@@ -1,10 +1,10 @@
 //! The paper's protocol through the whole house: drivers, wire, emulators, control, record, solver.
 //!
 //! With nothing but the half-space in the scene the golden numbers, computed apart, must come back; with the shipped scene, over
-//! 20 seeds, what the paper reports must lie where its own Table 1 puts it. See the numbers with
+//! 20 seeds in the full tier, what the paper reports must lie where its own Table 1 puts it. See the numbers with
 //! `cargo test --release --test solving paper:: -- --nocapture`.
 
-use crate::support::skips::skipped;
+use crate::support::campaign;
 use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate::dataset::evaluate::Trial;
 use palpate::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
@@ -16,6 +16,9 @@ use palpate::solver::Evaluation;
 use std::io::Write;
 
 const PAPER: &str = include_str!("../../recipes/paper.toml");
+
+/// Seeds: quick and full.
+const SEEDS: (usize, usize) = (2, 20);
 
 /// What 20 seeds come to on average, and its standard error: location error, mm, and force error, N. The seeds stay, so that only
 /// another order of random draws may move a mean, by no more than two of those.
@@ -127,22 +130,26 @@ fn outcome(seed: u64) -> Outcome {
 
 #[test]
 fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
-    if cfg!(debug_assertions) {
-        return skipped("the paper's protocol over 20 seeds", "without optimisation it takes minutes");
-    }
+    let seeds = campaign::size(SEEDS.0, SEEDS.1) as u64;
+    // the means of fewer seeds scatter by more, and the bars are those of 20
+    let scatter = (SEEDS.1 as f64 / seeds as f64).sqrt().max(1.0);
     let mut told = std::io::stderr();
-    let halves = [1..=10, 11..=20].map(|seeds| std::thread::spawn(move || seeds.map(outcome).collect::<Vec<_>>()));
+    let halves = [1..=seeds / 2, seeds / 2 + 1..=seeds]
+        .map(|seeds| std::thread::spawn(move || seeds.map(outcome).collect::<Vec<_>>()));
     let outcomes: Vec<Outcome> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
     let mean = |of: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(of).sum::<f64>() / outcomes.len() as f64;
     let largest = |of: fn(&Outcome) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
     let (location_mm, force_n) = (mean(&|o| o.location_mm), mean(&|o| o.force_n));
     let (force_peak_n, depth_peak_mm) = (largest(|o| o.force_peak_n), largest(|o| o.depth_peak_mm));
-    let _ = writeln!(told, "mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
+    let _ = writeln!(told, "{seeds} seeds: mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
     let _ = writeln!(told, "largest true force {force_peak_n:.4} N, deepest indentation {depth_peak_mm:.3} mm");
     for (found, (expected, standard_error), what) in
         [(location_mm, LOCATION_MM, "location"), (force_n, FORCE_N, "force")]
     {
-        assert!((found - expected).abs() <= 2.0 * standard_error, "{what} error {found} instead of {expected}");
+        assert!(
+            (found - expected).abs() <= 2.0 * standard_error * scatter,
+            "{what} error {found} instead of {expected}"
+        );
     }
     // the staircases go to 2 N and never beyond, within the paper's tolerance
     assert!((1.95..=2.0).contains(&force_peak_n) && (1.4..=1.6).contains(&depth_peak_mm));
@@ -158,10 +165,14 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
             unit + 1
         );
         // five repeats give 0.94 of three true standard deviations on average (c4 of 5)
-        assert!((ratio / 0.94 - 1.0).abs() <= UNIT_REPEATABILITY, "unit {}: {ratio}", unit + 1);
-        assert!(worst <= HYSTERESIS_PERCENT && on_average.abs() <= MEAN_HYSTERESIS_PERCENT, "unit {}", unit + 1);
+        assert!((ratio / 0.94 - 1.0).abs() <= UNIT_REPEATABILITY * scatter, "unit {}: {ratio}", unit + 1);
+        assert!(
+            worst <= HYSTERESIS_PERCENT && on_average.abs() <= MEAN_HYSTERESIS_PERCENT * scatter,
+            "unit {}",
+            unit + 1
+        );
         ratios += ratio / 0.94 / TABLE_1_PERCENT.len() as f64;
     }
     let _ = writeln!(told, "repeatability of all units {ratios:.3} of what is to be expected");
-    assert!((ratios - 1.0).abs() <= MEAN_REPEATABILITY, "{ratios}");
+    assert!((ratios - 1.0).abs() <= MEAN_REPEATABILITY * scatter, "{ratios}");
 }

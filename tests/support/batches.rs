@@ -27,6 +27,10 @@ pub(crate) struct Drawn {
     pub seed: u64,
 }
 
+/// A month of a small producer.
+pub const MONTH: Drawn =
+    Drawn { name: "june", sensors: 120, outputs: 9, every: 10, guarded: true, drift: 0.03, seed: 1 };
+
 /// Sensors a day.
 const A_DAY: usize = 40;
 

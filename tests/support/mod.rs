@@ -1,21 +1,24 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
 #![allow(dead_code, reason = "each program uses its part of this")]
 
-pub(crate) mod alone;
-pub(crate) mod bad_line;
-pub(crate) mod batches;
-pub(crate) mod interrupted;
-pub(crate) mod mutation;
-pub(crate) mod phases;
-pub(crate) mod printed;
-pub(crate) mod python;
-pub(crate) mod rows;
-pub(crate) mod safety;
-pub(crate) mod served;
-pub(crate) mod skins;
-pub(crate) mod skips;
-pub(crate) mod twins;
-pub(crate) mod walks;
+pub mod alone;
+pub mod bad_line;
+pub mod batches;
+pub mod book;
+pub mod campaign;
+pub mod certified;
+pub mod characteristics;
+pub mod interrupted;
+pub mod mutation;
+pub mod phases;
+pub mod printed;
+pub mod python;
+pub mod rows;
+pub mod safety;
+pub mod served;
+pub mod skins;
+pub mod twins;
+pub mod walks;
 
 use palpate::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use serde_json::Value;
@@ -29,7 +32,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 /// A small recipe with every kind of step: 1 staircase of 5 levels, 4 points of a grid, 2 random ones.
-pub(crate) const SMALL: &str = r#"
+pub const SMALL: &str = r#"
 name = "small"
 
 [press]
@@ -51,21 +54,17 @@ random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.
 "#;
 
 /// Rows of `presses.csv` that [`SMALL`] comes to, and entries of its plan.
-pub(crate) const SMALL_ROWS: usize = 11;
-pub(crate) const SMALL_PRESSES: u64 = 7;
+pub const SMALL_ROWS: usize = 11;
+pub const SMALL_PRESSES: u64 = 7;
 
 /// A stage identified and homed.
-pub(crate) async fn made_ready(
-    stage: &mut impl Stage,
-    usage: &StageUse,
-    reins: &Reins,
-) -> Result<Identity, DeviceError> {
+pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
     let identity = stage.identify(usage).await?;
     stage.home(usage, reins).await.map(|()| identity)
 }
 
 /// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
-pub(crate) const LONG: &str = r#"
+pub const LONG: &str = r#"
 name = "long"
 
 [[step]]
@@ -78,28 +77,28 @@ phase = "calibration"
 grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 2.0 }
 force_n = 1.0
 "#;
-pub(crate) const LONG_PRESSES: u64 = 11;
+pub const LONG_PRESSES: u64 = 11;
 
 /// A folder in which the program is run, gone with this.
-pub(crate) struct Bench {
+pub struct Bench {
     folder: TempDir,
 }
 
 /// How the program ended and what it said.
 #[derive(Debug)]
-pub(crate) struct Told {
+pub struct Told {
     pub code: Option<i32>,
     pub out: String,
     pub err: String,
 }
 
 impl Bench {
-    pub(crate) fn new() -> Bench {
+    pub fn new() -> Bench {
         Bench { folder: tempfile::tempdir().expect("a temporary folder") }
     }
 
     /// A bench with files on it: name and text.
-    pub(crate) fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
+    pub fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
         let bench = Bench::new();
         for (name, text) in files {
             bench.write(name, text);
@@ -107,24 +106,24 @@ impl Bench {
         bench
     }
 
-    pub(crate) fn write(&self, name: &str, text: &str) {
+    pub fn write(&self, name: &str, text: &str) {
         fs::write(self.path(name), text).expect("a file can be written");
     }
 
-    pub(crate) fn read(&self, name: &str) -> String {
+    pub fn read(&self, name: &str) -> String {
         fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    pub(crate) fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
-    pub(crate) fn has(&self, name: &str) -> bool {
+    pub fn has(&self, name: &str) -> bool {
         self.path(name).symlink_metadata().is_ok()
     }
 
     /// The program with some words, separated by blanks, to be run on this bench.
-    pub(crate) fn command(&self, words: &str) -> Command {
+    pub fn command(&self, words: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
         command.args(words.split_whitespace()).current_dir(self.folder.path()).stdin(Stdio::null());
         // messages are pinned as they look without colour on a terminal that knows Unicode
@@ -135,23 +134,23 @@ impl Bench {
     }
 
     /// Runs the program to its end.
-    pub(crate) fn palpate(&self, words: &str) -> Told {
+    pub fn palpate(&self, words: &str) -> Told {
         self.command(words).output().expect("the program starts").into()
     }
 
     /// The same, and it must end as said.
-    pub(crate) fn palpate_ends(&self, code: i32, words: &str) -> Told {
+    pub fn palpate_ends(&self, code: i32, words: &str) -> Told {
         let told = self.palpate(words);
         assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
         told
     }
 
-    pub(crate) fn manifest(&self, run: &str) -> Value {
+    pub fn manifest(&self, run: &str) -> Value {
         serde_json::from_str(&self.read(&format!("{run}/manifest.json"))).expect("a manifest is JSON")
     }
 
     /// A table's header and rows.
-    pub(crate) fn table(&self, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
+    pub fn table(&self, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
         let text = self.read(name);
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<String>>();
@@ -160,14 +159,14 @@ impl Bench {
     }
 
     /// One column of a table.
-    pub(crate) fn column(&self, name: &str, column: &str) -> Vec<String> {
+    pub fn column(&self, name: &str, column: &str) -> Vec<String> {
         let (header, rows) = self.table(name);
         let index = header.iter().position(|name| name == column).unwrap_or_else(|| panic!("no {column} in {name}"));
         rows.into_iter().map(|mut row| row.swap_remove(index)).collect()
     }
 
     /// Each file of a folder with its bytes, by name.
-    pub(crate) fn bytes(&self, folder: &str) -> Vec<(String, Vec<u8>)> {
+    pub fn bytes(&self, folder: &str) -> Vec<(String, Vec<u8>)> {
         let entries = fs::read_dir(self.path(folder)).expect("a folder").map(|entry| entry.expect("an entry").path());
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let mut files: Vec<_> = entries.map(|path| (name(&path), fs::read(&path).expect("a file"))).collect();
@@ -185,107 +184,105 @@ impl From<Output> for Told {
 
 impl Told {
     /// What it said on standard error as running text: no frame, no line breaks.
-    pub(crate) fn running(&self) -> String {
+    pub fn running(&self) -> String {
         self.err.replace(['│', '·'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
     /// Each line of standard output as JSON.
-    pub(crate) fn json_lines(&self) -> Vec<Value> {
+    pub fn json_lines(&self) -> Vec<Value> {
         let line = |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{line}: {error}"));
         self.out.lines().map(line).collect()
     }
 }
 
 /// A file that is shipped, by its path in the project.
-pub(crate) fn shipped(path: &str) -> PathBuf {
+pub fn shipped(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 /// Its text.
-pub(crate) fn shipped_text(path: &str) -> String {
+pub fn shipped_text(path: &str) -> String {
     fs::read_to_string(shipped(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 /// The text with one stretch of it exchanged, which must be there.
-pub(crate) fn exchanged(text: &str, from: &str, to: &str) -> String {
+pub fn exchanged(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{from:?} isn't in\n{text}");
     text.replacen(from, to, 1)
 }
 
-/// A shared library of one of the project's C files, built on a bench with some words more; none where there is no compiler.
-pub(crate) fn shared_library(test: &str, bench: &Bench, name: &str, source: &str, words: &[&str]) -> Option<PathBuf> {
+/// A shared library of one of the project's C files, built on a bench with some words more.
+pub fn shared_library(bench: &Bench, name: &str, source: &str, words: &[&str]) -> PathBuf {
     let path = bench.path(name);
     let mut compiler = Command::new("cc");
     compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
-    match compiler.arg(&path).arg(shipped(source)).args(words).output() {
-        Err(error) => {
-            skips::skipped(test, &format!("cc: {error}"));
-            None
-        }
-        Ok(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-            Some(path)
-        }
-    }
+    let output = there(compiler.arg(&path).arg(shipped(source)).args(words), "a C compiler that is called cc");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    path
+}
+
+/// What a program of others came to, which must be there; `install` says what has it.
+pub fn there(command: &mut Command, install: &str) -> Output {
+    command.output().unwrap_or_else(|error| panic!("{command:?}: {error}. Install {install}"))
 }
 
 /// Longest wait for the next line of a program that is running: many times what any takes, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A program under way, killed if the test ends before it does.
-pub(crate) struct Live {
+pub struct Live {
     child: Child,
     out: Receiver<String>,
     err: Receiver<String>,
 }
 
 impl Live {
-    pub(crate) fn start(mut command: Command) -> Live {
+    pub fn start(mut command: Command) -> Live {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
         let (out, err) = (lines(child.stdout.take()), lines(child.stderr.take()));
         Live { child, out, err }
     }
 
     /// The next line on standard output; none at its end.
-    pub(crate) fn line(&self) -> Option<String> {
+    pub fn line(&self) -> Option<String> {
         next(&self.out)
     }
 
     /// The same if it comes within so long.
-    pub(crate) fn line_within(&self, patience: Duration) -> Result<String, RecvTimeoutError> {
+    pub fn line_within(&self, patience: Duration) -> Result<String, RecvTimeoutError> {
         self.out.recv_timeout(patience)
     }
 
     /// Waits for a line on standard error that has some words in it.
-    pub(crate) fn until_told(&self, words: &str) {
+    pub fn until_told(&self, words: &str) {
         while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
     }
 
     /// Its process number.
-    pub(crate) fn id(&self) -> u32 {
+    pub fn id(&self) -> u32 {
         self.child.id()
     }
 
     /// Sends a signal: `INT`, `TERM`, `KILL`.
     #[cfg(unix)]
-    pub(crate) fn signal(&self, name: &str) {
+    pub fn signal(&self, name: &str) {
         let sent = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
         assert!(sent.expect("kill starts").success(), "kill -{name}");
     }
 
     /// Kills it at once; one that has ended stays as it ended.
-    pub(crate) fn kill(&mut self) {
+    pub fn kill(&mut self) {
         // its only error is that it has ended
         let _ = self.child.kill();
     }
 
     /// Its end, and what it said since it was last listened to.
-    pub(crate) fn end(self) -> Told {
+    pub fn end(self) -> Told {
         self.end_within(PATIENCE)
     }
 
     /// The same for one that may be still for longer.
-    pub(crate) fn end_within(mut self, patience: Duration) -> Told {
+    pub fn end_within(mut self, patience: Duration) -> Told {
         let rest = |lines: &Receiver<String>| {
             std::iter::from_fn(|| next_within(lines, patience)).map(|line| line + "\n").collect()
         };

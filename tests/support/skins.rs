@@ -1,5 +1,6 @@
-//! The paper's nine units as simulated skins, their noise read in two ways.
+//! The paper's nine units as simulated skins, their noise read in two ways; and runs of two magnetic skins.
 
+use super::Bench;
 use palpate::paper::repeatability_percent;
 use palpate::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelNoise};
 
@@ -20,4 +21,36 @@ pub(crate) fn scene_t() -> SkinSpec {
 /// Noise that is a share of the reading, and a floor.
 pub(crate) fn scene_q() -> SkinSpec {
     scene(NoiseOf::Reading, 0.001)
+}
+
+/// A magnetic skin of 4 x 4 outputs, and one of five chips with three axes each, both in microtesla.
+pub const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
+pub const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
+
+/// A recipe with everything, for either skin.
+pub const SKIN: &str = r#"
+name = "skin"
+
+[[step]]
+phase = "characterisation"
+units = "all"
+staircase = { to_n = 2.0, step_n = 0.5, repeats = 3 }
+
+[[step]]
+phase = "calibration"
+grid = { x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], spacing_mm = 1.0 }
+force_n = 1.5
+
+[[step]]
+phase = "test"
+random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2.0] }
+"#;
+
+/// A bench with a run of both skins.
+pub fn skins() -> Bench {
+    let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
+    for skin in ["magnetic", "fifteen"] {
+        bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));
+    }
+    bench
 }

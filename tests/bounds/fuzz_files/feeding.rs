@@ -2,8 +2,8 @@
 
 use super::FILE;
 use crate::HEAP;
+use crate::support::campaign;
 use crate::support::mutation::rewritten;
-use crate::support::skips::asked;
 use cpu_time::ThreadTime;
 use palpate::quantity::{Stream, stream};
 use rand::RngExt;
@@ -15,8 +15,8 @@ use std::time::Instant as Wall;
 /// Most that the process may ever hold, bytes: the targets beside each other, each with the plan of 100,000 presses.
 const EVER_HELD_MOST: usize = 192 << 20;
 
-/// Longest that one input may take of the processor, s: that plan, some times over.
-const INPUT_S_MOST: f64 = if cfg!(debug_assertions) { 20.0 } else { 2.0 };
+/// Of so many inputs of the full tier the quick one tries one.
+const QUICK_PART: usize = 50;
 
 /// After how many inputs it is told how far it has come.
 const PROGRESS: usize = 100_000;
@@ -50,14 +50,10 @@ fn fuzz_with(
     mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
     mut read: impl FnMut(&[u8]),
 ) {
-    // for so long of the processor's time, or so many of them
-    let minutes = asked("PALPATE_FUZZ_MINUTES").and_then(|minutes| minutes.parse::<f64>().ok());
-    let few = if cfg!(debug_assertions) { inputs / 20 } else { inputs };
+    let inputs = campaign::size(inputs.div_ceil(QUICK_PART), inputs);
     let (mut rng, mut input, mut longest_s) = (stream(1, 0, name), Vec::new(), 0.0f64);
-    let (began, cpu_began, mut inputs) = (Wall::now(), ThreadTime::now(), 0);
-    while minutes.map_or(inputs < few, |minutes| cpu_began.elapsed().as_secs_f64() < 60.0 * minutes) {
-        let n = inputs;
-        inputs += 1;
+    let began = Wall::now();
+    for n in 0..inputs {
         if n > 0 && n.is_multiple_of(PROGRESS) {
             println!("{name}: {n} inputs so far, the longest {longest_s:.3} s, {} bytes", HEAP.max_allocated());
         }
@@ -68,7 +64,6 @@ fn fuzz_with(
         longest_s = longest_s.max(took_s);
         let wrong = match done {
             Err(_) => "it panicked".to_owned(),
-            Ok(()) if took_s > INPUT_S_MOST => format!("it took {took_s:.1} s"),
             Ok(()) if HEAP.max_allocated() > EVER_HELD_MOST => format!("it held {} bytes", HEAP.max_allocated()),
             Ok(()) => continue,
         };

@@ -3,7 +3,6 @@
 
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
 use crate::support::Bench;
-use crate::support::skips::skipped;
 use crate::terminal::{Terminal, signal, spawned, wait};
 use palpate::batch::Event;
 use palpate::dataset::Status;
@@ -184,11 +183,9 @@ fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves
     assert!(told.out.contains("interrupted"), "{}", told.out);
 }
 
+#[cfg(target_os = "linux")]
 #[test]
 fn what_was_typed_during_a_run_does_not_begin_the_next_sensor() {
-    if !cfg!(target_os = "linux") {
-        return skipped("typed ahead", "the terminal of other systems isn't tried");
-    }
     let bench = bench("");
     let mut person = Person::begins(&bench, "--pace 10");
     person.types("A-01");

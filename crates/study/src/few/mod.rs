@@ -20,6 +20,11 @@ pub use verdicts::{VerdictRow, verdicts};
 
 use super::StudyError;
 
+#[cfg(test)]
+#[path = "../../../tests/support/campaign.rs"]
+#[allow(dead_code, reason = "each program of tests uses its part of this")]
+mod campaign;
+
 /// Size of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewSize {
@@ -65,10 +70,15 @@ mod tests {
     use palpate_core::quantity::Place;
     use palpate_solver::{Belongs, Setting, Solver as _, fit};
 
+    /// What the noise is a share of: a prior takes seconds, so the quick tier has one.
+    fn noises() -> &'static [NoiseReference] {
+        if campaign::is_quick() { &NoiseReference::ALL[..1] } else { &NoiseReference::ALL }
+    }
+
     #[test]
     fn the_map_of_a_sibling_is_as_sure_as_that_of_a_full_calibration() {
-        for noise in NoiseReference::ALL {
-            let design = Design::papers(noise);
+        for noise in noises() {
+            let design = Design::papers(*noise);
             let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
             let presses = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
             let sibling = prior.sibling(&presses, &setting).unwrap();
@@ -86,7 +96,8 @@ mod tests {
     fn nine_presses_with_a_prior_are_nearly_a_full_calibration() {
         let design = Design::papers(NoiseReference::T);
         let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
-        let sensors = NEW_SEEDS..NEW_SEEDS + 10;
+        let count = campaign::size(2, 10);
+        let sensors = NEW_SEEDS..NEW_SEEDS + count as u64;
         let mut sums = [0.0; 4];
         for seed in sensors.clone() {
             let test = design.test(seed, 300);
@@ -96,22 +107,21 @@ mod tests {
             };
             let whole = fit("surrogate", &design.calibration(seed, &grid(SIDE)).unwrap(), &setting).unwrap();
             let found = [few(1, 1), few(3, 3), few(5, 5), mean_errors(&whole, &test).location_mm];
-            sums.iter_mut().zip(found).for_each(|(sum, mm)| *sum += mm / 10.0);
+            sums.iter_mut().zip(found).for_each(|(sum, mm)| *sum += mm / count as f64);
         }
         let [one, nine, many, whole] = sums;
-        println!("1: {one:.3}, 9: {nine:.3}, 25: {many:.3}, 625 without a prior: {whole:.3} mm");
+        println!("{count} sensors; 1: {one:.3}, 9: {nine:.3}, 25: {many:.3}, 625 without a prior: {whole:.3} mm");
         assert!(one < 1.6 * whole && nine < 1.06 * whole && many < 1.04 * whole, "{sums:?}");
     }
 
-    /// Number of sensors of each kind, unless the environment has another one.
-    const STRANGERS: u64 = 4;
+    /// Number of sensors of each kind: quick and full.
+    const STRANGERS: (usize, usize) = (1, 4);
 
     #[test]
     fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
-        let asked = std::env::var("PALPATE_STRANGERS").ok().and_then(|asked| asked.parse().ok());
-        let sensors = GOOD_SEEDS..GOOD_SEEDS + asked.unwrap_or(STRANGERS);
-        for noise in NoiseReference::ALL {
-            let design = Design::papers(noise);
+        let sensors = GOOD_SEEDS..GOOD_SEEDS + campaign::size(STRANGERS.0, STRANGERS.1) as u64;
+        for noise in noises() {
+            let design = Design::papers(*noise);
             let prior = design.prior().unwrap();
             for kind in Stranger::ALL {
                 let is_refused = |seed: &u64| {

@@ -1,12 +1,10 @@
 //! Pages in a real browser without a screen: nothing complains, no text is cut or lies over another, every figure shows
-//! something, on a desk and on a telephone. Where there is no browser, it says so.
+//! something, on a desk and on a telephone.
 //!
 //! The screenshots are left in the folder that is printed, for a person to look at.
 
-use crate::batch::MONTH;
-use crate::sensors::skins;
-use crate::support::batches::{self, Drawn};
-use crate::support::skips::skipped;
+use crate::support::batches::{self, Drawn, MONTH};
+use crate::support::skins::skins;
 use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
 use serde_json::Value;
 use std::ffi::OsString;
@@ -22,8 +20,9 @@ const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "c
 const LOOK: &str = include_str!("browser/look.js");
 
 #[test]
+#[ignore = "needs Chromium"]
 fn pages_are_whole_on_a_desk_and_on_a_telephone() {
-    let Some(browser) = Browser::find() else { return };
+    let browser = Browser::find();
     let bench = Bench::new();
     let paper = shipped("recipes/paper.toml");
     bench.palpate_ends(0, &format!("run {} --out paper", paper.display()));
@@ -74,8 +73,9 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
 }
 
 #[test]
+#[ignore = "needs Chromium"]
 fn figures_of_the_studies_have_room_for_their_words() {
-    let Some(browser) = Browser::find() else { return };
+    let browser = Browser::find();
     let bench = Bench::new();
     for study in ["curves", "budget --quick", "failures --quick", "speed-accuracy --quick", "minutes --quick"] {
         bench.palpate_ends(0, &format!("study {study} --out {}", study.split(' ').next().expect("a name")));
@@ -101,8 +101,9 @@ fn figures_of_the_studies_have_room_for_their_words() {
 
 /// A page of ours with one label moved onto another, and with one that is too small: both are found.
 #[test]
+#[ignore = "needs Chromium"]
 fn a_page_whose_labels_overlap_is_found_out() {
-    let Some(browser) = Browser::find() else { return };
+    let browser = Browser::find();
     let bench = skins();
     bench.palpate_ends(0, "report fifteen --out page.html");
     let page = bench.read("page.html");
@@ -127,8 +128,9 @@ fn a_page_whose_labels_overlap_is_found_out() {
 
 /// The look itself sees what it is there for.
 #[test]
+#[ignore = "needs Chromium"]
 fn a_page_with_faults_is_found_out() {
-    let Some(browser) = Browser::find() else { return };
+    let browser = Browser::find();
     let faulty = |body: &str| {
         let bench = Bench::with([("page.html", format!("<!DOCTYPE html><html><body>{body}</body></html>").as_str())]);
         browser.look(&bench.path("page.html"), 390)
@@ -168,19 +170,18 @@ struct Seen {
 }
 
 impl Browser {
-    /// The one that is named by `PALPATE_BROWSER`, or the first on the path; none is said.
-    fn find() -> Option<Browser> {
+    /// The one that is named by `PALPATE_BROWSER`, or the first on the path.
+    fn find() -> Browser {
         let path = std::env::var_os("PATH").unwrap_or_default();
         let named = std::env::var_os("PALPATE_BROWSER").map(PathBuf::from);
         let on_path = BROWSERS.iter().flat_map(|name| std::env::split_paths(&path).map(move |at| at.join(name)));
-        let Some(program) = named.or_else(|| on_path.into_iter().find(|program| program.is_file())) else {
-            let reason = format!("no browser ({}) is there; PALPATE_BROWSER can name one", BROWSERS.join(", "));
-            skipped("pages in a browser", &reason);
-            return None;
-        };
+        let found = named.or_else(|| on_path.into_iter().find(|program| program.is_file()));
+        let program = found.unwrap_or_else(|| {
+            panic!("there is no browser ({}): install chromium, or name one by PALPATE_BROWSER", BROWSERS.join(", "))
+        });
         let album = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pages");
         fs::create_dir_all(&album).expect("a folder for screenshots");
-        Some(Browser { program, album })
+        Browser { program, album }
     }
 
     /// Opens a page with what looks at it, in a frame of that width: a window has a least width of its own.

@@ -1,0 +1,21 @@
+//! A long run in the lake: all of its presses are there. `cargo bench --features files --bench lake` prints what one costs.
+
+use crate::killed::visible;
+use crate::recorded::recorded;
+use palpate::export::lake::Lake;
+
+const PRESSES: u64 = 10_000;
+
+#[test]
+fn a_long_run_is_in_the_lake_whole() {
+    let home = tempfile::tempdir().unwrap();
+    let (run, place) = (home.path().join("run"), home.path().join("lake"));
+    recorded(&run, PRESSES);
+    let mut lake = Lake::open(&place).unwrap();
+    let staged = lake.stage(&run).unwrap();
+    assert_eq!(visible(&place), [], "nothing is seen before it is published");
+    let told = lake.publish(staged).unwrap();
+    assert!(told.starts_with(&format!("{PRESSES} presses at ")), "{told}");
+    let rows: Vec<i64> = visible(&place).into_iter().map(|(_, rows)| rows).collect();
+    assert_eq!(rows, [PRESSES as i64]);
+}

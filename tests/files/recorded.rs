@@ -1,0 +1,63 @@
+//! Long runs, recorded without a rig.
+
+use palpate::control::{AirReadings, Lesson};
+use palpate::dataset::{
+    Air, Contact, Durability, Ledger as _, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
+};
+use palpate::quantity::{ArrayLayout, Place};
+use palpate::recipe::Phase;
+use std::path::Path;
+
+pub const OUTPUTS: usize = 9;
+
+/// A press with as many digits as a measured one.
+pub fn press(number: u64) -> Press {
+    let wave = |n: u64| ((number * 7919 + n * 104_729) % 1_000_003) as f64 / 1e6 + 0.123_456_7;
+    Press {
+        press: number,
+        phase: Some(Phase::Calibration),
+        x_mm: -6.0 + 0.5 * (number % 25) as f64,
+        y_mm: -6.0 + 0.5 * (number / 25 % 25) as f64,
+        force_set_n: Some(1.0),
+        force_n: Some(0.9 + 0.1 * wave(1)),
+        u_force_n: Some(0.001 * wave(2)),
+        depth_mm: Some(wave(3)),
+        t_s: Some(3.0 * number as f64),
+        outputs: (0..OUTPUTS as u64).map(|n| wave(10 + n)).collect(),
+        z_mm: Some(-wave(4)),
+        air_before_n: Some(0.01 * wave(5)),
+        air_after_n: Some(0.01 * wave(6)),
+        ..Press::default()
+    }
+    .rounded()
+}
+
+/// Makes a run folder of so many presses that nobody ended.
+pub fn recorded(run: &Path, presses: u64) {
+    let layout = ArrayLayout::grid(3, 3, 4.5);
+    let facts = RunFacts { recipe: "many".to_owned(), presses_planned: presses, ..RunFacts::default() };
+    let session = Provenance { durability: Durability::Fast, ..Provenance::default() };
+    let rig = include_str!("../../rigs/sim.toml").to_owned();
+    let origins = Origins::new(String::new(), rig, Vec::new());
+    let mut folder = RunFolder::create(Some(run), &origins, facts, session, &layout).unwrap();
+    for number in 0..presses {
+        let wave = |n: u64| ((number * 7919 + n * 104_729) % 1_000_003) as f64 / 3e6;
+        let air = |n: u64| {
+            let force = AirReadings { mean_n: wave(n), sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+            Air { force, outputs: (0..OUTPUTS as u64).map(|output| wave(n + output)).collect() }
+        };
+        let path = (0..6).map(|n| (wave(n), wave(n + 1))).collect();
+        let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
+        let contact = Contact {
+            press: number,
+            levels: vec![press(number)],
+            truth: vec![truth.rounded()],
+            lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7), path }),
+            air_before: air(8),
+            air_after: air(9),
+            ..Contact::default()
+        };
+        folder.record(&Record::Contact(contact)).unwrap();
+    }
+    assert_eq!(folder.manifest().status, Status::Stopped);
+}

@@ -1,0 +1,36 @@
+//! What the library makes of staircases, to be compared with what others make of them.
+
+use super::shipped_text;
+use palpate::control::Branch;
+use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
+use palpate::dataset::{Mapping, parse_table};
+use palpate::quantity::{ArrayLayout, round};
+
+/// What the library makes of a table of staircases, as `characteristics.csv` has it.
+pub fn characterised(text: &str) -> String {
+    let presses = parse_table("characterisation.csv", text.as_bytes(), &Mapping::default()).expect("a table");
+    let staircases = Staircases::of_run(&presses, &ArrayLayout::grid(3, 3, 4.5)).expect("staircases");
+    let mut table =
+        shipped_text("data/example/characteristics.csv").lines().next().expect("a header").to_owned() + "\n";
+    for unit in characterise(&staircases, Repeatability::ThreeSd) {
+        let (least, most): (Vec<f64>, Vec<f64>) = [Branch::Loading, Branch::Unloading]
+            .map(|branch| unit.repeatability_interval_percent(branch).expect("repeats"))
+            .into_iter()
+            .unzip();
+        let cells = [
+            unit.repeatability_loading_percent.expect("repeats"),
+            unit.repeatability_unloading_percent.expect("repeats"),
+            unit.hysteresis_percent.expect("two branches"),
+            unit.hysteresis_of_reading_percent.expect("two branches"),
+            unit.linearity_percent.expect("levels"),
+            unit.zero_return_percent.expect("levels in air"),
+            least[0],
+            most[0],
+            least[1],
+            most[1],
+        ];
+        let cells = cells.map(|value| format!("{:.4}", round(value, 4)));
+        table += &format!("{},{}\n", unit.unit, cells.join(","));
+    }
+    table
+}
