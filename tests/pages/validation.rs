@@ -4,6 +4,7 @@ use crate::support::{Bench, shipped_text};
 use palpate::dataset::characteristics::UnitCharacteristics;
 use palpate::solver::Evaluation;
 use palpate::study::validation::{SEEDS, Validation, ValidationOutcome, validation};
+use serde_json::Value;
 
 /// What the paper prints (Sensors 2018, 18, 351), copied from it and not from the program: name, value, digits here, unit.
 const PAPERS: [(&str, &str, usize, &str); 5] = [
@@ -113,7 +114,9 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
     let rows = bench.palpate_ends(0, "study validation --quick --json --seed 7 --out a").json_lines();
     let seeds: Vec<u64> = rows.iter().filter_map(|row| row["seed"].as_u64()).collect();
     assert_eq!(seeds, [7, 8]);
-    for row in rows.iter().filter(|row| row["study"] == "validation") {
+    let specimens: Vec<&Value> = rows.iter().filter(|row| row["study"] == "validation").collect();
+    assert_eq!(specimens.len(), seeds.len());
+    for row in specimens {
         assert_eq!((row["presses"].as_u64(), row["papers"]["points"].as_u64()), (Some(770), Some(100)));
         assert!(
             row["best"]["location_error_mm"]["mean"].as_f64() < row["papers"]["location_error_mm"]["mean"].as_f64()
