@@ -137,6 +137,8 @@ fn journals() {
         match opened {
             Ok(_) => {
                 assert!(damaged.is_none(), "it was opened, and is damaged: {damaged:?}");
+                let ends = input.iter().filter(|&&byte| byte == b'\n').count();
+                assert_eq!(sound, ends, "a line with its end was cut off in silence");
                 let again = Journal::<Record>::records(path).expect("a file").filter(Result::is_ok).count();
                 assert_eq!(again, sound, "records after its torn tail was cut off");
             }
@@ -144,6 +146,10 @@ fn journals() {
                 let told = error.to_string();
                 let says_why = told.contains("at byte ") || told.contains(": a journal of format ");
                 assert!(told.starts_with(&path.display().to_string()) && says_why, "{told}");
+                if let Some((_, rest)) = told.split_once("at byte ") {
+                    let at = input.split_inclusive(|&byte| byte == b'\n').take(sound).map(<[u8]>::len).sum::<usize>();
+                    assert_eq!(rest.split(' ').next(), Some(at.to_string().as_str()), "{told}, after {sound} records");
+                }
                 assert_eq!(fs::read(path).expect("a file"), input, "a damaged journal was touched");
             }
         }
@@ -153,11 +159,23 @@ fn journals() {
 #[test]
 fn manifests() {
     let seeds = [run().manifest.clone()];
-    fuzz("manifests", 20_000, &seeds, |input| {
-        let Ok(manifest) = Manifest::parse(&String::from_utf8_lossy(input)) else { return };
-        let text = serde_json::to_string(&manifest).expect("text and numbers");
-        assert_eq!(Manifest::parse(&text).expect("what was written"), manifest);
+    let (mut sound, mut refused) = (0, 0);
+    fuzz_file("manifests", 20_000, &seeds, rewritten, |path, input| match Manifest::read(path) {
+        Ok(manifest) => {
+            sound += 1;
+            let text = serde_json::to_string(&manifest).expect("text and numbers");
+            assert_eq!(Manifest::parse(&text).expect("what was written"), manifest);
+        }
+        Err(error) => {
+            refused += 1;
+            let told = error.to_string();
+            let rest = told.strip_prefix(&path.display().to_string()).unwrap_or_else(|| panic!("{told}"));
+            let line = rest.strip_prefix(':').and_then(|rest| rest.split(':').next()?.parse::<usize>().ok());
+            let is_text = std::str::from_utf8(input).is_ok();
+            assert!(!is_text || line.is_some_and(|line| line <= lines(input)), "no such place: {told:?}");
+        }
     });
+    assert!(sound > 0 && refused > 0, "{sound} read, {refused} refused");
 }
 
 // ---- what is asked of an answer ------------------------------------------------------------------------------------

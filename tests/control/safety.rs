@@ -157,7 +157,7 @@ fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
         let mut bench = Bench::new(rig_with(|_, _| {}), &text, 9);
         let walked = bench.walk(Some(stopped_at));
         assert!(matches!(walked.ending.halt, Some(Halt::Cancelled)), "{told}: {:?}", walked.ending.told());
-        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
+        bench.assert_parked(&walked, &told);
         assert_eq!(walked.ending.status(), Status::Stopped, "{told}");
         assert!(walked.readings <= stopped_at + 1, "{told}: {} readings", walked.readings);
         bench.folder.finish(walked.ending.end(String::new(), 0.0)).unwrap();

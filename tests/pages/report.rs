@@ -270,6 +270,7 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
         bench.palpate_ends(0, &format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
         assert!(!page.contains("NaN") && !page.contains("inf\""), "{name}");
+        assert!(!figures(&page).is_empty(), "{name}");
         // the panels of a line are too flat for more than a number each
         for figure in figures(&page).into_iter().filter(|_| name != "line") {
             let told: Vec<&str> =

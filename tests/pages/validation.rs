@@ -157,7 +157,9 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
 fn check_rows(rows: &[Value], expected: &[u64]) {
     let seeds: Vec<u64> = rows.iter().filter_map(|row| row["seed"].as_u64()).collect();
     assert_eq!(seeds, expected);
-    for row in rows.iter().filter(|row| row["study"] == "validation") {
+    let specimens: Vec<&Value> = rows.iter().filter(|row| row["study"] == "validation").collect();
+    assert_eq!(specimens.len(), seeds.len());
+    for row in specimens {
         assert_eq!((row["presses"].as_u64(), row["papers"]["points"].as_u64()), (Some(770), Some(100)));
         assert!(
             row["best"]["location_error_mm"]["mean"].as_f64() < row["papers"]["location_error_mm"]["mean"].as_f64()

@@ -212,6 +212,17 @@ mod links {
         "rig-1.toml",
         "report.html",
     ];
+    /// Those that `rebuild` writes or vouches for.
+    const REBUILT: [&str; 8] = [
+        "manifest.json",
+        "presses.csv",
+        "scene.csv",
+        "characteristics.csv",
+        "calibration_matrix.csv",
+        "test_matrix.csv",
+        "recipe.toml",
+        "rig.toml",
+    ];
     const WRITERS: [&str; 4] =
         ["rebuild run", "rebuild run --accept-loss", "report run", "resume run --rig other.toml"];
 
@@ -266,6 +277,10 @@ mod links {
                         let expected =
                             if kind == "dangling link" { vec![] } else { vec![("file".to_owned(), was.clone())] };
                         assert!(outside == expected, "{words} changed what {kind} {name} leads to\n{}", told.err);
+                        let rebuilt = name.trim_start_matches('.').trim_end_matches(".new");
+                        let is_refused = told.code == Some(2);
+                        let is_met = words == "rebuild run" && REBUILT.contains(&rebuilt);
+                        assert!(is_refused || !is_met, "{words}, {kind} {name}, isn't refused: {}", told.err);
                         if told.code != Some(0) {
                             refusals += 1;
                             let is_named = told.running().contains(name.as_str())

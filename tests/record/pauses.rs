@@ -2,13 +2,14 @@
 //! stage is parked.
 
 use crate::support::walks::{bench, in_virtual_time, plan};
-use palpate::dataset::{Ledger, Memory, Press, Record, Retouch, Status};
+use palpate::dataset::{DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
+use palpate::quantity::Axis;
 use palpate::recipe::Plan;
 use palpate::rig::RigSpec;
-use palpate::run::{Cancel, Ending, Listener, Walk, walk};
+use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
 use palpate::scene::{Fault, FaultKind};
 use std::time::Duration;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 const REST_S: f64 = 60.0;
 const RECIPE: &str = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\n[[step]]\nphase = \"characterisation\"\n\
@@ -96,7 +97,8 @@ fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
     let ending = walked(&spec, &plan, &mut memory, &mut person);
     assert_eq!((ending.status(), person.paused), (Status::Complete, 2), "{:?}", ending.told());
     assert!(memory.records().iter().any(|record| matches!(record, Record::Retouch(Retouch { .. }))));
-    assert!(gaps_s(&memory).iter().all(|&gap_s| gap_s >= REST_S), "{:?}", gaps_s(&memory));
+    let gaps_s = gaps_s(&memory);
+    assert!(gaps_s.len() == 2 && gaps_s.iter().all(|&gap_s| gap_s >= REST_S), "{gaps_s:?}");
 }
 
 #[test]
@@ -125,4 +127,47 @@ fn a_trip_is_told_before_the_stage_is_parked() {
         _ => None,
     });
     assert!(told_s.is_some_and(|told_s| told_s + 0.01 < ending.t_s), "told at {told_s:?}, parked at {}", ending.t_s);
+}
+
+/// A ledger that takes no contact, as on a full disk.
+#[derive(Default)]
+struct Full(Memory);
+
+impl Ledger for Full {
+    fn has(&self, press: u64) -> bool {
+        self.0.has(press)
+    }
+
+    fn recall(&self, tell: &mut dyn FnMut(&Record)) -> Result<(), DatasetError> {
+        self.0.recall(tell)
+    }
+
+    fn record(&mut self, record: &Record) -> Result<(), DatasetError> {
+        match record {
+            Record::Contact(_) => {
+                let (doing, path) = ("writing", "journal.log".into());
+                Err(DatasetError::Io { doing, path, why: std::io::ErrorKind::StorageFull.into() })
+            }
+            other => self.0.record(other),
+        }
+    }
+}
+
+#[test]
+fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, RECIPE, 1);
+    let (mut ledger, mut person) = (Full::default(), Restless::new(0, usize::MAX));
+    let (ending, z_mm) = in_virtual_time(async {
+        let rig = spec.emulators(plan.seed).expect("emulators");
+        let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
+        let rig = spec.open_on(rig).expect("drivers");
+        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, errand, &mut person).await;
+        let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
+        (ending, spec.frame.z_from_stage(z_mm))
+    });
+    assert!(matches!(ending.halt, Some(Halt::Record(_))) && ending.unparked.is_none(), "{:?}", ending.told());
+    assert_eq!(person.made, 0, "nothing is acknowledged");
+    assert!(z_mm <= spec.clear_mm() + 0.003, "parked, and not at {z_mm} mm");
 }

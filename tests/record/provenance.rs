@@ -171,7 +171,20 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
         assert!(told.running().contains("is not a valid name of a file in a run folder"), "{}", told.err);
         assert_eq!(told.code, Some(2), "{}", told.err);
     }
+    // and those of the texts themselves
+    let nth = lines.iter().position(|line| line.contains(" {\"text\":{\"name\":\"rig.toml\"")).expect("the rig");
+    let text = exchanged(lines[nth].splitn(3, ' ').nth(2).expect("a record"), "\"rig.toml\"", "\"../secret.txt\"");
+    let changed = sealed(nth as u64, &text);
+    let rest = lines[nth + 1..lines.len() - 2].iter().copied();
+    let text: Vec<&str> = lines[..nth].iter().copied().chain([changed.as_str()]).chain(rest).collect();
+    for words in ["resume run", "rebuild run"] {
+        cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
+        let told = bench.palpate_ends(2, words);
+        assert!(told.running().contains("is not a valid name of a file in a run folder"), "{words}: {}", told.err);
+    }
+    assert_eq!(bench.read("secret.txt"), "not of this run");
     bench.write("run/journal.log", &journal);
+    bench.write("run/manifest.json", &manifest);
     // a register map lies beside its rig, and nowhere else
     let rig = bench.read("run/rig.toml");
     bench.write("climbing.toml", &exchanged(&rig, "\"labjack-t7\"", "\"../map.toml\""));

@@ -12,6 +12,8 @@ use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 use support::rows::{json, numbered, table};
 use support::{Bench, LONG, LONG_PRESSES, Live, Told};
 use terminal::{Terminal, heed_hangups, signal, spawned, wait};
@@ -27,6 +29,9 @@ const PAUSES: usize = 3;
 const RUN: &str = "run r.toml --json --out run --pace 5";
 /// For a run whose presses needn't be long.
 const RUN_FAST: &str = "run r.toml --json --out run --pace 15";
+
+/// How long a pause is watched: a run that went on would take a zero in a tenth of it.
+const A_WHILE: Duration = Duration::from_millis(700);
 
 const CANCELLED: Option<i32> = Some(130);
 
@@ -146,6 +151,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
     signal(&child, "INT");
     terminal.until(&format!("{FINISHED_FIRST}, then the run pauses"));
     terminal.until("paused after 1 of 11 presses, stage parked: Enter continues, Ctrl-C ends");
+    sleep(A_WHILE);
     assert_eq!((zeros(&bench), contacts(&bench).len()), (1, 1), "nothing is done before Enter");
     terminal.enter();
     let seen = terminal.until_end();
@@ -167,7 +173,7 @@ fn a_pause_may_be_made_again_and_again() {
     drop(command); // it is at the terminal too
     let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
     let (mut acknowledged, mut presses) = (Vec::new(), 0);
-    for _ in 0..PAUSES {
+    for pause in 0..PAUSES {
         // a press that was made since the last pause: the run is under way again
         while numbered(&acknowledged).last().is_none_or(|(press, _)| *press < presses) {
             acknowledged.push(json(&lines.next().expect("another row").expect("a line")));
@@ -175,6 +181,12 @@ fn a_pause_may_be_made_again_and_again() {
         signal(&child, "INT");
         terminal.until("paused after ");
         presses = terminal.until(" of ").parse().expect("a number");
+        sleep(A_WHILE);
+        assert_eq!(
+            (zeros(&bench), contacts(&bench).len() as u64),
+            (1 + pause, presses),
+            "nothing is done before Enter"
+        );
         terminal.enter();
     }
     let seen = terminal.until_end();

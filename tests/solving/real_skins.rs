@@ -105,7 +105,9 @@ fn assert_covered(evaluation: &Evaluation, places: usize) {
     let coverage = evaluation.coverage.unwrap();
     println!("{coverage:?}");
     let pairs = [(coverage.location_68, coverage.location_95), (coverage.force_68, coverage.force_95)];
-    for (narrow, wide) in pairs.into_iter().filter_map(|(narrow, wide)| Some((narrow?, wide?))) {
+    let stated: Vec<(f64, f64)> = pairs.into_iter().filter_map(|(narrow, wide)| Some((narrow?, wide?))).collect();
+    assert_eq!(stated.len(), pairs.len(), "half-widths of places and of forces");
+    for (narrow, wide) in stated {
         for (share, stated, least, most) in [(narrow, 0.68f64, 0.60, 0.78), (wide, 0.95, 0.92, 0.985)] {
             let room = 2.6 * (stated * (1.0 - stated) / places as f64).sqrt();
             assert!((least - room..=most + room).contains(&share), "{share} within {stated}");

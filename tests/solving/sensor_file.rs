@@ -48,6 +48,7 @@ fn files_of_this_version_answer_as_when_they_were_written() {
         let told = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
         let expected = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
         for (found, expected) in told.out.lines().zip(expected.lines()) {
+            assert_eq!(found.matches(',').count(), expected.matches(',').count(), "{name}: {found} for {expected}");
             let cells = found.split(',').zip(expected.split(','));
             for (found, expected) in cells {
                 let pair = found.parse::<f64>().ok().zip(expected.parse::<f64>().ok());

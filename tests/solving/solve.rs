@@ -38,6 +38,7 @@ fn a_line_in_is_a_line_out_whatever_the_format() {
         let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
         let mut sorted: Vec<&str> = KEYS.split(',').collect();
         sorted.sort_unstable();
+        assert_eq!(objects.len(), contacts.len(), "{readings:?}");
         for (object, [x_mm, force_n]) in objects.iter().zip([[-4.0, 0.5], [0.0, 2.0], [4.0, 1.0]]) {
             let mut found: Vec<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
             found.sort_unstable();

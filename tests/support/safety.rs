@@ -4,9 +4,10 @@
 use super::walks::in_virtual_time;
 use palpate::control::Rule;
 use palpate::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
+use palpate::quantity::Axis;
 use palpate::recipe::{self, Plan};
 use palpate::rig::{self, RigSpec};
-use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk};
+use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
 use palpate::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 use tokio::time::Instant;
@@ -14,7 +15,10 @@ use tokio::time::Instant;
 /// What the conversion of the load cell to whole mN may add to what is shown, N.
 pub(crate) const COUNT_N: f64 = 0.001;
 
-pub(crate) const STAIRCASE: &str = "staircase = { to_n = 2.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }";
+/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+const PARKED_MM: f64 = 0.003;
+
+pub const STAIRCASE: &str = "staircase = { to_n = 2.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }";
 
 fn paper_rig() -> RigSpec {
     rig::parse("sim.toml", include_str!("../../rigs/sim.toml"), &|_| unreachable!()).unwrap()
@@ -55,6 +59,8 @@ pub(crate) struct Walked {
     /// Forces that were seen.
     pub readings: u32,
     pub virtual_s: f64,
+    /// Where z ended in the specimen frame, mm.
+    pub z_mm: f64,
 }
 
 struct Silent;
@@ -88,11 +94,22 @@ impl Bench {
         }
         let Bench { spec, plan, folder, .. } = self;
         let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
-        let (ending, virtual_s) = in_virtual_time(async {
-            let began = Instant::now();
-            (walk(errand, &mut Silent).await, began.elapsed().as_secs_f64())
+        let (ending, virtual_s, z_mm) = in_virtual_time(async {
+            let rig = spec.emulators(plan.seed).expect("emulators");
+            let (scene, began) = (rig.scene.clone(), Instant::now());
+            let rig = spec.open_on(rig).expect("drivers");
+            let ending = walk_on(rig, errand, &mut Silent).await;
+            let virtual_s = began.elapsed().as_secs_f64();
+            let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, virtual_s);
+            (ending, virtual_s, spec.frame.z_from_stage(z_mm))
         });
-        Walked { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s }
+        Walked { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
+    }
+
+    /// The stage stands where no surface can be: what is said of parking isn't asked.
+    pub fn assert_parked(&self, walked: &Walked, told: &str) {
+        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
+        assert!(walked.z_mm <= self.spec.clear_mm() + PARKED_MM, "{told}: z is {} mm", walked.z_mm);
     }
 
     /// What was recorded, in the order of its numbers.
@@ -117,12 +134,14 @@ impl Bench {
     pub(crate) fn must_complete(&mut self, told: &str) {
         let walked = self.walk(None);
         assert_eq!(walked.ending.status(), Status::Complete, "{told}: {:?}", walked.ending.told());
+        self.assert_parked(&walked, told);
         let (peak_n, depth_mm) = self.worst();
         let limits = self.spec.limits;
         assert!(peak_n <= limits.force_n, "{told}: {peak_n} N");
         assert!(depth_mm <= limits.depth_mm, "{told}: {depth_mm} mm");
         assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{told}");
         for (entry, contact) in self.plan.entries.iter().zip(self.contacts()) {
+            assert_eq!(contact.levels.len(), contact.truth.len(), "{told}: the truth of each level");
             for (row, truth) in contact.levels.iter().zip(&contact.truth) {
                 let error_n = truth.force_true_n - row.force_set_n.unwrap();
                 assert!(
@@ -142,7 +161,7 @@ impl Bench {
             panic!("{told}: no trip but {:?}", walked.ending.told());
         };
         assert!(rules.contains(&trip.rule), "{told}: {trip}");
-        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
+        self.assert_parked(&walked, told);
         assert_eq!(walked.ending.status(), Status::Tripped, "{told}");
         assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{told}: the manifest");
         assert!(walked.virtual_s < 120.0, "{told}: {} s", walked.virtual_s);

@@ -4,7 +4,7 @@
  *   FAILING_BELOW  the folder, absolute and without links in it
  *   FAILING_CALL   which call, from 1
  *   FAILING_MODE   once: that call; from: that and all after it; short: counted are writes alone, that one writes half of
- *                  its bytes and the call after it fails
+ *                  its bytes and the call after it fails; torn: the same, and the two calls after it fail
  *   FAILING_ERRNO  what it fails with, as a number
  *   FAILING_LOG    a file elsewhere that gets a line `call path` for each call that failed
  */
@@ -28,7 +28,7 @@ enum { PATH_BYTES = 4096 };
 enum verdict { PASS, FAIL, HALF };
 
 static atomic_long calls;
-/* set by a short write: the next call fails */
+/* set by half a write: so many calls after it fail */
 static atomic_int due;
 
 #define REAL(name) static __typeof__(&name) real; if (!real) real = (__typeof__(&name))dlsym(RTLD_NEXT, #name)
@@ -77,10 +77,11 @@ static enum verdict judge(const char *call, const char *path) {
     if (!is_below(path)) return PASS;
     const char *mode = getenv("FAILING_MODE"), *nth = getenv("FAILING_CALL"), *error = getenv("FAILING_ERRNO");
     if (!mode || !nth || !error) return PASS;
-    int fails = atomic_exchange(&due, 0);
-    if (!strcmp(mode, "short")) {
+    int left = atomic_load(&due), fails = left > 0, torn = !strcmp(mode, "torn");
+    if (fails) atomic_store(&due, left - 1);
+    if (torn || !strcmp(mode, "short")) {
         if (!fails && !strcmp(call, "write") && atomic_fetch_add(&calls, 1) + 1 == atol(nth)) {
-            atomic_store(&due, 1);
+            atomic_store(&due, torn ? 2 : 1);
             tell("half a write", path);
             return HALF;
         }

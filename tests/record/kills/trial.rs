@@ -76,7 +76,11 @@ impl<'a> Trial<'a> {
             assert_eq!((&rows[..], code), (&[][..], None), "{told}: acknowledged without a folder");
             let entries = fs::read_dir(self.bench.path(".")).expect("a folder").map(|entry| entry.expect("an entry"));
             // the recipe and the rig are there
-            let drafts = entries.count() - 2;
+            let beside = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+            let beside: Vec<String> = beside.filter(|name| !["r.toml", "rig.toml"].contains(&name.as_str())).collect();
+            let is_hidden = |name: &String| name.starts_with('.') && name.ends_with(".new");
+            assert!(beside.iter().all(is_hidden), "{told}: {beside:?}");
+            let drafts = beside.len();
             return Tally { kills: 1, early: 1, drafts, ..Tally::default() };
         }
         let after = journal(&self.bench);

@@ -196,6 +196,7 @@ async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
         let mut hand = hand(&told, &cancel, (force_n, force_n));
         hand.z_mm = 0.8;
         assert_eq!(rule(hand.depart(away(clear_mm), Place::new(0.5, 0.0), &permit(), 0.0).await), broken);
+        assert!(told.borrow().iter().any(|told| told.starts_with('z')), "{told:?}");
         assert!(told.borrow().iter().all(|told| !told.starts_with(['x', 'y'])), "{told:?}");
     }
 }
