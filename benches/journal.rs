@@ -4,12 +4,12 @@
 //! `cargo bench --bench journal`. The disk is the one that holds the system's temporary folder.
 
 use cpu_time::ProcessTime;
-use palpate::control::{AirReadings, Lesson};
-use palpate::dataset::{
+use palpate_control::{AirReadings, Lesson};
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_data::dataset::{
     Air, Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder,
 };
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::recipe::Phase;
+use palpate_data::recipe::Phase;
 use std::path::Path;
 use std::time::{Duration, Instant};
 

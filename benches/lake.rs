@@ -7,11 +7,11 @@
 mod recorded;
 
 use cpu_time::ThreadTime;
-use palpate::dataset::Press;
-use palpate::export::arrow::ParquetFile;
-use palpate::export::frame::presses_of;
-use palpate::export::lake::Lake;
-use palpate::export::of_run;
+use palpate_data::dataset::Press;
+use palpate_report::export::arrow::ParquetFile;
+use palpate_report::export::frame::presses_of;
+use palpate_report::export::lake::Lake;
+use palpate_report::export::of_run;
 use recorded::{OUTPUTS, press, recorded};
 use std::fs::{self, File};
 use std::io::BufWriter;

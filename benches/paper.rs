@@ -3,10 +3,10 @@
 //! It measures and prints; it doesn't judge. Wall time depends on the disk by one fsync a press.
 
 use cpu_time::ProcessTime;
-use palpate::dataset::{Origins, Provenance, RunFacts, RunFolder, Status};
-use palpate::recipe::{self, Plan};
-use palpate::rig;
-use palpate::run::{Cancel, Listener, Walk, walk};
+use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder, Status};
+use palpate_data::recipe::{self, Plan};
+use palpate_run::rig;
+use palpate_run::run::{Cancel, Listener, Walk, walk};
 use std::time::{Duration, Instant};
 
 const RUNS: u64 = 5;

@@ -3,7 +3,7 @@
 //! It measures and prints; it doesn't judge. Each millisecond sends one reading to the server and the same line to the echo, in
 //! alternating order, so both meet the same disturbances.
 
-use palpate::quantity::percentile;
+use palpate_core::quantity::percentile;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};

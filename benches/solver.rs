@@ -4,12 +4,12 @@
 //! It measures and prints; it doesn't judge. Times are the best of several repetitions, as whatever else runs only adds
 //! to them. Numpy is looked for in the interpreter `$PALPATE_PYTHON`, else `python3`.
 
-use palpate::mechanics::lambda;
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{
+use palpate_core::mechanics::lambda;
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_solver::{
     BEST, Calibration, CalibrationPoint, Fitted, ForceRule, Pearson, SOLVERS, Setting, Solver, Workspace, fit,
 };
-use palpate::study::ablation::{Cost, Model, cost_of_all_terms};
+use palpate_study::ablation::{Cost, Model, cost_of_all_terms};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::hint::black_box;

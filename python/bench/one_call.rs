@@ -1,8 +1,8 @@
 //! Median time of a call from Rust, ns, for each line on standard input: `one_call MODEL READINGS`. The readings are numbers of
 //! eight bytes in a file, little-endian. `solve.py` compares it with a call from Python.
 
-use palpate::dataset::sensor_file::read_sensor_file;
-use palpate::solver::Session;
+use palpate_data::dataset::sensor_file::read_sensor_file;
+use palpate_solver::Session;
 use std::env::args_os;
 use std::error::Error;
 use std::hint::black_box;

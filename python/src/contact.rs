@@ -2,7 +2,7 @@
 
 use super::frame::{Cells, Column, Frame};
 use palpate::cli::calls::{NUMBERS, UNSOLVED, numbers};
-use palpate::solver::{Solution, Unanswered, Verdict};
+use palpate_solver::{Solution, Unanswered, Verdict};
 use pyo3::prelude::*;
 use std::collections::HashMap;
 

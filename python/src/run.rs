@@ -4,7 +4,7 @@ use super::frame::{Cells, Column, Frame};
 use super::refused::{raised, warn};
 use super::words::Words;
 use palpate::cli::calls;
-use palpate::export::frame::{self, Values};
+use palpate_report::export::frame::{self, Values};
 use pyo3::prelude::*;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

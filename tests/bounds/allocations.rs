@@ -2,10 +2,10 @@
 //! allocator.
 
 use crate::HEAP;
-use crate::support::alone::ran_alone;
-use palpate::mechanics::lambda;
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{Calibration, CalibrationPoint, SOLVERS, Setting, Solver, Workspace, fit};
+use palpate_core::mechanics::lambda;
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_solver::{Calibration, CalibrationPoint, SOLVERS, Setting, Solver, Workspace, fit};
+use palpate_testing::alone::ran_alone;
 
 #[test]
 fn a_solve_allocates_nothing() {

@@ -4,20 +4,20 @@
 //! `PALPATE_TESTS=full` tries 100,000 inputs of each.
 
 use crate::HEAP;
-use crate::support::alone::ran_alone;
-use crate::support::campaign;
-use crate::support::mutation::{INPUT_MOST, mutated};
-use palpate::device::{Reins, Stage};
-use palpate::driver::grbl::{Build, parse_report};
-use palpate::driver::lines::{Finder, LineProfile};
-use palpate::driver::modbus::{Client, Function, Profile, Transport};
-use palpate::driver::process::answer_in;
-use palpate::driver::xps::parse_answer;
-use palpate::driver::{AnyStage, Esp301};
-use palpate::emulator::{INBOX_MOST, Instrument};
-use palpate::quantity::{Axis, stream};
-use palpate::rig;
-use palpate::wire::Connector;
+use palpate_core::quantity::{Axis, stream};
+use palpate_drivers::grbl::{Build, parse_report};
+use palpate_drivers::lines::{Finder, LineProfile};
+use palpate_drivers::modbus::{Client, Function, Profile, Transport};
+use palpate_drivers::process::answer_in;
+use palpate_drivers::xps::parse_answer;
+use palpate_drivers::{AnyStage, Esp301};
+use palpate_link::device::{Reins, Stage};
+use palpate_link::wire::Connector;
+use palpate_run::rig;
+use palpate_sim::emulator::{INBOX_MOST, Instrument};
+use palpate_testing::alone::ran_alone;
+use palpate_testing::campaign;
+use palpate_testing::mutation::{INPUT_MOST, mutated};
 use std::hint::black_box;
 use std::sync::{Arc, Mutex};
 use std::time::Instant as Wall;

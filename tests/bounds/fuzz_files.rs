@@ -7,14 +7,14 @@
 mod feeding;
 mod seeds;
 
-use crate::support::mutation::{TEXT_MOST, rewritten};
 use feeding::{fuzz, fuzz_file, resealed};
-use palpate::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
-use palpate::dataset::{Journal, Manifest, Mapping, Presses, Record, Records, TableError, read_table};
-use palpate::document::Problems;
-use palpate::quantity::Axis;
-use palpate::recipe::{self, PRESSES_MAX, Plan};
-use palpate::rig::{self, RigSpec, SIM_RIG};
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
+use palpate_data::dataset::{Journal, Manifest, Mapping, Presses, Record, Records, TableError, read_table};
+use palpate_data::recipe::{self, PRESSES_MAX, Plan};
+use palpate_document::Problems;
+use palpate_run::rig::{self, RigSpec, SIM_RIG};
+use palpate_testing::mutation::{TEXT_MOST, rewritten};
 use seeds::{root, run, sim_rig, texts_in};
 use std::fs;
 use std::path::Path;
@@ -63,7 +63,7 @@ fn register_maps() {
         if let Err(problems) = rig::parse(FILE, &rig, &|_| Ok(text.to_string())) {
             check_problems(problems, &rig);
         }
-        if let Err(problems) = palpate::driver::modbus::Profile::parse(FILE, &text) {
+        if let Err(problems) = palpate_drivers::modbus::Profile::parse(FILE, &text) {
             check_problems(problems, &text);
         }
     });
@@ -198,7 +198,7 @@ fn check_problems(problems: Problems, text: &str) {
     let told = problems.lines();
     assert!(!told.is_empty(), "refused without a reason");
     let mut widths: Vec<usize> = text.split('\n').map(|line| line.chars().count()).collect();
-    if text.is_empty() || text.len() > palpate::document::TEXT_MAX_BYTES {
+    if text.is_empty() || text.len() > palpate_document::TEXT_MAX_BYTES {
         widths = vec![0];
     }
     for line in &told {

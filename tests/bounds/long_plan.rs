@@ -1,10 +1,10 @@
 //! A recipe of a million points is refused at once and costs nothing; where it is allowed, it is planned.
 
 use crate::HEAP;
-use crate::support::alone::ran_alone;
 use cpu_time::ThreadTime;
-use palpate::recipe::{self, Plan};
-use palpate::rig::{self, RigSpec, SIM_RIG};
+use palpate_data::recipe::{self, Plan};
+use palpate_run::rig::{self, RigSpec, SIM_RIG};
+use palpate_testing::alone::ran_alone;
 
 const MILLION: usize = 1_000_000;
 

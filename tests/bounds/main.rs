@@ -1,8 +1,5 @@
 //! How much memory and time anything from outside may take.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 use cap::Cap;
 use std::alloc::System;
 

@@ -1,16 +1,16 @@
 //! A run takes no more memory as it grows: what it has measured is on the disk, and only there. Neither does solving readings.
 
 use crate::HEAP;
-use crate::support::alone::ran_alone;
-use palpate::control::{AirReadings, Lesson};
-use palpate::dataset::answers::Answers;
-use palpate::dataset::readings::{Format, Lines, Readings};
-use palpate::dataset::{
+use palpate_control::{AirReadings, Lesson};
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_data::dataset::answers::Answers;
+use palpate_data::dataset::readings::{Format, Lines, Readings};
+use palpate_data::dataset::{
     Air, Contact, End, Ledger, Mapping, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::recipe::Phase;
-use palpate::solver::{Calibration, CalibrationPoint, Model, Session, Setting};
+use palpate_data::recipe::Phase;
+use palpate_solver::{Calibration, CalibrationPoint, Model, Session, Setting};
+use palpate_testing::alone::ran_alone;
 use std::io::{self, Read};
 
 /// Contacts that are recorded; each would take more than a kilobyte if it were held.

@@ -3,13 +3,13 @@
 //!
 //! The full tier makes one calibration of 121 presses of each ill; `PALPATE_TESTS=5` makes five of 625.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
-use palpate::dataset::Record;
-use palpate::quantity::Axis;
-use palpate::recipe::Phase;
-use palpate::rig::RigSpec;
-use palpate::scene::{LoadCell, Servo, Wave};
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::Record;
+use palpate_data::recipe::Phase;
+use palpate_run::rig::RigSpec;
+use palpate_sim::scene::{LoadCell, Servo, Wave};
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
 
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");

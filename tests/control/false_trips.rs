@@ -1,9 +1,9 @@
 //! Without a fault no strategy trips, and a map keeps its bars: whole calibrations on both benches, judged by the scene's truth.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, Walked, bench, in_parallel, must_be_none, plan, walked};
-use palpate::control::Strategy;
-use palpate::recipe::Phase;
+use palpate_control::Strategy;
+use palpate_data::recipe::Phase;
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, Walked, bench, in_parallel, must_be_none, plan, walked};
 
 /// The shipped recipe's calibration, coarser in the quick tier; and the paper's test points, N and mm.
 const RECIPE: &str = include_str!("../../recipes/bench.toml");

@@ -1,14 +1,14 @@
 //! Every fault, alone and with every other, on both benches, at any instant of a run: nothing the load cell, the specimen or
 //! a link does may cost the specimen its limits. Judged by the scene's truth from the first message until all is at rest.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
-use palpate::control::{Reaction, Strategy, safe_speed_mm_s};
-use palpate::dataset::Contact;
-use palpate::quantity::stream;
-use palpate::recipe::Plan;
-use palpate::rig::RigSpec;
-use palpate::scene::{Fault, FaultKind};
+use palpate_control::{Reaction, Strategy, safe_speed_mm_s};
+use palpate_core::quantity::stream;
+use palpate_data::dataset::Contact;
+use palpate_data::recipe::Plan;
+use palpate_run::rig::RigSpec;
+use palpate_sim::scene::{Fault, FaultKind};
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
 use rand::RngExt;
 use std::collections::BTreeMap;
 

@@ -3,11 +3,11 @@
 //!
 //! `PALPATE_TESTS=full` tries twelve surfaces of each strategy and each failure.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
-use palpate::control::{FIRST_APPROACH_MM_S, Strategy};
-use palpate::quantity::{Axis, Place, stream};
-use palpate::scene::{ContactLaw, Fault, FaultKind, Mounting};
+use palpate_control::{FIRST_APPROACH_MM_S, Strategy};
+use palpate_core::quantity::{Axis, Place, stream};
+use palpate_sim::scene::{ContactLaw, Fault, FaultKind, Mounting};
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
 use rand::RngExt;
 
 /// How far the surface may really be from where the frame says, either way, mm.

@@ -2,12 +2,12 @@
 //!
 //! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625, each with a seed of its own.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time, plan, walked};
-use palpate::quantity::WeightCheck;
-use palpate::recipe::Phase;
-use palpate::rig::RigSpec;
-use palpate::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
+use palpate_core::quantity::WeightCheck;
+use palpate_data::recipe::Phase;
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time, plan, walked};
 
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
@@ -103,7 +103,7 @@ fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what
                 assert!(matches!(verdict, Verdict::Fault(_) | Verdict::WrongSign), "{name}, {gain}: {verdict:?}");
                 assert!((check.gain - gain).abs() < 0.003, "{name}: {check:?}");
                 let with = RigSpec {
-                    load_cell: palpate::rig::LoadCellSpec { check: Some(check), ..spec.load_cell.clone() },
+                    load_cell: palpate_run::rig::LoadCellSpec { check: Some(check), ..spec.load_cell.clone() },
                     ..spec.clone()
                 };
                 let (by, presses, peak_n) = noticed(&with, 1);

@@ -1,12 +1,12 @@
 //! The host and its links may die at any instant: whatever the devices were told by then is safe to finish. Judged by the
 //! scene's truth until all is at rest.
 
-use crate::support::campaign;
-use crate::support::walks::{BENCHES, Deaths, Walked, Worst, bench, end_of, in_parallel, plan, walked_with};
-use palpate::control::Strategy;
-use palpate::emulator::{Instrument, Shared};
-use palpate::rig::{RigSpec, SimulatedRig};
-use palpate::scene::{Device, Scene};
+use palpate_control::Strategy;
+use palpate_run::rig::{RigSpec, SimulatedRig};
+use palpate_sim::emulator::{Instrument, Shared};
+use palpate_sim::scene::{Device, Scene};
+use palpate_testing::campaign;
+use palpate_testing::walks::{BENCHES, Deaths, Walked, Worst, bench, end_of, in_parallel, plan, walked_with};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};

@@ -1,12 +1,12 @@
 //! The press as a machine, driven by specimens that keep what the rig declares and by drivers that say anything: every motion
 //! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
 
-use crate::support::campaign;
-use palpate::control::{
+use palpate_control::{
     AIR_READINGS, AirReadings, Branch, Command, Context, Event, ForceLoop, Lesson, Level, Map, Moment, Permit,
     Permitted, Rule, Shot, Softest, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
 };
-use palpate::quantity::{Axis, Limits, Place, Steps, Stream, stream};
+use palpate_core::quantity::{Axis, Limits, Place, Steps, Stream, stream};
+use palpate_testing::campaign;
 use rand::RngExt;
 use std::collections::BTreeMap;
 use std::thread;

@@ -1,8 +1,5 @@
 //! How a press is controlled: the machine alone, and whole walks on specimens, links and cells that aren't as they should be.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod bench_ills;
 mod false_trips;
 mod faults;

@@ -3,13 +3,13 @@
 //!
 //! `PALPATE_TESTS=full` makes 60 runs of 49 presses with a fault in each.
 
-use crate::support::walks::{end_of, in_parallel, must_be_none, plan, walked};
-use crate::support::{campaign, shipped_text};
-use palpate::control::Strategy;
-use palpate::quantity::{Place, Steps, stream};
-use palpate::recipe::Plan;
-use palpate::rig::{self, RigSpec};
-use palpate::scene::{Fault, FaultKind, Mounting};
+use palpate_control::Strategy;
+use palpate_core::quantity::{Place, Steps, stream};
+use palpate_data::recipe::Plan;
+use palpate_run::rig::{self, RigSpec};
+use palpate_sim::scene::{Fault, FaultKind, Mounting};
+use palpate_testing::walks::{end_of, in_parallel, must_be_none, plan, walked};
+use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
 

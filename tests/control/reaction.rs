@@ -1,15 +1,15 @@
 //! How long a rig takes from a force to a stop on the wire, for every stage driver: what comes and goes is seen on the links
 //! themselves. See the histograms with `cargo test --release --test control reaction:: -- --nocapture`.
 
-use crate::support::walks::{in_virtual_time, plan};
-use crate::support::{exchanged, shipped_text};
-use palpate::dataset::Memory;
-use palpate::emulator::{Instrument, Shared, serve};
-use palpate::recipe::Entry;
-use palpate::rig::{EmulatedDevice, RigSpec};
-use palpate::run::{Cancel, Halt, Listener, Walk, walk_on};
-use palpate::scene::{Fault, FaultKind, Scene};
-use palpate::wire::Connector;
+use palpate_data::dataset::Memory;
+use palpate_data::recipe::Entry;
+use palpate_link::wire::Connector;
+use palpate_run::rig::{EmulatedDevice, RigSpec};
+use palpate_run::run::{Cancel, Halt, Listener, Walk, walk_on};
+use palpate_sim::emulator::{Instrument, Shared, serve};
+use palpate_sim::scene::{Fault, FaultKind, Scene};
+use palpate_testing::walks::{in_virtual_time, plan};
+use palpate_testing::{exchanged, shipped_text};
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -97,7 +97,7 @@ fn rigs() -> [(&'static str, String, Words); 4] {
 #[test]
 fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_it() {
     for (name, text, words) in rigs() {
-        let spec = palpate::rig::parse(name, &text, &|_| unreachable!()).expect("a rig").simulated();
+        let spec = palpate_run::rig::parse(name, &text, &|_| unreachable!()).expect("a rig").simulated();
         let period = Duration::from_secs_f64(1.0 / spec.load_cell.conversions_hz);
         let mut from_force_ms = Vec::new();
         let mut longest = Duration::ZERO;

@@ -1,11 +1,11 @@
 //! Safety, end to end: whatever the specimen, its mount and the load cell are like, force and depth stay within their limits
 //! over a whole walk; and a person's stop at any moment of it parks.
 
-use crate::support::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
-use palpate::dataset::Status;
-use palpate::quantity::{Axis, Down, Place, Range};
-use palpate::run::Halt;
-use palpate::scene::{ContactLaw, LoadCell, RelaxationBranch};
+use palpate_core::quantity::{Axis, Down, Place, Range};
+use palpate_data::dataset::Status;
+use palpate_run::run::Halt;
+use palpate_sim::scene::{ContactLaw, LoadCell, RelaxationBranch};
+use palpate_testing::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
 
 // ---- force and depth -----------------------------------------------------------------------------------------------
 

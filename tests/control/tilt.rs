@@ -1,14 +1,14 @@
 //! A tilted specimen: `align` finds its tilt, rows are along its normal, and x and y stay where they are in contact.
 
-use crate::support::campaign;
-use crate::support::safety::{STAIRCASE, recipe, rig_with, truthful};
-use crate::support::walks::{Deaths, bench, in_parallel, in_virtual_time, plan, walked, walked_with};
-use palpate::emulator::{Instrument, Shared};
-use palpate::quantity::{Axis, Place, Tilt, stream};
-use palpate::recipe::Plan;
-use palpate::rig::RigSpec;
-use palpate::run::{AlignError, Alignment, Cancel, Listener, align};
-use palpate::scene::{Device, Mounting, Scene};
+use palpate_core::quantity::{Axis, Place, Tilt, stream};
+use palpate_data::recipe::Plan;
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{AlignError, Alignment, Cancel, Listener, align};
+use palpate_sim::emulator::{Instrument, Shared};
+use palpate_sim::scene::{Device, Mounting, Scene};
+use palpate_testing::campaign;
+use palpate_testing::safety::{STAIRCASE, recipe, rig_with, truthful};
+use palpate_testing::walks::{Deaths, bench, in_parallel, in_virtual_time, plan, walked, walked_with};
 use proptest::prelude::*;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};

@@ -1,11 +1,11 @@
 //! What is refused, end to end: a specimen, a surface or a load cell that isn't as declared ends a walk with a trip, and the
 //! permit that every advance needs isn't given on anything that is no number.
 
-use crate::support::safety::{Bench, COUNT_N, linear, recipe, rig_with, truthful};
-use palpate::control::{Permit, Rule, Standing, Zero};
-use palpate::dataset::Status;
-use palpate::quantity::Limits;
-use palpate::scene::LoadCell;
+use palpate_control::{Permit, Rule, Standing, Zero};
+use palpate_core::quantity::Limits;
+use palpate_data::dataset::Status;
+use palpate_sim::scene::LoadCell;
+use palpate_testing::safety::{Bench, COUNT_N, linear, recipe, rig_with, truthful};
 
 #[test]
 fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {

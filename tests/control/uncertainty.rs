@@ -2,10 +2,10 @@
 //!
 //! `PALPATE_TESTS=full` tries 200 rigs of each kind.
 
-use crate::support::campaign;
-use crate::support::walks::{bench, in_parallel, must_be_none, plan, walked};
-use palpate::quantity::{COVERAGE, Certificate, StatedError, stream};
-use palpate::run::Ending;
+use palpate_core::quantity::{COVERAGE, Certificate, StatedError, stream};
+use palpate_run::run::Ending;
+use palpate_testing::campaign;
+use palpate_testing::walks::{bench, in_parallel, must_be_none, plan, walked};
 use rand::distr::{Distribution, Uniform};
 use rand_distr::StandardNormal;
 
@@ -50,7 +50,7 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
             spec.load_cell.certificate = Some(Certificate { number: "1".into(), date: "2026-05-04".into(), stated });
             let walked = walked(&spec, &plan(&spec, &recipe, nth + 1));
             let Ending { halt: None, unparked: None, .. } = walked.ending else { panic!("{:?}", walked.ending) };
-            let of = |contact: &palpate::dataset::Contact| {
+            let of = |contact: &palpate_data::dataset::Contact| {
                 let (press, truth) = (&contact.levels[0], &contact.truth[0]);
                 let error_n = press.force_n.expect("a force") - truth.force_true_n;
                 error_n / press.u_force_n.expect("a certificate makes an uncertainty")

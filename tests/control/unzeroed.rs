@@ -3,14 +3,14 @@
 //!
 //! `PALPATE_TESTS=full` makes 50 trials of each kind on each bench.
 
-use crate::support::campaign;
-use crate::support::walks::{
+use palpate_core::quantity::{Axis, Down, Place, stream};
+use palpate_run::rig::{RigSpec, SimulatedRig};
+use palpate_run::run::{Cancel, examine};
+use palpate_sim::scene::Mounting;
+use palpate_testing::campaign;
+use palpate_testing::walks::{
     BENCHES, Deaths, bench, end_of, in_parallel, in_virtual_time, must_be_none, plan, walked_with,
 };
-use palpate::quantity::{Axis, Down, Place, stream};
-use palpate::rig::{RigSpec, SimulatedRig};
-use palpate::run::{Cancel, examine};
-use palpate::scene::Mounting;
 use rand::RngExt;
 
 /// Trials of each kind on each bench.

@@ -6,11 +6,11 @@
 mod readers;
 mod stages;
 
-use crate::support::alone::ran_alone;
-use crate::support::campaign;
-use crate::support::walks::{in_parallel, in_virtual_time};
-use palpate::rig::{self, RigSpec};
-use palpate::scene::{ContactLaw, Latencies};
+use palpate_run::rig::{self, RigSpec};
+use palpate_sim::scene::{ContactLaw, Latencies};
+use palpate_testing::alone::ran_alone;
+use palpate_testing::campaign;
+use palpate_testing::walks::{in_parallel, in_virtual_time};
 use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;

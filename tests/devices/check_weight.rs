@@ -1,6 +1,6 @@
 //! `palpate doctor --check-weight-n`, and what a run makes of a load cell's certificate and check.
 
-use crate::support::{Bench, SMALL, exchanged, shipped_text};
+use palpate_testing::{Bench, SMALL, exchanged, shipped_text};
 
 const DOCTOR: &str = "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005";
 const CERTIFICATE: &str = "certificate = { number = \"K-7\", date = \"2026-05-04\", u_n = 0.002 }\n";

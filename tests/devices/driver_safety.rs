@@ -1,17 +1,17 @@
 //! What the drivers owe to safety, each against an emulated device or a far end that the test plays, in virtual time: where
 //! things are is asked of the scene.
 
-use crate::support::made_ready;
-use crate::support::safety::{rig_with, truthful};
-use crate::support::walks::in_virtual_time;
-use palpate::device::{HomeSearch, LoadCell as _, Reins, Stage, StageUse};
-use palpate::driver::Esp301;
-use palpate::driver::modbus::{ModbusLoadCell, Profile, Transport};
-use palpate::emulator::{Instrument, Shared, serve};
-use palpate::quantity::{Axis, Down, Steps};
-use palpate::rig::{RigSpec, SimulatedRig};
-use palpate::scene::{Scene, Trajectory};
-use palpate::wire::Connector;
+use palpate_core::quantity::{Axis, Down, Steps};
+use palpate_drivers::Esp301;
+use palpate_drivers::modbus::{ModbusLoadCell, Profile, Transport};
+use palpate_link::device::{HomeSearch, LoadCell as _, Reins, Stage, StageUse};
+use palpate_link::wire::Connector;
+use palpate_run::rig::{RigSpec, SimulatedRig};
+use palpate_sim::emulator::{Instrument, Shared, serve};
+use palpate_sim::scene::{Scene, Trajectory};
+use palpate_testing::made_ready;
+use palpate_testing::safety::{rig_with, truthful};
+use palpate_testing::walks::in_virtual_time;
 use std::future::Future;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -143,7 +143,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
             // the controller is switched on there
             let StageBench { scene, usage, origin, .. } = bench;
             let instrument: Shared<dyn Instrument> =
-                Arc::new(Mutex::new(palpate::emulator::Esp301::new(&scene.lock().unwrap())));
+                Arc::new(Mutex::new(palpate_sim::emulator::Esp301::new(&scene.lock().unwrap())));
             let far_scene = scene.clone();
             let dial = move || {
                 let (near, far) = duplex(4096);

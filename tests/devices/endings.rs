@@ -3,7 +3,7 @@
 //!
 //! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
 
-use crate::support::{Bench, Live, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Live, SMALL, Told, exchanged, shipped_text};
 use std::fs;
 use std::process::{Command, Stdio};
 use std::thread;

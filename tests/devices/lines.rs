@@ -1,14 +1,14 @@
 //! The driver of lines and frames against boards that damage them, stall and restart. See the numbers with
 //! `cargo test --release --test devices lines:: -- --nocapture`.
 
-use crate::support::walks::in_virtual_time;
-use crate::support::{Bench, shipped_text};
-use palpate::driver::lines::{LinePort, LineProfile, Received};
-use palpate::emulator::lines::{Board, Damage, DamageKind, Firmware, LineFault, LineFaultKind, Port, Sent};
-use palpate::emulator::serve;
-use palpate::rig;
-use palpate::scene::{Device, Scene};
-use palpate::wire::Connector;
+use palpate_drivers::lines::{LinePort, LineProfile, Received};
+use palpate_link::wire::Connector;
+use palpate_run::rig;
+use palpate_sim::emulator::lines::{Board, Damage, DamageKind, Firmware, LineFault, LineFaultKind, Port, Sent};
+use palpate_sim::emulator::serve;
+use palpate_sim::scene::{Device, Scene};
+use palpate_testing::walks::in_virtual_time;
+use palpate_testing::{Bench, shipped_text};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::duplex;

@@ -1,8 +1,5 @@
 //! Drivers on lines and devices that fail, and rigs of every kind.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod bad_line;
 mod check_weight;
 mod driver_safety;

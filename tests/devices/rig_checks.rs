@@ -1,6 +1,6 @@
 //! `palpate doctor` and `palpate align` as their user meets them.
 
-use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate_testing::{Bench, SMALL, exchanged, shipped, shipped_text};
 
 const RIGS: [&str; 9] = ["sim", "paper", "esp301", "xps", "grbl", "process", "printer", "bench-fast", "bench-esp301"];
 

@@ -1,14 +1,14 @@
 //! One recipe on every kind of rig: other controllers, other converters, the same specimen, the same answers. See the numbers with
 //! `cargo test --release --test devices rigs:: -- --nocapture`.
 
-use crate::support::walks::in_virtual_time;
-use crate::support::{Bench, SMALL, exchanged, made_ready, shipped, shipped_text};
-use palpate::dataset::Recorded;
-use palpate::dataset::evaluate::Trial;
-use palpate::device::{DeviceProblem, Instruments, Reins, Stage};
-use palpate::quantity::{ArrayLayout, Axis, Place};
-use palpate::rig::{self, OpenRig};
-use palpate::scene::{Fault, FaultKind};
+use palpate_core::quantity::{ArrayLayout, Axis, Place};
+use palpate_data::dataset::Recorded;
+use palpate_data::dataset::evaluate::Trial;
+use palpate_link::device::{DeviceProblem, Instruments, Reins, Stage};
+use palpate_run::rig::{self, OpenRig};
+use palpate_sim::scene::{Fault, FaultKind};
+use palpate_testing::walks::in_virtual_time;
+use palpate_testing::{Bench, SMALL, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
 use tokio::time::{Instant, sleep_until};
 

@@ -7,17 +7,17 @@
 mod far;
 mod kept;
 
-use crate::support::alone::ran_alone;
-use crate::support::campaign;
-use crate::support::phases::Phase;
-use crate::support::walks::{Worst, bench, in_parallel, plan};
 use far::{Fate, Loss};
 use kept::{Kept, Walked};
-use palpate::control::Strategy;
-use palpate::dataset::Status;
-use palpate::recipe::Plan;
-use palpate::rig::{self, RigSpec};
-use palpate::scene::Device;
+use palpate_control::Strategy;
+use palpate_data::dataset::Status;
+use palpate_data::recipe::Plan;
+use palpate_run::rig::{self, RigSpec};
+use palpate_sim::scene::Device;
+use palpate_testing::alone::ran_alone;
+use palpate_testing::campaign;
+use palpate_testing::phases::Phase;
+use palpate_testing::walks::{Worst, bench, in_parallel, plan};
 use std::collections::BTreeMap;
 
 /// How often each device is lost in each way in each phase.

@@ -1,8 +1,8 @@
 //! Exported files, each read by its own reader and compared with the CSV export, bit for bit.
 
 use crate::bench;
-use crate::support::python::{Python, said};
-use crate::support::{Bench, there};
+use palpate_testing::python::{Python, said};
+use palpate_testing::{Bench, there};
 use std::fs;
 use std::process::Command;
 

@@ -1,8 +1,8 @@
 //! Tables in files of other programs: the same presses as from CSV, to the last bit.
 
 use crate::bench;
-use crate::support::python::{Python, said};
-use crate::support::{Bench, shipped_text};
+use palpate_testing::python::{Python, said};
+use palpate_testing::{Bench, shipped_text};
 
 const SHORT: &str = "--columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch_1..ch_9";
 

@@ -1,7 +1,7 @@
 //! A writer of a lake that is killed at any moment: no reader ever sees half a run.
 
 use crate::bench;
-use crate::support::{Bench, campaign};
+use palpate_testing::{Bench, campaign};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::collections::BTreeSet;
 use std::fs::{self, File};

@@ -1,8 +1,8 @@
 //! The lake: read as it is by DuckDB, polars and pyarrow, and kept up to date by exports.
 
 use crate::bench;
-use crate::support::python::{Python, said};
-use crate::support::{Bench, shipped};
+use palpate_testing::python::{Python, said};
+use palpate_testing::{Bench, shipped};
 use std::fs;
 use std::path::{Path, PathBuf};
 

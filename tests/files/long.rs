@@ -2,7 +2,7 @@
 
 use crate::killed::visible;
 use crate::recorded::recorded;
-use palpate::export::lake::Lake;
+use palpate_report::export::lake::Lake;
 
 const PRESSES: u64 = 10_000;
 

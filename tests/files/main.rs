@@ -1,8 +1,5 @@
 //! Files of other programs and the lake, with the feature `files`: read by their own readers.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod export;
 mod import;
 mod killed;
@@ -10,7 +7,7 @@ mod lake;
 mod long;
 mod recorded;
 
-use support::Bench;
+use palpate_testing::Bench;
 
 /// A recipe with every kind of step, which takes a tenth of a second: staircases of all units, a grid, random places, a rule.
 const RECIPE: &str = r#"

@@ -1,11 +1,11 @@
 //! Long runs, recorded without a rig.
 
-use palpate::control::{AirReadings, Lesson};
-use palpate::dataset::{
+use palpate_control::{AirReadings, Lesson};
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_data::dataset::{
     Air, Contact, Durability, Ledger as _, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
 };
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::recipe::Phase;
+use palpate_data::recipe::Phase;
 use std::path::Path;
 
 pub const OUTPUTS: usize = 9;

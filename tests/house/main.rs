@@ -3,4 +3,5 @@
 mod book;
 mod promises;
 mod prose;
+mod tiers;
 mod words;

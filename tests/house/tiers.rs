@@ -1,6 +1,6 @@
 //! How much a campaign does follows from one variable, and from nothing else.
 
-use crate::campaign::Tier;
+use palpate_testing::campaign::Tier;
 use std::fs;
 use std::path::{Path, PathBuf};
 

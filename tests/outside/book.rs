@@ -1,8 +1,8 @@
 //! Pages of the book whose commands need Python.
 #![cfg(unix)]
 
-use crate::support::book::{needs_python, pages, try_pages};
-use crate::support::there;
+use palpate_testing::book::{needs_python, pages, try_pages};
+use palpate_testing::there;
 use std::process::Command;
 
 #[test]

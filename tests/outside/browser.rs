@@ -3,9 +3,9 @@
 //!
 //! The screenshots are left in the folder that is printed, for a person to look at.
 
-use crate::support::batches::{self, Drawn, MONTH};
-use crate::support::skins::skins;
-use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate_testing::batches::{self, Drawn, MONTH};
+use palpate_testing::skins::skins;
+use palpate_testing::{Bench, SMALL, exchanged, shipped, shipped_text};
 use serde_json::Value;
 use std::ffi::OsString;
 use std::fs;

@@ -1,13 +1,13 @@
 //! A sensor as a C file: compiled by the system's compiler, it answers as this library does.
 
-use crate::support::skins::{scene_q, scene_t};
-use crate::support::{campaign, there};
-use palpate::export::c_file;
-use palpate::quantity::{ArrayLayout, Place, Stream, percentile, stream};
-use palpate::scene::{Skin, SkinSpec};
-use palpate::solver::{
+use palpate_core::quantity::{ArrayLayout, Place, Stream, percentile, stream};
+use palpate_report::export::c_file;
+use palpate_sim::scene::{Skin, SkinSpec};
+use palpate_solver::{
     Calibration, CalibrationPoint, ForceKnown, Model, Setting, Solution, SolveError, Solver as _, Verdict, Workspace,
 };
+use palpate_testing::skins::{scene_q, scene_t};
+use palpate_testing::{campaign, there};
 use rand::RngExt;
 use std::fs::{self, File};
 use std::path::Path;

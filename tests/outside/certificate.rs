@@ -1,7 +1,7 @@
 //! Certificates as others read them: the schema of the PTB, and a reader that isn't ours.
 
-use crate::support::certified::bench;
-use crate::support::{Bench, shipped, there};
+use palpate_testing::certified::bench;
+use palpate_testing::{Bench, shipped, there};
 use serde_json::Value;
 use std::env;
 use std::path::Path;

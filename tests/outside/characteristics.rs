@@ -1,7 +1,7 @@
 //! The characteristics of units, by the library and by a script that shares nothing with it.
 
-use crate::support::characteristics::characterised;
-use crate::support::{Bench, shipped, shipped_text, there};
+use palpate_testing::characteristics::characterised;
+use palpate_testing::{Bench, shipped, shipped_text, there};
 use std::process::{Command, Stdio};
 
 #[test]

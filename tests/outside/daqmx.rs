@@ -3,12 +3,12 @@
 //! Needs a C compiler (`cc`); the test with nidaqmx-python needs `PALPATE_PYTHON` too.
 #![cfg(target_os = "linux")]
 
-use crate::support::python::{Python, said};
-use crate::support::served::Served;
-use crate::support::{Bench, exchanged, shared_library, shipped_text, there};
-use palpate::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
-use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
-use palpate::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
+use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
+use palpate_link::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
+use palpate_testing::python::{Python, said};
+use palpate_testing::served::Served;
+use palpate_testing::{Bench, exchanged, shared_library, shipped_text, there};
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;

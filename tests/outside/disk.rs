@@ -5,9 +5,9 @@
 //! compiler (`cc`). `PALPATE_TESTS=full` lets every call fail in three ways, `PALPATE_TESTS=3` in nine.
 #![cfg(target_os = "linux")]
 
-use crate::support::interrupted::{cut_to_lines, lines_before_contacts};
-use crate::support::rows::{self, json, kept, numbered};
-use crate::support::{Bench, Told, campaign, shared_library, shipped_text};
+use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts};
+use palpate_testing::rows::{self, json, kept, numbered};
+use palpate_testing::{Bench, Told, campaign, shared_library, shipped_text};
 use rustix::process::geteuid;
 use serde_json::Value;
 use std::fs::{self, Permissions};

@@ -1,7 +1,7 @@
 //! `palpate emulate` as another program meets it: by hand, byte for byte, and with the real drivers in real time.
 #![cfg(unix)]
 
-use crate::support::{Bench, Live, exchanged, shipped, shipped_text};
+use palpate_testing::{Bench, Live, exchanged, shipped, shipped_text};
 use std::fs::OpenOptions;
 use std::io::{Read, Write};
 use std::net::TcpStream;

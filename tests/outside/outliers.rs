@@ -1,10 +1,10 @@
 //! Presses with spikes: the method that `best` takes against boosted trees of scikit-learn.
 
-use crate::support::Bench;
-use crate::support::python::{Python, said};
-use crate::support::skins::scene_t;
-use palpate::quantity::{ArrayLayout, Place, stream};
-use palpate::scene::Skin;
+use palpate_core::quantity::{ArrayLayout, Place, stream};
+use palpate_sim::scene::Skin;
+use palpate_testing::Bench;
+use palpate_testing::python::{Python, said};
+use palpate_testing::skins::scene_t;
 use rand::RngExt;
 use serde_json::Value;
 use std::fmt::Write as _;

@@ -3,9 +3,9 @@
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
 
-use crate::support::python::{Python, said};
-use crate::support::served::Served;
-use crate::support::{Bench, exchanged, shipped, shipped_text, there};
+use palpate_testing::python::{Python, said};
+use palpate_testing::served::Served;
+use palpate_testing::{Bench, exchanged, shipped, shipped_text, there};
 use std::process::Command;
 
 #[test]

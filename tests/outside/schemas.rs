@@ -1,8 +1,8 @@
 //! The JSON Schemas of recipes and rigs, read by the validator of others.
 
-use crate::support::python::{Python, said};
-use crate::support::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
-use crate::support::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate_testing::python::{Python, said};
+use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
+use palpate_testing::{Bench, SMALL, exchanged, shipped, shipped_text};
 use std::path::PathBuf;
 
 /// What the validator says of each of some texts, in their order.

@@ -3,9 +3,9 @@
 //! Needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`.
 #![cfg(unix)]
 
-use crate::support::python::Python;
-use crate::support::served::Served;
-use crate::support::{Bench, Live, exchanged, shipped_text};
+use palpate_testing::python::Python;
+use palpate_testing::served::Served;
+use palpate_testing::{Bench, Live, exchanged, shipped_text};
 use serde_json::Value;
 
 /// What the server's script says: the middle of its forces, and the most they are away from it.

@@ -1,6 +1,6 @@
 //! Completions, each loaded by its shell.
 
-use crate::support::{Bench, there};
+use palpate_testing::{Bench, there};
 use std::process::Command;
 
 #[test]

@@ -3,10 +3,10 @@
 //! Needs `PALPATE_PYTHON`, an interpreter with the packages.
 #![cfg(unix)]
 
-use crate::support::python::{Python, said};
-use crate::support::served::Served;
-use crate::support::{Bench, Live, exchanged, shipped_text};
-use palpate::emulator::lines::REST_MICROTESLA;
+use palpate_sim::emulator::lines::REST_MICROTESLA;
+use palpate_testing::python::{Python, said};
+use palpate_testing::served::Served;
+use palpate_testing::{Bench, Live, exchanged, shipped_text};
 use serde_json::Value;
 
 /// A rig whose array is a skin of five chips.

@@ -1,9 +1,9 @@
 //! `palpate study ablation`: a small one runs and says the same twice; what the whole one found is what a smaller one finds; and the
 //! shipped scenes carry no more than it justifies.
 
-use crate::support::printed::is_narrow;
-use crate::support::{Bench, campaign, shipped};
-use palpate::study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, ablation};
+use palpate_study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, ablation};
+use palpate_testing::printed::is_narrow;
+use palpate_testing::{Bench, campaign, shipped};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;

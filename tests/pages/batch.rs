@@ -1,9 +1,9 @@
 //! Pages of batches: their numbers are those of the events, and they stay usable with thousands of sensors.
 
-use crate::support::batches::{Drawn, MONTH, WITHIN, write};
-use crate::support::{Bench, campaign, shipped_text};
-use palpate::acceptance::Verdict;
-use palpate::batch::{Ended, Event};
+use palpate_data::acceptance::Verdict;
+use palpate_run::batch::{Ended, Event};
+use palpate_testing::batches::{Drawn, MONTH, WITHIN, write};
+use palpate_testing::{Bench, campaign, shipped_text};
 use std::collections::HashMap;
 use std::fs;
 
@@ -64,7 +64,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
         }
     }
     let calibrated: Vec<&&Ended> = results.iter().filter(|ended| !ended.change.is_empty()).collect();
-    let of_first = |value: fn(&palpate::solver::UnitChange) -> f64| {
+    let of_first = |value: fn(&palpate_solver::UnitChange) -> f64| {
         calibrated.iter().map(|ended| value(&ended.change[0])).sum::<f64>() / calibrated.len() as f64
     };
     let is_near = |one: f64, other: f64| assert!((one - other).abs() < 1e-9, "{one} {other}");

@@ -1,7 +1,7 @@
 //! `palpate certificate`: what it writes is valid, says what `evaluate` says, and rests on the journals that it names.
 
-use crate::support::certified::bench;
-use crate::support::exchanged;
+use palpate_testing::certified::bench;
+use palpate_testing::exchanged;
 
 #[test]
 fn a_certificate_says_whose_it_is_and_what_it_rests_on() {

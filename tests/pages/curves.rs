@@ -1,8 +1,8 @@
 //! `palpate study curves`: the paper's curves and claims have the numbers that were computed apart by another program, and any
 //! array goes through the same.
 
-use crate::support::{Bench, Told};
-use palpate::rig::SIM_RIG;
+use palpate_run::rig::SIM_RIG;
+use palpate_testing::{Bench, Told};
 use serde_json::Value;
 use std::collections::BTreeMap;
 

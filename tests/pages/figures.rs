@@ -1,6 +1,6 @@
 //! `palpate report --figures`: each figure of a page as a file of its own, with the numbers behind it; and what every figure keeps to.
 
-use crate::support::Bench;
+use palpate_testing::Bench;
 use serde_json::Value;
 
 const RECIPE: &str = r#"

@@ -1,8 +1,5 @@
 //! Reports and studies: what their pages say, and how they look.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod ablation;
 mod batch;
 mod certificate;

@@ -1,6 +1,6 @@
 //! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
 
-use crate::support::{Bench, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Told, exchanged, shipped_text};
 use serde_json::Value;
 use std::collections::BTreeMap;
 

@@ -1,9 +1,9 @@
 //! Pages of sensors of every kind: a magnetic skin, one of 15 outputs, and the paper's own array. Only the last has the paper's
 //! numbers beside it, on its page and where `evaluate` and `run` print.
 
-use crate::support::printed::is_narrow;
-use crate::support::skins::skins;
-use crate::support::{Bench, campaign, shipped, shipped_text};
+use palpate_testing::printed::is_narrow;
+use palpate_testing::skins::skins;
+use palpate_testing::{Bench, campaign, shipped, shipped_text};
 
 #[test]
 fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {

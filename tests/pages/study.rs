@@ -1,9 +1,9 @@
 //! `palpate study`: a small one of each runs, says the same twice, and leaves rows and figures that another program can read.
 
-use crate::support::printed::{is_narrow, is_well_formed};
-use crate::support::{Bench, SMALL, campaign};
-use palpate::control::Strategy;
-use palpate::study::{self, Condition, ConditionOutcome, LoopFindings, LoopSize, NOMINAL, Part};
+use palpate_control::Strategy;
+use palpate_study::{self as study, Condition, ConditionOutcome, LoopFindings, LoopSize, NOMINAL, Part};
+use palpate_testing::printed::{is_narrow, is_well_formed};
+use palpate_testing::{Bench, SMALL, campaign};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
@@ -318,7 +318,7 @@ x_mm,y_mm,force_n,out_1,out_2,out_3
 fn check_rows(rows: &[Value], scenes: &[&str]) {
     let of = |key: &str| rows.iter().map(|row| row[key].as_str().unwrap_or_default()).collect::<BTreeSet<&str>>();
     assert_eq!(of("scene"), scenes.iter().copied().collect());
-    let names: BTreeSet<&str> = palpate::solver::SOLVERS.into_iter().chain([palpate::solver::BEST]).collect();
+    let names: BTreeSet<&str> = palpate_solver::SOLVERS.into_iter().chain([palpate_solver::BEST]).collect();
     assert_eq!(of("solver"), names);
     assert_eq!(rows.len() % (scenes.len() * names.len()), 0);
     for row in rows {

@@ -1,9 +1,9 @@
 //! `docs/validation.md` is what the program finds, its numbers are those of the runs, and the paper's are the paper's.
 
-use crate::support::{Bench, campaign, shipped_text};
-use palpate::dataset::characteristics::UnitCharacteristics;
-use palpate::solver::Evaluation;
-use palpate::study::validation::{SEEDS, Validation, ValidationOutcome, validation};
+use palpate_data::dataset::characteristics::UnitCharacteristics;
+use palpate_solver::Evaluation;
+use palpate_study::validation::{SEEDS, Validation, ValidationOutcome, validation};
+use palpate_testing::{Bench, campaign, shipped_text};
 use serde_json::Value;
 use std::sync::LazyLock;
 

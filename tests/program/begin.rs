@@ -1,6 +1,6 @@
 //! The first steps of a new user: `init`, schemas, completions and man pages.
 
-use crate::support::{Bench, SMALL, shipped, shipped_text};
+use palpate_testing::{Bench, SMALL, shipped, shipped_text};
 
 const SENSORS: [(&str, &str); 4] =
     [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];

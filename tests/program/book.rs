@@ -1,8 +1,8 @@
 //! What the book shows works: commands are run, recipes and rigs are checked.
 #![cfg(unix)]
 
-use crate::support::book::{blocks, needs_python, pages, try_pages};
-use crate::support::campaign;
+use palpate_testing::book::{blocks, needs_python, pages, try_pages};
+use palpate_testing::campaign;
 
 /// How many commands and checked files there are at least: a test that reads nothing would pass.
 const COMMANDS_LEAST: usize = 35;

@@ -1,6 +1,6 @@
 //! The command line as a user and another program meet it: help, acknowledgements, tables, a complete run left alone.
 
-use crate::support::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
+use palpate_testing::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
 use serde_json::{Value, json};
 
 #[test]

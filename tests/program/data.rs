@@ -1,8 +1,8 @@
 //! The folder `data`: its example is what the program makes of its recipe, and an independent script finds the same
 //! characteristics.
 
-use crate::support::characteristics::characterised;
-use crate::support::{Bench, shipped, shipped_text};
+use palpate_testing::characteristics::characterised;
+use palpate_testing::{Bench, shipped, shipped_text};
 use toml::{Table, Value};
 
 /// The example's tables and the phase that each holds.

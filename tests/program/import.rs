@@ -1,6 +1,6 @@
 //! Tables of other programs: imported as runs, or read as they are with `--columns`.
 
-use crate::support::{Bench, Told, shipped, shipped_text};
+use palpate_testing::{Bench, Told, shipped, shipped_text};
 use serde_json::Value;
 use std::fs::File;
 
@@ -106,7 +106,7 @@ fn an_imported_run_says_so_in_its_first_record_on_its_page_and_on_its_certificat
     let bench = bench();
     bench.palpate_ends(0, "import kalib.csv --test probe.csv --columns columns.toml --sensor A-017");
     let hashes = ["kalib.csv", "probe.csv", "columns.toml"]
-        .map(|file| palpate::dataset::source_fingerprint(&bench.path(file)).unwrap().sha256);
+        .map(|file| palpate_data::dataset::source_fingerprint(&bench.path(file)).unwrap().sha256);
     let journal = bench.read("runs/kalib/journal.log");
     let first = journal.lines().next().unwrap();
     bench.palpate_ends(0, "report runs/kalib");

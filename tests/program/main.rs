@@ -1,8 +1,5 @@
 //! The command line as its user meets it.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod begin;
 mod book;
 mod cli;

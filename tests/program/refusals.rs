@@ -1,8 +1,8 @@
 //! Wrong input never moves the stage: exit 2, every problem at its file, line and column with what to write instead,
 //! and no run folder.
 
-use crate::support::twins::{RECIPE_TWINS, RIG_TWINS, Twin};
-use crate::support::{Bench, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, Twin};
+use palpate_testing::{Bench, SMALL, Told, exchanged, shipped_text};
 
 const RIG: &str = "rigs/sim.toml";
 

@@ -1,7 +1,7 @@
 //! What is shipped works as shipped: every recipe on every rig.
 
-use crate::support::{Bench, SMALL, campaign, exchanged, shipped, shipped_text};
-use palpate::recipe::{self, Recipe};
+use palpate_data::recipe::{self, Recipe};
+use palpate_testing::{Bench, SMALL, campaign, exchanged, shipped, shipped_text};
 use serde_json::json;
 use std::fs;
 

@@ -1,7 +1,7 @@
 //! A run goes on with the rig that it began with: each of its keys is compared.
 
-use crate::support::{Bench, Live, SMALL, exchanged};
-use palpate::rig::{KEYS, SIM_RIG};
+use palpate_run::rig::{KEYS, SIM_RIG};
+use palpate_testing::{Bench, Live, SMALL, exchanged};
 use std::fs;
 use std::io::Read as _;
 use toml_edit::{DocumentMut, Item, Value};

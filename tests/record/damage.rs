@@ -1,9 +1,9 @@
 //! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
 
-use crate::support::interrupted::sealed;
-use crate::support::rows::json;
-use crate::support::{Bench, LONG, SMALL, Told, campaign, shipped_text};
-use palpate::quantity::stream;
+use palpate_core::quantity::stream;
+use palpate_testing::interrupted::sealed;
+use palpate_testing::rows::json;
+use palpate_testing::{Bench, LONG, SMALL, Told, campaign, shipped_text};
 use rand::RngExt;
 use std::fs::{self, File};
 

@@ -7,10 +7,10 @@
 mod tally;
 mod trial;
 
-use crate::support::interrupted::cut_back;
-use crate::support::rows::{self, Kept, numbered};
-use crate::support::{Bench, campaign, shipped_text};
-use palpate::dataset::{Contact, Journal, Record};
+use palpate_data::dataset::{Contact, Journal, Record};
+use palpate_testing::interrupted::cut_back;
+use palpate_testing::rows::{self, Kept, numbered};
+use palpate_testing::{Bench, campaign, shipped_text};
 use serde_json::Value;
 use std::fs;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};

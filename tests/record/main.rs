@@ -1,8 +1,5 @@
 //! What is on the disk after whatever happens, and how a run goes on.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod changed_rig;
 mod damage;
 mod kills;

@@ -1,8 +1,8 @@
 //! One owner of a real link and of a run's folder, for as long as it lives; simulated rigs run side by side.
 #![cfg(unix)]
 
-use crate::support::served::Served;
-use crate::support::{Bench, Live, SMALL, SMALL_PRESSES, Told, exchanged, shipped_text};
+use palpate_testing::served::Served;
+use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES, Told, exchanged, shipped_text};
 use std::fs;
 use std::io;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};

@@ -1,13 +1,13 @@
 //! Pauses and rests: a rest is as long as its recipe says, whatever a person asks for meanwhile, and a trip is told before the
 //! stage is parked.
 
-use crate::support::walks::{bench, in_virtual_time, plan};
-use palpate::dataset::{DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
-use palpate::quantity::Axis;
-use palpate::recipe::Plan;
-use palpate::rig::RigSpec;
-use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
-use palpate::scene::{Fault, FaultKind};
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::{DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
+use palpate_data::recipe::Plan;
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
+use palpate_sim::scene::{Fault, FaultKind};
+use palpate_testing::walks::{bench, in_virtual_time, plan};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
@@ -44,7 +44,7 @@ impl Listener for Restless {
         }
     }
 
-    fn recorded(&mut self, _: &palpate::dataset::Contact) {
+    fn recorded(&mut self, _: &palpate_data::dataset::Contact) {
         self.made += 1;
         if self.made == self.stop_after {
             self.cancel.ask();

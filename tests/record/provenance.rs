@@ -1,7 +1,7 @@
 //! What a run folder says of itself: who made it, from what, and whether it is still what was written.
 
-use crate::support::interrupted::{cut_back, cut_to_lines, sealed};
-use crate::support::{Bench, SMALL, exchanged};
+use palpate_testing::interrupted::{cut_back, cut_to_lines, sealed};
+use palpate_testing::{Bench, SMALL, exchanged};
 
 const VIEWS: [&str; 6] =
     ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];

@@ -1,12 +1,12 @@
 //! The same again: one seed gives the same tables byte for byte, and a run that was interrupted comes to the rows its
 //! plan has, those that were acknowledged unchanged.
 
-use crate::support::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
-use crate::support::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
-use palpate::dataset::{Journal, Memory, Record, Status};
-use palpate::recipe::{self, Plan};
-use palpate::rig;
-use palpate::run::{Cancel, Listener, Walk, walk};
+use palpate_data::dataset::{Journal, Memory, Record, Status};
+use palpate_data::recipe::{self, Plan};
+use palpate_run::rig;
+use palpate_run::run::{Cancel, Listener, Walk, walk};
+use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
+use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
@@ -219,7 +219,7 @@ fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> V
 
 #[cfg(unix)]
 mod interrupted {
-    use crate::support::{Bench, LONG, LONG_PRESSES, Live, Told};
+    use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
     use serde_json::Value;
 
     /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.

@@ -3,19 +3,17 @@
 #![cfg(unix)]
 
 mod batch;
-#[path = "../support/mod.rs"]
-mod support;
 mod terminal;
 
-use palpate::dataset::{Contact, Journal, Record};
+use palpate_data::dataset::{Contact, Journal, Record};
+use palpate_testing::rows::{json, numbered, table};
+use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
-use support::rows::{json, numbered, table};
-use support::{Bench, LONG, LONG_PRESSES, Live, Told};
 use terminal::{Terminal, heed_hangups, signal, spawned, wait};
 
 /// What the recipe begins with.

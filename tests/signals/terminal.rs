@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 static STARTING: Mutex<()> = Mutex::new(());
 
 /// The end where the person is. Programs are at the far one.
-pub struct Terminal {
+pub(crate) struct Terminal {
     near: File,
     far: String,
     /// What has been written on it and wasn't looked for yet.
@@ -30,7 +30,7 @@ pub struct Terminal {
 
 impl Terminal {
     /// A terminal that nobody is at.
-    pub fn open() -> Terminal {
+    pub(crate) fn open() -> Terminal {
         let _alone = STARTING.lock().expect("not poisoned");
         // the near end isn't inherited by programs: a terminal is closed only when nobody has it
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
@@ -48,12 +48,12 @@ impl Terminal {
     }
 
     /// For a program's standard input, output or error.
-    pub fn far(&self) -> File {
+    pub(crate) fn far(&self) -> File {
         OpenOptions::new().read(true).write(true).open(&self.far).expect("the far end opens")
     }
 
     /// Reads until some words have been written, forgets all up to there, and gives what came before them.
-    pub fn until(&mut self, words: &str) -> String {
+    pub(crate) fn until(&mut self, words: &str) -> String {
         loop {
             if let Some((before, behind)) = self.seen.split_once(words) {
                 let before = before.to_owned();
@@ -65,22 +65,22 @@ impl Terminal {
     }
 
     /// Reads until all programs have left, and gives what they said.
-    pub fn until_end(mut self) -> String {
+    pub(crate) fn until_end(mut self) -> String {
         while self.read() {}
         self.seen
     }
 
-    pub fn enter(&mut self) {
+    pub(crate) fn enter(&mut self) {
         self.line("");
     }
 
     /// Types a line, as a scanner does.
-    pub fn line(&mut self, text: &str) {
+    pub(crate) fn line(&mut self, text: &str) {
         self.near.write_all(format!("{text}\n").as_bytes()).expect("writes");
     }
 
     /// The person goes away.
-    pub fn close(self) {}
+    pub(crate) fn close(self) {}
 
     /// Whether there was something, before everybody left.
     fn read(&mut self) -> bool {
@@ -97,7 +97,7 @@ impl Terminal {
 
 /// Has programs that are started from here begin with hangups not ignored. Where `nohup` or a service started the tests, they are
 /// ignored, and every program inherits that; a signal that is caught here is nobody else's matter.
-pub fn heed_hangups() {
+pub(crate) fn heed_hangups() {
     let runtime = Builder::new_current_thread().enable_io().build().expect("a runtime");
     let _inside = runtime.enter();
     // it stays caught for as long as this process lives
@@ -105,19 +105,19 @@ pub fn heed_hangups() {
 }
 
 /// Starts a program.
-pub fn spawned(command: &mut Command) -> Child {
+pub(crate) fn spawned(command: &mut Command) -> Child {
     let _alone = STARTING.lock().expect("not poisoned");
     command.spawn().expect("the program starts")
 }
 
 /// Sends a signal: `INT`, `TERM`.
-pub fn signal(child: &Child, name: &str) {
+pub(crate) fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill").arg(format!("-{name}")).arg(child.id().to_string()).status();
     assert!(sent.expect("kill starts").success(), "kill -{name}");
 }
 
 /// How a program ends.
-pub fn wait(mut child: Child) -> Option<i32> {
+pub(crate) fn wait(mut child: Child) -> Option<i32> {
     let number = child.id();
     let (sender, receiver) = channel();
     // left behind if the program hangs

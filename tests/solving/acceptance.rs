@@ -3,13 +3,13 @@
 //!
 //! `cargo test --release --test solving acceptance -- --nocapture` prints the shares.
 
-use crate::support::campaign;
-use crate::support::skins::scene_t;
-use palpate::acceptance::bound::{mean_interval, quantile_interval, sd_interval_factors};
-use palpate::acceptance::{Decision, Errors, Figure, Limit, Measured, Rule, Verdict, judge};
-use palpate::quantity::{ArrayLayout, Place, Stream, percentile, stream};
-use palpate::scene::Skin;
-use palpate::solver::{Calibration, CalibrationPoint, Setting, Solver as _, Workspace, fit};
+use palpate_core::quantity::{ArrayLayout, Place, Stream, percentile, stream};
+use palpate_data::acceptance::bound::{mean_interval, quantile_interval, sd_interval_factors};
+use palpate_data::acceptance::{Decision, Errors, Figure, Limit, Measured, Rule, Verdict, judge};
+use palpate_sim::scene::Skin;
+use palpate_solver::{Calibration, CalibrationPoint, Setting, Solver as _, Workspace, fit};
+use palpate_testing::campaign;
+use palpate_testing::skins::scene_t;
 use rand::RngExt as _;
 use rand::distr::Distribution as _;
 use rand_distr::StandardNormal;

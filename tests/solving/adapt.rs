@@ -1,10 +1,10 @@
 //! `palpate adapt`: an old calibration brought up to date by few presses.
 
-use crate::support::skins::scene_t;
-use crate::support::{Bench, campaign};
-use palpate::quantity::{ArrayLayout, Place, stream};
-use palpate::scene::{Skin, SkinSpec, Taxels};
-use palpate::solver::{Adapted, Calibration, CalibrationPoint, Fitted, Setting, Solver as _, Verdict, Workspace, fit};
+use palpate_core::quantity::{ArrayLayout, Place, stream};
+use palpate_sim::scene::{Skin, SkinSpec, Taxels};
+use palpate_solver::{Adapted, Calibration, CalibrationPoint, Fitted, Setting, Solver as _, Verdict, Workspace, fit};
+use palpate_testing::skins::scene_t;
+use palpate_testing::{Bench, campaign};
 use rand::RngExt;
 
 /// Sensors of one design: gains differ by 20 %, places by 0.1 mm.

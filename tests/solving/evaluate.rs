@@ -1,7 +1,7 @@
 //! `palpate evaluate` on two plain tables and on a run, as another program would use it.
 
-use crate::support::{Bench, SMALL, Told, exchanged};
-use palpate::solver::SOLVERS;
+use palpate_solver::SOLVERS;
+use palpate_testing::{Bench, SMALL, Told, exchanged};
 use serde_json::{Value, json};
 
 /// Three places, three units; the unit straight below a place reads most.

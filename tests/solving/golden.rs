@@ -1,9 +1,9 @@
 //! Golden values, computed apart by another program: the correlations of the paper's Figures 3 to 5, and the whole way
 //! from calibration to evaluation without noise.
 
-use palpate::mechanics::lambda;
-use palpate::quantity::{ArrayLayout, Place};
-use palpate::solver::{Calibration, CalibrationPoint, Evaluation, Setting, TestPress, correlation, evaluate, fit};
+use palpate_core::mechanics::lambda;
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_solver::{Calibration, CalibrationPoint, Evaluation, Setting, TestPress, correlation, evaluate, fit};
 
 /// A row of `golden/correlation.csv`: r of loads at d1 and d2 over a line of n units of spacing s, all in depths;
 /// `null` where r is 0/0.

@@ -1,8 +1,5 @@
 //! From calibrations to contacts: the solvers, and the numbers that they must reach.
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod acceptance;
 mod adapt;
 mod evaluate;

@@ -1,12 +1,12 @@
 //! Readings that lack outputs: solved by the same method fitted without these units.
 
-use crate::support::skins::scene_t;
-use palpate::quantity::{ArrayLayout, Place, stream};
-use palpate::scene::Skin;
-use palpate::solver::{
+use palpate_core::quantity::{ArrayLayout, Place, stream};
+use palpate_sim::scene::Skin;
+use palpate_solver::{
     Calibration, CalibrationPoint, MOST_PARTIAL, Model, SOLVERS, Session, Setting, Solver as _, Unanswered, Workspace,
     fit,
 };
+use palpate_testing::skins::scene_t;
 
 /// What nine units read of 1 N at 81 places, and of one contact between them.
 struct Skins {

@@ -4,15 +4,15 @@
 //! 20 seeds in the full tier, what the paper reports must lie where its own Table 1 puts it. See the numbers with
 //! `cargo test --release --test solving paper:: -- --nocapture`.
 
-use crate::support::campaign;
-use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
-use palpate::dataset::evaluate::Trial;
-use palpate::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
-use palpate::paper::TABLE_1_PERCENT;
-use palpate::recipe::{self, Plan};
-use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Listener, Walk, estimated_s, walk};
-use palpate::solver::Evaluation;
+use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise};
+use palpate_data::dataset::evaluate::Trial;
+use palpate_data::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
+use palpate_data::recipe::{self, Plan};
+use palpate_report::paper::TABLE_1_PERCENT;
+use palpate_run::rig::{self, RigSpec, SIM_RIG};
+use palpate_run::run::{Cancel, Listener, Walk, estimated_s, walk};
+use palpate_solver::Evaluation;
+use palpate_testing::campaign;
 use std::io::Write;
 
 const PAPER: &str = include_str!("../../recipes/paper.toml");

@@ -4,10 +4,10 @@
 //! The data are no part of the project: `PALPATE_DATA` names the folder that has them, which otherwise is `../shared/data` beside the
 //! checkout. The tests that need them are ignored unless they are asked for, and fail without them. The expected errors were computed apart by another program.
 
-use palpate::dataset::evaluate::Trial;
-use palpate::dataset::{Mapping, Press, Presses, read_table};
-use palpate::quantity::Place;
-use palpate::solver::Evaluation;
+use palpate_core::quantity::Place;
+use palpate_data::dataset::evaluate::Trial;
+use palpate_data::dataset::{Mapping, Press, Presses, read_table};
+use palpate_solver::Evaluation;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,7 @@
 //! `palpate fit` and `palpate solve --model`: a calibrated sensor as a file.
 
-use crate::support::{Bench, Told};
-use palpate::solver::{Calibration, CalibrationPoint, Model, SOLVERS, Session, Setting};
+use palpate_solver::{Calibration, CalibrationPoint, Model, SOLVERS, Session, Setting};
+use palpate_testing::{Bench, Told};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::Path;
@@ -157,11 +157,11 @@ fn presses_that_find_no_room_are_left_out() {
         .collect();
     let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
     let model = Model::fit("whitened", calibration, &Setting::default()).unwrap();
-    let file = palpate::dataset::sensor_file::SensorFile::new(model, None, Vec::new()).unwrap();
+    let file = palpate_data::dataset::sensor_file::SensorFile::new(model, None, Vec::new()).unwrap();
     assert!(!file.card.keeps_presses && file.card.bytes < 32 << 20, "{:?}", file.card);
     let bench = Bench::with([]);
     file.write(&bench.path("large.palpate")).unwrap();
-    let (_, model) = palpate::dataset::sensor_file::read_sensor_file(&bench.path("large.palpate")).unwrap();
+    let (_, model) = palpate_data::dataset::sensor_file::read_sensor_file(&bench.path("large.palpate")).unwrap();
     let mut session = Session::new(model);
     let mut reading = rows[100][3..].to_vec();
     assert_eq!(session.solve(&reading).unwrap().place.x_mm, rows[100][0]);
@@ -171,7 +171,7 @@ fn presses_that_find_no_room_are_left_out() {
 }
 
 fn point(row: &[f64]) -> CalibrationPoint<'_> {
-    let place = palpate::quantity::Place::new(row[0], row[1]);
+    let place = palpate_core::quantity::Place::new(row[0], row[1]);
     CalibrationPoint { place, force_n: row[2], outputs: &row[3..] }
 }
 
@@ -188,5 +188,5 @@ fn solved(bench: &Bench, words: &str, code: i32) -> Told {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    palpate::dataset::Fingerprint::of("", bytes).sha256
+    palpate_data::dataset::Fingerprint::of("", bytes).sha256
 }

@@ -1,6 +1,6 @@
 //! `palpate serve`: many connections, each a session of its own.
 
-use crate::support::Bench;
+use palpate_testing::Bench;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::process::{Child, Stdio};

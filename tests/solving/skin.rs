@@ -2,12 +2,12 @@
 //! skin is calibrated with 1 N at 625 points and tested with random contacts, without a rig. See the numbers with
 //! `cargo test --release --test solving skin:: -- --nocapture`.
 
-use crate::support::campaign;
-use crate::support::skins::{scene_q, scene_t};
-use palpate::mechanics::Medium;
-use palpate::quantity::{ArrayLayout, Place, Stream, stream};
-use palpate::scene::{Elastomer, Skin, SkinSpec, TaxelFault, TaxelFaultKind, Taxels};
-use palpate::solver::{Calibration, CalibrationPoint, Setting, TestPress, evaluate, fit};
+use palpate_core::mechanics::Medium;
+use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_sim::scene::{Elastomer, Skin, SkinSpec, TaxelFault, TaxelFaultKind, Taxels};
+use palpate_solver::{Calibration, CalibrationPoint, Setting, TestPress, evaluate, fit};
+use palpate_testing::campaign;
+use palpate_testing::skins::{scene_q, scene_t};
 use rand::RngExt;
 
 /// Seeds in the full tier, and tests of each.

@@ -1,6 +1,6 @@
 //! `palpate solve`: readings in, contacts out, a line for a line.
 
-use crate::support::{Bench, SMALL, Told, exchanged};
+use palpate_testing::{Bench, SMALL, Told, exchanged};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};

@@ -4,14 +4,14 @@
 //! Scene T has Table 1's noise as a share of full scale, scene Q as a share of the reading and a floor; both have a 16-bit converter
 //! and a stage that stands within 0.5 um of where it was told to.
 
-use crate::support::skins::{scene_q, scene_t};
-use crate::support::{campaign, shipped_text};
-use palpate::mechanics::Medium;
-use palpate::quantity::{ArrayLayout, Place, Stream, stream};
-use palpate::scene::{Elastomer, Skin, SkinSpec, Taxels};
-use palpate::solver::{
+use palpate_core::mechanics::Medium;
+use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_sim::scene::{Elastomer, Skin, SkinSpec, Taxels};
+use palpate_solver::{
     BEST, Calibration, CalibrationPoint, Fitted, Model, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
 };
+use palpate_testing::skins::{scene_q, scene_t};
+use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::sync::Arc;
 

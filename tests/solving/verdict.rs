@@ -1,6 +1,6 @@
 //! One verdict: `run`, `evaluate`, `report` and `report --compare` say the same of the same run, with the rule and each reason.
 
-use crate::support::{Bench, exchanged, shipped_text};
+use palpate_testing::{Bench, exchanged, shipped_text};
 use serde_json::Value;
 
 const CALIBRATE: &str = "

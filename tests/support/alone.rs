@@ -9,7 +9,7 @@ const ALONE: &str = "PALPATE_TEST_ALONE";
 
 /// Runs a test, by its name in this program, in a process of its own, and says so; nothing where this is that process. For tests
 /// that watch what all tests of a process share, such as the memory that is held, or that others disturb.
-pub(crate) fn ran_alone(test: &str) -> bool {
+pub fn ran_alone(test: &str) -> bool {
     if env::var_os(ALONE).is_some_and(|alone| alone == test) {
         return false;
     }

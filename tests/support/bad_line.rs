@@ -1,10 +1,10 @@
 //! A bad line between a driver and an emulator: what goes either way is passed on message by message, and some of it is
 //! dropped, delayed, doubled, cut short, garbled or overtaken. All of it follows from a seed.
 
-use palpate::emulator::{self, Instrument, Shared};
-use palpate::quantity::{Axis, Stream, stream};
-use palpate::scene::{Scene, Trajectory};
-use palpate::wire::Connector;
+use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_link::wire::Connector;
+use palpate_sim::emulator::{self, Instrument, Shared};
+use palpate_sim::scene::{Scene, Trajectory};
 use rand::RngExt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -13,7 +13,7 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{Instant, sleep_until};
 
 /// Part of the messages that meet with something, while the line is bad.
-pub(crate) const BAD_SHARE: f64 = 0.15;
+pub const BAD_SHARE: f64 = 0.15;
 
 /// Bytes that wait in one stretch of a line.
 const LINE_BYTES: usize = 1 << 16;
@@ -33,7 +33,7 @@ const ECHO_S: f64 = 0.1;
 
 /// How a protocol tells its messages apart, and whether a line that is opened anew is still the same line.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Framing {
+pub enum Framing {
     Esp301,
     Xps,
     Grbl,
@@ -71,14 +71,14 @@ impl Framing {
 }
 
 /// The motions of the axes: they may have begun at `from_s`, and are over by `until_s`.
-pub(crate) struct Motions {
+pub struct Motions {
     pub from_s: f64,
     pub until_s: f64,
     pub axes: [Trajectory; 3],
 }
 
 /// What happens on the lines of one run, and what happened.
-pub(crate) struct Fate {
+pub struct Fate {
     rng: Stream,
     /// Whether anything happens to messages now.
     pub bad: bool,
@@ -101,7 +101,7 @@ pub(crate) struct Fate {
 
 impl Fate {
     /// Nothing happens yet.
-    pub(crate) fn new(seed: u64, scene: Shared<Scene>, origin: Instant) -> Shared<Fate> {
+    pub fn new(seed: u64, scene: Shared<Scene>, origin: Instant) -> Shared<Fate> {
         let rng = stream(seed, 0, "bad line");
         let (altered_s, stray_s) = (Vec::new(), Vec::new());
         let fate = Fate {
@@ -120,12 +120,12 @@ impl Fate {
         Arc::new(Mutex::new(fate))
     }
 
-    pub(crate) fn now_s(&self) -> f64 {
+    pub fn now_s(&self) -> f64 {
         self.origin.elapsed().as_secs_f64()
     }
 
     /// Notes the axes' motions, if they are new.
-    pub(crate) fn look(&mut self) {
+    pub fn look(&mut self) {
         let scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
         let motions = Axis::ALL.map(|axis| scene.motion(axis).clone());
         let now_s = self.origin.elapsed().as_secs_f64();
@@ -139,7 +139,7 @@ impl Fate {
     }
 
     /// Whether an axis can have been at a place between two instants, mm.
-    pub(crate) fn could_be(&self, axis: Axis, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
+    pub fn could_be(&self, axis: Axis, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
         self.motions.iter().any(|motions| {
             let (from_s, to_s) = (from_s.max(motions.from_s), to_s.min(motions.until_s));
             from_s <= to_s && passes(&motions.axes[axis.index()], (from_s, to_s), place_mm, tolerance_mm)
@@ -147,13 +147,13 @@ impl Fate {
     }
 
     /// Whether an axis moves, as of the last look.
-    pub(crate) fn moves(&self, axis: Axis) -> bool {
+    pub fn moves(&self, axis: Axis) -> bool {
         self.motions.last().is_some_and(|motions| motions.axes[axis.index()].moving(self.now_s()))
     }
 
     /// Whether something was delivered between two instants that wasn't as it was sent: its bytes, its time. A question that
     /// is doubled is answered twice, and the second answer comes to the next.
-    pub(crate) fn happened(&self, from_s: f64, to_s: f64) -> (bool, bool) {
+    pub fn happened(&self, from_s: f64, to_s: f64) -> (bool, bool) {
         let any = |times: &[f64], from_s: f64| times.iter().any(|at_s| (from_s..=to_s).contains(at_s));
         (any(&self.altered_s, from_s), any(&self.stray_s, from_s - ECHO_S))
     }
@@ -264,7 +264,7 @@ impl Lane {
 }
 
 /// Links to an instrument over a line of this fate.
-pub(crate) fn connector(
+pub fn connector(
     framing: Framing,
     instrument: Shared<dyn Instrument>,
     scene: Shared<Scene>,
@@ -357,7 +357,7 @@ async fn pass_on(
 }
 
 /// Whether a motion passes a place between two instants: looked at so often that it doesn't turn in between unseen.
-pub(crate) fn passes(motion: &Trajectory, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
+pub fn passes(motion: &Trajectory, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
     let steps = (((to_s - from_s) / STEP_S).ceil() as usize).clamp(1, STEPS_MOST);
     let at_mm = |step: usize| motion.position_mm(from_s + (to_s - from_s) * step as f64 / steps as f64);
     (0..steps).any(|step| {
@@ -394,6 +394,6 @@ async fn at(due: Option<Instant>) {
     }
 }
 
-pub(crate) fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+pub fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

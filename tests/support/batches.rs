@@ -1,19 +1,19 @@
 //! Batches as a bench would have recorded them: drawn results of many sensors, in a real batch folder.
 
-use palpate::acceptance::Verdict;
-use palpate::batch::{
+use palpate_core::quantity::stream;
+use palpate_data::acceptance::Verdict;
+use palpate_data::dataset::{Status, Text};
+use palpate_run::batch::{
     Alarm, BATCH_FORMAT, BatchFolder, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session, beginning,
 };
-use palpate::dataset::{Status, Text};
-use palpate::quantity::stream;
-use palpate::solver::UnitChange;
+use palpate_solver::UnitChange;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::path::Path;
 
 /// A batch to be drawn.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Drawn {
+pub struct Drawn {
     pub name: &'static str,
     pub sensors: usize,
     /// Outputs with a change relative to the design; 0 without a prior.
@@ -35,11 +35,11 @@ pub const MONTH: Drawn =
 const A_DAY: usize = 40;
 
 /// The limits of the drawn figures.
-pub(crate) const LOCATION_MM: f64 = 0.6;
-pub(crate) const WITHIN: f64 = 0.9;
+pub const LOCATION_MM: f64 = 0.6;
+pub const WITHIN: f64 = 0.9;
 
 /// Writes the batch, and gives its events.
-pub(crate) fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
     let events = events(drawn, rig);
     drop(BatchFolder::create(path, drawn.name, &events).expect("a batch"));
     events
@@ -59,7 +59,7 @@ const TRIPPED: usize = 7;
 const REPEATED: usize = 4;
 const SKIPPED: usize = 9;
 
-pub(crate) fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
     let mut rng = stream(drawn.seed, 0, "drawn batch");
     let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
     let reference = (drawn.every > 0).then(|| Reference { serial: "REF-1".to_owned(), every: drawn.every as u64 });

@@ -1,10 +1,10 @@
 //! What the library makes of staircases, to be compared with what others make of them.
 
 use super::shipped_text;
-use palpate::control::Branch;
-use palpate::dataset::characteristics::{Repeatability, Staircases, characterise};
-use palpate::dataset::{Mapping, parse_table};
-use palpate::quantity::{ArrayLayout, round};
+use palpate_control::Branch;
+use palpate_core::quantity::{ArrayLayout, round};
+use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise};
+use palpate_data::dataset::{Mapping, parse_table};
 
 /// What the library makes of a table of staircases, as `characteristics.csv` has it.
 pub fn characterised(text: &str) -> String {

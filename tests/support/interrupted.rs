@@ -6,7 +6,7 @@ use std::fs;
 
 /// Cuts a complete run back to the first bytes of its journal: its tables and its manifest are then those that it has while it is
 /// under way, and hold no press that the journal doesn't.
-pub(crate) fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
+pub fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
     let file = |name: &str| format!("{run}/{name}");
     let mut manifest = bench.manifest(run);
     let kept: Vec<String> = std::str::from_utf8(journal)
@@ -36,21 +36,21 @@ pub(crate) fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
 }
 
 /// The same, back to the first lines of its journal.
-pub(crate) fn cut_to_lines(bench: &Bench, run: &str, lines: usize) {
+pub fn cut_to_lines(bench: &Bench, run: &str, lines: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let kept: String = journal.split_inclusive('\n').take(lines).collect();
     cut_back(bench, run, kept.as_bytes());
 }
 
 /// How many lines of a run's journal come before its first contact.
-pub(crate) fn lines_before_contacts(bench: &Bench, run: &str) -> usize {
+pub fn lines_before_contacts(bench: &Bench, run: &str) -> usize {
     let journal = bench.read(&format!("{run}/journal.log"));
     journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact")
 }
 
 /// Changes the simulated world that a run is made in, not its rig: the text of the rig is another in the folder and in the
 /// journal, as if it had always been.
-pub(crate) fn change_the_world(bench: &Bench, run: &str, rig: &str) {
+pub fn change_the_world(bench: &Bench, run: &str, rig: &str) {
     let path = format!("{run}/journal.log");
     let another = |line: &str| {
         let mut text = record(line);
@@ -70,7 +70,7 @@ pub(crate) fn change_the_world(bench: &Bench, run: &str, rig: &str) {
 }
 
 /// A record as it stands in a journal, without its line end.
-pub(crate) fn sealed(sequence: u64, json: &str) -> String {
+pub fn sealed(sequence: u64, json: &str) -> String {
     let mut checksum = crc32fast::Hasher::new();
     checksum.update(&sequence.to_le_bytes());
     checksum.update(json.as_bytes());

@@ -1,11 +1,11 @@
 //! Inputs that keep most of a grammar: real ones, mutated.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
-use palpate::quantity::Stream;
+use palpate_core::quantity::Stream;
 use rand::RngExt;
 
 /// Longest message, bytes.
-pub(crate) const INPUT_MOST: usize = 512;
+pub const INPUT_MOST: usize = 512;
 
 /// What grammars are made of, to be put where it doesn't belong.
 const TOKENS: &[&str] = &[
@@ -47,7 +47,7 @@ const TOKENS: &[&str] = &[
 ];
 
 /// A message after some mutations that keep most of its grammar, now and then bytes without any.
-pub(crate) fn mutated(seeds: &[&[u8]], rng: &mut Stream, into: &mut Vec<u8>) {
+pub fn mutated(seeds: &[&[u8]], rng: &mut Stream, into: &mut Vec<u8>) {
     into.clear();
     if rng.random_bool(0.02) {
         let length = rng.random_range(0..INPUT_MOST);
@@ -181,11 +181,11 @@ const NUMBERS: &[&str] = &[
 ];
 
 /// Longest text, bytes, and how long one stretch that is repeated in it may get.
-pub(crate) const TEXT_MOST: usize = 256 << 10;
+pub const TEXT_MOST: usize = 256 << 10;
 const REPEATS_MOST: usize = 20_000;
 
 /// A text after some mutations that know of lines, numbers and brackets.
-pub(crate) fn rewritten(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
+pub fn rewritten(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
     into.clear();
     into.extend_from_slice(&seeds[rng.random_range(0..seeds.len())]);
     let most = if rng.random_bool(0.02) { 30 } else { 4 };

@@ -1,8 +1,8 @@
 //! What a press is at, told from what really happens: where the axes are and go, whether there is contact, who is asked.
 
 use super::walks::Worst;
-use palpate::quantity::{Axis, Frame};
-use palpate::scene::{Device, Scene};
+use palpate_core::quantity::{Axis, Frame};
+use palpate_sim::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};
 use tokio::time::Instant;
 
@@ -17,7 +17,7 @@ const REST_MM_S: f64 = 1e-9;
 
 /// What a press is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Phase {
+pub enum Phase {
     /// To the first place, from rest in the clear.
     Travel,
     /// Looking at the force in air.
@@ -39,7 +39,7 @@ pub(crate) enum Phase {
 }
 
 impl Phase {
-    pub(crate) const ALL: [Phase; 9] = [
+    pub const ALL: [Phase; 9] = [
         Phase::Travel,
         Phase::Air,
         Phase::Approach,
@@ -53,7 +53,7 @@ impl Phase {
 }
 
 /// Watches a scene during a walk: the phase at each message, and the worst of what really happens.
-pub(crate) struct Watcher {
+pub struct Watcher {
     scene: Arc<Mutex<Scene>>,
     frame: Frame,
     origin: Instant,
@@ -74,7 +74,7 @@ pub(crate) struct Watcher {
 
 impl Watcher {
     /// A watcher of a scene whose time begins now.
-    pub(crate) fn new(scene: Arc<Mutex<Scene>>, frame: Frame) -> Watcher {
+    pub fn new(scene: Arc<Mutex<Scene>>, frame: Frame) -> Watcher {
         Watcher {
             scene,
             frame,
@@ -91,12 +91,12 @@ impl Watcher {
     }
 
     /// A press begins, whose phases are told or not.
-    pub(crate) fn begins(&mut self, told: bool) {
+    pub fn begins(&mut self, told: bool) {
         (self.pressing, self.touched_mm, self.stepped, self.rest) = (told, None, false, None);
     }
 
     /// A device has a message.
-    pub(crate) fn hears(&mut self, device: Device) {
+    pub fn hears(&mut self, device: Device) {
         let now_s = self.now_s();
         if device == Device::Array {
             self.array_asked_s = now_s;
@@ -106,7 +106,7 @@ impl Watcher {
     }
 
     /// The stage acts on a message, or by itself.
-    pub(crate) fn acts<R>(&mut self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> R) -> R {
+    pub fn acts<R>(&mut self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> R) -> R {
         let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
         let before = motions(scene);
         let acted = act(scene);
@@ -120,7 +120,7 @@ impl Watcher {
     }
 
     /// The worst until all is at rest, whatever comes of it.
-    pub(crate) fn worst(&mut self) -> Worst {
+    pub fn worst(&mut self) -> Worst {
         let now_s = self.now_s();
         self.look(now_s);
         let rest = self.scene().run_out(now_s);
@@ -129,7 +129,7 @@ impl Watcher {
     }
 
     /// Where z is in the specimen frame, mm, and whether every axis stands.
-    pub(crate) fn z_mm_and_rest(&self) -> (f64, bool) {
+    pub fn z_mm_and_rest(&self) -> (f64, bool) {
         let now_s = self.now_s();
         let mut scene = self.scene();
         let stands = Axis::ALL.iter().all(|&axis| scene.axis(axis, now_s).1.abs() < REST_MM_S);

@@ -1,12 +1,12 @@
 //! What is printed or drawn for a person: narrow enough, and whole.
 
 /// Every line fits a terminal.
-pub(crate) fn is_narrow(text: &str) {
+pub fn is_narrow(text: &str) {
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
 }
 
 /// Every element ends in the order they began, no number is lost, and there is something drawn.
-pub(crate) fn is_well_formed(name: &str, svg: &str) {
+pub fn is_well_formed(name: &str, svg: &str) {
     assert!(svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.ends_with("</svg>\n"), "{name}");
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
     assert!(svg.contains("prefers-color-scheme:dark") && svg.contains("class=\"axis\""), "{name}");

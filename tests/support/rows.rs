@@ -10,7 +10,7 @@ const WORDS: [&str; 2] = ["phase", "flags"];
 
 /// What became of rows that were acknowledged.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Kept {
+pub struct Kept {
     /// How many aren't there.
     pub lost: usize,
     /// How many are there with another value in any column.
@@ -20,7 +20,7 @@ pub(crate) struct Kept {
 }
 
 /// The rows of a run's `presses.csv` as the objects that acknowledge them.
-pub(crate) fn table(bench: &Bench, run: &str) -> Vec<Value> {
+pub fn table(bench: &Bench, run: &str) -> Vec<Value> {
     let (header, rows) = bench.table(&format!("{run}/presses.csv"));
     let cell = |(column, cell): (&String, String)| {
         let value: Value = if WHOLE.contains(&column.as_str()) {
@@ -38,18 +38,18 @@ pub(crate) fn table(bench: &Bench, run: &str) -> Vec<Value> {
 }
 
 /// A line that acknowledges a row.
-pub(crate) fn json(line: &str) -> Value {
+pub fn json(line: &str) -> Value {
     serde_json::from_str(line).unwrap_or_else(|error| panic!("{line}: {error}"))
 }
 
 /// Press and level of each row.
-pub(crate) fn numbered(rows: &[Value]) -> Vec<(u64, u64)> {
+pub fn numbered(rows: &[Value]) -> Vec<(u64, u64)> {
     let number = |row: &Value, key: &str| row[key].as_u64().expect("a whole number");
     rows.iter().map(|row| (number(row, "press"), number(row, "level"))).collect()
 }
 
 /// How many presses some rows belong to.
-pub(crate) fn presses(rows: &[Value]) -> usize {
+pub fn presses(rows: &[Value]) -> usize {
     let mut presses: Vec<u64> = numbered(rows).into_iter().map(|(press, _)| press).collect();
     presses.sort_unstable();
     presses.dedup();
@@ -57,7 +57,7 @@ pub(crate) fn presses(rows: &[Value]) -> usize {
 }
 
 /// Looks for each row that was acknowledged in a table.
-pub(crate) fn kept(acknowledged: &[Value], table: &[Value]) -> Kept {
+pub fn kept(acknowledged: &[Value], table: &[Value]) -> Kept {
     let there: HashMap<(u64, u64), &Value> = numbered(table).into_iter().zip(table).collect();
     let mut kept = Kept::default();
     for (row, number) in acknowledged.iter().zip(numbered(acknowledged)) {

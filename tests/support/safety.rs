@@ -2,18 +2,18 @@
 //! the scene, so that the loop is judged against the truth and not against its own load cell.
 
 use super::walks::in_virtual_time;
-use palpate::control::Rule;
-use palpate::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
-use palpate::quantity::Axis;
-use palpate::recipe::{self, Plan};
-use palpate::rig::{self, RigSpec};
-use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
-use palpate::scene::{ContactLaw, SceneSpec};
+use palpate_control::Rule;
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
+use palpate_data::recipe::{self, Plan};
+use palpate_run::rig::{self, RigSpec};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
+use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 use tokio::time::Instant;
 
 /// What the conversion of the load cell to whole mN may add to what is shown, N.
-pub(crate) const COUNT_N: f64 = 0.001;
+pub const COUNT_N: f64 = 0.001;
 
 /// How far from where it is parked z may stand, mm: as far as a read-back may be off.
 const PARKED_MM: f64 = 0.003;
@@ -25,7 +25,7 @@ fn paper_rig() -> RigSpec {
 }
 
 /// The paper's rig with another specimen in it: no taxels, which only cost time here.
-pub(crate) fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
+pub fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
     let mut spec = paper_rig();
     let mut scene = spec.scene.clone();
     scene.skin.noise = None;
@@ -36,7 +36,7 @@ pub(crate) fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> Rig
 }
 
 /// A recipe of one step: these places, loaded so.
-pub(crate) fn recipe(places: &str, load: &str) -> String {
+pub fn recipe(places: &str, load: &str) -> String {
     format!(
         "name = \"safety\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.2\nsample_s = 0.1\n\
          [[step]]\nphase = \"test\"\nlist = {{ places_mm = {places} }}\n{load}\n"
@@ -44,7 +44,7 @@ pub(crate) fn recipe(places: &str, load: &str) -> String {
 }
 
 /// A run folder in a place of its own, and what is to be done in it.
-pub(crate) struct Bench {
+pub struct Bench {
     pub spec: RigSpec,
     pub plan: Plan,
     pub folder: RunFolder,
@@ -52,7 +52,7 @@ pub(crate) struct Bench {
 }
 
 /// How a walk went.
-pub(crate) struct Walked {
+pub struct Walked {
     pub ending: Ending,
     /// The largest force the load cell was seen to read, N.
     pub shown_most_n: f64,
@@ -68,7 +68,7 @@ struct Silent;
 impl Listener for Silent {}
 
 impl Bench {
-    pub(crate) fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> Bench {
+    pub fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> Bench {
         let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let home = tempfile::tempdir().unwrap();
@@ -80,7 +80,7 @@ impl Bench {
     }
 
     /// Walks the plan; a stop is asked for at this reading of the force, if any.
-    pub(crate) fn walk(&mut self, stop_at: Option<u32>) -> Walked {
+    pub fn walk(&mut self, stop_at: Option<u32>) -> Walked {
         let (most, readings, cancel) = (Cell::new(f64::NEG_INFINITY), Cell::new(0), Cancel::default());
         let shown = |force_n: f64| {
             most.set(most.get().max(force_n));
@@ -113,25 +113,25 @@ impl Bench {
     }
 
     /// What was recorded, in the order of its numbers.
-    pub(crate) fn contacts(&self) -> impl Iterator<Item = dataset::Contact> {
+    pub fn contacts(&self) -> impl Iterator<Item = dataset::Contact> {
         self.folder.contacts().unwrap().map(Result::unwrap)
     }
 
     /// The largest true force and the deepest true indentation of all that was recorded.
-    pub(crate) fn worst(&self) -> (f64, f64) {
+    pub fn worst(&self) -> (f64, f64) {
         let truths = self.contacts().flat_map(|contact| contact.truth);
         truths.fold((0.0, 0.0), |(n, mm), truth| (truth.force_peak_n.max(n), truth.depth_peak_mm.max(mm)))
     }
 
     /// The press and the level of each line of `presses.csv`.
-    pub(crate) fn rows_on_disk(&self) -> Vec<(u64, u64)> {
+    pub fn rows_on_disk(&self) -> Vec<(u64, u64)> {
         let mut table = csv::Reader::from_path(self.folder.path().join("presses.csv")).unwrap();
         let row = |line: csv::StringRecord| (line[0].parse().unwrap(), line[1].parse().unwrap());
         table.records().map(|line| row(line.unwrap())).collect()
     }
 
     /// Walks a plan that must be done whole, within every limit, each level within its tolerance.
-    pub(crate) fn must_complete(&mut self, told: &str) {
+    pub fn must_complete(&mut self, told: &str) {
         let walked = self.walk(None);
         assert_eq!(walked.ending.status(), Status::Complete, "{told}: {:?}", walked.ending.told());
         self.assert_parked(&walked, told);
@@ -155,7 +155,7 @@ impl Bench {
     }
 
     /// Walks a plan that must end with a trip, recorded, the stage parked.
-    pub(crate) fn must_trip(&mut self, rules: &[Rule], told: &str) -> Walked {
+    pub fn must_trip(&mut self, rules: &[Rule], told: &str) -> Walked {
         let walked = self.walk(None);
         let Some(Halt::Tripped(trip)) = &walked.ending.halt else {
             panic!("{told}: no trip but {:?}", walked.ending.told());
@@ -169,11 +169,11 @@ impl Bench {
     }
 }
 
-pub(crate) fn linear(n_mm: f64) -> ContactLaw {
+pub fn linear(n_mm: f64) -> ContactLaw {
     ContactLaw { linear_n_mm: n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }
 }
 
 /// A load cell that tells the truth, so that what is shown is what was.
-pub(crate) fn truthful(scene: &mut SceneSpec) {
+pub fn truthful(scene: &mut SceneSpec) {
     scene.load_cell = None;
 }

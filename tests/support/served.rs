@@ -2,7 +2,7 @@ use super::{Bench, Live};
 use std::collections::BTreeMap;
 
 /// A rig's emulators, being served.
-pub(crate) struct Served {
+pub struct Served {
     listens: BTreeMap<String, String>,
     _bench: Bench,
     _emulators: Live,
@@ -10,7 +10,7 @@ pub(crate) struct Served {
 
 impl Served {
     /// With some words more for `palpate emulate`.
-    pub(crate) fn new(rig: &str, words: &str) -> Served {
+    pub fn new(rig: &str, words: &str) -> Served {
         let bench = Bench::with([("rig.toml", rig)]);
         let emulators = Live::start(bench.command(&format!("emulate rig.toml --json {words}")));
         let mut listens = BTreeMap::new();
@@ -24,11 +24,11 @@ impl Served {
     }
 
     /// A path such as `/dev/pts/4`, or `127.0.0.1:port`.
-    pub(crate) fn address(&self, device: &str) -> &str {
+    pub fn address(&self, device: &str) -> &str {
         &self.listens[device]
     }
 
-    pub(crate) fn host_and_port(&self, device: &str) -> [&str; 2] {
+    pub fn host_and_port(&self, device: &str) -> [&str; 2] {
         self.address(device).rsplit_once(':').expect("a TCP address").into()
     }
 }

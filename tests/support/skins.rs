@@ -1,8 +1,8 @@
 //! The paper's nine units as simulated skins, their noise read in two ways; and runs of two magnetic skins.
 
 use super::Bench;
-use palpate::paper::repeatability_percent;
-use palpate::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelNoise};
+use palpate_report::paper::repeatability_percent;
+use palpate_sim::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelNoise};
 
 fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
     SkinSpec {
@@ -14,12 +14,12 @@ fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
 }
 
 /// Noise that is a share of full scale.
-pub(crate) fn scene_t() -> SkinSpec {
+pub fn scene_t() -> SkinSpec {
     scene(NoiseOf::FullScale, 0.0)
 }
 
 /// Noise that is a share of the reading, and a floor.
-pub(crate) fn scene_q() -> SkinSpec {
+pub fn scene_q() -> SkinSpec {
     scene(NoiseOf::Reading, 0.001)
 }
 

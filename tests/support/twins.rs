@@ -3,7 +3,7 @@
 use RefusedBy::{Program, Schema, Toml};
 
 /// A text that is in order but for one thing.
-pub(crate) struct Twin {
+pub struct Twin {
     /// What is exchanged.
     pub from: &'static str,
     /// For what.
@@ -16,7 +16,7 @@ pub(crate) struct Twin {
 
 /// Who refuses a text first; the program refuses them all.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RefusedBy {
+pub enum RefusedBy {
     /// A reader of TOML.
     Toml,
     /// The JSON Schema.
@@ -29,7 +29,7 @@ const GRID: &str = "grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm 
 const RANDOM: &str = "random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
 
 /// Twins of [`SMALL`](super::SMALL).
-pub(crate) const RECIPE_TWINS: [Twin; 16] = [
+pub const RECIPE_TWINS: [Twin; 16] = [
     Twin {
         from: GRID,
         to: "grid = { x_mm = [-12.0, 13.0], y_mm = [-2.0, 2.0], spacing_mm = 1.0 }",
@@ -128,7 +128,7 @@ pub(crate) const RECIPE_TWINS: [Twin; 16] = [
 ];
 
 /// Twins of `rigs/sim.toml`.
-pub(crate) const RIG_TWINS: [Twin; 8] = [
+pub const RIG_TWINS: [Twin; 8] = [
     Twin {
         from: "link = \"sim\"",
         to: "link = \"tcp://a:502\"",

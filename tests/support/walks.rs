@@ -2,14 +2,14 @@
 //! stage's far end: only a message to the stage changes a motion, so what happens between two of them follows from a copy of
 //! the scene, whatever the run asks of the scene itself.
 
-use palpate::dataset::Memory;
-use palpate::device::Identity;
-use palpate::emulator::{Instrument, Owed, Shared};
-use palpate::quantity::Axis;
-use palpate::recipe::{self, Plan};
-use palpate::rig::{self, RigSpec, SimulatedRig};
-use palpate::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
-use palpate::scene::{Device, Scene, Truth};
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::Memory;
+use palpate_data::recipe::{self, Plan};
+use palpate_link::device::Identity;
+use palpate_run::rig::{self, RigSpec, SimulatedRig};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
+use palpate_sim::emulator::{Instrument, Owed, Shared};
+use palpate_sim::scene::{Device, Scene, Truth};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -18,7 +18,7 @@ use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, timeout};
 
 /// The benches, by name.
-pub(crate) const BENCHES: [(&str, &str); 2] = [
+pub const BENCHES: [(&str, &str); 2] = [
     ("bench-fast", include_str!("../../rigs/bench-fast.toml")),
     ("bench-esp301", include_str!("../../rigs/bench-esp301.toml")),
 ];
@@ -33,7 +33,7 @@ const AFTERWARDS: Duration = Duration::from_secs(30);
 const Z_MOST_MM: f64 = 1.5;
 
 /// A bench as it is shipped, but for what only costs time here: taxels, and most of the way from home.
-pub(crate) fn bench(name: &str) -> RigSpec {
+pub fn bench(name: &str) -> RigSpec {
     let text = BENCHES.iter().find(|(bench, _)| *bench == name).expect("a bench").1;
     let mut spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     spec.stage.home_z_mm = Some(spec.stage.travel.axes[Axis::Z.index()].max); // the limit is where it was
@@ -44,13 +44,13 @@ pub(crate) fn bench(name: &str) -> RigSpec {
 }
 
 /// The plan of a recipe's text on a rig.
-pub(crate) fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
+pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
     let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
     Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()))
 }
 
 /// How a walk went.
-pub(crate) struct Walked {
+pub struct Walked {
     pub ending: Ending,
     pub ledger: Memory,
     /// The worst that happened, until everything was at rest again.
@@ -67,25 +67,25 @@ pub(crate) struct Walked {
 
 /// The worst of what happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Worst {
+pub struct Worst {
     pub force_n: f64,
     pub depth_mm: f64,
     pub slid_mm: f64,
 }
 
 impl Worst {
-    pub(crate) fn take(&mut self, truth: Truth) {
+    pub fn take(&mut self, truth: Truth) {
         self.join(Worst { force_n: truth.force_peak_n, depth_mm: truth.depth_peak_mm, slid_mm: truth.slid_mm });
     }
 
-    pub(crate) fn join(&mut self, other: Worst) {
+    pub fn join(&mut self, other: Worst) {
         self.force_n = self.force_n.max(other.force_n);
         self.depth_mm = self.depth_mm.max(other.depth_mm);
         self.slid_mm = self.slid_mm.max(other.slid_mm);
     }
 
     /// Whether force, depth and everything sideways kept within the rig's limits.
-    pub(crate) fn is_within(&self, spec: &RigSpec) -> bool {
+    pub fn is_within(&self, spec: &RigSpec) -> bool {
         self.force_n <= spec.limits.force_n && self.depth_mm <= spec.limits.depth_mm && self.slid_mm == 0.0
     }
 }
@@ -103,22 +103,22 @@ impl Listener for Silent {
 }
 
 /// What stands at a rig's far ends, to be exchanged before the walk.
-pub(crate) type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
+pub type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
 
 /// Walks a plan.
-pub(crate) fn walked(spec: &RigSpec, plan: &Plan) -> Walked {
+pub fn walked(spec: &RigSpec, plan: &Plan) -> Walked {
     walked_with(spec, plan, Deaths::Ignored, &|_| {})
 }
 
 /// Whether it is asked after every message what would come of it if it were the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Deaths {
+pub enum Deaths {
     Ignored,
     Tried,
 }
 
 /// Walks a plan on a rig that was tampered with.
-pub(crate) fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Walked {
+pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Walked {
     in_virtual_time(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
@@ -144,7 +144,7 @@ pub(crate) fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: T
 
 /// What ended a walk: the rule that tripped, `device` for an instrument that failed, `unparked` if the plan is done and the stage
 /// couldn't be parked, `-` if nobody noticed anything.
-pub(crate) fn end_of(ending: &Ending) -> &'static str {
+pub fn end_of(ending: &Ending) -> &'static str {
     match &ending.halt {
         None if ending.unparked.is_some() => "unparked",
         None => "-",
@@ -219,16 +219,16 @@ impl Instrument for Eye {
 }
 
 /// Fails with all that is broken.
-pub(crate) fn must_be_none(broken: &[String]) {
+pub fn must_be_none(broken: &[String]) {
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
 }
 
-pub(crate) fn in_virtual_time<T>(future: impl Future<Output = T>) -> T {
+pub fn in_virtual_time<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
 }
 
 /// Does all jobs on as many threads as there are cores; what came of them, in their order.
-pub(crate) fn in_parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
+pub fn in_parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(jobs.len())));
     thread::scope(|scope| {
         for _ in 0..thread::available_parallelism().map_or(1, usize::from) {

@@ -2,10 +2,10 @@
 
 use super::FILE;
 use crate::HEAP;
-use crate::support::campaign;
-use crate::support::mutation::rewritten;
 use cpu_time::ThreadTime;
-use palpate::quantity::{Stream, stream};
+use palpate_core::quantity::{Stream, stream};
+use palpate_testing::campaign;
+use palpate_testing::mutation::rewritten;
 use rand::RngExt;
 use std::fmt::Write;
 use std::fs;

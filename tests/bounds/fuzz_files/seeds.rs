@@ -1,9 +1,9 @@
 //! What is mutated: the project's own texts, and the files of a small run.
 
-use palpate::dataset::{Origins, Provenance, RunFacts, RunFolder};
-use palpate::recipe::{self, Plan};
-use palpate::rig::{self, RigSpec, SIM_RIG};
-use palpate::run::{Cancel, Listener, Walk, walk};
+use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder};
+use palpate_data::recipe::{self, Plan};
+use palpate_run::rig::{self, RigSpec, SIM_RIG};
+use palpate_run::run::{Cancel, Listener, Walk, walk};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::OnceLock;

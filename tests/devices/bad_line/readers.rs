@@ -1,18 +1,18 @@
 //! Load cells and arrays: what is read is held against the force that there can have been.
 
 use super::{Outcome, Subject, rig};
-use crate::support::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passes};
-use palpate::device::{DeviceError, LoadCell, SensorArray};
-use palpate::driver::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
-use palpate::driver::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
-use palpate::driver::process::{ProcessArray, ProcessLoadCell};
-use palpate::driver::xps::XpsAnalog;
-use palpate::driver::{AnyArray, AnyLoadCell};
-use palpate::emulator::{DaqmxEmulator, Shared};
-use palpate::quantity::{Axis, Stream, stream};
-use palpate::scene::{Scene, Trajectory};
-use palpate::wire::Connector;
-use palpate::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
+use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
+use palpate_drivers::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
+use palpate_drivers::process::{ProcessArray, ProcessLoadCell};
+use palpate_drivers::xps::XpsAnalog;
+use palpate_drivers::{AnyArray, AnyLoadCell};
+use palpate_link::device::{DeviceError, LoadCell, SensorArray};
+use palpate_link::wire::Connector;
+use palpate_link::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
+use palpate_sim::emulator::{DaqmxEmulator, Shared};
+use palpate_sim::scene::{Scene, Trajectory};
+use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passes};
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -218,7 +218,7 @@ fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
     let both = vec![inputs("Dev1/ai0", 1), inputs("Dev1/ai1:9", UNITS)];
     let acquisition = Acquisition::new(Functions::Here(Arc::new(table)), both, 200.0, "bad".into());
     let acquisition = Arc::new(tokio::sync::Mutex::new(acquisition));
-    let identity = palpate::device::Identity {
+    let identity = palpate_link::device::Identity {
         role: "load_cell".into(),
         identity: "bad".into(),
         link: "bad".into(),

@@ -1,16 +1,16 @@
 //! Stages: where they say they are is held against where they can have been, and where they end against where they were sent.
 
 use super::{Outcome, Subject, rig};
-use crate::support::bad_line::{Fate, Framing, connector, lock};
-use crate::support::made_ready;
-use palpate::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
-use palpate::driver::grbl::Grbl;
-use palpate::driver::process::ProcessStage;
-use palpate::driver::xps::{Grouping, Xps};
-use palpate::driver::{AnyStage, Esp301};
-use palpate::emulator::{self, GrblBoard, Instrument, Shared};
-use palpate::quantity::{Axis, Range, Steps, Stream, Travel, stream};
-use palpate::scene::Scene;
+use palpate_core::quantity::{Axis, Range, Steps, Stream, Travel, stream};
+use palpate_drivers::grbl::Grbl;
+use palpate_drivers::process::ProcessStage;
+use palpate_drivers::xps::{Grouping, Xps};
+use palpate_drivers::{AnyStage, Esp301};
+use palpate_link::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
+use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
+use palpate_sim::scene::Scene;
+use palpate_testing::bad_line::{Fate, Framing, connector, lock};
+use palpate_testing::made_ready;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -1,10 +1,10 @@
 //! A rig's devices on links on which one of them is lost.
 
-use crate::support::phases::Watcher;
-use palpate::emulator::{Instrument, Owed, Shared};
-use palpate::quantity::stream;
-use palpate::rig::SimulatedRig;
-use palpate::scene::{Device, Scene};
+use palpate_core::quantity::stream;
+use palpate_run::rig::SimulatedRig;
+use palpate_sim::emulator::{Instrument, Owed, Shared};
+use palpate_sim::scene::{Device, Scene};
+use palpate_testing::phases::Watcher;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

@@ -2,13 +2,13 @@
 
 use super::RECIPE;
 use super::far::{Fate, beset};
-use crate::support::phases::{Phase, Watcher};
-use crate::support::walks::{Worst, in_virtual_time};
-use palpate::dataset::{Contact, Manifest, Origins, Provenance, RunFacts, RunFolder};
-use palpate::emulator::Shared;
-use palpate::recipe::{Entry, Plan};
-use palpate::rig::RigSpec;
-use palpate::run::{Cancel, Ending, Listener, Walk, walk_on};
+use palpate_data::dataset::{Contact, Manifest, Origins, Provenance, RunFacts, RunFolder};
+use palpate_data::recipe::{Entry, Plan};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
+use palpate_sim::emulator::Shared;
+use palpate_testing::phases::{Phase, Watcher};
+use palpate_testing::walks::{Worst, in_virtual_time};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -127,7 +127,7 @@ struct Notes {
 
 impl Listener for Notes {
     fn begins(&mut self, entry: &Entry) {
-        let teaches = entry.phase == palpate::recipe::Phase::Teach;
+        let teaches = entry.phase == palpate_data::recipe::Phase::Teach;
         self.watcher.lock().expect("a test that goes on").begins(!teaches);
     }
 

@@ -1,9 +1,9 @@
 //! One run that is killed, once or more.
 
 use super::{Course, Tally, journalled, rows_of};
-use crate::support::rows::{self, json};
-use crate::support::{Bench, Live};
-use palpate::quantity::{Stream, stream};
+use palpate_core::quantity::{Stream, stream};
+use palpate_testing::rows::{self, json};
+use palpate_testing::{Bench, Live};
 use rand::RngExt;
 use serde_json::Value;
 use std::fmt::{self, Display, Formatter};

@@ -2,10 +2,10 @@
 //! run, and the array is unplugged in another. Nothing is lost, and nothing is judged twice.
 
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
-use crate::support::Bench;
 use crate::terminal::{Terminal, signal, spawned, wait};
-use palpate::batch::Event;
-use palpate::dataset::Status;
+use palpate_data::dataset::Status;
+use palpate_run::batch::Event;
+use palpate_testing::Bench;
 use std::collections::BTreeSet;
 use std::process::Child;
 

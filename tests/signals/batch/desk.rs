@@ -1,9 +1,9 @@
 //! What is typed at the desk of a batch, piped: what is refused, trays, trips, the reference sensor, and continuing.
 
 use super::{RECIPE, begun, bench, break_rig, complete, events, mend_rig, piped, results};
-use crate::support::{Bench, exchanged};
-use palpate::batch::Event;
-use palpate::dataset::Status;
+use palpate_data::dataset::Status;
+use palpate_run::batch::Event;
+use palpate_testing::{Bench, exchanged};
 
 const RUN: &str = "batch run b.toml --out day";
 

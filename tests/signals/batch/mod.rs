@@ -5,9 +5,9 @@ mod desk;
 mod notify;
 mod prior;
 
-use crate::support::{Bench, Told, shipped_text};
-use palpate::batch::{Ended, Event};
-use palpate::dataset::{Journal, Status};
+use palpate_data::dataset::{Journal, Status};
+use palpate_run::batch::{Ended, Event};
+use palpate_testing::{Bench, Told, shipped_text};
 use std::io::Write;
 use std::process::Stdio;
 

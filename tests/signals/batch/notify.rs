@@ -1,10 +1,10 @@
 //! `[notify]`: what a receiver gets, and that a dead, slow or missing one changes nothing of a batch.
 
 use super::{bench, events, piped};
-use crate::support::Bench;
 use crate::terminal::{Terminal, signal, spawned, wait};
-use palpate::batch::Event;
-use palpate::dataset::Status;
+use palpate_data::dataset::Status;
+use palpate_run::batch::Event;
+use palpate_testing::Bench;
 
 const RUN: &str = "batch run b.toml --out day";
 

@@ -1,9 +1,9 @@
 //! A batch with a design's prior: few presses, sensors that aren't of the design, and sensors that need more presses.
 
 use super::{events, piped, results};
-use crate::support::{Bench, exchanged, shipped_text};
-use palpate::acceptance::Verdict;
-use palpate::batch::{Ended, Event};
+use palpate_data::acceptance::Verdict;
+use palpate_run::batch::{Ended, Event};
+use palpate_testing::{Bench, exchanged, shipped_text};
 
 const FULL: &str = r#"
 name = "full"

@@ -20,11 +20,6 @@ pub use verdicts::{VerdictRow, verdicts};
 
 use super::StudyError;
 
-#[cfg(test)]
-#[path = "../../../tests/support/campaign.rs"]
-#[allow(dead_code, reason = "each program of tests uses its part of this")]
-mod campaign;
-
 /// Size of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewSize {
@@ -69,6 +64,7 @@ mod tests {
     use crate::methods::specimen::grid;
     use palpate_core::quantity::Place;
     use palpate_solver::{Belongs, Setting, Solver as _, fit};
+    use palpate_testing::campaign;
 
     /// What the noise is a share of: a prior takes seconds, so the quick tier has one.
     fn noises() -> &'static [NoiseReference] {

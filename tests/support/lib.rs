@@ -1,5 +1,4 @@
 //! What the integration tests share: the program in a folder of its own, and what it said.
-#![allow(dead_code, reason = "each program uses its part of this")]
 
 pub mod alone;
 pub mod bad_line;
@@ -20,8 +19,9 @@ pub mod skins;
 pub mod twins;
 pub mod walks;
 
-use palpate::device::{DeviceError, Identity, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use serde_json::Value;
+use std::env;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -124,7 +124,7 @@ impl Bench {
 
     /// The program with some words, separated by blanks, to be run on this bench.
     pub fn command(&self, words: &str) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        let mut command = Command::new(program());
         command.args(words.split_whitespace()).current_dir(self.folder.path()).stdin(Stdio::null());
         // messages are pinned as they look without colour on a terminal that knows Unicode
         command.env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env_remove("FORCE_COLOR").env_remove("CLICOLOR_FORCE");
@@ -195,9 +195,21 @@ impl Told {
     }
 }
 
+/// The program, which cargo has put next to the folder of the test that runs.
+///
+/// # Panics
+/// It isn't there: the test isn't one of the package that the program belongs to.
+pub fn program() -> PathBuf {
+    let test = env::current_exe().expect("this test has a path");
+    let folder = test.ancestors().nth(2).expect("a test is in a folder of the target folder");
+    let program = folder.join(format!("palpate{}", env::consts::EXE_SUFFIX));
+    assert!(program.is_file(), "{} isn't there: `cargo build` makes it", program.display());
+    program
+}
+
 /// A file that is shipped, by its path in the project.
 pub fn shipped(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path)
 }
 
 /// Its text.
