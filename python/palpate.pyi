@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __version__: str
+__commit__: str | None
 
 _Path: TypeAlias = str | PathLike[str]
 _Verdict: TypeAlias = Literal["ok", "weak-signal", "outside-area", "not-one-contact", "channel-fault", "unsolved"]

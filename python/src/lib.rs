@@ -37,7 +37,10 @@ mod package {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        let commit = palpate_commit::commit!();
+        palpate::cli::built_from(commit);
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("__commit__", commit)?;
         super::refused::number(module)?;
         super::events::park_at_exit(module.py())
     }

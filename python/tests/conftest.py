@@ -33,7 +33,7 @@ NUMBERS = [
 def program():
     """The program, to compare with."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    path = target / "release" / "palpate"
+    path = target / "debug" / "palpate"
     if not path.exists():
         pytest.skip(f"{path} isn't built")
     return path

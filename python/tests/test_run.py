@@ -30,6 +30,15 @@ def test_the_events_are_the_lines_of_the_command(program, recipe, tmp_path):
     assert list(events) == []
 
 
+def test_package_record_and_program_name_one_commit(program, recipe, tmp_path):
+    list(palpate.run(recipe(1), out=tmp_path / "run"))
+    session = palpate.load(tmp_path / "run").manifest["sessions"][0]
+    assert session.get("commit") == palpate.__commit__
+    commit = f" ({palpate.__commit__})" if palpate.__commit__ else ""
+    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout
+    assert version.strip() == f"palpate {palpate.__version__}{commit}"
+
+
 def test_a_consumer_that_begins_late_gets_every_press(recipe, tmp_path):
     events = palpate.run(recipe(3000), out=tmp_path / "run", durability="fast")
     while json.loads((tmp_path / "run" / "manifest.json").read_text())["presses_done"] < 3000:

@@ -96,7 +96,7 @@ fn a_folder_that_may_not_be_written_is_told_and_left_alone() {
         assert_eq!(told.out, "", "nothing is acknowledged");
     };
     refused(&format!("resume {RUN} --json"));
-    assert_eq!(bench.bytes(RUN), before);
+    assert!(bench.bytes(RUN) == before, "the run folder is as it was");
     locked(RUN, 0o755);
     // a journal that may not be written, in a folder that may
     let journal = format!("{RUN}/journal.log");

@@ -1,7 +1,7 @@
 //! `palpate study ablation`: a small one runs and says the same twice; what the whole one found is what a smaller one finds; and the
 //! shipped scenes carry no more than it justifies.
 
-use palpate_study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, ablation};
+use palpate_study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, TermRow, ablation};
 use palpate_testing::printed::is_narrow;
 use palpate_testing::{Bench, campaign, shipped};
 use serde_json::Value;
@@ -141,11 +141,15 @@ fn what_is_needed_is_asked_of_a_term_that_can_touch_it() {
 #[test]
 fn what_the_whole_study_found_is_not_refuted_by_a_smaller_one() {
     if campaign::is_quick() {
-        return refutes_nothing(&SMALLEST);
+        // its intervals are those of 95 %, and its places are too few for the paper's errors
+        let (refuted, rows) = (refuted_by(&SMALLEST), SMALLEST.rows.len());
+        assert!(20 * refuted.len() <= rows, "{} of {rows} are refuted: {refuted:#?}", refuted.len());
+        return;
     }
     let size = AblationSize { seeds: 6, side: 25, tests: 200, presses: 5 };
     let found = ablation(size, 101, &|_, _| {}).expect("the shipped scene is sound");
-    refutes_nothing(&found);
+    let refuted = refuted_by(&found);
+    assert!(refuted.is_empty(), "{refuted:#?}");
     // and a listed one is no lucky guess: most are found again
     let listed = NEEDED.iter().map(|(_, questions)| questions.len()).sum::<usize>();
     let again = found.rows.iter().filter(|row| row.needed == Needed::Yes).count();
@@ -153,13 +157,17 @@ fn what_the_whole_study_found_is_not_refuted_by_a_smaller_one() {
     assert!(4 * again >= 3 * listed, "{again} of {listed}");
 }
 
-fn refutes_nothing(found: &AblationFindings) {
-    for row in &found.rows {
+/// The rows of a study that contradict the list of what is needed.
+fn refuted_by(found: &AblationFindings) -> Vec<String> {
+    let is_refuted = |row: &&TermRow| {
         let surely_counts = row.effect.difference.abs() - row.effect.within > row.counts_from;
         let is_listed = NEEDED.iter().any(|(term, questions)| *term == row.term && questions.contains(&row.question));
-        let is_refuted = if is_listed { row.needed == Needed::No } else { surely_counts };
-        assert!(!is_refuted, "{} for {:?}: {:?}, counts from {}", row.term, row.question, row.effect, row.counts_from);
-    }
+        if is_listed { row.needed == Needed::No } else { surely_counts }
+    };
+    let line = |row: &TermRow| {
+        format!("{} for {:?}: {:?}, counts from {}", row.term, row.question, row.effect, row.counts_from)
+    };
+    found.rows.iter().filter(is_refuted).map(line).collect()
 }
 
 /// What a shipped scene may carry without a term of the study that needs it, and why.

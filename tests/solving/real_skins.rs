@@ -1,8 +1,8 @@
 //! Real presses by others: a magnetic skin of 15 outputs (eFlesh, arXiv 2506.09994), and a fluid pad of four outputs of unlike kinds
 //! (Tactile Perception through Fluid-Solid Interaction). Nothing is tuned on what is tested here.
 //!
-//! The data are no part of the project: `PALPATE_DATA` names the folder that has them, which otherwise is `../shared/data` beside the
-//! checkout. The tests that need them are ignored unless they are asked for, and fail without them. The expected errors were computed apart by another program.
+//! The data are no part of the project: `PALPATE_DATA` names the folder that has them. The tests that need them are ignored unless
+//! they are asked for, and fail without them. The expected errors were computed apart by another program.
 
 use palpate_core::quantity::Place;
 use palpate_data::dataset::evaluate::Trial;
@@ -131,13 +131,9 @@ fn every_second(table: &Presses) -> impl Fn(Place) -> bool + use<> {
 
 /// The folder with a skin's tables.
 fn data(skin: &str) -> PathBuf {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("PALPATE_DATA").map_or_else(beside, PathBuf::from).join(skin);
-    assert!(
-        folder.is_dir(),
-        "no tables in {}: PALPATE_DATA names the folder that has the published tables",
-        folder.display()
-    );
+    let data = std::env::var_os("PALPATE_DATA").expect("PALPATE_DATA names the folder that has the published tables");
+    let folder = Path::new(&data).join(skin);
+    assert!(folder.is_dir(), "PALPATE_DATA names a folder without {}", folder.display());
     folder
 }
 

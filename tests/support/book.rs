@@ -91,7 +91,7 @@ fn try_page(page: &str) -> Tried {
         if block.kind() == "console" {
             for command in block.commands() {
                 // a checkout's first command, before anything is installed
-                let command = command.replace("cargo run --release -- ", "palpate ");
+                let command = command.replace("cargo run -- ", "palpate ");
                 tried.failed.extend(run(&bench, &at, &command, block.option("exit").unwrap_or("0")));
                 tried.commands += 1;
             }

@@ -93,6 +93,7 @@ pub struct Told {
 }
 
 impl Bench {
+    #[allow(clippy::new_without_default)] // it makes a folder
     pub fn new() -> Bench {
         Bench { folder: tempfile::tempdir().expect("a temporary folder") }
     }

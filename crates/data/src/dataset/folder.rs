@@ -120,6 +120,8 @@ impl RunFolder {
             kept =
                 vec![Text { name, text: texts.rig().to_owned() }, Text { name: RIG.to_owned(), text: rig.to_owned() }];
         }
+        // before the journal grows: a folder that can't be written is left as it is
+        self.write_views()?;
         self.journal.keep_for(session.durability);
         self.record(&Record::Session(session))?;
         kept.into_iter().try_for_each(|text| self.record(&Record::Text(text)))?;
@@ -130,7 +132,6 @@ impl RunFolder {
             }
             _ => replace(&self.path, RIG, rig)?,
         }
-        self.write_views()?;
         self.write_manifest()?;
         self.presses = Some(open_presses(&self.path)?);
         Ok(())

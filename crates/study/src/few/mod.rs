@@ -92,7 +92,7 @@ mod tests {
     fn nine_presses_with_a_prior_are_nearly_a_full_calibration() {
         let design = Design::papers(NoiseReference::T);
         let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
-        let count = campaign::size(2, 10);
+        let count = campaign::size(4, 10);
         let sensors = NEW_SEEDS..NEW_SEEDS + count as u64;
         let mut sums = [0.0; 4];
         for seed in sensors.clone() {
