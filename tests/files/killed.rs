@@ -14,7 +14,7 @@ const KILLS: (usize, usize) = (5, 20);
 /// Rows of the files of presses that are visible now.
 ///
 /// A file may be replaced while it is looked for, and is then looked for again.
-pub fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
+pub(crate) fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
     let mut found = Vec::new();
     let mut folders = vec![lake.join("presses")];
     while let Some(folder) = folders.pop() {

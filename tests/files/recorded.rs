@@ -8,10 +8,10 @@ use palpate_data::dataset::{
 use palpate_data::recipe::Phase;
 use std::path::Path;
 
-pub const OUTPUTS: usize = 9;
+pub(crate) const OUTPUTS: usize = 9;
 
 /// A press with as many digits as a measured one.
-pub fn press(number: u64) -> Press {
+pub(crate) fn press(number: u64) -> Press {
     let wave = |n: u64| ((number * 7919 + n * 104_729) % 1_000_003) as f64 / 1e6 + 0.123_456_7;
     Press {
         press: number,
@@ -33,7 +33,7 @@ pub fn press(number: u64) -> Press {
 }
 
 /// Makes a run folder of so many presses that nobody ended.
-pub fn recorded(run: &Path, presses: u64) {
+pub(crate) fn recorded(run: &Path, presses: u64) {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let facts = RunFacts { recipe: "many".to_owned(), presses_planned: presses, ..RunFacts::default() };
     let session = Provenance { durability: Durability::Fast, ..Provenance::default() };

@@ -1,7 +1,7 @@
 //! The roles of a rig as traits: a stage that moves, and a load cell and an array that are read.
 //!
 //! A driver plays a role over a link. The common part of all drivers of a role in a press (moving while watching the force,
-//! checking the read-back) is written once over these traits, in [`mod@palpate_run::run`]. A driver adds only the few hooks that this
+//! checking the read-back) is written once over these traits, in `palpate_run::run`. A driver adds only the few hooks that this
 //! part needs.
 
 mod error;

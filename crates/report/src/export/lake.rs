@@ -48,7 +48,7 @@ pub struct Lake {
 }
 
 /// A run whose presses are written, but not visible yet.
-pub(crate) struct Staged {
+pub struct Staged {
     run: Recorded,
     bench: Bench,
     id: String,

@@ -32,7 +32,7 @@ const NAME_BYTES: usize = 64;
 ///
 /// # Errors
 /// A variable has 4 GB or more, which the format can't have. Or an error of the operating system.
-pub fn write(frames: &[Frame], manifest: &str, mut out: impl Write) -> io::Result<()> {
+pub(crate) fn write(frames: &[Frame], manifest: &str, mut out: impl Write) -> io::Result<()> {
     let told = concat!("MATLAB 5.0 MAT-file, written by palpate ", env!("CARGO_PKG_VERSION"));
     let mut header = format!("{told:<124}").into_bytes();
     header.extend([0x00, 0x01, b'I', b'M']);

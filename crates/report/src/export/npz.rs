@@ -16,7 +16,7 @@ const ALIGNED: usize = 64;
 ///
 /// # Errors
 /// An error of the operating system.
-pub fn write<W: Write + Seek>(frames: &[Frame], manifest: &Manifest, out: W) -> io::Result<W> {
+pub(crate) fn write<W: Write + Seek>(frames: &[Frame], manifest: &Manifest, out: W) -> io::Result<W> {
     let mut zip = ZipWriter::new(out);
     for frame in frames {
         let outputs = frame.outputs();

@@ -15,7 +15,7 @@ pub fn of_run(mut frame: Frame, id: &str) -> Frame {
 }
 
 /// Returns a row about a run with this number of rows in the table of presses.
-pub fn run(run: &Recorded, bench: &Bench, id: &str, rows: u64) -> Frame {
+pub(crate) fn run(run: &Recorded, bench: &Bench, id: &str, rows: u64) -> Frame {
     let manifest = &run.manifest;
     let (facts, labels) = (&manifest.facts, &manifest.facts.labels);
     let (first, last) = (manifest.sessions.first(), manifest.sessions.last());
@@ -59,7 +59,7 @@ pub fn run(run: &Recorded, bench: &Bench, id: &str, rows: u64) -> Frame {
 }
 
 /// Returns a row for each limit of a rule.
-pub fn verdict(judgement: &Judgement) -> Frame {
+pub(crate) fn verdict(judgement: &Judgement) -> Frame {
     let checks = &judgement.checks;
     let all = |text: &str| Values::Text(vec![Some(Cow::Owned(text.to_owned())); checks.len()]);
     let numbers = |of: &dyn Fn(usize) -> Option<f64>| {
@@ -107,7 +107,7 @@ pub fn verdict(judgement: &Judgement) -> Frame {
 }
 
 /// Returns the errors of a method, a row for each test press that it solved.
-pub fn errors(evaluation: &Evaluation) -> Frame {
+pub(crate) fn errors(evaluation: &Evaluation) -> Frame {
     let presses = &evaluation.presses;
     let numbers = |of: fn(&palpate_solver::PressError) -> f64| Values::F64(presses.iter().map(of).collect());
     let method = Values::Text(vec![Some(Cow::Owned(evaluation.solver.clone())); presses.len()]);

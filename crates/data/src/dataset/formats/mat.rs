@@ -16,7 +16,7 @@ const COMPRESSED: u32 = 15;
 const DEPTH_MOST: usize = 4;
 
 /// Reads the variables. The fields of a struct are named after it: `presses.x_mm`.
-pub fn read(mut input: File) -> Result<Vec<Variable>, String> {
+pub(crate) fn read(mut input: File) -> Result<Vec<Variable>, String> {
     let mut bytes = Vec::new();
     input.read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.starts_with(b"MATLAB 7.3") || bytes.starts_with(b"\x89HDF") {

@@ -66,7 +66,7 @@ pub(super) fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
 /// # Errors
 /// The file can't be read, or isn't of its kind.
 #[cfg(feature = "files")]
-pub fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String, String), TableError> {
+pub(crate) fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String, String), TableError> {
     let file = path.display().to_string();
     let unreadable = |source| TableError::Unreadable { file: file.clone(), source };
     let malformed = |problem| TableError::Malformed { file: file.clone(), problem };

@@ -7,7 +7,7 @@ use std::io::{BufReader, Read};
 use zip::ZipArchive;
 
 /// Reads the arrays of one or two dimensions.
-pub fn read(input: File) -> Result<Vec<Variable>, String> {
+pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
     let failed = |error: &dyn std::fmt::Display| format!("not an .npz file that can be read ({error})");
     let mut archive = ZipArchive::new(BufReader::new(input)).map_err(|error| failed(&error))?;
     let (mut variables, mut left) = (Vec::new(), MAX_TABLE_BYTES);

@@ -12,7 +12,7 @@ use parquet::arrow::arrow_reader::{ArrowReaderOptions, ParquetRecordBatchReaderB
 use std::fs::File;
 
 /// Reads the columns. A column of another type than numbers, truth values and texts has the name of its type in every cell.
-pub fn read(input: File) -> Result<Vec<Variable>, String> {
+pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
     let failed = |error: &dyn std::fmt::Display| {
         let told = error.to_string();
         match told.contains("Disabled feature") {

@@ -14,7 +14,7 @@ pub(crate) struct Variable {
 }
 
 /// Values of an array.
-pub enum Cells {
+pub(crate) enum Cells {
     /// Numbers.
     Numbers(Vec<f64>),
     /// Integers.
@@ -30,7 +30,7 @@ const OUTPUTS: &str = "outputs";
 
 /// Returns arrays as CSV. The array with the name `x_mm` states the number of rows; without it, the longest does. Arrays with
 /// another number of rows, such as a sampling rate, are left out. An array of several columns is numbered: `a_1`, `a_2`.
-pub fn text(mut variables: Vec<Variable>, x_mm: &str) -> Result<String, String> {
+pub(crate) fn text(mut variables: Vec<Variable>, x_mm: &str) -> Result<String, String> {
     let is_exported = variables.iter().any(|variable| variable.name.starts_with(PRESSES));
     if is_exported {
         variables.retain(|variable| variable.name.starts_with(PRESSES));
@@ -84,7 +84,7 @@ fn named(variable: &Variable) -> Vec<(String, &Variable, usize)> {
 
 impl Cells {
     /// Number of values.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match self {
             Cells::Numbers(numbers) => numbers.len(),
             Cells::Counts(counts) => counts.len(),
@@ -94,7 +94,7 @@ impl Cells {
 }
 
 /// Returns a text as a cell of CSV, in one line.
-pub fn cell(text: &str) -> String {
+pub(crate) fn cell(text: &str) -> String {
     let text = text.replace(['\n', '\r'], " ");
     match text.contains([',', '"']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
@@ -103,7 +103,7 @@ pub fn cell(text: &str) -> String {
 }
 
 /// Brings an array in C's order, row by row, into columns.
-pub fn transposed<T: Clone>(values: &[T], rows: usize) -> Vec<T> {
+pub(crate) fn transposed<T: Clone>(values: &[T], rows: usize) -> Vec<T> {
     let across = values.len() / rows.max(1);
     (0..across)
         .flat_map(|column| (0..rows).map(move |row| row * across + column))

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::BufReader;
 
 /// Returns the name and the text of a sheet: of that name, or the first.
-pub fn text(input: File, sheet: Option<&str>) -> Result<(String, String), String> {
+pub(crate) fn text(input: File, sheet: Option<&str>) -> Result<(String, String), String> {
     let not_one = |error: &dyn std::fmt::Display| format!("not a workbook that can be read ({error})");
     check_size(&input)
         .map_err(|error| error.map_or_else(|| "unpacked it is too large".to_owned(), |why| not_one(&why)))?;
