@@ -37,7 +37,9 @@ static ONCE: LazyLock<Validation> =
 fn the_page_is_what_the_program_writes_but_for_its_numbers() {
     let (found, page) = (ONCE.markdown(), shipped_text("docs/validation.md"));
     let words = |text: &str| {
-        let is_prose = |line: &&str| !line.contains(|c: char| c.is_ascii_digit());
+        // one line counts the runs in words
+        let is_count = |line: &str| line.starts_with("Best is what cross-validation");
+        let is_prose = |line: &&str| !line.contains(|c: char| c.is_ascii_digit()) && !is_count(line);
         text.lines().filter(is_prose).map(str::to_owned).collect::<Vec<_>>()
     };
     assert_eq!(words(&found), words(&page));
