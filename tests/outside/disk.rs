@@ -60,8 +60,13 @@ const EVERY: (usize, usize) = (11, 1);
 /// Calls after which a session that goes on doesn't end by itself: it has some hundred.
 const CALLS_MOST: usize = 2000;
 
-/// The call that puts a record on the disk.
+/// The calls that write a record, and put it on the disk.
+const WRITE: &str = "write journal.log";
 const FLUSH: &str = "fdatasync journal.log";
+
+/// A batch of one sensor.
+const BATCH: &str =
+    "name = \"day\"\ndesign = \"skin\"\nrig = \"rig.toml\"\nrecipes = [\"r.toml\"]\nserials = [\"A-01\"]\n";
 
 /// Calls whose failure changes nothing, with their file, and why: such a run may end well, if all of it is there.
 const HARMLESS: [(&str, &str); 0] = [];
@@ -80,6 +85,37 @@ fn every_call_of_a_run_may_fail() {
 #[ignore = "needs a C compiler: cc"]
 fn every_call_of_a_resume_may_fail() {
     assert_every_call_may_fail("every call of a resume", &half_done());
+}
+
+/// What isn't flushed outlives the program, and no power cut.
+#[test]
+#[ignore = "needs a C compiler: cc"]
+fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
+    let (shelf, presses) = (Bench::new(), PLAN[PLAN.len() - 1].0 as usize + 1);
+    let library = library(&shelf);
+    let run = calls(&library, &Start { words: format!("run r.toml --rig rig.toml --out {RUN}"), ..Start::default() });
+    assert_flushed("a run", &run, presses);
+    // the draft of the run's folder, the folder in which it appears, and the one in which that was made
+    for folder in [".short.", "new", "disk"] {
+        let is_flush = |call: &String| call.starts_with(&format!("fsync {folder}"));
+        assert!(run.iter().any(is_flush), "{folder} isn't flushed: {run:?}");
+    }
+    assert_flushed("a resume", &calls(&library, &half_done()), presses - 1);
+    let bench = Bench::with([("b.toml", BATCH), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
+    bench.palpate_ends(DONE, "batch run b.toml --out day");
+    let journal = fs::read(bench.path("day/journal.log")).expect("a journal");
+    let (words, files) = (format!("batch note {RUN} A-01 scratched"), vec![("journal.log".to_owned(), journal)]);
+    assert_flushed("a note in a batch", &calls(&library, &Start { words, files, ..Start::default() }), 1);
+}
+
+/// Each of a session's records is flushed, and there are at least so many.
+fn assert_flushed(session: &str, calls: &[String], least: usize) {
+    let journal: Vec<&str> = calls.iter().map(String::as_str).filter(|call| [WRITE, FLUSH].contains(call)).collect();
+    let writes = journal.iter().filter(|call| **call == WRITE).count();
+    assert!(writes >= least, "{session}: {writes} records in {calls:?}");
+    let next = |at: usize| journal.get(at + 1).copied();
+    let is_flushed = |(at, call): (usize, &&str)| *call == FLUSH || next(at) == Some(FLUSH);
+    assert!(journal.iter().enumerate().all(is_flushed), "{session}: a record isn't flushed: {journal:?}");
 }
 
 #[test]
@@ -193,7 +229,7 @@ fn assert_every_call_may_fail(test: &str, start: &Start) {
     let library = library(&shelf);
     let (every, ways) = (campaign::every(EVERY.0, EVERY.1), campaign::size(FAILURES.len(), FAILURES.len()));
     let files = names(&whole(), RUN);
-    let (mut failed, mut flushed, mut violations) = (0, 0, Vec::new());
+    let (mut failed, mut violations) = (0, Vec::new());
     for (mode, errno) in FAILURES.iter().chain(&MORE_FAILURES).take(ways) {
         let first = failed;
         for call in (1..).step_by(every) {
@@ -201,22 +237,31 @@ fn assert_every_call_may_fail(test: &str, start: &Start) {
             let Some((name, told, bench)) = fail(&library, start, mode, *errno, call) else { break };
             let judged = judge(&bench, start, &told, &name).and_then(|()| tidy(&bench, &files, mode));
             failed += 1;
-            flushed += usize::from(*mode == "once" && name == FLUSH);
             let told = |problem: String| format!("{mode} {errno}, call {call} ({name}): {problem}");
             violations.extend(judged.err().map(told));
         }
         assert!(failed > first, "{test}: no call failed, {mode}: is the library loaded?");
     }
     println!("{test}: {failed} failures");
-    // more than once for each press that is made: a press that isn't flushed outlives the program, and no power cut
-    let (presses, done) = (PLAN[PLAN.len() - 1].0 as usize + 1, rows::presses(&start.rows));
-    assert!(flushed > presses - done, "{test}: the journal was flushed {flushed} times");
     assert!(violations.is_empty(), "{test}: {} of {failed}:\n{}", violations.len(), violations.join("\n"));
 }
 
 /// One session in which a call fails: which call it was on which file, what was said, and what it left; none if the session
 /// has no such call.
 fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> Option<(String, Told, Bench)> {
+    let (calls, told, bench) = session(library, start, mode, errno, call);
+    Some((calls.into_iter().next()?, told, bench))
+}
+
+/// The calls of a session in which none fails.
+fn calls(library: &Path, start: &Start) -> Vec<String> {
+    let (calls, told, _) = session(library, start, "look", 0, 0);
+    assert_eq!(told.code, Some(DONE), "{}", told.err);
+    calls
+}
+
+/// One session with the library: the calls that it noted, each with its file, what was said, and what it left.
+fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> (Vec<String>, Told, Bench) {
     let bench = bench(start);
     let log = bench.path("failed.log");
     let mut command = bench.command(&start.words);
@@ -224,11 +269,14 @@ fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> O
     command.env("FAILING_CALL", call.to_string()).env("FAILING_ERRNO", errno.to_string());
     command.env("FAILING_MODE", mode).env("FAILING_LOG", &log);
     let told = command.output().expect("the program starts").into();
-    let log = fs::read_to_string(log).ok()?;
-    let (name, path) = log.lines().next().and_then(|line| line.rsplit_once(' ')).expect("a call and its path");
-    // the folders above are the test's own
-    let file = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
-    Some((format!("{name} {file}"), told, bench))
+    let noted = |line: &str| {
+        let (name, path) = line.rsplit_once(' ').expect("a call and its path");
+        // the folders above are the test's own
+        format!("{name} {}", Path::new(path).file_name().unwrap_or_default().to_string_lossy())
+    };
+    // there is none where no call was noted
+    let calls = fs::read_to_string(log).unwrap_or_default().lines().map(noted).collect();
+    (calls, told, bench)
 }
 
 /// Whether a session in which a call failed told of it as it must, and can be gone on with.

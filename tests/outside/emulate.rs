@@ -49,9 +49,14 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
         rig = exchanged(&rig, from, &to);
     }
     bench.write("rig.toml", &rig);
+    let z_mm = || {
+        let z = ask(&stage, b"3TP?\r", |answer| answer.ends_with(b"\n"));
+        String::from_utf8_lossy(&z).trim().parse::<f64>().expect("a position")
+    };
+    let stands_mm = z_mm();
     let told = bench.palpate_ends(2, "run press.toml --rig rig.toml --out unconfirmed");
     assert!(told.running().contains("nothing was moved. Run `palpate doctor` at a terminal once"), "{}", told.err);
-    assert_eq!(bench.manifest("unconfirmed")["presses_done"], 0);
+    assert_eq!((z_mm(), &bench.manifest("unconfirmed")["presses_done"]), (stands_mm, &0.into()), "nothing moves");
     let told = Live::start(bench.command("run press.toml --rig rig.toml --out run --json --confirmed down"));
     let told = told.end_within(PRESSED);
     assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
@@ -75,8 +80,7 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     let told = live.end();
     assert_eq!(told.code, Some(130), "{}\n{}", told.out, told.err);
     assert_eq!(bench.manifest("stopped")["status"], "stopped");
-    let z = ask(&stage, b"3TP?\r", |answer| answer.ends_with(b"\n"));
-    let z_mm: f64 = String::from_utf8_lossy(&z).trim().parse().expect("a position");
+    let z_mm = z_mm();
     assert!(z_mm > 9.3, "parked above the highest the surface may be, not at {z_mm} mm");
 
     emulators.signal("TERM");

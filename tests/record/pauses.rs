@@ -2,14 +2,18 @@
 //! stage is parked.
 
 use palpate_core::quantity::Axis;
-use palpate_data::dataset::{DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
+use palpate_data::dataset::{Contact, DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
 use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
-use palpate_sim::scene::{Fault, FaultKind};
+use palpate_sim::emulator::Shared;
+use palpate_sim::scene::{Fault, FaultKind, Scene};
 use palpate_testing::walks::{bench, in_virtual_time, plan};
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
+
+/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+const PARKED_MM: f64 = 0.003;
 
 const REST_S: f64 = 60.0;
 const RECIPE: &str = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\n[[step]]\nphase = \"characterisation\"\n\
@@ -44,7 +48,7 @@ impl Listener for Restless {
         }
     }
 
-    fn recorded(&mut self, _: &palpate_data::dataset::Contact) {
+    fn recorded(&mut self, _: &Contact) {
         self.made += 1;
         if self.made == self.stop_after {
             self.cancel.ask();
@@ -64,6 +68,12 @@ fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut R
         let errand = Walk { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, listener).await
     })
+}
+
+/// Where z stands in the specimen frame, mm.
+fn z_mm(spec: &RigSpec, scene: &Shared<Scene>, began: Instant) -> f64 {
+    let (z_mm, _) = scene.lock().expect("nobody holds it").axis(Axis::Z, began.elapsed().as_secs_f64());
+    spec.frame.z_from_stage(z_mm)
 }
 
 /// From the last window of each press to the first of the next, s.
@@ -112,6 +122,44 @@ fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
     let first = memory.records().iter().position(|record| record.contact().is_some()).expect("a contact");
     let zeros = memory.records()[..first].iter().filter(|record| matches!(record, Record::Zero { .. })).count();
     assert_eq!(zeros, 2, "before the first press, and after the pause");
+}
+
+/// A person who asks for a pause when a press is made, and looks where z stands meanwhile.
+struct Looking<'a> {
+    cancel: &'a Cancel,
+    z_mm: &'a dyn Fn() -> f64,
+    stood_mm: Vec<f64>,
+}
+
+impl Listener for Looking<'_> {
+    fn recorded(&mut self, _: &Contact) {
+        self.cancel.pause();
+    }
+
+    fn paused(&mut self) -> bool {
+        self.stood_mm.push((self.z_mm)());
+        self.cancel.go_on();
+        true
+    }
+}
+
+#[test]
+fn a_run_that_pauses_is_parked_meanwhile() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, RECIPE, 1);
+    let stood_mm = in_virtual_time(async {
+        let rig = spec.emulators(plan.seed).expect("emulators");
+        let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
+        let z_mm = || z_mm(&spec, &scene, began);
+        let (mut memory, rig) = (Memory::default(), spec.open_on(rig).expect("drivers"));
+        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let mut person = Looking { cancel: &cancel, z_mm: &z_mm, stood_mm: Vec::new() };
+        let ending = walk_on(rig, errand, &mut person).await;
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        person.stood_mm
+    });
+    let parked_mm = spec.clear_mm() + PARKED_MM;
+    assert!(stood_mm.len() == 2 && stood_mm.iter().all(|&z_mm| z_mm <= parked_mm), "{stood_mm:?}, not {parked_mm} mm");
 }
 
 #[test]
@@ -164,10 +212,9 @@ fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
         let rig = spec.open_on(rig).expect("drivers");
         let errand = Walk { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut person).await;
-        let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
-        (ending, spec.frame.z_from_stage(z_mm))
+        (ending, z_mm(&spec, &scene, began))
     });
     assert!(matches!(ending.halt, Some(Halt::Record(_))) && ending.unparked.is_none(), "{:?}", ending.told());
     assert_eq!(person.made, 0, "nothing is acknowledged");
-    assert!(z_mm <= spec.clear_mm() + 0.003, "parked, and not at {z_mm} mm");
+    assert!(z_mm <= spec.clear_mm() + PARKED_MM, "parked, and not at {z_mm} mm");
 }

@@ -5,7 +5,7 @@ use palpate_data::dataset::{Journal, Memory, Record, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig;
 use palpate_run::run::{Cancel, Listener, Walk, walk};
-use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
+use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts, sealed};
 use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 
 #[test]
@@ -167,6 +167,17 @@ fn a_run_does_not_go_on_with_another_device() {
     assert_eq!(bench.manifest("run")["status"], "failed");
     change_the_world(&bench, "run", &rig);
     bench.palpate_ends(0, "resume run");
+    // a stage that the run didn't begin with
+    let bench = half_done();
+    let journal = bench.read("run/journal.log");
+    let (nth, devices) =
+        journal.lines().enumerate().find(|(_, line)| line.contains(" {\"devices\":")).expect("devices");
+    let json = devices.splitn(3, ' ').nth(2).expect("a record");
+    let others = sealed(nth as u64, &exchanged(json, "\"ESP301", "\"another ESP301"));
+    bench.write("run/journal.log", &exchanged(&journal, devices, &others));
+    let told = bench.palpate_ends(3, "resume run");
+    let expected = "stage: while identifying it, to continue the run: it was \"another ESP301";
+    assert!(told.running().contains(expected), "{}", told.err);
 }
 
 /// A run that a power cut ended after a staircase and three points of its grid.

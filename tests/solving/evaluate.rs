@@ -1,7 +1,7 @@
 //! `palpate evaluate` on two plain tables and on a run, as another program would use it.
 
 use palpate_solver::SOLVERS;
-use palpate_testing::{Bench, SMALL, Told, exchanged};
+use palpate_testing::{Bench, SMALL, Told, exchanged, shipped_text};
 use serde_json::{Value, json};
 
 /// Three places, three units; the unit straight below a place reads most.
@@ -281,4 +281,23 @@ fn without_force(table: &str) -> String {
 fn assert_near(value: &Value, expected: f64) {
     let value = value.as_f64().expect("a number");
     assert!((value - expected).abs() < 1e-9, "{value} instead of {expected}");
+}
+
+#[test]
+fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them() {
+    let rig = shipped_text("rigs/sim.toml");
+    let is_felt =
+        |line: &&str| !["elastomer =", "taxel_noise =", "hysteresis ="].iter().any(|key| line.starts_with(key));
+    let unmoved: String = rig.lines().filter(is_felt).map(|line| format!("{line}\n")).collect();
+    for (rig, flag) in [(exchanged(&rig, "range_v = 10.0", "range_v = 0.1"), "saturated"), (unmoved, "stale")] {
+        let bench = Bench::with([("r.toml", SMALL), ("rig.toml", rig.as_str())]);
+        bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+        let (forces, flags) =
+            (bench.column("run/presses.csv", "force_set_n"), bench.column("run/presses.csv", "flags"));
+        let in_contact: Vec<&String> =
+            flags.iter().zip(&forces).filter(|(_, n)| *n != "0").map(|(flags, _)| flags).collect();
+        assert!(in_contact.len() == 9 && in_contact.iter().all(|flags| *flags == flag), "{flag}: {flags:?}");
+        let told = bench.palpate_ends(2, "evaluate run --solver pearson");
+        assert!(told.running().contains("no valid calibration press (4 are flagged and excluded)"), "{}", told.err);
+    }
 }

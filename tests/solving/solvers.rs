@@ -107,6 +107,9 @@ struct Sums {
     /// Within one and two stated sd: x and y pooled, and force.
     location_inside: [f64; 2],
     force_inside: [f64; 2],
+    /// Within the stated half-widths of 68 and 95 %.
+    location_within: [f64; 2],
+    force_within: [f64; 2],
     flagged: f64,
 }
 
@@ -116,6 +119,15 @@ impl Sums {
         self.location_mm += solution.place.distance_mm(contact.place);
         self.force_n += (solution.force_n - contact.force_n).abs();
         self.flagged += f64::from(u8::from(solution.verdict != Verdict::Ok));
+        if let Some(half) = &solution.half_widths {
+            let (off_mm, off_n) =
+                (solution.place.distance_mm(contact.place), (solution.force_n - contact.force_n).abs());
+            let add = |sums: &mut [f64; 2], off: f64, halves: [f64; 2]| {
+                sums.iter_mut().zip(halves).for_each(|(sum, half)| *sum += f64::from(u8::from(off <= half)));
+            };
+            add(&mut self.location_within, off_mm, [half.half68_mm, half.half95_mm]);
+            add(&mut self.force_within, off_n, [half.half68_n, half.half95_n]);
+        }
         let Some(sd) = &solution.covariance else { return };
         let (dx, dy) = (solution.place.x_mm - contact.place.x_mm, solution.place.y_mm - contact.place.y_mm);
         for (k, (location, force)) in
@@ -148,6 +160,9 @@ fn solve(spec: &SkinSpec, name: &str, side: usize, contacts: usize, seeds: u64) 
     }
     let [one, two] = sums.location_inside.map(|inside| sums.mean(inside));
     let [force_one, force_two] = sums.force_inside.map(|inside| sums.mean(inside));
+    let [within_68, within_95] = sums.location_within.map(|within| sums.mean(within));
+    let [force_68, force_95] = sums.force_within.map(|within| sums.mean(within));
+    println!("within the half-widths: location {within_68:.3} {within_95:.3}, force {force_68:.3} {force_95:.3}");
     println!(
         "{name}, {side} x {side}: {:.4} mm, {:.4} N; inside 1 and 2 sd: location {one:.3} {two:.3}, force {force_one:.3} {force_two:.3}; flagged {:.4}",
         sums.mean(sums.location_mm),
@@ -161,6 +176,11 @@ fn assert_true_errors(sums: &Sums) {
     for inside in [sums.location_inside, sums.force_inside] {
         let [one, two] = inside.map(|inside| sums.mean(inside));
         assert!((0.65..=0.72).contains(&one) && (0.93..=0.97).contains(&two), "{one} {two}");
+    }
+    for within in [sums.location_within, sums.force_within] {
+        let [of_68, of_95] = within.map(|within| sums.mean(within));
+        // learned from the presses of one calibration
+        assert!((0.62..=0.74).contains(&of_68) && (0.92..=0.98).contains(&of_95), "{of_68} {of_95}");
     }
 }
 

@@ -286,6 +286,23 @@ mod tests {
         assert!(permit().withdraw(0.0, f64::NAN, 1.0).is_err());
     }
 
+    #[test]
+    fn x_and_y_move_only_in_the_clear_and_without_a_force() {
+        let (permit, first_mm) = (permit(), -0.3);
+        let (clear_mm, touch_n) = (permit.clear_mm(first_mm), permit.detect_n());
+        assert!(permit.sideways(clear_mm, first_mm, 0.9 * touch_n).is_ok());
+        for (z_mm, force_n, rule) in [
+            (clear_mm + 0.001, 0.0, Rule::NotPermitted),
+            (f64::NAN, 0.0, Rule::NotPermitted),
+            (clear_mm, touch_n, Rule::StillTouching),
+            (clear_mm, -touch_n, Rule::StillTouching),
+            (clear_mm, f64::NAN, Rule::StillTouching),
+        ] {
+            let refused = permit.sideways(z_mm, first_mm, force_n).unwrap_err();
+            assert_eq!(refused.rule, rule, "{force_n} N at {z_mm} mm");
+        }
+    }
+
     proptest! {
         /// The promise itself: with every granted motion, a specimen no stiffer than declared bears at most the limit at its end.
         #[test]

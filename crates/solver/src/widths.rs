@@ -118,6 +118,8 @@ fn ranked(scores: &[f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Located;
+    use palpate_core::quantity::Place;
 
     #[test]
     fn ranks_are_those_of_a_further_score() {
@@ -128,5 +130,37 @@ mod tests {
         let mut with_nan = scores(99);
         with_nan.push(f64::NAN);
         assert_eq!(quantiles(with_nan), Some([68.0, 95.0]));
+    }
+
+    #[test]
+    fn half_widths_are_the_errors_that_a_further_press_doesnt_exceed() {
+        // 0.01 to 0.99 mm, and 0.001 to 0.099 N
+        let trial = |i: u32| {
+            let (off_mm, off_n) = (0.01 * f64::from(i), 0.001 * f64::from(i));
+            let answer = Located { place: Place::new(off_mm, 0.0), force_n: 1.0 - off_n, ..Located::PLAIN };
+            let (place, force_n) = (Place::default(), 1.0);
+            HeldPress { place, force_n, is_inside: true, loudness: 1.0, answer: Ok(answer) }
+        };
+        let trials: Vec<HeldPress> = (1..=99).map(trial).collect();
+        let widths = Widths::of(&trials, |_| Some((0.5, 2.0))).unwrap();
+        let halves = |scale_mm: f64, scale_n: f64| {
+            let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = widths.at(scale_mm, scale_n);
+            [half68_mm, half95_mm, half68_n, half95_n].map(|half| (half * 1e6).round() / 1e6)
+        };
+        assert_eq!(halves(0.5, 2.0), [0.68, 0.95, 0.068, 0.095]);
+        assert_eq!(halves(1.0, 6.0), [1.36, 1.9, 0.204, 0.285], "they grow with the scales");
+    }
+
+    #[test]
+    fn a_misfit_and_errors_beyond_the_noise_widen_and_nothing_narrows() {
+        let half = HalfWidths { half68_mm: 0.1, half95_mm: 0.2, half68_n: 0.3, half95_n: 0.4 };
+        assert_eq!((half.widened(4.0), half.widened(0.25)), (half.times(2.0, 2.0), half));
+        let sds = |location: f64, force: f64| {
+            let widths = Widths { location: [location * NORMAL_68, 9.0], force: [force, 9.0] };
+            let sd = widths.applied(Covariance([[0.01, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.09]]));
+            [sd.x_mm(), sd.y_mm(), sd.force_n()].map(|sd| (sd * 1e6).round() / 1e6)
+        };
+        assert_eq!(sds(2.0, 3.0), [0.2, 0.4, 0.9]);
+        assert_eq!([sds(1.0, 1.0), sds(0.5, 0.5)], [[0.1, 0.2, 0.3]; 2]);
     }
 }

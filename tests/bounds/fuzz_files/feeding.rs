@@ -16,7 +16,7 @@ use std::time::Instant as Wall;
 const EVER_HELD_MOST: usize = 192 << 20;
 
 /// Of so many inputs of the full tier the quick one tries one.
-const QUICK_PART: usize = 50;
+const QUICK_PART: usize = 10;
 
 /// After how many inputs it is told how far it has come.
 const PROGRESS: usize = 100_000;

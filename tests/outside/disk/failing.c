@@ -4,9 +4,9 @@
  *   FAILING_BELOW  the folder, absolute and without links in it
  *   FAILING_CALL   which call, from 1
  *   FAILING_MODE   once: that call; from: that and all after it; short: counted are writes alone, that one writes half of
- *                  its bytes and the call after it fails; torn: the same, and the two calls after it fail
+ *                  its bytes and the call after it fails; torn: the same, and the two calls after it fail; look: none fails
  *   FAILING_ERRNO  what it fails with, as a number
- *   FAILING_LOG    a file elsewhere that gets a line `call path` for each call that failed
+ *   FAILING_LOG    a file elsewhere that gets a line `call path` for each call that failed; look: for each call
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -76,6 +76,7 @@ static void tell(const char *call, const char *path) {
 static enum verdict judge(const char *call, const char *path) {
     if (!is_below(path)) return PASS;
     const char *mode = getenv("FAILING_MODE"), *nth = getenv("FAILING_CALL"), *error = getenv("FAILING_ERRNO");
+    if (mode && !strcmp(mode, "look")) tell(call, path);
     if (!mode || !nth || !error) return PASS;
     int left = atomic_load(&due), fails = left > 0, torn = !strcmp(mode, "torn");
     if (fails) atomic_store(&due, left - 1);

@@ -132,7 +132,7 @@ impl Header<'_> {
     fn series(&self) -> Option<(&str, &str)> {
         let is_next = |before: &str, name: &str| {
             let ((word, number), (other, next)) = (numbered(before)?, numbered(name)?);
-            (word == other && next == number + 1).then_some(())
+            (word == other && number.checked_add(1) == Some(next)).then_some(())
         };
         let names: Vec<&str> = self.names.iter().collect();
         let runs = names.chunk_by(|before, name| is_next(before, name).is_some());

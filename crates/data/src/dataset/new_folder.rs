@@ -89,3 +89,32 @@ fn sync_folder(path: &Path) -> Result<(), DatasetError> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_a_hidden_draft_until_all_of_it_is_there() {
+        let home = tempfile::tempdir().unwrap();
+        let names = || {
+            let entries = fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().file_name());
+            entries.map(|name| name.to_string_lossy().into_owned()).collect::<Vec<String>>()
+        };
+        let fill = |draft: &Path| {
+            fs::write(draft.join("a"), "all of it").unwrap();
+            let there = names();
+            assert!(there.len() == 1 && there[0].starts_with('.') && there[0].ends_with(".new"), "{there:?}");
+            Ok(())
+        };
+        let out = home.path().join("run");
+        assert_eq!(make_folder(Some(&out), "name", fill).unwrap(), out);
+        assert_eq!(
+            (names(), fs::read_to_string(out.join("a")).unwrap()),
+            (vec!["run".to_owned()], "all of it".to_owned())
+        );
+        let unfilled = |draft: &Path| Err(DatasetError::Missing { path: draft.to_owned() });
+        make_folder(Some(&home.path().join("other")), "name", unfilled).unwrap_err();
+        assert_eq!(names(), ["run"], "nothing is left of one that can't be filled");
+    }
+}
