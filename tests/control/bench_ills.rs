@@ -9,7 +9,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{LoadCell, Servo, Wave};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, bench, in_parallel, plan, walked};
+use palpate_testing::walks::{BENCHES, Walked, bench, benches, in_parallel, plan, walked};
 
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
@@ -96,7 +96,7 @@ fn figures_of(name: &str, told: &str, walks: &[Walked]) -> Figures {
 
 #[test]
 fn a_zero_that_drifts_or_wanders_and_hum_are_counted_off() {
-    for (name, _) in BENCHES {
+    for (name, _) in benches() {
         let nominal = figures(name, "nominal", |_| {});
         assert!(nominal.recorded_p95_n <= RECORDED_N, "{name}: {} N", nominal.recorded_p95_n);
         for (told, ill) in ILLS {
@@ -121,7 +121,7 @@ fn all_ills_at_once_are_borne() {
 #[test]
 fn a_run_goes_on_through_a_drift_of_300_mn() {
     let recipe = RECIPE.replacen(COARSER.0, COARSER.1, 1);
-    for (name, _) in BENCHES {
+    for (name, _) in benches() {
         for drift_n in [0.3, -0.3] {
             let mut spec = bench(name);
             let nominal = [walked(&spec, &plan(&spec, &recipe, 1))];
@@ -156,7 +156,7 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
         ("+50 mN/min", |spec| cell(spec).drift_n_s = 0.050 / 60.0),
         ("5 mN in 25 s", |spec| cell(spec).wander = Some(Wave { amplitude: 0.005, period_s: 25.0 })),
     ];
-    for (name, _) in BENCHES {
+    for (name, _) in benches() {
         for (told, ill) in ills {
             let mut spec = bench(name);
             spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;

@@ -7,7 +7,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, bench, end_of, in_parallel, in_virtual_time, plan, walked};
+use palpate_testing::walks::{bench, benches, end_of, in_parallel, in_virtual_time, plan, walked};
 
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
@@ -50,7 +50,7 @@ fn checked(spec: &RigSpec, u_share: f64, seed: u64, adjusted: bool) -> WeightChe
 
 #[test]
 fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_known() {
-    for (name, _) in BENCHES {
+    for (name, _) in benches() {
         for (u_share, most_n) in [WELL_KNOWN, BADLY_KNOWN] {
             let seeds: Vec<u64> = (1..=seeds()).collect();
             let told = in_parallel(&seeds, |&seed| {
@@ -92,7 +92,7 @@ fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
 fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what_does() {
     // a cell that reads half presses twice as hard as the recipe asks, which no rule can know without the weight
     println!("| bench | gain | check weight | least stiffness | noticed by | presses | true peak force |");
-    for (name, _) in BENCHES {
+    for (name, _) in benches() {
         let limit_n = bench(name).limits.force_n;
         for gain in [0.5, 0.8, 1.25, -1.0] {
             for least_n_mm in [None, Some(STIFFNESS_LEAST_N_MM)] {

@@ -5,6 +5,7 @@ use palpate_core::quantity::{Axis, Down, Place, Range};
 use palpate_data::dataset::Status;
 use palpate_run::run::Halt;
 use palpate_sim::scene::{ContactLaw, LoadCell, RelaxationBranch};
+use palpate_testing::campaign;
 use palpate_testing::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
 
 // ---- force and depth -----------------------------------------------------------------------------------------------
@@ -164,6 +165,6 @@ fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
         bench.must_complete(&told);
         bench.folder.rebuild().unwrap();
         assert_eq!(bench.rows_on_disk(), rows, "{told}");
-        stopped_at += 83;
+        stopped_at += campaign::every(331, 83) as u32;
     }
 }

@@ -55,7 +55,7 @@ fn align_gives_the_tilt_back() {
     let tilts = [(0.0, 0.0), (0.2, 0.0), (1.2, 0.0), (0.0, 0.5), (0.0, 2.0), (0.0, 4.5), (0.2, 4.0)];
     for bumpy in [false, true] {
         for (tilt_mm, degrees) in tilts {
-            let seeds: Vec<u64> = (1..=8).collect();
+            let seeds: Vec<u64> = (1..=campaign::size(2, 8) as u64).collect();
             let errors = in_parallel(&seeds, |&seed| {
                 let stated = tilt(degrees, 75.0 * seed as f64);
                 let aligned = found(&tilted_rig(bumpy, tilt_mm, stated), seed).expect("an alignment");

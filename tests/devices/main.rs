@@ -3,6 +3,7 @@
 mod bad_line;
 mod check_weight;
 mod driver_safety;
+mod emulate;
 #[cfg(unix)]
 mod endings;
 mod lines;

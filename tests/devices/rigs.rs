@@ -35,7 +35,10 @@ struct Outcome {
 
 fn outcome(bench: &Bench, rig: &str) -> Outcome {
     let (recipe, file) = (shipped("recipes/paper.toml"), shipped(&format!("rigs/{rig}.toml")));
-    bench.palpate_ends(0, &format!("run {} --rig {} --simulate --out {rig}", recipe.display(), file.display()));
+    bench.palpate_ends(
+        0,
+        &format!("run {} --rig {} --simulate --durability fast --out {rig}", recipe.display(), file.display()),
+    );
     let presses = Recorded::read(&bench.path(rig)).expect("a run").presses();
     let evaluation = Trial::of_run(&presses, Some(&ArrayLayout::grid(3, 3, 4.5)))
         .unwrap()

@@ -8,7 +8,6 @@ mod certificate;
 mod characteristics;
 mod daqmx;
 mod disk;
-mod emulate;
 mod outliers;
 mod programs;
 mod schemas;

@@ -38,19 +38,26 @@ const FINISHED_FIRST: &str = "finishing this press";
 
 #[test]
 fn one_interrupt_without_a_terminal_finishes_the_press_and_stops() {
-    for name in ["INT", "TSTP"] {
-        let bench = Bench::with([("r.toml", LONG)]);
-        let live = Live::start(bench.command(RUN));
-        live.until_told(": from press 1 of 11");
-        live.signal(name);
-        let told = live.end();
-        assert_eq!(told.code, CANCELLED, "{name}: {}", told.err);
-        assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
-        assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
-        assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
-        assert_stopped_with(&bench, 1);
-        assert_finished_by_resume(&bench, &told.out);
-    }
+    assert_finishes_the_press_and_stops("INT");
+}
+
+#[test]
+fn a_stop_by_job_control_finishes_the_press_and_stops_too() {
+    assert_finishes_the_press_and_stops("TSTP");
+}
+
+fn assert_finishes_the_press_and_stops(name: &str) {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let live = Live::start(bench.command(RUN));
+    live.until_told(": from press 1 of 11");
+    live.signal(name);
+    let told = live.end();
+    assert_eq!(told.code, CANCELLED, "{}", told.err);
+    assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
+    assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
+    assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
+    assert_stopped_with(&bench, 1);
+    assert_finished_by_resume(&bench, &told.out);
 }
 
 #[test]
@@ -195,26 +202,31 @@ fn a_pause_may_be_made_again_and_again() {
 }
 
 #[test]
-fn a_pause_is_ended_by_a_second_interrupt_or_by_a_terminal_that_is_gone() {
-    for is_closed in [false, true] {
-        let bench = Bench::with([("r.toml", LONG)]);
-        let (mut terminal, child) = attended(&bench);
-        terminal.until("characterisation");
-        signal(&child, "INT");
-        terminal.until("paused after 1 of 11 presses");
-        if is_closed {
-            terminal.close();
-        } else {
-            signal(&child, "INT");
-            let seen = terminal.until_end();
-            assert!(seen.contains("stopping") && !seen.contains("could not be parked"), "{seen}");
-        }
-        assert_eq!(wait(child), CANCELLED, "closed: {is_closed}");
-        assert_stopped_with(&bench, 1);
-        let acknowledged = bench.read("rows");
-        assert_eq!(rows(&acknowledged).len() as u64, LEVELS);
-        assert_finished_by_resume(&bench, &acknowledged);
-    }
+fn a_pause_is_ended_by_a_second_interrupt() {
+    assert_a_pause_is_ended(|terminal, child| {
+        signal(child, "INT");
+        let seen = terminal.until_end();
+        assert!(seen.contains("stopping") && !seen.contains("could not be parked"), "{seen}");
+    });
+}
+
+#[test]
+fn a_pause_is_ended_by_a_terminal_that_is_gone() {
+    assert_a_pause_is_ended(|terminal, _| terminal.close());
+}
+
+fn assert_a_pause_is_ended(end: impl FnOnce(Terminal, &Child)) {
+    let bench = Bench::with([("r.toml", LONG)]);
+    let (mut terminal, child) = attended(&bench);
+    terminal.until("characterisation");
+    signal(&child, "INT");
+    terminal.until("paused after 1 of 11 presses");
+    end(terminal, &child);
+    assert_eq!(wait(child), CANCELLED);
+    assert_stopped_with(&bench, 1);
+    let acknowledged = bench.read("rows");
+    assert_eq!(rows(&acknowledged).len() as u64, LEVELS);
+    assert_finished_by_resume(&bench, &acknowledged);
 }
 
 /// A run in its first press whose readers are gone: neither what it says nor its rows can be written any more.

@@ -229,7 +229,8 @@ fn each_method_is_as_near_as_the_book_states() {
         let (row, errors) = (format!("| `{name}` |"), format!("| {in_t_mm:.3} | {in_q_mm:.3} |"));
         let is_stated = page.lines().any(|line| line.starts_with(&row) && line.ends_with(&errors));
         assert!(is_stated, "docs/explanation/solvers.md has no row {row} ... {errors}");
-        for (spec, expected_mm) in [(scene_t(), in_t_mm), (scene_q(), in_q_mm)] {
+        let scenes = [(scene_t(), in_t_mm), (scene_q(), in_q_mm)];
+        for (spec, expected_mm) in scenes.into_iter().step_by(campaign::every(2, 1)) {
             let sums = solve(&spec, name, 25, contacts, seeds);
             let found_mm = sums.mean(sums.location_mm);
             if (found_mm / expected_mm - 1.0).abs() > within {
@@ -242,17 +243,19 @@ fn each_method_is_as_near_as_the_book_states() {
 
 #[test]
 fn what_is_under_the_cover_need_not_be_known() {
-    let sums = solve(&with_all_terms(scene_t()), BEST, 25, 12_000, 3);
+    let (contacts, seeds) = (campaign::size(3_000, 12_000), campaign::size(1, 3) as u64);
+    let sums = solve(&with_all_terms(scene_t()), BEST, 25, contacts, seeds);
     assert!(sums.mean(sums.location_mm) <= 0.23);
-    let sums = solve(&with_all_terms(scene_q()), BEST, 25, 12_000, 3);
+    let sums = solve(&with_all_terms(scene_q()), BEST, 25, contacts, seeds);
     assert!(sums.mean(sums.location_mm) <= 0.045);
 }
 
 #[test]
 fn forty_nine_presses_are_enough() {
-    let sums = solve(&scene_t(), "surrogate", 7, 10_000, 10);
+    let (contacts, seeds) = (campaign::size(3_000, 10_000), campaign::size(5, 10) as u64);
+    let sums = solve(&scene_t(), "surrogate", 7, contacts, seeds);
     assert!(sums.mean(sums.location_mm) <= 0.30);
-    let sums = solve(&scene_t(), "physics", 7, 10_000, 10);
+    let sums = solve(&scene_t(), "physics", 7, contacts, seeds);
     assert!(sums.mean(sums.location_mm) <= 0.21);
 }
 
@@ -263,10 +266,10 @@ fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
     let solver = bench.fit(BEST, &calibration);
     let mut workspace = Workspace::default();
     let mut is_flagged = |outputs: &[f64]| solver.solve(outputs, &mut workspace).unwrap().verdict != Verdict::Ok;
-    let singles = 8000;
+    let (singles, two) = (8000, campaign::size(700, 2000));
     let false_alarms = (0..singles).filter(|_| is_flagged(&bench.random().outputs)).count() as f64 / f64::from(singles);
     let (mut pairs, mut found) = (0, 0);
-    while pairs < 2000 {
+    while pairs < two {
         let (first, angle) = (bench.random().place, bench.rng.random_range(0.0..std::f64::consts::TAU));
         let second = Place::new(first.x_mm + apart_mm * angle.cos(), first.y_mm + apart_mm * angle.sin());
         if second.x_mm.abs().max(second.y_mm.abs()) > 6.0 {
@@ -280,7 +283,7 @@ fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
         pairs += 1;
         found += usize::from(is_flagged(&outputs));
     }
-    let found = found as f64 / f64::from(pairs);
+    let found = found as f64 / pairs as f64;
     println!("two of 0.5 N, {apart_mm} mm apart: {found:.3} flagged; single ones: {false_alarms:.4}");
     (false_alarms, found)
 }
@@ -322,7 +325,7 @@ fn a_dead_centre_is_found_and_left_out() {
     }
     assert_eq!(session.broken(), [], "nothing is broken yet");
     let (mut single, mut after, mut readings_until) = (Sums::default(), Sums::default(), None);
-    for reading in 0..5000 {
+    for reading in 0..campaign::size(1000, 5000) {
         let mut contact = bench.random();
         contact.outputs[4] = 0.0;
         single.add(&contact, &alone.solve(&contact.outputs, &mut workspace).unwrap());
@@ -351,7 +354,7 @@ fn a_dead_centre_is_found_and_left_out() {
 
 #[test]
 fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not() {
-    let seeds = campaign::size(1, 10) as u64;
+    let (seeds, contacts) = (campaign::size(1, 10) as u64, campaign::size(1000, 4000));
     // contacts until the report; the layer has worn, or the gains of three of nine units have aged
     let until = |spec: &SkinSpec, seed: u64, depth_mm: f64, aged: f64, contacts: usize| {
         let mut bench = Bench::new(spec, seed);
@@ -369,11 +372,11 @@ fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not
         })
     };
     for (name, spec) in [("T", scene_t()), ("Q", scene_q())] {
-        let false_alarms = (1..=seeds).filter(|seed| until(&spec, *seed, 5.0, 1.0, 4000).is_some()).count();
+        let false_alarms = (1..=seeds).filter(|seed| until(&spec, *seed, 5.0, 1.0, contacts).is_some()).count();
         let [worn, aged] = [(4.5, 1.0), (5.0, 0.9)].map(|(depth_mm, aged)| {
             (1..=seeds).map(|seed| until(&spec, seed, depth_mm, aged, 2000)).collect::<Vec<_>>()
         });
-        println!("{name}: false alarms in {seeds} x 4000 contacts: {false_alarms}; worn {worn:?}; aged {aged:?}");
+        println!("{name}: false alarms in {seeds} x {contacts} contacts: {false_alarms}; worn {worn:?}; aged {aged:?}");
         assert_eq!(false_alarms, 0);
         assert!(worn.iter().all(|until| until.is_some_and(|until| until <= 100)), "{worn:?}");
         // 10 % of a gain are within the noise of T
@@ -392,7 +395,7 @@ fn an_offset_that_all_units_share_can_be_eliminated() {
         let setting = Setting { common_offset: true, ..Setting::of_layout(Some(&layout)) };
         let solver = fit("surrogate", &calibration, &setting).unwrap();
         let (mut sums, mut workspace) = (Sums::default(), Workspace::default());
-        for _ in 0..4000 {
+        for _ in 0..campaign::size(1000, 4000) {
             let contact = bench.random();
             sums.add(&contact, &solver.solve(&contact.outputs, &mut workspace).unwrap());
         }
@@ -434,12 +437,12 @@ fn very_few_presses_are_for_a_map_that_knows_the_cover() {
     assert_best_is_near("4 x 4 places", &scene_q(), 0.0, 4);
 }
 
-/// In 18 of 20 seeds best, calibrated on a square with so many places a side, is within 10 % of the better of the two maps.
+/// In nine of ten seeds best, calibrated on a square with so many places a side, is within 10 % of the better of the two maps.
 fn assert_best_is_near(skin: &str, spec: &SkinSpec, crosstalk: f64, side: usize) {
-    const SEEDS: u64 = 20;
+    let seeds = campaign::size(6, 20) as u64;
     const CONTACTS: usize = 200;
     let mut near_best = 0;
-    for seed in 0..SEEDS {
+    for seed in 0..seeds {
         let mut bench = Bench { crosstalk, ..Bench::new(spec, seed) };
         let calibration = bench.calibration(side);
         let contacts: Vec<Contact> = (0..CONTACTS).map(|_| bench.random()).collect();
@@ -454,5 +457,5 @@ fn assert_best_is_near(skin: &str, spec: &SkinSpec, crosstalk: f64, side: usize)
         println!("{skin}, seed {seed}: surrogate {map_mm:.4}, physics {physics_mm:.4}, {best} {best_mm:.4} mm");
         near_best += u64::from(best_mm <= 1.1 * map_mm.min(physics_mm));
     }
-    assert!(near_best >= 18, "{near_best} of {SEEDS} on {skin}");
+    assert!(10 * near_best >= 9 * seeds, "{near_best} of {seeds} on {skin}");
 }

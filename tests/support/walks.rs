@@ -2,6 +2,7 @@
 //! stage's far end: only a message to the stage changes a motion, so what happens between two of them follows from a copy of
 //! the scene, whatever the run asks of the scene itself.
 
+use super::campaign;
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::Memory;
 use palpate_data::recipe::{self, Plan};
@@ -22,6 +23,11 @@ pub const BENCHES: [(&str, &str); 2] = [
     ("bench-fast", include_str!("../../rigs/bench-fast.toml")),
     ("bench-esp301", include_str!("../../rigs/bench-esp301.toml")),
 ];
+
+/// The benches that a campaign visits: the quick tier the first.
+pub fn benches() -> impl Iterator<Item = (&'static str, &'static str)> {
+    BENCHES.into_iter().step_by(campaign::every(BENCHES.len(), 1))
+}
 
 /// No run here is as long, s: one that is doesn't end by itself.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
