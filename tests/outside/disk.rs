@@ -2,7 +2,7 @@
 //! its exit code, and when the disk is sound again the run is finished with all that was acknowledged.
 //!
 //! The calls are caught by a library in C (`tests/outside/disk/failing.c`) that is loaded before the system's, so these tests need a C
-//! compiler (`cc`). `PALPATE_TESTS=full` lets every call fail in three ways, `PALPATE_TESTS=3` in nine.
+//! compiler (`cc`). `PALPATE_TESTS=full` lets every call fail in four ways, `PALPATE_TESTS=3` in ten.
 #![cfg(target_os = "linux")]
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts};

@@ -266,10 +266,10 @@ fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
     let solver = bench.fit(BEST, &calibration);
     let mut workspace = Workspace::default();
     let mut is_flagged = |outputs: &[f64]| solver.solve(outputs, &mut workspace).unwrap().verdict != Verdict::Ok;
-    let (singles, two) = (8000, campaign::size(700, 2000));
+    let (singles, pairs_most) = (8000, campaign::size(700, 2000));
     let false_alarms = (0..singles).filter(|_| is_flagged(&bench.random().outputs)).count() as f64 / f64::from(singles);
     let (mut pairs, mut found) = (0, 0);
-    while pairs < two {
+    while pairs < pairs_most {
         let (first, angle) = (bench.random().place, bench.rng.random_range(0.0..std::f64::consts::TAU));
         let second = Place::new(first.x_mm + apart_mm * angle.cos(), first.y_mm + apart_mm * angle.sin());
         if second.x_mm.abs().max(second.y_mm.abs()) > 6.0 {
