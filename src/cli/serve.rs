@@ -10,6 +10,7 @@ use palpate_data::dataset::Mapping;
 use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{Lines, Readings};
 use palpate_solver::{Fits, Session};
+use socket2::{Domain, Socket, Type};
 use std::io::{self, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::path::PathBuf;
@@ -79,7 +80,7 @@ struct Service {
 pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     let fits = Arc::new(Fits::new(told_sensor_file(&args.model, args.quiet)?));
     let cant = || format!("can't listen at {}", args.listen);
-    let listener = TcpListener::bind(args.listen).into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;
+    let listener = listen(args.listen).into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;
     let address = listener.local_addr().into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;
     if !address.ip().is_loopback() {
         tell("warning: this address may be reached from other computers; there is no password\n")?;
@@ -93,6 +94,17 @@ pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
             Err(_) => thread::sleep(REST),
         }
     }
+}
+
+/// Listens with a queue for as many connections as are served. With the standard library's queue of 128 the system resets
+/// connections that arrive while the processor is busy.
+fn listen(address: SocketAddr) -> io::Result<TcpListener> {
+    let socket = Socket::new(Domain::for_address(address), Type::STREAM, None)?;
+    #[cfg(unix)]
+    socket.set_reuse_address(true)?;
+    socket.bind(&address.into())?;
+    socket.listen(CONNECTIONS_MAX as i32)?;
+    Ok(socket.into())
 }
 
 impl Service {

@@ -122,6 +122,29 @@ fn a_browser_gets_no_answer() {
     assert_eq!(server.answers(later.as_bytes()).lines().count(), 1);
 }
 
+/// A system accepts only as many connections for a busy server as the server asked for. It drops or resets further ones.
+#[cfg(target_os = "linux")]
+#[test]
+fn connections_that_arrive_while_the_server_is_busy_are_answered() {
+    use rustix::process::{Pid, Signal, kill_process};
+    const CONNECTIONS: usize = 500;
+    const CONNECTED_WITHIN: Duration = Duration::from_secs(5);
+    let bench = fitted_file();
+    let server = Server::start(&bench, "--model s.palpate --json");
+    kill_process(Pid::from_child(&server.child), Signal::STOP).expect("the server stops");
+    let address = server.address.parse().unwrap();
+    let connect = |_| TcpStream::connect_timeout(&address, CONNECTED_WITHIN).expect("a connection");
+    let streams: Vec<TcpStream> = (0..CONNECTIONS).map(connect).collect();
+    kill_process(Pid::from_child(&server.child), Signal::CONT).expect("the server goes on");
+    for mut stream in streams {
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.write_all(b"[1,1,1,2]\n").unwrap();
+        let mut line = String::new();
+        BufReader::new(&stream).read_line(&mut line).unwrap();
+        assert!(line.contains("\"verdict\""), "{line}");
+    }
+}
+
 #[test]
 fn five_hundred_connections_slow_ones_and_garbage_are_answered_right_in_bounded_memory() {
     const CONNECTIONS: usize = 500;
