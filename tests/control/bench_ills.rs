@@ -9,10 +9,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{LoadCell, Servo, Wave};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, bench, benches, in_parallel, plan, walked};
-
-const RECIPE: &str = include_str!("../../recipes/bench.toml");
-const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
+use palpate_testing::walks::{BENCHES, Walked, bench, bench_recipe, benches, in_parallel, plan, walked};
 
 /// How much worse than the nominal bench (a) may be at 95 %, and the most of (b), N.
 const WORSE_N: f64 = 0.0006;
@@ -58,7 +55,7 @@ struct Figures {
 
 fn figures(name: &'static str, told: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
     let seeds = campaign::size(1, 1) as u64;
-    let recipe = if seeds > 1 { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) };
+    let recipe = bench_recipe(seeds);
     let mut spec = bench(name);
     ill(&mut spec);
     let seeds: Vec<u64> = (1..=seeds).collect();
@@ -120,7 +117,7 @@ fn all_ills_at_once_are_borne() {
 /// A drift of 0.3 N in all: the zero is taken in full on the way, no run ends by it, and the forces stay right.
 #[test]
 fn a_run_goes_on_through_a_drift_of_300_mn() {
-    let recipe = RECIPE.replacen(COARSER.0, COARSER.1, 1);
+    let recipe = bench_recipe(1);
     for (name, _) in benches() {
         for drift_n in [0.3, -0.3] {
             let mut spec = bench(name);

@@ -7,10 +7,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
 use palpate_testing::campaign;
-use palpate_testing::walks::{bench, benches, end_of, in_parallel, in_virtual_time, plan, walked};
-
-const RECIPE: &str = include_str!("../../recipes/bench.toml");
-const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 1.2");
+use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, in_virtual_time, plan, walked};
 
 const WEIGHT_N: f64 = 0.5;
 
@@ -26,7 +23,7 @@ fn seeds() -> u64 {
 }
 
 fn recipe() -> String {
-    if seeds() > 1 { RECIPE.to_owned() } else { RECIPE.replacen(COARSER.0, COARSER.1, 1) }
+    bench_recipe(seeds())
 }
 
 fn with_gain(name: &str, gain: f64) -> RigSpec {

@@ -7,3 +7,4 @@ mod owner;
 mod pauses;
 mod provenance;
 mod rerun;
+mod signals;

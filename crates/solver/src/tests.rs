@@ -2,6 +2,7 @@
 
 use super::*;
 use palpate_core::mechanics::{Passage, Response};
+use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
 use proptest::prelude::*;
 
@@ -16,22 +17,21 @@ fn points<'a>(rows: &'a [(f64, f64, f64, Vec<f64>)]) -> Vec<CalibrationPoint<'a>
 
 /// Fits every method to a calibration and solves every reading: every answer is a number, or an error with its reason.
 fn assert_sane(rows: &[(f64, f64, f64, Vec<f64>)], readings: &[Vec<f64>]) {
-    for calibration in [Calibration::new(&points(rows)).unwrap(), Calibration::without_forces(&points(rows)).unwrap()] {
-        for load in [ForceKnown::Unknown, ForceKnown::Constant] {
-            for common_offset in [false, true] {
-                let setting = Setting { load, common_offset, ..Setting::default() };
-                for name in SOLVERS.into_iter().chain([BEST]) {
-                    let Ok(fitted) = fit(name, &calibration, &setting) else { continue };
-                    let mut workspace = Workspace::default();
-                    for reading in readings {
-                        if let Ok(solution) = fitted.solve(reading, &mut workspace) {
-                            assert_finite(&solution, name, reading);
-                        }
-                    }
+    let calibrations = [Calibration::new(&points(rows)).unwrap(), Calibration::without_forces(&points(rows)).unwrap()];
+    let of_load = |load| [false, true].map(|common_offset| Setting { load, common_offset, ..Setting::default() });
+    let settings = [ForceKnown::Unknown, ForceKnown::Constant].map(of_load).concat();
+    let fits: Vec<_> = calibrations.iter().flat_map(|all| settings.iter().map(move |setting| (all, setting))).collect();
+    in_parallel(&fits, |(calibration, setting)| {
+        for name in SOLVERS.into_iter().chain([BEST]) {
+            let Ok(fitted) = fit(name, calibration, setting) else { continue };
+            let mut workspace = Workspace::default();
+            for reading in readings {
+                if let Ok(solution) = fitted.solve(reading, &mut workspace) {
+                    assert_finite(&solution, name, reading);
                 }
             }
         }
-    }
+    });
 }
 
 fn assert_finite(solution: &Solution, name: &str, reading: &[f64]) {

@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn a_consumer_that_looks_only_at_the_end_gets_every_press() {
         let folder = tempfile::tempdir().unwrap();
-        let count = 3 * CONTACTS_MAX + 5;
+        let count = 2 * CONTACTS_MAX + 5;
         let mut events = started(&folder, &random(count));
         let thread = locked(&events.walker.thread).take();
         thread.unwrap().join().unwrap();

@@ -7,7 +7,6 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::process::{Child, Command};
-use std::sync::Mutex;
 use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
@@ -17,8 +16,11 @@ use tokio::signal::unix::{self as signals, SignalKind};
 /// Longest wait for a program to say or do the next thing: many times what any takes, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Held while a program is started, and while a terminal is one that it would inherit.
-static STARTING: Mutex<()> = Mutex::new(());
+/// Where the system can do so, a program that another test starts at this moment doesn't inherit the terminal either.
+#[cfg(target_os = "linux")]
+const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::CLOEXEC;
+#[cfg(not(target_os = "linux"))]
+const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::empty();
 
 /// The end where the person is. Programs are at the far one.
 pub(crate) struct Terminal {
@@ -31,9 +33,8 @@ pub(crate) struct Terminal {
 impl Terminal {
     /// A terminal that nobody is at.
     pub(crate) fn open() -> Terminal {
-        let _alone = STARTING.lock().expect("not poisoned");
-        // the near end isn't inherited by programs: a terminal is closed only when nobody has it
-        let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
+        // programs don't inherit the near end: a terminal is closed only when nobody has it
+        let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | CLOSED_IN_PROGRAMS).expect("a pseudo-terminal");
         fcntl_setfd(&near, FdFlags::CLOEXEC).expect("a flag");
         grantpt(&near).expect("it is ours");
         unlockpt(&near).expect("it is open");
@@ -106,7 +107,6 @@ pub(crate) fn heed_hangups() {
 
 /// Starts a program.
 pub(crate) fn spawned(command: &mut Command) -> Child {
-    let _alone = STARTING.lock().expect("not poisoned");
     command.spawn().expect("the program starts")
 }
 

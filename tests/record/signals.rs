@@ -23,10 +23,9 @@ const LEVELS: u64 = 5;
 /// How often one run is paused.
 const PAUSES: usize = 3;
 
-/// A staircase takes a second or two at this pace: a signal that is sent when it begins comes in the middle of it.
-const RUN: &str = "run r.toml --json --out run --pace 5";
-/// For a run whose presses needn't be long.
-const RUN_FAST: &str = "run r.toml --json --out run --pace 15";
+/// The first press takes two seconds at this pace, because its descent is slow: a signal that is sent when it begins comes in the
+/// middle of it.
+const RUN: &str = "run r.toml --json --out run --pace 15";
 
 /// How long a pause is watched: a run that went on would take a zero in a tenth of it.
 const A_WHILE: Duration = Duration::from_millis(700);
@@ -136,7 +135,7 @@ fn a_closed_terminal_stops_and_parks() {
 #[test]
 fn a_hangup_under_nohup_stops_nothing() {
     let bench = Bench::with([("r.toml", LONG)]);
-    let program = bench.command(RUN_FAST);
+    let program = bench.command(RUN);
     let mut command = Command::new("nohup");
     command.arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
     let live = Live::start(command);
@@ -172,7 +171,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
 fn a_pause_may_be_made_again_and_again() {
     let bench = Bench::with([("r.toml", LONG)]);
     let mut terminal = Terminal::open();
-    let mut command = bench.command(RUN_FAST);
+    let mut command = bench.command(RUN);
     command.stdin(terminal.far()).stderr(terminal.far());
     let mut child = spawned(command.stdout(Stdio::piped()));
     drop(command); // it is at the terminal too

@@ -1,7 +1,7 @@
 //! `[notify]`: what a receiver gets, and that a dead, slow or missing one changes nothing of a batch.
 
+use super::super::terminal::{Terminal, signal, spawned, wait};
 use super::{bench, events, piped};
-use crate::terminal::{Terminal, signal, spawned, wait};
 use palpate_data::dataset::Status;
 use palpate_run::batch::Event;
 use palpate_testing::Bench;

@@ -1,8 +1,8 @@
 //! A day: 30 sensors, typed by a person with a scanner. Two serial numbers are wrong, one is scanned twice, the program is killed in a
 //! run, and the array is unplugged in another. Nothing is lost, and nothing is judged twice.
 
+use super::super::terminal::{Terminal, signal, spawned, wait};
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
-use crate::terminal::{Terminal, signal, spawned, wait};
 use palpate_data::dataset::Status;
 use palpate_run::batch::Event;
 use palpate_testing::Bench;
