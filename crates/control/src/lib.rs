@@ -15,10 +15,12 @@ mod curve;
 mod hum;
 mod map;
 mod mean;
+mod neighbours;
 mod permit;
 mod plane;
 mod press;
 mod profile;
+mod response;
 mod speed;
 mod surface;
 mod task;
@@ -37,6 +39,7 @@ pub use press::{
     SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
+pub use response::{Felt, Response};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::Expected;
 pub use task::{Branch, Level, Strategy, Task};

@@ -137,13 +137,14 @@ impl Map {
                 self.surface.learn(*place, *z_mm);
                 self.curve.learn(path.iter().map(|(z, force_n)| (z - z_mm, *force_n)));
                 if let (Some(&(from_mm, from_n)), Some(&(to_mm, to_n))) = (path.first(), path.last()) {
-                    self.rises.learn(*place, Rise { from_n, to_n, way_mm: to_mm - from_mm });
+                    let rise = Rise { from_n, to_n, way_mm: to_mm - from_mm };
+                    self.rises.learn(*place, rise, self.curve.shape());
                 }
             }
             Lesson::Shot { place, z_mm, force_n, expected_n, faded } => {
                 let Some(shape) = self.curve.shape().filter(|_| *force_n > 0.0) else { return };
                 let (depth_mm, on_curve_mm) = (z_mm - self.expect(*place).z_mm, shape.depth_mm(*force_n));
-                self.rises.learn(*place, Rise { from_n: 0.0, to_n: *force_n, way_mm: depth_mm });
+                self.rises.learn(*place, Rise { from_n: 0.0, to_n: *force_n, way_mm: depth_mm }, Some(shape));
                 let miss_mm = (force_n - expected_n) / shape.stiffness_n_mm(on_curve_mm);
                 let misses = (miss_mm / assumed_sigma_mm(on_curve_mm)).powi(2).min(MISS_MOST.powi(2));
                 self.miss += (misses - self.miss) / (self.shots + MISS_PRIOR).min(MISS_MEMORY);
@@ -187,7 +188,7 @@ impl Map {
 
     /// Returns how deep the presses around a place went for their force; `None` if there are too few.
     pub fn taught(&self, place: Place) -> Option<Taught> {
-        self.rises.around(place, self.curve.shape())
+        self.rises.around(place, self.curve.shape(), BEYOND * self.curve.most_n())
     }
 
     /// Scatter of the touches beyond their usual scatter, mm.

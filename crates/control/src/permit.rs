@@ -77,6 +77,8 @@ pub struct Standing {
     pub age_s: f64,
     /// Earliest z at which contact is possible, mm.
     pub first_mm: f64,
+    /// Deepest z by what doesn't depend on the present force, mm; infinite if nothing bounds it.
+    pub most_mm: f64,
 }
 
 /// Rules under which a motion may be commanded. The end point of a motion must be safe even if the host, the link or the loop
@@ -133,10 +135,10 @@ impl Permit {
     ///
     /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
     /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface. Both count the steps
-    /// of the stage.
+    /// of the stage. A load cell may read an old force, so [`Standing::most_mm`] bounds the end point too.
     pub fn deepest_mm(&self, standing: &Standing) -> f64 {
-        let Standing { z_mm, force_n, sigma_n, first_mm, .. } = *standing;
-        if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) {
+        let Standing { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *standing;
+        if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) || most_mm.is_nan() {
             return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
         }
         // a force says that this is contact, wherever the surface was expected
@@ -144,7 +146,7 @@ impl Permit {
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
         let by_depth = first_mm + self.limits.depth_mm - DEPTH_MARGIN_MM;
-        by_force.min(by_depth) - self.steps.reserve_mm()
+        by_force.min(by_depth).min(most_mm) - self.steps.reserve_mm()
     }
 
     /// Returns the fastest approach, mm/s, that keeps the force at most `force_n` at an unexpected contact.
@@ -267,7 +269,8 @@ mod tests {
 
     #[test]
     fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
-        let standing = Standing { z_mm: -12.5, force_n: 0.0, sigma_n: 0.0, age_s: 0.0, first_mm: -0.3 };
+        let standing =
+            Standing { z_mm: -12.5, force_n: 0.0, sigma_n: 0.0, age_s: 0.0, first_mm: -0.3, most_mm: f64::INFINITY };
         assert!((permit().deepest_mm(&standing) - 0.7).abs() < 1e-12);
         assert!(permit().advance(&standing, 0.7, 1.0).is_ok());
         assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, Rule::NotPermitted);
@@ -275,11 +278,13 @@ mod tests {
 
     #[test]
     fn a_stale_force_or_a_nan_moves_nothing() {
-        let good = Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1 };
+        let good =
+            Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1, most_mm: f64::INFINITY };
         assert!(permit().advance(&good, 0.2, 1.0).is_ok());
         assert_eq!(permit().advance(&Standing { age_s: 0.3, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
         assert_eq!(permit().advance(&Standing { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
-        for bad in [Standing { force_n: f64::NAN, ..good }, Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good }] {
+        let nowhere = Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good };
+        for bad in [Standing { force_n: f64::NAN, ..good }, Standing { most_mm: f64::NAN, ..good }, nowhere] {
             assert!(permit().advance(&bad, 0.9, 1.0).is_err());
         }
         assert!(permit().advance(&good, f64::NAN, 1.0).is_err());
@@ -313,6 +318,7 @@ mod tests {
             let start = start.min(surface + 1.9 / k);
             let standing = Standing {
                 z_mm: start, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+                most_mm: f64::INFINITY,
             };
             if let Ok(granted) = permit().advance(&standing, wish, 5.0) {
                 prop_assert!(force_at(granted.z_mm()) <= LIMITS.force_n + 1e-9);
@@ -332,6 +338,7 @@ mod tests {
             let start = start.min(surface + 1.9 / k);
             let standing = Standing {
                 z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
+                most_mm: f64::INFINITY,
             };
             if let Ok(granted) = permit().on(steps).advance(&standing, wish, 5.0) {
                 let deepest_mm = granted.z_mm() + steps.in_position_mm(palpate_core::quantity::Axis::Z);

@@ -1,15 +1,28 @@
 //! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
+use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, weights};
 use palpate_core::quantity::Place;
 
 /// Least number of presses for a comparison.
 const PRESSES_LEAST: usize = 4;
-/// Number of presses that are remembered. The second constant is the number of nearest presses for the comparison.
+/// Number of presses that are remembered.
 const PRESSES_MAX: usize = 2048;
-const NEAREST: usize = 8;
 /// Least rise of the force for a press to be remembered, as a fraction of its final force.
 const ROSE_SHARE: f64 = 0.5;
+/// Change of the logarithm of the stiffness over a specimen. Elastomers of a few mm have free edges about as wide as they are thick.
+const STIFFNESS: Field = Field { length_mm: 3.0, spread: 0.25 };
+/// Error of a distance, mm, from the read-back and a contact that isn't flat.
+pub(super) const WAY_MM: f64 = 0.010;
+/// Fraction of the distance of the softest press around beyond which a press is too soft, whatever the scatter is.
+const SOFTEST_SHARE: f64 = 0.55;
+/// Standard deviation of a prediction, as a fraction, up to which it is used to bound the depth of a press.
+const SURE: f64 = 0.10;
+/// Excess of the predicted force over the limit at which a press ends, as a fraction and in sd of the prediction.
+const OVER: f64 = 0.06;
+const OVER_SIGMAS: f64 = 2.5;
+/// Room below the limit that a prediction leaves, in sd, until the load cell has shown that it follows.
+const UNDER_SIGMAS: f64 = 3.0;
 
 /// Rise of the force that a press showed.
 #[derive(Clone, Copy, Debug)]
@@ -25,22 +38,37 @@ pub(super) struct Rise {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rises {
     all: Vec<(Place, Rise)>,
+    misses: Misses,
 }
 
-/// Information from the presses around a place: the softest of them.
+/// Information from the presses around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taught {
     shape: CurveShape,
-    /// Ratio of the distance to that on the curve.
+    /// Largest force for which the curve is used, N.
+    most_n: f64,
+    /// Largest ratio of the distance to that on the curve among the presses around.
     softest: f64,
+    /// Ratio that is predicted for the place, and the standard deviation of its logarithm. `None` before enough presses.
+    predicted: Option<(f64, f64)>,
+}
+
+impl Rise {
+    /// Ratio of the distance to that on the curve.
+    fn softness(&self, shape: CurveShape) -> f64 {
+        self.way_mm / (shape.depth_mm(self.to_n) - shape.depth_mm(self.from_n))
+    }
 }
 
 impl Rises {
     /// Adds a rise. If there is no room left, the new rise replaces the nearest one.
-    pub(crate) fn learn(&mut self, place: Place, rise: Rise) {
+    pub(crate) fn learn(&mut self, place: Place, rise: Rise, shape: Option<CurveShape>) {
         let tells = rise.to_n - rise.from_n >= ROSE_SHARE * rise.to_n && rise.way_mm > 0.0;
         if !tells {
             return;
+        }
+        if let Some((shape, (softness, sigma))) = shape.and_then(|shape| Some((shape, self.predict(place, shape)?))) {
+            self.misses.learn((rise.softness(shape) / softness).ln(), sigma.hypot(WAY_MM / rise.way_mm));
         }
         if self.all.len() < PRESSES_MAX {
             self.all.push((place, rise));
@@ -51,33 +79,84 @@ impl Rises {
         nearest.into_iter().for_each(|near| *near = (place, rise));
     }
 
-    /// Returns the information from the presses around a place; `None` if there are too few.
-    pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>) -> Option<Taught> {
-        let shape = shape?;
-        let mut near: Vec<(f64, usize)> =
-            self.all.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
-        if near.len() < PRESSES_LEAST {
+    /// Returns the information from the presses around a place; `None` if there are too few. `most_n` is the largest force
+    /// for which the curve is used, N.
+    pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>, most_n: f64) -> Option<Taught> {
+        let shape = shape.filter(|_| self.all.len() >= PRESSES_LEAST)?;
+        let near = nearest(self.all.iter().map(|(at, _)| *at), place);
+        let softest = near.iter().map(|i| self.all[*i].1.softness(shape)).fold(0.0, f64::max);
+        let predicted = self.predict(place, shape);
+        (softest.is_finite() && softest > 0.0).then_some(Taught { shape, most_n, softest, predicted })
+    }
+
+    /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its
+    /// logarithm.
+    fn predict(&self, place: Place, shape: CurveShape) -> Option<(f64, f64)> {
+        if self.all.len() < LEARNED {
             return None;
         }
-        let count = near.len().min(NEAREST);
-        near.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let softness = |(_, i): &(f64, usize)| {
-            let Rise { from_n, to_n, way_mm } = self.all[*i].1;
-            way_mm / (shape.depth_mm(to_n) - shape.depth_mm(from_n))
-        };
-        let softest = near[..count].iter().map(softness).fold(0.0, f64::max);
-        (softest.is_finite() && softest > 0.0).then_some(Taught { shape, softest })
+        let near: Vec<(Place, Rise)> =
+            nearest(self.all.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.all[i]).collect();
+        let places: Vec<Place> = near.iter().map(|(at, _)| *at).collect();
+        let own: Vec<f64> = near.iter().map(|(_, rise)| WAY_MM / rise.way_mm).collect();
+        let weights = weights(&places, &own, place, STIFFNESS)?;
+        let parts = near.iter().zip(&weights.each).map(|((_, rise), weight)| weight * rise.softness(shape).ln());
+        let softness = parts.sum::<f64>().exp();
+        (softness.is_finite() && softness > 0.0).then_some((softness, weights.sigma * self.misses.scale()))
     }
 }
 
 impl Taught {
-    /// Longest distance that a rise of the force needed around that place, mm.
-    pub fn way_mm(&self, from_n: f64, to_n: f64) -> f64 {
-        self.softest * (self.shape.depth_mm(to_n) - self.shape.depth_mm(from_n))
+    /// Longest distance that a rise of the force may need at that place, mm.
+    pub fn longest_mm(&self, from_n: f64, to_n: f64) -> f64 {
+        let on_curve_mm = self.on_curve_mm(from_n, to_n);
+        let most = self.softest / SOFTEST_SHARE;
+        let most = self.predicted.map_or(most, |(softness, sigma)| (softness * most_off(sigma).exp()).min(most));
+        most * on_curve_mm + WAY_MM
+    }
+
+    /// Shortest distance that a rise of the force may need at that place, mm; 0 if too little is known.
+    pub fn shortest_mm(&self, from_n: f64, to_n: f64) -> f64 {
+        let least = self.predicted.map_or(0.0, |(softness, sigma)| softness * (-most_off(sigma)).exp());
+        (least * self.on_curve_mm(from_n, to_n) - WAY_MM).max(0.0)
+    }
+
+    /// Share of the allowed difference that a rise of the force over a distance uses up; `None` if too little is known.
+    pub fn share(&self, from_n: f64, to_n: f64, way_mm: f64) -> Option<f64> {
+        let (softness, sigma) = self.predicted?;
+        let expected_mm = softness * self.on_curve_mm(from_n, to_n);
+        Some((way_mm / expected_mm).ln().abs() / most_off(sigma.hypot(WAY_MM / expected_mm)))
     }
 
     /// Force, N, of the softest of them at a position deeper by `way_mm` than where the force is `from_n`.
     pub fn force_n(&self, from_n: f64, way_mm: f64) -> f64 {
         self.shape.force_n(self.shape.depth_mm(from_n) + way_mm / self.softest)
+    }
+
+    /// Depth, mm, that a press may not exceed if the force may not exceed `limit_n`; infinite if the prediction isn't sure.
+    pub fn deepest_mm(&self, limit_n: f64) -> f64 {
+        match self.predicted {
+            Some((softness, sigma)) if sigma <= SURE && limit_n <= self.most_n => {
+                let over = OVER.max(OVER_SIGMAS * sigma);
+                softness * self.shape.depth_mm((1.0 + over) * limit_n) + WAY_MM
+            }
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// Depth, mm, at which the force is within `limit_n` by what the presses around have shown, whatever the load cell reads; 0 if
+    /// they have shown too little.
+    pub fn safe_mm(&self, limit_n: f64) -> f64 {
+        match self.predicted {
+            Some((softness, sigma)) if sigma <= SURE => {
+                let to_n = limit_n.min(self.most_n);
+                softness * self.shape.depth_mm(to_n) * (-UNDER_SIGMAS * sigma).exp()
+            }
+            _ => 0.0,
+        }
+    }
+
+    fn on_curve_mm(&self, from_n: f64, to_n: f64) -> f64 {
+        self.shape.depth_mm(to_n) - self.shape.depth_mm(from_n)
     }
 }

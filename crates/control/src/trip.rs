@@ -50,6 +50,12 @@ pub enum Rule {
     SofterThanDeclared,
     /// The force rises much less than at the presses around.
     SofterThanTaught,
+    /// The force rises much more than at the presses around.
+    StifferThanTaught,
+    /// The force rises while the stage rests in contact.
+    RisesAtRest,
+    /// The outputs for each newton differ from those of the presses around.
+    OutputsDiffer,
     /// The stage hasn't reported the end of a motion for too long.
     StageSilent,
     /// There is no contact where the surface must be.
@@ -106,6 +112,9 @@ impl Rule {
             Rule::HardContact => "hard-contact",
             Rule::SofterThanDeclared => "softer-than-declared",
             Rule::SofterThanTaught => "softer-than-taught",
+            Rule::StifferThanTaught => "stiffer-than-taught",
+            Rule::RisesAtRest => "rises-at-rest",
+            Rule::OutputsDiffer => "outputs-differ",
             Rule::StageSilent => "stage-silent",
             Rule::NoContact => "no-contact",
             Rule::StillTouching => "still-touching",
@@ -152,6 +161,17 @@ impl Rule {
             }
             Rule::SofterThanTaught => {
                 "check whether the load cell reads less than before (`palpate doctor --check-weight-n`), or the specimen tore or slipped"
+            }
+            Rule::StifferThanTaught => {
+                "check whether the load cell reads more than before (`palpate doctor --check-weight-n`), or something hard lies on \
+                 the specimen"
+            }
+            Rule::RisesAtRest => {
+                "check whether the load cell is slower than `load_cell.lag_ms` states (its filter), or the specimen moves"
+            }
+            Rule::OutputsDiffer => {
+                "check the load cell with a known weight (`palpate doctor --check-weight-n`), and whether the array has moved or \
+                 changed"
             }
             Rule::StageSilent => "the motion ended without a command: check whether the stage's link is slow or broken",
             Rule::NoContact => {

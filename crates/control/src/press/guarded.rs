@@ -87,7 +87,7 @@ impl ForceLoop {
         if !in_contact {
             return self.approach();
         }
-        self.in_contact = true;
+        self.make_contact(force_n);
         self.steps = 0;
         self.anchor = (self.z_mm, force_n);
         self.answered = self.anchor;
@@ -187,13 +187,17 @@ impl ForceLoop {
 
     /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
     pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
+        if let Some(dwell_s) = self.must_show_answer_s(wanted_mm) {
+            return self.go(State::Lingering, Command::Dwell(dwell_s));
+        }
         let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
             let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
             if force_set_n - self.force_n <= self.task.force_tolerance_n {
                 return self.reached();
             }
-            return Err(Trip::new(Rule::OutOfReach, self.force_n, force_set_n, "N"));
+            let rule = if self.is_bounded_by_neighbours() { Rule::SofterThanTaught } else { Rule::OutOfReach };
+            return Err(Trip::new(rule, self.force_n, force_set_n, "N"));
         }
         self.advance(state, wanted_mm.min(deepest_mm), self.context.speed_mm_s)
     }

@@ -2,6 +2,7 @@
 //! `guarded`, `velocity`, `shot` (the map's).
 
 mod dialogue;
+mod follows;
 mod guarded;
 mod shot;
 mod soft;
@@ -62,6 +63,8 @@ impl ForceLoop {
             contact_s: None,
             anchor: (0.0, 0.0),
             answered: (0.0, 0.0),
+            shown: (0.0, 0.0),
+            rested: None,
             before_mm: 0.0,
             stiffness_n_mm: None,
             path: Vec::new(),
@@ -215,6 +218,7 @@ impl ForceLoop {
     fn read(&mut self, force_n: f64) -> Result<Command, Trip> {
         self.check_hardness(force_n)?;
         self.check_fall(force_n)?;
+        self.check_rest(force_n)?;
         self.force_n = force_n;
         self.check_answer()?;
         if self.landing.is_some() {
@@ -263,11 +267,14 @@ impl ForceLoop {
 
     fn sampled(&mut self, force_n: f64) -> Result<Command, Trip> {
         self.check_fall(force_n)?;
+        self.check_rest(force_n)?;
+        self.check_trim(force_n)?;
         let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
         if let Some(landing) = self.landing.as_mut() {
             landing.sampled(force_n, force_set_n);
         }
         self.force_n = force_n;
+        self.check_stiffness()?;
         self.level += 1;
         self.steps = 0;
         self.dwelt = false;
@@ -372,6 +379,7 @@ impl ForceLoop {
             sigma_n: self.sigma_n,
             age_s: self.moment.age_s,
             first_mm: self.earliest_mm(self.z_mm),
+            most_mm: self.most_mm(),
         }
     }
 }

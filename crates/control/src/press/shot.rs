@@ -70,7 +70,7 @@ impl ForceLoop {
         if force_n < self.context.zero.detect_n() / 2.0 {
             return self.approach();
         }
-        self.in_contact = true;
+        self.make_contact(force_n);
         (self.answered, self.before_mm) = ((self.z_mm, force_n), self.z_mm);
         self.note_path();
         self.landing = Some(Landing { z_mm: self.z_mm, force_n, expected_n, left_n: force_n, faded: None });
@@ -119,6 +119,13 @@ impl ForceLoop {
             self.leave(self.force_n + stiffness * (granted.z_mm() - before_mm));
         }
         Ok(command)
+    }
+
+    /// Checks that the window's force isn't far above the force that the last trim aimed at.
+    pub(super) fn check_trim(&self, force_n: f64) -> Result<(), Trip> {
+        let Some(landing) = self.landing.filter(|landing| landing.faded.is_none()) else { return Ok(()) };
+        let most_n = landing.left_n + TRIM_TOLERANCES * self.task.force_tolerance_n + TELL_SIGMAS * self.sigma_n;
+        if force_n > most_n { Err(Trip::new(Rule::RisesAtRest, force_n, most_n, "N")) } else { Ok(()) }
     }
 
     /// Stops a shot or a step that meets more force than it should.

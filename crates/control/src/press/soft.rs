@@ -1,20 +1,17 @@
-//! Detection of a press that is impossibly soft. A load cell that reads too little makes every specimen appear soft.
+//! Detection of a press that is impossibly soft or stiff. A load cell that reads too little makes every specimen appear soft, and
+//! one that reads too much makes it appear stiff.
 
 use super::guarded::RESPONSE_SHARE;
 use super::state::{ForceLoop, TELL_SIGMAS};
 use super::{Rule, Trip};
-use crate::taught::Taught;
+use crate::taught::{Taught, WAY_MM};
 
-/// Fractions below which a press counts as too soft: of the declared least stiffness, and of the stiffness that the presses
-/// around have taught. Free edges of a specimen are softer than its middle by 40 %, and the force relaxes while it is reached.
+/// Fraction of the declared least stiffness below which a press counts as too soft. The force relaxes while it is reached.
 const DECLARED_SHARE: f64 = 0.9;
-const TAUGHT_SHARE: f64 = 0.55;
 /// Rise that the declared stiffness must have produced before the check, as a fraction of the set force.
 const SHOWN_SHARE: f64 = 0.25;
 /// Ratio of the present force to the force at the first look from which a rise is compared.
 const ROSE: f64 = 2.0;
-/// Possible error of a measured distance, mm, from the read-back and a contact that isn't flat.
-const WAY_MM: f64 = 0.010;
 
 /// Lowest stiffness that a press may have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -73,10 +70,33 @@ impl ForceLoop {
         }
         // a force that hasn't risen is compared as if it had: by then the way was long enough for it
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
-        let longest_mm = taught.way_mm((from_n - noise_n).max(0.0), to_n);
-        if TAUGHT_SHARE * way_mm > longest_mm + WAY_MM + self.context.permit.steps().reserve_mm() {
-            return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, TAUGHT_SHARE * expected_n / way_mm, "N/mm"));
+        let longest_mm = taught.longest_mm((from_n - noise_n).max(0.0), to_n) + self.read_back_mm();
+        if way_mm > longest_mm {
+            return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, rose_n / longest_mm, "N/mm"));
         }
         Ok(())
+    }
+
+    /// Checks at the end of the first level that the force didn't rise within a shorter distance than the presses around need.
+    pub(super) fn check_stiffness(&self) -> Result<(), Trip> {
+        let Some(taught) = self.context.softest.taught.filter(|_| self.level == self.first_loaded()) else {
+            return Ok(());
+        };
+        let from = match self.landing {
+            Some(_) => Some((self.context.expected.first_mm, 0.0)),
+            None => self.path.first().copied(),
+        };
+        let Some((from_mm, from_n)) = from else { return Ok(()) };
+        let (way_mm, rose_n, noise_n) = (self.z_mm - from_mm, self.force_n - from_n, TELL_SIGMAS * self.sigma_n);
+        let shortest_mm = taught.shortest_mm(from_n + noise_n, (self.force_n - noise_n).max(from_n + noise_n));
+        if way_mm < shortest_mm - self.read_back_mm() {
+            return Err(Trip::new(Rule::StifferThanTaught, rose_n / way_mm, rose_n / shortest_mm, "N/mm"));
+        }
+        Ok(())
+    }
+
+    /// Possible error of a distance between two read-backs, mm.
+    fn read_back_mm(&self) -> f64 {
+        WAY_MM + self.context.permit.steps().reserve_mm()
     }
 }

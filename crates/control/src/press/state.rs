@@ -64,6 +64,10 @@ pub struct ForceLoop {
     pub(super) anchor: (f64, f64),
     /// Last point up to which the force has responded: z and force.
     pub(super) answered: (f64, f64),
+    /// Deepest point at which the load cell was shown to follow: z and force. Until then, the earliest contact without force.
+    pub(super) shown: (f64, f64),
+    /// Last mean of a stage at rest in contact.
+    pub(super) rested: Option<Rested>,
     /// Position where the previous motion ended, mm.
     pub(super) before_mm: f64,
     pub(super) stiffness_n_mm: Option<f64>,
@@ -80,6 +84,15 @@ pub(super) struct Motion {
     pub(super) from_n: f64,
     pub(super) began_s: f64,
     pub(super) profile: MotionProfile,
+}
+
+/// A mean of the force while the stage rests in contact.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rested {
+    pub(super) z_mm: f64,
+    pub(super) force_n: f64,
+    pub(super) sigma_n: f64,
+    pub(super) now_s: f64,
 }
 
 /// The state of a motion that is steered.

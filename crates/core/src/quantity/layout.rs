@@ -78,6 +78,16 @@ impl ArrayLayout {
         &self.places
     }
 
+    /// Shortest distance between two units, mm; `None` if there is only one place.
+    pub fn pitch_mm(&self) -> Option<f64> {
+        let nearest_mm = |(i, at): (usize, &Place)| {
+            let others = self.places[i + 1..].iter().map(|other| other.distance_mm(*at));
+            others.filter(|mm| *mm > 0.0).fold(f64::INFINITY, f64::min)
+        };
+        let pitch_mm = self.places.iter().enumerate().map(nearest_mm).fold(f64::INFINITY, f64::min);
+        pitch_mm.is_finite().then_some(pitch_mm)
+    }
+
     /// Returns the index of the unit that an output belongs to.
     ///
     /// # Panics
@@ -111,6 +121,7 @@ mod tests {
         assert_eq!(layout.places()[1], Place::new(0.0, -4.5));
         assert_eq!(layout.places()[4], Place::new(0.0, 0.0));
         assert_eq!(layout.places()[8], Place::new(4.5, 4.5));
+        assert_eq!(layout.pitch_mm(), Some(4.5));
     }
 
     #[test]

@@ -80,7 +80,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 repeated.push((before.clone(), now));
             }
         }
-        if let Some(shift) = sideways_shift(&repeated, &past.felt()) {
+        if let Some(shift) = sideways_shift(&repeated, &past.felt) {
             let shift_mm = shift.distance_mm(Place::default());
             if shift_mm > SHIFT_MOST_MM {
                 return Err(Trip::new(Rule::ZeroShifted, shift_mm, SHIFT_MOST_MM, "mm").into());
@@ -106,6 +106,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 sigma_n: zero.sigma_mean_n(now.readings),
                 age_s: self.hand.cell.age_s(),
                 first_mm,
+                most_mm: back_mm,
             };
             let granted = self.permit.advance(&standing, back_mm, self.hand.usage.speed_mm_s)?;
             self.hand.move_z(granted, None).await?;

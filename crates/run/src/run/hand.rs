@@ -410,6 +410,11 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         Err(self.cell.at_first_touch(moved).await.into())
     }
 
+    /// Standard deviation of one output over a window, in the array's unit, by the noise in air.
+    pub(super) fn output_sigma(&self) -> f64 {
+        common(&self.air_sigmas) / f64::from(OUTPUTS_IN_AIR).sqrt()
+    }
+
     /// Makes forces and outputs relative to this air.
     pub(super) fn count_from(&mut self, air: &Air) {
         self.cell.watch.count_from(&air.force);
@@ -417,10 +422,15 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 }
 
+/// Returns the noise of one output in the mean over all outputs.
+fn common(sigmas: &[f64]) -> f64 {
+    (sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / sigmas.len().max(1) as f64).sqrt()
+}
+
 /// Returns the first output that changed by more than allowed, and its change. Returns `None` if no output changed.
 fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
     // few readings know one output's noise badly: none counts as quieter than all together
-    let common = (sigmas.iter().map(|sigma| sigma * sigma).sum::<f64>() / sigmas.len().max(1) as f64).sqrt();
+    let common = common(sigmas);
     let mut all = known.iter().zip(now).zip(sigmas).map(|((known, now), sigma)| {
         let steps = range.map_or(OUTPUT_SHARE * known.abs(), |range| RANGE_SHARE * range);
         ((now - known).abs(), OUTPUT_SIGMAS * sigma.max(common) + steps)

@@ -368,7 +368,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
             let sigma_n = here.offset_sigma_n;
-            let standing = Standing { z_mm: from_mm, force_n: 0.0, sigma_n, age_s: 0.0, first_mm: from_mm };
+            let standing =
+                Standing { z_mm: from_mm, force_n: 0.0, sigma_n, age_s: 0.0, first_mm: from_mm, most_mm: to_mm };
             permit.advance(&standing, to_mm, speed_mm_s)
         };
         let is_farther = from_mm - way_mm >= spec.end_mm();

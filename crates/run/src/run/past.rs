@@ -1,10 +1,9 @@
 //! Information from a record about the presses so far.
 
-use super::shift::Felt;
 use super::walk::Standby;
-use palpate_control::{Lesson, Map};
+use palpate_control::{Felt, Lesson, Map};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Contact, DatasetError, Ledger, Left, Record};
+use palpate_data::dataset::{self, Contact, DatasetError, Flag, Ledger, Left, Record};
 use palpate_data::recipe::Plan;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity};
 
@@ -23,6 +22,8 @@ pub(super) struct Past {
     pub last: Option<(u64, Option<Standby>)>,
     /// Identities that the devices reported.
     pub devices: Vec<Identity>,
+    /// What the array felt at every place.
+    pub felt: Vec<Felt>,
     /// Places that were touched.
     known: Vec<TouchedPlace>,
 }
@@ -50,6 +51,7 @@ impl Past {
             elapsed_s: 0.0,
             last: None,
             devices: Vec::new(),
+            felt: Vec::new(),
             known: Vec::new(),
         };
         ledger.recall(&mut |record| past.take_in(record))?;
@@ -87,6 +89,7 @@ impl Past {
                 let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
                 self.last = Some((contact.press, standby));
                 contact.lesson.iter().for_each(|lesson| self.learn(lesson, contact));
+                self.felt.extend(felt(contact).map(|(felt, _)| felt));
             }
             _ => {}
         }
@@ -104,14 +107,9 @@ impl Past {
                 z_mm: *z_mm,
                 force_n: *force_n,
                 press: contact.press,
-                felt: felt(contact, *place),
+                felt: felt(contact).map(|(felt, force_set_n)| (Felt { place: *place, ..felt }, force_set_n)),
             });
         }
-    }
-
-    /// Returns what the array felt at each place that was touched.
-    pub(super) fn felt(&self) -> Vec<Felt> {
-        self.known.iter().filter_map(|known| Some(known.felt.as_ref()?.0.clone())).collect()
     }
 
     /// Returns three places of the plan that were touched, or all of them if there are fewer. The places are as far from one
@@ -133,13 +131,15 @@ impl Past {
     }
 }
 
-/// Returns what the array felt at the first level of a contact under force, and that level's requested force, N.
-fn felt(contact: &Contact, place: Place) -> Option<(Felt, f64)> {
-    contact.levels.iter().find_map(|level| {
-        let (force_set_n, force_n) = (level.force_set_n?, level.force_n?);
-        let felt = Felt::new(place, &level.outputs, &contact.air_before.outputs, force_n);
-        (force_set_n > 0.0 && force_n > 0.0).then_some((felt, force_set_n))
-    })
+/// Returns what the array felt at the first level of a contact under force, and that level's requested force, N. `None` if the array
+/// didn't measure it.
+pub(super) fn felt(contact: &Contact) -> Option<(Felt, f64)> {
+    let under_force = |level: &&dataset::Press| level.force_set_n.is_some_and(|force_n| force_n > 0.0);
+    let level = contact.levels.iter().find(under_force)?;
+    let (force_set_n, force_n, place) = (level.force_set_n?, level.force_n?, Place::new(level.x_mm, level.y_mm));
+    let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
+    let felt = Felt { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0; 2] };
+    (force_n > 0.0 && is_measured).then_some((felt, force_set_n))
 }
 
 #[cfg(test)]

@@ -1,11 +1,10 @@
 //! Execution of one press.
 
 use super::Halt;
-use super::shift::Felt;
 use super::walk::Walker;
 use super::window::Window;
 use palpate_control::{
-    Averaged, Budget, Command, Context, Event, ForceLoop, Lesson, Moment, Permit, Softest, Strategy, Task,
+    Averaged, Budget, Command, Context, Event, Felt, ForceLoop, Lesson, Moment, Permit, Softest, Strategy, Task,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Air, Contact, Flag, Left, PressTruth};
@@ -44,7 +43,7 @@ impl Pressed {
     /// Returns what the array felt at the first level.
     pub(super) fn felt(&self, place: Place) -> Option<Felt> {
         let window = &self.levels.first()?.window;
-        Some(Felt::new(place, &window.outputs, &self.air.outputs, window.force_n))
+        Some(Felt { place, force_n: window.force_n, outputs: window.outputs.clone(), sigmas: [0.0; 2] })
     }
 }
 

@@ -1,26 +1,11 @@
 //! How far the stage's zero moved sideways, from presses that were repeated: the array feels where it is pressed.
 
 use nalgebra::{DVector, Matrix2, Matrix3, MatrixXx2, Vector2, Vector3};
+use palpate_control::Felt;
 use palpate_core::quantity::Place;
 
 /// Number of the nearest places that show how the outputs change from place to place.
 const NEIGHBOURS: usize = 8;
-
-/// What the array felt at a place: outputs minus those in air, per newton, in the array's unit.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Felt {
-    /// The place, specimen frame.
-    pub place: Place,
-    /// The outputs' rises, one each.
-    pub rise_per_n: Vec<f64>,
-}
-
-impl Felt {
-    /// Returns what the array felt: outputs under a force, and outputs in air.
-    pub(super) fn new(place: Place, outputs: &[f64], air: &[f64], force_n: f64) -> Felt {
-        Felt { place, rise_per_n: outputs.iter().zip(air).map(|(output, air)| (output - air) / force_n).collect() }
-    }
-}
 
 /// Returns the sideways shift, mm, that explains best what changed between two presses of the same places. `known` has all earlier
 /// presses. A common change of all gains isn't taken for a shift. `None` if the earlier presses don't show how the outputs change
@@ -32,8 +17,8 @@ pub(super) fn sideways_shift(repeated: &[(Felt, Felt)], known: &[Felt]) -> Optio
     let mut right = Vector3::zeros();
     for (before, now) in repeated {
         let gradient = gradient(before, known)?;
-        for ((was, is), slope) in before.rise_per_n.iter().zip(&now.rise_per_n).zip(gradient.row_iter()) {
-            let row = Vector3::new(slope[0], slope[1], *was);
+        for ((was, is), slope) in before.per_n().zip(now.per_n()).zip(gradient.row_iter()) {
+            let row = Vector3::new(slope[0], slope[1], was);
             normal += row * row.transpose();
             right += row * (is - was);
         }
@@ -44,18 +29,18 @@ pub(super) fn sideways_shift(repeated: &[(Felt, Felt)], known: &[Felt]) -> Optio
 
 /// Returns the change of each output per mm along x and y, from the nearest other places.
 fn gradient(at: &Felt, known: &[Felt]) -> Option<MatrixXx2<f64>> {
-    let is_other = |felt: &&Felt| felt.place != at.place && felt.rise_per_n.len() == at.rise_per_n.len();
+    let is_other = |felt: &&Felt| felt.place != at.place && felt.outputs.len() == at.outputs.len();
     let mut others: Vec<&Felt> = known.iter().filter(is_other).collect();
     others.sort_by(|a, b| a.place.distance_mm(at.place).total_cmp(&b.place.distance_mm(at.place)));
     others.truncate(NEIGHBOURS);
     let mut normal = Matrix2::zeros();
-    let mut right = MatrixXx2::zeros(at.rise_per_n.len());
+    let mut right = MatrixXx2::zeros(at.outputs.len());
     for other in others {
         let way = Vector2::new(other.place.x_mm - at.place.x_mm, other.place.y_mm - at.place.y_mm);
         let weight = 1.0 / way.norm_squared();
         normal += weight * way * way.transpose();
-        let rises = other.rise_per_n.iter().zip(&at.rise_per_n).map(|(other, at)| other - at);
-        right += weight * DVector::from_iterator(at.rise_per_n.len(), rises) * way.transpose();
+        let rises = other.per_n().zip(at.per_n()).map(|(other, at)| other - at);
+        right += weight * DVector::from_iterator(at.outputs.len(), rises) * way.transpose();
     }
     normal.try_inverse().map(|inverse| right * inverse)
 }
@@ -68,7 +53,7 @@ mod tests {
     fn felt(x_mm: f64, y_mm: f64, gain: f64) -> Felt {
         let units = [(-2.0, -2.0), (2.0, -2.0), (-2.0, 2.0), (2.0, 2.0)];
         let rise = |(u, v): &(f64, f64)| gain * (-((x_mm - u).powi(2) + (y_mm - v).powi(2)) / 20.0).exp();
-        Felt { place: Place { x_mm, y_mm }, rise_per_n: units.iter().map(rise).collect() }
+        Felt { place: Place { x_mm, y_mm }, force_n: 1.0, outputs: units.iter().map(rise).collect(), sigmas: [0.0; 2] }
     }
 
     fn grid() -> Vec<Felt> {

@@ -2,11 +2,11 @@
 
 use super::clock::RunClock;
 use super::hand::Hand;
-use super::past::Past;
+use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{Map, Permit, Reaction};
+use palpate_control::{AIR_READINGS, Felt, Map, Permit, Reaction, Response};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Air, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
 use palpate_data::recipe::{Entry, Plan};
@@ -96,11 +96,22 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
-            let map = Map::new(spec.frame.uncertainty_mm);
+            let (map, response) = (Map::new(spec.frame.uncertainty_mm), Response::new(spec.array.layout.pitch_mm()));
             let full_zero_n = hand.cell.watch.zero().offset_n;
             let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
-            let mut walker =
-                Walker { hand, permit, map, reaction, conditions, pressing, standby, zeroed, full_zero_n, felt };
+            let mut walker = Walker {
+                hand,
+                permit,
+                map,
+                response,
+                reaction,
+                conditions,
+                pressing,
+                standby,
+                zeroed,
+                full_zero_n,
+                felt,
+            };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = walker.truth().map(|truth| {
@@ -175,6 +186,8 @@ pub(super) struct Walker<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
     pub permit: Permit,
     pub map: Map,
+    /// Outputs that the presses so far have shown.
+    pub response: Response,
     pub reaction: Reaction,
     pub conditions: Conditions<'a>,
     /// Entry that is under way.
@@ -208,6 +221,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let Some(first) = left.front() else { return Ok(()) };
         self.touch_again(&past, plan, first.place, ledger, listener).await?;
         self.map = past.map;
+        past.felt.into_iter().for_each(|felt| self.response.learn(self.with_noise(felt)));
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
             // how much of it had passed isn't known
@@ -237,6 +251,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             listener.begins(entry);
             let next = left.front().map(|next| next.place);
             let contact = self.press(entry, next).await?;
+            if let Some((felt, _)) = felt(&contact) {
+                let felt = self.with_noise(felt);
+                self.response.check(&felt)?;
+                self.response.learn(felt);
+            }
             contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
             let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
             self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
@@ -251,6 +270,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             self.rest(entry.rest_after_s, next, ledger, listener).await?;
         }
         Ok(())
+    }
+
+    /// Adds the noise of the array and of the load cell to what was felt.
+    fn with_noise(&self, felt: Felt) -> Felt {
+        let cell_n = self.hand.cell.watch.zero().sigma_mean_n(AIR_READINGS);
+        Felt { sigmas: [self.hand.output_sigma(), cell_n], ..felt }
     }
 
     /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.

@@ -1,0 +1,102 @@
+//! Proof that the load cell follows the force. A force may be old: a cell behind a slow filter shows a step long after it.
+
+use super::state::{ForceLoop, Rested, STEP_LEAST_MM};
+use super::{Branch, Rule, Trip};
+use crate::surface::Expected;
+
+/// Largest rise of a mean at rest, in sd, and in N/s: a specimen relaxes, so its force falls, while a zero and a surface drift.
+const RISE_SIGMAS: f64 = 6.0;
+const RISE_N_S: f64 = 0.003;
+/// Largest time constant of a load cell that is looked for, s. Slower filters of transmitters are rare.
+const SLOWEST_S: f64 = 1.5;
+/// Part of the force that such a cell may not yet show, as a fraction of the force limit.
+const MISSING_SHARE: f64 = 0.1;
+/// Force that the declared stiffness may give on the way from the last point at which the cell followed, as a multiple of the
+/// limit. If the cell follows, the permit's own bound holds.
+const UNPROVEN: f64 = 1.1;
+/// Longest wait for the proof, s.
+const WAIT_MOST_S: f64 = 1.0;
+
+impl ForceLoop {
+    /// Begins the contact. From now on, a motion ends no deeper than the declared stiffness allows from the earliest contact, until
+    /// the cell has shown that it follows.
+    pub(super) fn make_contact(&mut self, force_n: f64) {
+        self.in_contact = true;
+        self.shown = (self.first_mm.min(self.z_mm), 0.0);
+        self.rest(force_n);
+    }
+
+    /// Deepest z that doesn't depend on the present force, mm. It follows from the declared stiffness and the last point at which
+    /// the cell was shown to follow. If the presses around predict the force, it follows from them.
+    pub(super) fn most_mm(&self) -> f64 {
+        if !self.in_contact {
+            return f64::INFINITY; // the permit's own bound begins at the earliest contact too
+        }
+        let limits = &self.context.limits;
+        let (shown_mm, shown_n) = self.shown;
+        let room_n = (UNPROVEN * limits.force_n - shown_n).max(0.0);
+        let by_travel = shown_mm + room_n / limits.stiffness_n_mm;
+        match self.context.softest.taught {
+            Some(taught) => {
+                let Expected { z_mm, first_mm, .. } = self.context.expected;
+                let safe_mm = (z_mm + first_mm) / 2.0 + taught.safe_mm(limits.force_n);
+                by_travel.max(safe_mm).min(self.neighbours_mm())
+            }
+            None => by_travel,
+        }
+    }
+
+    /// Deepest z by the presses around, mm: there the force would exceed the limit.
+    fn neighbours_mm(&self) -> f64 {
+        let deepest_mm =
+            |limit_n| self.context.softest.taught.map_or(f64::INFINITY, |taught| taught.deepest_mm(limit_n));
+        self.context.expected.last_mm + deepest_mm(self.context.limits.force_n)
+    }
+
+    /// Whether the presses around are what allows no deeper motion.
+    pub(super) fn is_bounded_by_neighbours(&self) -> bool {
+        self.in_contact && self.neighbours_mm() <= self.most_mm()
+    }
+
+    /// Time that the stage must rest before it moves to `wanted_mm`, s, so that the cell shows that it follows; `None` if it has
+    /// shown that here, or needn't.
+    pub(super) fn must_show_answer_s(&self, wanted_mm: f64) -> Option<f64> {
+        let is_shown = self.z_mm - self.shown.0 < STEP_LEAST_MM;
+        let needs = self.in_contact && !is_shown && wanted_mm > self.most_mm() + STEP_LEAST_MM;
+        (needs && !self.is_bounded_by_neighbours()).then(|| self.proof_s())
+    }
+
+    /// Checks that the force didn't rise while the stage rested. After a sufficient rest, the cell was shown to follow.
+    pub(super) fn check_rest(&mut self, force_n: f64) -> Result<(), Trip> {
+        // a specimen recovers after it was unloaded: its force rises
+        let is_loaded = self.level().is_some_and(|(_, level)| level.branch == Branch::Loading);
+        if !self.in_contact || !is_loaded {
+            return Ok(());
+        }
+        if let Some(before) = self.rested.filter(|before| (before.z_mm - self.z_mm).abs() < STEP_LEAST_MM) {
+            let between_s = self.moment.now_s - before.now_s;
+            let (rise_n, sigma_n) = (force_n - before.force_n, before.sigma_n.hypot(self.sigma_n));
+            let most_n = RISE_SIGMAS * sigma_n + RISE_N_S * between_s;
+            if rise_n > most_n {
+                return Err(Trip::new(Rule::RisesAtRest, rise_n, most_n, "N"));
+            }
+            if between_s >= self.proof_s() {
+                self.shown = (self.z_mm, force_n);
+            }
+        }
+        self.rest(force_n);
+        Ok(())
+    }
+
+    fn rest(&mut self, force_n: f64) {
+        let (z_mm, sigma_n, now_s) = (self.z_mm, self.sigma_n, self.moment.now_s);
+        self.rested = Some(Rested { z_mm, force_n, sigma_n, now_s });
+    }
+
+    /// Rest after which the slowest cell would have shown a rise, s, if it didn't yet show a part of the force.
+    fn proof_s(&self) -> f64 {
+        let rise_n = RISE_SIGMAS * std::f64::consts::SQRT_2 * self.sigma_n;
+        let wait_s = SLOWEST_S * rise_n / (MISSING_SHARE * self.context.limits.force_n);
+        wait_s.max(self.context.timing.settle_s).min(WAIT_MOST_S)
+    }
+}

@@ -1,0 +1,197 @@
+//! Outputs for each newton, compared with those of the presses around. The array is a second measurement of each contact: a load
+//! cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or the pattern of the outputs.
+
+use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, weights};
+use super::trip::{Rule, Trip};
+use palpate_core::quantity::Place;
+
+/// Number of contacts that are remembered.
+const CONTACTS_MAX: usize = 2048;
+/// Distance over which outputs change, as a fraction of the distance between taxels; and that distance if it is unknown, mm.
+const LENGTH_SHARE: f64 = 0.6;
+const PITCH_MM: f64 = 4.0;
+/// Standard deviation over a sensor of the logarithm of the outputs for each newton, and of their pattern as a vector of length 1.
+const GAIN_SPREAD: f64 = 0.3;
+const PATTERN_SPREAD: f64 = 0.6;
+/// Standard deviation of both between contacts whose forces differ by a factor of e. Outputs aren't proportional to the force.
+const NONLINEAR: f64 = 0.1;
+
+/// A contact as the array and the load cell measured it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Felt {
+    /// The place, specimen frame.
+    pub place: Place,
+    /// The force, N.
+    pub force_n: f64,
+    /// Outputs relative to air, in the array's unit.
+    pub outputs: Vec<f64>,
+    /// Standard deviation of one output, in the array's unit, and of the force, N.
+    pub sigmas: [f64; 2],
+}
+
+/// Outputs that the contacts so far have shown.
+#[derive(Clone, Debug)]
+pub struct Response {
+    length_mm: f64,
+    known: Vec<Felt>,
+    gain: Misses,
+    pattern: Misses,
+}
+
+/// Differences of a contact from the prediction, each with its predicted standard deviation.
+struct Differences {
+    gain: (f64, f64),
+    pattern: (f64, f64),
+}
+
+impl Felt {
+    /// Outputs for each newton, in the array's unit.
+    pub fn per_n(&self) -> impl Iterator<Item = f64> {
+        self.outputs.iter().map(|output| output / self.force_n)
+    }
+
+    /// Length of the vector of outputs.
+    fn length(&self) -> f64 {
+        self.outputs.iter().map(|output| output * output).sum::<f64>().sqrt()
+    }
+
+    /// Relative standard deviation by noise alone.
+    fn own(&self) -> f64 {
+        let [output, force_n] = self.sigmas;
+        (output * (self.outputs.len() as f64).sqrt() / self.length()).hypot(force_n / self.force_n)
+    }
+}
+
+impl Response {
+    /// Creates a response that knows only the distance between taxels, mm, if there is one.
+    pub fn new(pitch_mm: Option<f64>) -> Self {
+        let length_mm = LENGTH_SHARE * pitch_mm.unwrap_or(PITCH_MM);
+        Response { length_mm, known: Vec::new(), gain: Misses::default(), pattern: Misses::default() }
+    }
+
+    /// Compares a contact with the contacts around it.
+    ///
+    /// # Errors
+    /// A trip if the outputs for each newton, or their pattern, differ by more than the contacts so far explain.
+    pub fn check(&self, felt: &Felt) -> Result<(), Trip> {
+        let Some(Differences { gain, pattern }) = self.differences(felt) else { return Ok(()) };
+        for (off, sigma) in [gain, pattern] {
+            let within = off <= most_off(sigma);
+            if !within {
+                let percent = |share: f64| 100.0 * share;
+                return Err(Trip::new(Rule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Share of the allowed difference that a contact uses up; `None` if too little is known.
+    pub fn share(&self, felt: &Felt) -> Option<f64> {
+        let Differences { gain, pattern } = self.differences(felt)?;
+        Some([gain, pattern].map(|(off, sigma)| off / most_off(sigma)).into_iter().fold(0.0, f64::max))
+    }
+
+    /// Adds a contact. A contact that shows nothing isn't added. If there is no room left, it replaces the nearest one.
+    pub fn learn(&mut self, felt: Felt) {
+        let tells = felt.length() > 0.0 && felt.length().is_finite() && felt.force_n > 0.0;
+        if !tells || self.known.first().is_some_and(|first| first.outputs.len() != felt.outputs.len()) {
+            return;
+        }
+        if let Some(Differences { gain, pattern }) = self.differences(&felt) {
+            self.gain.learn(gain.0, gain.1);
+            self.pattern.learn(pattern.0, pattern.1);
+        }
+        if self.known.len() < CONTACTS_MAX {
+            self.known.push(felt);
+            return;
+        }
+        let distance_mm = |known: &Felt| known.place.distance_mm(felt.place);
+        let nearest = self.known.iter_mut().min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)));
+        nearest.into_iter().for_each(|near| near.clone_from(&felt));
+    }
+
+    fn differences(&self, felt: &Felt) -> Option<Differences> {
+        if self.known.len() < LEARNED {
+            return None;
+        }
+        let near: Vec<&Felt> = nearest(self.known.iter().map(|known| known.place), felt.place)
+            .into_iter()
+            .map(|i| &self.known[i])
+            .collect();
+        let places: Vec<Place> = near.iter().map(|known| known.place).collect();
+        let own: Vec<f64> = near.iter().map(|known| known.own()).collect();
+        let field = |spread| Field { length_mm: self.length_mm, spread };
+        let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
+        let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
+        let gain = |felt: &Felt| (felt.length() / felt.force_n).ln();
+        let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
+        // what all of them have in common isn't averaged away
+        let beyond = felt.own().hypot(NONLINEAR * ratios.sum::<f64>());
+        let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * gain(known)).sum();
+        let mut pattern = vec![0.0; felt.outputs.len()];
+        for (known, weight) in near.iter().zip(&patterns.each) {
+            let scale = weight / known.length();
+            pattern.iter_mut().zip(&known.outputs).for_each(|(sum, output)| *sum += scale * output);
+        }
+        let off = pattern.iter().zip(&felt.outputs).map(|(expected, output)| output / felt.length() - expected);
+        Some(Differences {
+            gain: ((gain(felt) - expected).abs(), (self.gain.scale() * gains.sigma).hypot(beyond)),
+            pattern: (
+                off.map(|off| off * off).sum::<f64>().sqrt(),
+                (self.pattern.scale() * patterns.sigma).hypot(beyond),
+            ),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nine taxels whose outputs fall off with the distance from the contact.
+    fn felt(x_mm: f64, y_mm: f64, gain: f64) -> Felt {
+        let taxels = (0..9).map(|i| (4.5 * f64::from(i % 3 - 1), 4.5 * f64::from(i / 3 - 1)));
+        let output = |(u, v): (f64, f64)| gain * (-((x_mm - u).powi(2) + (y_mm - v).powi(2)) / 20.0).exp();
+        let (place, outputs) = (Place::new(x_mm, y_mm), taxels.map(output).collect());
+        Felt { place, force_n: 1.0, outputs, sigmas: [0.001, 0.001] }
+    }
+
+    fn learned(spacing_mm: f64) -> Response {
+        let mut response = Response::new(Some(4.5));
+        for i in 0..49 {
+            let contact = felt(spacing_mm * (f64::from(i % 7) - 3.0), spacing_mm * (f64::from(i / 7) - 3.0), 1.0);
+            assert_eq!(response.check(&contact), Ok(()), "{i}");
+            response.learn(contact);
+        }
+        response
+    }
+
+    #[test]
+    fn a_cell_that_halves_or_doubles_and_a_sensor_that_shifts_or_jumps_are_found() {
+        let response = learned(0.5);
+        let rule = |felt: Felt| response.check(&felt).err().map(|trip| trip.rule);
+        assert_eq!(rule(felt(0.3, -0.7, 1.05)), None);
+        for gain in [0.5, 2.0, 1000.0] {
+            assert_eq!(rule(felt(0.3, -0.7, gain)), Some(Rule::OutputsDiffer), "{gain}");
+        }
+        let shifted = Felt { place: Place::new(0.3, -0.7), ..felt(3.3, -0.7, 1.0) };
+        assert_eq!(rule(shifted), Some(Rule::OutputsDiffer));
+        let not_a_number = Felt { outputs: vec![f64::NAN; 9], ..felt(0.3, -0.7, 1.0) };
+        assert_eq!(rule(not_a_number), Some(Rule::OutputsDiffer));
+    }
+
+    #[test]
+    fn where_nothing_near_was_pressed_nothing_is_said() {
+        let response = learned(0.5);
+        assert_eq!(response.check(&felt(20.0, 0.0, 0.5)), Ok(()));
+        assert_eq!(Response::new(None).check(&felt(0.0, 0.0, 2.0)), Ok(()));
+    }
+
+    #[test]
+    fn a_force_far_from_those_learned_is_compared_less_strictly() {
+        let response = learned(0.5);
+        let light = |gain: f64| Felt { force_n: 0.1, ..felt(0.3, -0.7, 0.1 * gain) };
+        assert_eq!(response.check(&light(1.6)), Ok(()));
+        assert!(response.check(&light(8.0)).is_err());
+    }
+}
