@@ -1,0 +1,128 @@
+//! The program against an independent world in real time: a spring behind the process protocol that knows the true force
+//! (`examples/spring_world`), with a fault or two of devices, specimen or host in each run.
+//!
+//! ```sh
+//! PALPATE_TESTS=full cargo test --test control spring_world::campaign -- --ignored --nocapture
+//! PALPATE_WORLD="cell-slow:lag=1.2,at-press=3" PALPATE_WORLD_SEED=7 cargo test --test control spring_world::one -- --ignored --nocapture
+//! ```
+//!
+//! The first writes a line for each run into `target/tmp/spring_world.jsonl`, and fails if a bound doesn't hold. A number in
+//! `PALPATE_TESTS` does that multiple. The second does one run again, of a seed and with a fault that the first printed;
+//! `PALPATE_WORLD_STIFFNESS` is the true stiffness as a share of the declared one, where it was given.
+#![cfg(unix)]
+
+mod draw;
+mod verdict;
+
+use draw::Draw;
+use palpate_testing::{campaign, program};
+use std::env;
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
+use verdict::{Table, Verdict};
+
+/// Runs: quick and full. Even the quick ones take a minute, so both are ignored by default.
+const RUNS: (usize, usize) = (16, 300);
+
+/// Runs at a time: they mostly wait.
+const SIDE_BY_SIDE: usize = 8;
+
+/// The first seed.
+const SEED: u64 = 1;
+
+#[test]
+#[ignore = "runs in real time: 16 runs in a minute, or 300 with PALPATE_TESTS=full"]
+fn campaign() {
+    let world = World::built();
+    let kinds = world.kinds();
+    let first = env::var("PALPATE_WORLD_SEED").ok().map_or(SEED, |seed| seed.parse().expect("a seed"));
+    let (runs, next) = (campaign::size(RUNS.0, RUNS.1) as u64, AtomicU64::new(first));
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("spring_world.jsonl");
+    let file = Mutex::new(File::create(&path).expect("a file"));
+    let table = Mutex::new(Table::default());
+    thread::scope(|scope| {
+        let work = || loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= first + runs {
+                break;
+            }
+            let line = world.run(&Draw::new(seed, &kinds), None);
+            writeln!(file.lock().expect("a file"), "{line}").expect("a line can be written");
+            table.lock().expect("a table").add(Verdict::of(&line));
+        };
+        (0..SIDE_BY_SIDE).for_each(|_| _ = scope.spawn(work));
+    });
+    let table = table.into_inner().expect("a table");
+    println!("{table}\n{}", path.display());
+    assert!(table.fallen() == 0, "{} runs broke a bound", table.fallen());
+}
+
+#[test]
+#[ignore = "runs in real time what PALPATE_WORLD and PALPATE_WORLD_SEED say"]
+fn one() {
+    let number = |name: &str| env::var(name).ok().map(|text| text.parse::<f64>().expect("a number"));
+    let draw = Draw {
+        seed: number("PALPATE_WORLD_SEED").unwrap_or(1.0) as u64,
+        fault: env::var("PALPATE_WORLD").unwrap_or_else(|_| "none".to_owned()),
+        stiffness: number("PALPATE_WORLD_STIFFNESS"),
+    };
+    let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("spring_world_one");
+    // the run folder must be new
+    let _ = fs::remove_dir_all(&kept);
+    let line = World::built().run(&draw, Some(&kept));
+    let verdict = Verdict::of(&line);
+    println!("{line}\n{}\n{}", verdict.told(), kept.display());
+    assert!(verdict.falls.is_empty(), "{}", verdict.told());
+}
+
+/// The world's program.
+struct World {
+    path: PathBuf,
+}
+
+impl World {
+    /// `cargo test --test control` builds no example, so this does.
+    fn built() -> World {
+        let folder = program().parent().expect("a folder").to_owned();
+        let release = folder.ends_with("release");
+        let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        cargo.args(["build", "--quiet", "--locked", "--example", "spring_world"]).args(release.then_some("--release"));
+        let built = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).status().expect("cargo starts");
+        assert!(built.success(), "the example is built");
+        World { path: folder.join("examples/spring_world") }
+    }
+
+    /// The faults that it knows: name, parameter, and values to try.
+    fn kinds(&self) -> Vec<(String, String, Vec<String>)> {
+        let output = Command::new(&self.path).arg("kinds").output().expect("the world starts");
+        let text = String::from_utf8(output.stdout).expect("a text");
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect();
+        let kind = |line: &str| {
+            let cells: Vec<&str> = line.split('\t').collect();
+            (cells[0].to_owned(), cells[1].to_owned(), words(cells[2]))
+        };
+        text.lines().map(kind).collect()
+    }
+
+    /// Carries a run out; its line of JSON.
+    fn run(&self, draw: &Draw, keep: Option<&Path>) -> String {
+        let mut command = Command::new(&self.path);
+        command.arg("run").arg("--palpate").arg(program()).args(["--fault", &draw.fault]);
+        command.args(["--seed", &draw.seed.to_string()]);
+        if let Some(share) = draw.stiffness {
+            command.args(["--stiffness", &share.to_string()]);
+        }
+        if let Some(folder) = keep {
+            command.arg("--keep").arg(folder);
+        }
+        let output = command.output().expect("the world starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{}: {said}", draw.fault);
+        String::from_utf8(output.stdout).expect("a text").trim().to_owned()
+    }
+}
