@@ -109,7 +109,7 @@ pub(crate) const KINDS: [Kind; 95] = [
     kind("array-swapped", "n", 1.0, &[], "two outputs are swapped"),
     kind("array-noisy", "times", 30.0, &[30.0], "has more noise"),
     kind("specimen-jumps", "mm", 0.3, &[0.1, 0.3, 0.5], "rises at once"),
-    kind("specimen-rises", "mm", 1.0, &[0.5, 1.0, 2.0], "rises within 1 s"),
+    kind("specimen-rises", "mm", 1.0, &[0.5, 1.0, 1.5, 2.0], "rises within 1 s"),
     kind("specimen-sinks", "mm", 1.0, &[0.3, 1.0], "sinks within 0.2 s"),
     kind("specimen-stiffer", "times", 3.0, &[1.5, 3.0, 20.0], "gets stiffer"),
     kind("specimen-softer", "times", 0.5, &[0.2, 0.5], "gets softer"),

@@ -66,6 +66,7 @@ fn task(words: &[String]) -> Result<run::Task, String> {
         palpate: option("--palpate").ok_or("--palpate names the program")?.into(),
         fault: option("--fault").map_or("none", String::as_str).to_owned(),
         seed,
+        share,
         keep: option("--keep").map(Into::into),
         setting: Setting::new(seed, share, strategy, presses),
     })

@@ -35,6 +35,8 @@ pub(crate) struct Task {
     pub(crate) palpate: PathBuf,
     pub(crate) fault: String,
     pub(crate) seed: u64,
+    /// True stiffness as a share of the declared one, where it was given.
+    pub(crate) share: Option<f64>,
     pub(crate) keep: Option<PathBuf>,
     pub(crate) setting: Setting,
 }
@@ -198,6 +200,7 @@ impl Line<'_> {
         let words = words.split_whitespace().collect::<Vec<_>>().join(" ").replace(['"', '\\'], "'");
         let words: String = words.chars().filter(|letter| !letter.is_control()).collect();
         let [seed, rows, wrong] = [self.task.seed, self.rows as u64, self.wrong as u64];
+        let share = self.task.share.map_or("null".to_owned(), |share| share.to_string());
         let took_s = self.took.as_secs_f64();
         let (fault, world, code, worst_n) = (&self.task.fault, &self.description, &self.code, self.worst_n);
         let numbers = format!(
@@ -206,7 +209,7 @@ impl Line<'_> {
             seen.force_max_n, seen.max_at_s, seen.before_n, seen.own_mm, seen.toward_after
         );
         format!(
-            "{{\"seed\": {seed}, \"fault\": {fault:?}, \"world\": {world:?}, \"code\": {code:?}, \"took_s\": {took_s:.1}, \
+            "{{\"seed\": {seed}, \"stiffness\": {share}, \"fault\": {fault:?}, \"world\": {world:?}, \"code\": {code:?}, \"took_s\": {took_s:.1}, \
              \"fired\": [{}], {numbers}, \"presses\": {}, \"rests\": {}, \"rows\": {rows}, \"wrong_rows\": {wrong}, \
              \"worst_row_n\": {worst_n:.4}, \"words\": \"{words}\"}}",
             fired.join(", "),

@@ -14,7 +14,7 @@
 mod draw;
 mod verdict;
 
-use draw::Draw;
+use draw::{Draw, Kind};
 use palpate_testing::{campaign, program};
 use std::env;
 use std::fs::{self, File};
@@ -97,16 +97,10 @@ impl World {
         World { path: folder.join("examples/spring_world") }
     }
 
-    /// The faults that it knows: name, parameter, and values to try.
-    fn kinds(&self) -> Vec<(String, String, Vec<String>)> {
+    /// The faults that it knows, with each value that it gives.
+    fn kinds(&self) -> Vec<Kind> {
         let output = Command::new(&self.path).arg("kinds").output().expect("the world starts");
-        let text = String::from_utf8(output.stdout).expect("a text");
-        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect();
-        let kind = |line: &str| {
-            let cells: Vec<&str> = line.split('\t').collect();
-            (cells[0].to_owned(), cells[1].to_owned(), words(cells[2]))
-        };
-        text.lines().map(kind).collect()
+        String::from_utf8(output.stdout).expect("a text").lines().flat_map(Kind::of_line).collect()
     }
 
     /// Carries a run out; its line of JSON.

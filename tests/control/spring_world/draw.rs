@@ -7,7 +7,7 @@ use rand::RngExt;
 const PAIRS: f64 = 0.25;
 const STIFFER: f64 = 0.08;
 
-/// Kinds come in turn in steps of so many, which is prime, so that few runs have some of each class.
+/// Faults come in turn in steps of so many, which is prime, so that few runs have some of each class.
 const STRIDE: usize = 37;
 
 /// Bounds of the true stiffness of those, as a share of the declared one; one in eight has the last.
@@ -30,13 +30,13 @@ pub(super) struct Draw {
 }
 
 impl Draw {
-    /// The run of a seed: every kind comes in turn, alone or with any other.
-    pub(super) fn new(seed: u64, kinds: &[(String, String, Vec<String>)]) -> Draw {
+    /// The run of a seed: every value of every kind comes in turn, alone or with any other.
+    pub(super) fn new(seed: u64, kinds: &[Kind]) -> Draw {
         let mut rng = stream(seed, 0, "spring-world");
-        let mut fault = drawn(&kinds[(seed as usize * STRIDE) % kinds.len()], &mut rng);
+        let mut fault = when(&kinds[(seed as usize * STRIDE) % kinds.len()], &mut rng);
         if rng.random_bool(PAIRS) {
             let other = rng.random_range(0..kinds.len());
-            fault += &format!("+{}", drawn(&kinds[other], &mut rng));
+            fault += &format!("+{}", when(&kinds[other], &mut rng));
         }
         let stiffness = rng.random_bool(STIFFER).then(|| match rng.random_range(0..8) {
             0 => HARD_SHARE,
@@ -46,7 +46,24 @@ impl Draw {
     }
 }
 
-fn drawn((name, parameter, tried): &(String, String, Vec<String>), rng: &mut Stream) -> String {
+/// A kind of fault, and its parameter with a value if it has one.
+#[derive(Debug)]
+pub(super) struct Kind {
+    name: String,
+    parameter: Option<String>,
+}
+
+impl Kind {
+    /// The kinds of a line of `spring_world kinds`: one for each value that it gives.
+    pub(super) fn of_line(line: &str) -> Vec<Kind> {
+        let cells: Vec<&str> = line.split('\t').collect();
+        let kind = |parameter| Kind { name: cells[0].to_owned(), parameter };
+        let tried: Vec<Kind> = cells[2].split(' ').map(|value| kind(Some(format!("{}={value}", cells[1])))).collect();
+        if cells[2].is_empty() { vec![kind(None)] } else { tried }
+    }
+}
+
+fn when(Kind { name, parameter }: &Kind, rng: &mut Stream) -> String {
     let (low, high) = PLACES[rng.random_range(0..PLACES.len())];
     let mut text = format!("{name}:at-press={}", rng.random_range(low..=high));
     match rng.random_range(0..3) {
@@ -54,8 +71,6 @@ fn drawn((name, parameter, tried): &(String, String, Vec<String>), rng: &mut Str
         1 => text += &format!(",at-height={:.2}", rng.random_range(HEIGHTS_MM.0..HEIGHTS_MM.1)),
         _ => {}
     }
-    if !tried.is_empty() {
-        text += &format!(",{parameter}={}", tried[rng.random_range(0..tried.len())]);
-    }
+    parameter.iter().for_each(|parameter| text += &format!(",{parameter}"));
     text
 }
