@@ -44,41 +44,18 @@ pub(crate) fn client(role: &str, port: u16) -> io::Result<()> {
     let mut stream = TcpStream::connect(("127.0.0.1", port))?;
     stream.set_nodelay(true)?;
     writeln!(stream, "{role}")?;
-    let mut answers = stream.try_clone()?;
+    let answers = BufReader::new(stream.try_clone()?);
     // the end of the input ends the connection, and that ends this
     thread::spawn(move || {
-        let _ = io::copy(&mut LineReader(io::stdin().lock()), &mut stream);
+        for line in io::stdin().lines().map_while(Result::ok) {
+            if writeln!(stream, "{line}").is_err() {
+                break;
+            }
+        }
         let _ = stream.shutdown(Shutdown::Write);
     });
-    io::copy(&mut answers, &mut Flushed(io::stdout().lock())).map(|_| ())
-}
-
-/// Standard input without a wait for a full buffer.
-struct LineReader<R>(R);
-
-impl<R: BufRead> io::Read for LineReader<R> {
-    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
-        let available = self.0.fill_buf()?;
-        let count = available.len().min(into.len());
-        into[..count].copy_from_slice(&available[..count]);
-        self.0.consume(count);
-        Ok(count)
-    }
-}
-
-/// Standard output that keeps nothing back.
-struct Flushed<W>(W);
-
-impl<W: Write> Write for Flushed<W> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write_all(bytes)?;
-        self.0.flush()?;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.flush()
-    }
+    let mut said = io::stdout();
+    answers.lines().try_for_each(|line| writeln!(said, "{}", line?))
 }
 
 fn attend(world: &Shared, stream: TcpStream) -> Option<()> {
@@ -209,7 +186,7 @@ fn reading(state: &World) -> String {
         () if says("cell-inf") => "1e999".to_owned(),
         () if says("cell-null") => "null".to_owned(),
         () if says("cell-text") => "\"OL\"".to_owned(),
-        () => format!("{:.6}", state.reading_n()),
+        () => format!("{:.6}", state.reading_n),
     };
     let flags = [("cell-flag", ", \"saturated\": true"), ("cell-broken", ", \"fault\": true")];
     let flags: String = flags.iter().filter(|(name, _)| says(name)).map(|(_, text)| *text).collect();

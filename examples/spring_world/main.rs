@@ -13,6 +13,7 @@ mod axis;
 mod devices;
 mod faults;
 mod run;
+mod sensors;
 mod setting;
 mod world;
 

@@ -204,9 +204,9 @@ impl Line<'_> {
         let took_s = self.took.as_secs_f64();
         let (fault, world, code, worst_n) = (&self.task.fault, &self.description, &self.code, self.worst_n);
         let numbers = format!(
-            "\"force_max_n\": {:.4}, \"max_at_s\": {:.3}, \"before_n\": {:.4}, \"end_n\": {end_n:.4}, \"own_mm\": {:.4}, \
+            "\"force_max_n\": {:.4}, \"max_at_s\": {:.3}, \"before_n\": {:.4}, \"after_n\": {:.4}, \"end_n\": {end_n:.4}, \"own_mm\": {:.4}, \
              \"toward_after\": {}",
-            seen.force_max_n, seen.max_at_s, seen.before_n, seen.own_mm, seen.toward_after
+            seen.force_max_n, seen.max_at_s, seen.before_n, seen.after_n, seen.own_mm, seen.toward_after
         );
         format!(
             "{{\"seed\": {seed}, \"stiffness\": {share}, \"fault\": {fault:?}, \"world\": {world:?}, \"code\": {code:?}, \"took_s\": {took_s:.1}, \

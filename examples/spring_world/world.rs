@@ -8,19 +8,15 @@ use crate::setting::{Random, Setting};
 use std::time::Instant;
 
 /// Force from which the tip counts as touching, N, and how far to the side the next place is, mm.
-const TOUCH_N: f64 = 0.005;
+pub(crate) const TOUCH_N: f64 = 0.005;
 const NEXT_PLACE_MM: f64 = 0.3;
 
 /// Interval of the force that is kept, s.
 const TRACE_S: f64 = 0.005;
 
-/// Furthest that a creep goes, mm; how fast a drop is, mm/s; smallest gain of a ramp.
+/// Furthest that a creep goes, mm; how fast a drop is, mm/s.
 const CREEP_MM: f64 = 0.5;
 const DROP_MM_S: f64 = 20.0;
-const RAMP_LEAST: f64 = 0.3;
-
-/// Noise of an output.
-const NOISE: f64 = 0.001;
 
 /// How long a specimen takes to rise or sink, s.
 const RISE_S: f64 = 1.0;
@@ -31,9 +27,10 @@ const SINK_S: f64 = 0.2;
 pub(crate) struct Seen {
     pub(crate) force_max_n: f64,
     pub(crate) max_at_s: f64,
-    /// Largest true force before the first fault.
+    /// Largest true force before the first fault, and from then on.
     pub(crate) before_n: f64,
-    /// How much deeper the tip was than where a faithful stage would have been, mm, in contact.
+    pub(crate) after_n: f64,
+    /// How much deeper the tip was than a faithful stage would have been in the same contact, or was sent, mm.
     pub(crate) own_mm: f64,
     /// Motions toward the specimen that were commanded after the first fault.
     pub(crate) toward_after: u32,
@@ -50,6 +47,8 @@ pub(crate) struct World {
     pub(crate) axes: [Axis; 3],
     /// z as a faithful stage would have it.
     faithful: Axis,
+    /// Where that was lowest in this contact, or was sent.
+    granted_mm: f64,
     pub(crate) travel_mm: Option<[[f64; 2]; 3]>,
     acceleration_mm_s2: f64,
     /// What is commanded later: when, and what.
@@ -59,16 +58,16 @@ pub(crate) struct World {
     began: Instant,
     pub(crate) now_s: f64,
     ticks: u64,
-    random: Random,
+    pub(crate) random: Random,
     pub(crate) press: u32,
     place_mm: Option<[f64; 2]>,
-    filtered_n: f64,
-    next_conversion_s: f64,
-    reading_n: f64,
+    pub(crate) filtered_n: f64,
+    pub(crate) next_conversion_s: f64,
+    pub(crate) reading_n: f64,
     /// The force at each conversion.
-    history: Vec<(f64, f64)>,
-    stuck_n: Option<f64>,
-    stuck_outputs: Option<Vec<f64>>,
+    pub(crate) history: Vec<(f64, f64)>,
+    pub(crate) stuck_n: Option<f64>,
+    pub(crate) stuck_outputs: Option<Vec<f64>>,
     stuck_z_mm: Option<f64>,
     /// Signals that palpate is due, which the runner takes.
     pub(crate) signals: Vec<Fault>,
@@ -86,6 +85,7 @@ impl World {
         World {
             axes: [Axis::at(0.5), Axis::at(-0.5), Axis::at(setting.top_mm - 0.3)],
             faithful: Axis::at(setting.top_mm - 0.3),
+            granted_mm: setting.top_mm,
             setting,
             faults,
             seen: Seen::default(),
@@ -115,12 +115,12 @@ impl World {
         self.acting(name).map(|fault| fault.value)
     }
 
-    fn acting(&self, name: &str) -> Option<&Fault> {
+    pub(crate) fn acting(&self, name: &str) -> Option<&Fault> {
         self.faults.iter().find(|fault| fault.name == name && fault.acts(self.now_s))
     }
 
     /// Seconds since a fault began, and its value.
-    fn since(&self, name: &str) -> Option<(f64, f64)> {
+    pub(crate) fn since(&self, name: &str) -> Option<(f64, f64)> {
         self.acting(name).map(|fault| (self.now_s - fault.fired_s.unwrap_or(self.now_s), fault.value))
     }
 
@@ -195,11 +195,15 @@ impl World {
         if force_n > self.seen.force_max_n {
             (self.seen.force_max_n, self.seen.max_at_s) = (force_n, self.now_s);
         }
-        if !self.has_fired() {
-            self.seen.before_n = self.seen.before_n.max(force_n);
-        }
+        let largest_n = if self.has_fired() { &mut self.seen.after_n } else { &mut self.seen.before_n };
+        *largest_n = largest_n.max(force_n);
+        // deeper than a faithful stage was in this contact, or may go
+        let granted_mm = self.faithful.at_mm.min(self.faithful.target_mm());
         if force_n > 0.0 {
-            self.seen.own_mm = self.seen.own_mm.max(self.faithful.at_mm - self.axes[2].at_mm);
+            self.granted_mm = self.granted_mm.min(granted_mm);
+            self.seen.own_mm = self.seen.own_mm.max(self.granted_mm - self.axes[2].at_mm);
+        } else {
+            self.granted_mm = granted_mm;
         }
         if self.now_s >= self.seen.trace_n.len() as f64 * TRACE_S {
             self.seen.trace_n.push(force_n);
@@ -227,96 +231,6 @@ impl World {
                 _ => {}
             }
         }
-    }
-
-    /// What the load cell makes of the force.
-    fn convert(&mut self, force_n: f64) {
-        match self.fault("cell-slow") {
-            Some(lag_s) => self.filtered_n += (force_n - self.filtered_n) * TICK_S / lag_s,
-            None => self.filtered_n = force_n,
-        }
-        if self.now_s < self.next_conversion_s {
-            return;
-        }
-        self.next_conversion_s = self.now_s + self.fault("cell-slow-rate").unwrap_or(1.0 / self.setting.conversions_hz);
-        self.history.push((self.now_s, self.filtered_n));
-        let mut n = self.filtered_n;
-        if let Some(s) = self.fault("cell-delayed") {
-            n = self.felt_n(self.now_s - s);
-        }
-        if let Some((since_s, s)) = self.since("cell-replay") {
-            n = self.felt_n(self.now_s - since_s - s + since_s % s);
-        }
-        n = self.fault("cell-dead-band").map_or(n, |band_n| if n < band_n { 0.0 } else { n });
-        n *= self.fault("cell-gain").unwrap_or(1.0) * self.fault("cell-grams").unwrap_or(1.0);
-        n *= self.since("cell-ramp-gain").map_or(1.0, |(s, per_s)| (1.0 + per_s * s).max(RAMP_LEAST));
-        n += self.setting.offset_n + self.fault("cell-offset").unwrap_or(0.0);
-        n += self.since("cell-drift").map_or(0.0, |(s, n_s)| n_s * s);
-        n += self.fault("cell-hum").unwrap_or(0.0) * (std::f64::consts::TAU * 50.0 * self.now_s).sin();
-        n = self.fault("cell-clips").map_or(n, |most_n| n.min(most_n));
-        if self.acting("cell-stuck-noise").is_some() {
-            n = self.stuck_n.unwrap_or(n) + self.setting.offset_n;
-        }
-        n += self.random.normal() * self.setting.noise_n * self.fault("cell-noisy").unwrap_or(1.0);
-        if let Some(off_n) = self.fault("cell-spikes")
-            && self.random.unit() < 1.0 / 30.0
-        {
-            n += off_n;
-        }
-        n = self.fault("cell-coarse").map_or(n, |step_n| (n / step_n).round() * step_n);
-        n = if self.acting("cell-sign").is_some() { -n } else { n };
-        if self.acting("cell-stuck").is_some() {
-            n = self.stuck_n.unwrap_or(n);
-        }
-        self.reading_n = if self.acting("cell-zero").is_some() { 0.0 } else { n };
-    }
-
-    /// What the cell felt at a time.
-    fn felt_n(&self, at_s: f64) -> f64 {
-        let index = self.history.partition_point(|(then_s, _)| *then_s <= at_s);
-        self.history.get(index.saturating_sub(1)).map_or(0.0, |(_, n)| *n)
-    }
-
-    pub(crate) fn reading_n(&self) -> f64 {
-        self.reading_n
-    }
-
-    /// The outputs of the array now, which palpate asked for.
-    pub(crate) fn read_outputs(&mut self) -> Vec<f64> {
-        let force_n = self.force_n();
-        if force_n > TOUCH_N {
-            self.seen.reads.push([self.axes[0].at_mm, self.axes[1].at_mm, force_n]);
-        }
-        self.outputs()
-    }
-
-    /// The outputs of the array now.
-    fn outputs(&mut self) -> Vec<f64> {
-        let sideways_mm = self.fault("array-shifted").unwrap_or(0.0) + self.fault("specimen-moves").unwrap_or(0.0);
-        let [x_mm, y_mm] = [self.axes[0].at_mm + sideways_mm, self.axes[1].at_mm];
-        let (force_n, noise) = (self.force_n(), NOISE * self.fault("array-noisy").unwrap_or(1.0));
-        let mut outputs = Vec::new();
-        for taxel in self.setting.taxels() {
-            let away_mm = (x_mm - taxel.x_mm).hypot(y_mm - taxel.y_mm) / self.setting.footprint_mm;
-            let volts = taxel.base + taxel.gain * force_n * (-away_mm * away_mm / 2.0).exp();
-            outputs.push(volts + noise * self.random.normal());
-        }
-        if self.acting("array-stuck").is_some() && self.stuck_outputs.is_some() {
-            outputs = self.stuck_outputs.clone().unwrap_or_default();
-        }
-        let one = |value: f64| (value as usize).min(self.setting.units() - 1);
-        if let (Some(value), Some(stuck)) = (self.fault("array-taxel-stuck"), &self.stuck_outputs) {
-            outputs[one(value)] = stuck[one(value)];
-        }
-        if let Some(value) = self.fault("array-taxel-dead") {
-            outputs[one(value)] = 0.0;
-        }
-        if self.fault("array-swapped").is_some() {
-            outputs.swap(0, 1);
-        }
-        let times = if self.fault("array-zero").is_some() { 0.0 } else { self.fault("array-scaled").unwrap_or(1.0) };
-        outputs.iter_mut().for_each(|volts| *volts *= times);
-        outputs
     }
 
     /// Whether the stage says that it moves, and where it says it is.
