@@ -53,7 +53,6 @@ impl Axis {
         let (left_mm, velocity) = (self.target_mm - self.at_mm, self.velocity_mm_s);
         // the faster one has stronger motors too
         let planned = law.acceleration_mm_s2 * law.speed_times.max(1.0);
-        let braked = planned / law.brakes_softer;
         let largest = self.speed_mm_s * law.speed_times;
         // what is left after this tick must be enough to brake
         let room_mm = (left_mm.abs() - velocity.abs() * TICK_S).max(0.0);
@@ -61,8 +60,7 @@ impl Axis {
             true => 0.0,
             false => (2.0 * planned * room_mm).sqrt().min(largest).max(SLOWEST_MM_S.min(largest)).copysign(left_mm),
         };
-        let slows = wanted.abs() < velocity.abs() || wanted * velocity < 0.0;
-        let change = TICK_S * if slows { braked } else { planned };
+        let change = TICK_S * if self.braking { planned / law.brakes_softer } else { planned };
         self.velocity_mm_s += (wanted - velocity).clamp(-change, change);
         let way_mm = self.velocity_mm_s * TICK_S;
         if self.braking && self.velocity_mm_s == 0.0 {

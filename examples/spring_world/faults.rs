@@ -41,7 +41,7 @@ pub(crate) const KINDS: [Kind; 95] = [
     kind("stage-frozen", "n", 1.0, &[], "reports the same position again and again"),
     kind("stage-slow", "share", 0.3, &[0.1, 0.3, 0.7], "is slower than commanded"),
     kind("stage-fast", "times", 2.0, &[1.5, 2.0, 4.0], "is faster than commanded"),
-    kind("stage-soft-brakes", "times", 20.0, &[3.0, 20.0], "brakes so many times more softly"),
+    kind("stage-soft-brakes", "times", 20.0, &[3.0, 20.0], "`stop` brakes so many times more softly"),
     kind("stage-deeper", "mm", 0.2, &[0.1, 0.2, 0.4], "goes deeper than the target that it reports"),
     kind("stage-says-target", "n", 1.0, &[], "stands still and reports the target"),
     kind("stage-stands", "n", 1.0, &[], "stands still and reports that"),

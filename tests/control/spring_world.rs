@@ -7,8 +7,9 @@
 //! ```
 //!
 //! The first writes a line for each run into `target/tmp/spring_world.jsonl`, and fails if a bound doesn't hold. A number in
-//! `PALPATE_TESTS` does that multiple, and `PALPATE_WORLD_SEED` is the first seed. The second does one run again, of a seed and with a fault that the first printed;
-//! `PALPATE_WORLD_STIFFNESS` is the true stiffness as a share of the declared one, where it was given.
+//! `PALPATE_TESTS` does that multiple, and `PALPATE_WORLD_SEED` is the first seed. The second does one run again, with a seed and
+//! a fault that the first printed; `PALPATE_WORLD_STIFFNESS` is the true stiffness as a share of the declared one, where it was
+//! printed too.
 #![cfg(unix)]
 
 mod draw;
