@@ -81,6 +81,41 @@ fn one() {
     assert!(verdict.falls.is_empty(), "{}", verdict.told());
 }
 
+#[test]
+fn a_verdict_names_each_bound_that_broke() {
+    let line = |fault: &str, press: u32, k: f64, changed: &str| {
+        let name = fault.split(':').next().expect("a name");
+        let fired = format!("[{{\"name\": {name:?}, \"at_s\": 1.0, \"press\": {press}}}]");
+        let clean = "\"own_mm\": 0.1, \"end_n\": 0.0, \"wrong_rows\": 0, \"worst_row_n\": 0.0";
+        let said =
+            format!("\"fault\": {fault:?}, \"world\": \"map k={k} k2=0.00\", \"words\": \"x\", \"fired\": {fired}");
+        // of two values of a key the last counts
+        format!("{{{said}, \"code\": \"4\", \"force_max_n\": 2.0, {clean}, {changed}}}")
+    };
+    for (fault, press, k, changed, expected) in [
+        ("cell-slow", 3, 1.0, "\"force_max_n\": 2.49", ""),
+        ("cell-slow", 3, 1.0, "\"force_max_n\": 2.51", "over"),
+        ("cell-slow", 11, 1.0, "\"force_max_n\": 2.21", "over"),
+        ("host-stop", 1, 1.0, "\"force_max_n\": 2.21", "over"),
+        ("stage-drops", 1, 1.0, "\"force_max_n\": 2.30", ""),
+        ("stage-drops", 1, 1.0, "\"force_max_n\": 2.32", "over"),
+        ("specimen-jumps:mm=0.5", 1, 1.0, "\"force_max_n\": 2.62", ""),
+        ("specimen-jumps:mm=0.5", 1, 1.0, "\"force_max_n\": 2.63", "over"),
+        ("cell-gain", 11, 3.0, "\"force_max_n\": 9.0", ""),
+        ("cell-gain", 11, 3.0, "\"force_max_n\": 2.1, \"code\": \"0\"", "unnoticed"),
+        ("stage-dead", 1, 1.0, "\"end_n\": 0.1", "left"),
+        ("stage-dead", 1, 1.0, "\"end_n\": 0.1, \"words\": \"the force that remains can't be known\"", ""),
+        ("host-kill", 1, 1.0, "\"end_n\": 1.8", ""),
+        ("cell-gain", 11, 1.0, "\"wrong_rows\": 1, \"code\": \"0\"", "silent"),
+        ("stage-lost", 1, 1.0, "\"code\": \"hung\"", "ended"),
+    ] {
+        let falls = Verdict::of(&line(fault, press, k, changed)).falls;
+        let expected: Vec<&str> = expected.split_whitespace().collect();
+        let words: Vec<&str> = falls.iter().filter_map(|fall| fall.split([':', ' ']).next()).collect();
+        assert_eq!(words, expected, "{fault} {changed}: {falls:?}");
+    }
+}
+
 /// The world's program.
 struct World {
     path: PathBuf,
