@@ -48,7 +48,8 @@ pub(crate) fn carry_out(task: Task) -> Result<String, String> {
         .keep
         .clone()
         .unwrap_or_else(|| std::env::temp_dir().join(format!("spring-world-{}-{}", std::process::id(), task.seed)));
-    let told = made_in(&task, faults, &folder).map_err(|error| format!("{}: {error}", folder.display()));
+    let told = made_in(&task, faults, &folder)
+        .map_err(|error| format!("{} in {}: {error}", task.palpate.display(), folder.display()));
     if task.keep.is_none() {
         // what is left of a scratch folder harms nobody
         let _ = fs::remove_dir_all(&folder);
@@ -66,7 +67,8 @@ fn made_in(task: &Task, faults: Vec<Fault>, folder: &Path) -> io::Result<String>
     let command = |role: &str| format!("[{:?}, {role:?}, \"{port}\"]", this.display().to_string());
     fs::write(folder.join("rig.toml"), task.setting.rig(&command))?;
     fs::write(folder.join("recipe.toml"), recipe)?;
-    let mut program = Command::new(&task.palpate);
+    // the program works in the folder, wherever this was started
+    let mut program = Command::new(fs::canonicalize(&task.palpate)?);
     program.args(["run", "recipe.toml", "--rig", "rig.toml", "--out", "run", "--json", "--confirmed", "down"]);
     program.arg("--seed").arg(task.seed.to_string()).current_dir(folder).stdin(Stdio::null());
     program.env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env("XDG_STATE_HOME", folder);
