@@ -4,7 +4,7 @@
 
 use crate::axis::{Axis, Law, TICK_S};
 use crate::faults::{Fault, Moment};
-use crate::setting::{Random, Setting};
+use crate::setting::{DEPTH_MM, Random, Setting};
 use std::time::Instant;
 
 /// Force from which the tip counts as touching, N, and how far to the side the next place is, mm.
@@ -174,7 +174,9 @@ impl World {
         let depth_mm = (-self.height_mm()).max(0.0);
         let times = self.fault("specimen-stiffer").or(self.fault("specimen-softer")).unwrap_or(1.0);
         let torn = self.fault("specimen-tears").is_some();
-        let n = self.setting.stiffness_n_mm * depth_mm + self.setting.stiffening_n_mm2 * depth_mm * depth_mm;
+        // below the depth limit it gets no stiffer
+        let square_mm2 = depth_mm * depth_mm - (depth_mm - DEPTH_MM).max(0.0).powi(2);
+        let n = self.setting.stiffness_n_mm * depth_mm + self.setting.stiffening_n_mm2 * square_mm2;
         if torn { 0.0 } else { n * times }
     }
 
