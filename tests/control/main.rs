@@ -10,6 +10,7 @@ mod machine;
 mod printer;
 mod reaction;
 mod safety;
+mod spring_world;
 mod tilt;
 mod trips;
 mod uncertainty;
