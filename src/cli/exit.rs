@@ -27,7 +27,7 @@ pub struct Failure {
     code: u8,
     report: Report,
     /// Where the stage is, if a walk left it.
-    stage: Option<&'static str>,
+    stage: Option<String>,
     /// A failure that is reported first; the exit code isn't about it.
     before: Option<Box<Failure>>,
 }
@@ -125,12 +125,15 @@ impl Failure {
 
     /// A walk that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
-        let Ending { halt, unparked, .. } = ending;
-        let stage = match (&halt, &unparked) {
-            (_, Some(_)) => Some("the stage could not be parked: move it clear of the specimen by hand"),
-            (Some(Halt::Record(_)), None) => Some("the stage is parked"),
+        let Ending { halt, unparked, remaining, .. } = ending;
+        let parked = match (&halt, &unparked) {
+            (_, Some(_)) => Some("the stage could not be parked: move it clear of the specimen by hand".to_owned()),
+            (Some(Halt::Tripped(_)), None) => Some("the stage is parked at the end of z's travel".to_owned()),
+            (Some(Halt::Record(_)), None) => Some("the stage is parked".to_owned()),
             _ => None,
         };
+        let stage: Vec<String> = parked.into_iter().chain(remaining.told()).collect();
+        let stage = (!stage.is_empty()).then(|| stage.join("; "));
         let (halt, unparked) = match (halt, unparked) {
             (Some(halt), unparked) => (halt, unparked),
             (None, Some(unparked)) => (unparked, None),
@@ -147,7 +150,7 @@ impl Failure {
 
     /// Prints the failure, and returns its exit code.
     pub fn report(self) -> ExitCode {
-        self.stage.into_iter().for_each(say);
+        self.stage.iter().for_each(|stage| say(stage));
         self.before.into_iter().for_each(|before| _ = before.report());
         match self.report.downcast::<Problems>() {
             Ok(problems) => {
@@ -163,7 +166,7 @@ impl Failure {
 
     /// Returns the exit code, and what [`report`](Self::report) prints as plain lines without graphics.
     pub fn plain(self) -> (u8, String) {
-        let mut lines: Vec<String> = self.stage.into_iter().map(str::to_owned).collect();
+        let mut lines: Vec<String> = self.stage.into_iter().collect();
         lines.extend(self.before.map(|before| before.plain().1));
         lines.push(match self.report.downcast_ref::<Problems>() {
             Some(problems) => {

@@ -90,6 +90,8 @@ pub enum Rule {
     WeightLeftOn,
     /// The readings of a known weight differ between repetitions.
     WeightUnsteady,
+    /// The stage moves on although it was stopped.
+    NotStopped,
     /// The end point of a requested motion isn't safe.
     NotPermitted,
 }
@@ -132,7 +134,50 @@ impl Rule {
             Rule::NoWeight => "no-weight",
             Rule::WeightLeftOn => "weight-left-on",
             Rule::WeightUnsteady => "weight-unsteady",
+            Rule::NotStopped => "not-stopped",
             Rule::NotPermitted => "not-permitted",
+        }
+    }
+
+    /// Whether the load cell is in doubt after this rule was broken, so that its readings show nothing of the force that is left.
+    pub fn doubts_load_cell(self) -> bool {
+        match self {
+            Rule::WrongSign
+            | Rule::Frozen
+            | Rule::Unhealthy
+            | Rule::NotFinite
+            | Rule::Stale
+            | Rule::ZeroDrifted
+            | Rule::Noisy
+            | Rule::NoResponse
+            | Rule::Fallen
+            | Rule::SofterThanDeclared
+            | Rule::SofterThanTaught
+            | Rule::StifferThanTaught
+            | Rule::RisesAtRest
+            | Rule::OutputsDiffer
+            | Rule::OutputsMoved
+            | Rule::ForceRose
+            | Rule::ForceFell
+            | Rule::ZeroOutside
+            | Rule::ZeroInContact
+            | Rule::GainOff
+            | Rule::NoWeight
+            | Rule::WeightLeftOn
+            | Rule::WeightUnsteady => true,
+            Rule::OverForce
+            | Rule::Guarded
+            | Rule::HardContact
+            | Rule::StageSilent
+            | Rule::NoContact
+            | Rule::StillTouching
+            | Rule::OutOfReach
+            | Rule::NoConvergence
+            | Rule::SurfaceMoved
+            | Rule::ZeroShifted
+            | Rule::SurfaceElsewhere
+            | Rule::NotStopped
+            | Rule::NotPermitted => false,
         }
     }
 
@@ -205,6 +250,7 @@ impl Rule {
             Rule::NoWeight => "check that the weight was put on and didn't move, and that the load cell measures",
             Rule::WeightLeftOn => "check that the weight was taken off, and that nothing touches the tip",
             Rule::WeightUnsteady => "check that the weight acts along z each time, and is heavy enough for this cell",
+            Rule::NotStopped => "the stage does not stop: press the emergency stop",
             Rule::NotPermitted => "check `limits` and `frame` of the rig",
         }
     }

@@ -171,7 +171,7 @@ impl Desk {
                 device.or_else(|| found.air.and_then(Result::err).map(Halt::from))
             }
         };
-        Ok(halt.map(|halt| Outcome::halted(Ending { halt: Some(halt), unparked: None, t_s: 0.0 }, Vec::new(), 0.0)))
+        Ok(halt.map(|halt| Outcome::halted(Ending::halted(halt), Vec::new(), 0.0)))
     }
 
     /// Walks the first recipe, and further ones as long as the result asks for more presses.

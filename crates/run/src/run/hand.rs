@@ -6,13 +6,13 @@ use crate::rig::{ArraySpec, SceneProbe};
 use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::Air;
-use palpate_link::device::{Instruments, LoadCell, Reins, SensorArray, Stage, StageUse};
+use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use palpate_link::wire::Claims;
 use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, sleep_until, timeout};
+use tokio::time::{Instant, sleep, sleep_until};
 
 /// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
 const AIR_S: f64 = 0.3;
@@ -33,11 +33,6 @@ const LIGHT_SIGMAS: f64 = 4.0;
 /// window.
 const OUTPUTS_IN_AIR: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
-/// Number of successive readings that must show a rise of the force before the rise stops a withdrawal.
-const RISE_READINGS: usize = 5;
-/// Longest wait for the reading in progress at the end of a withdrawal.
-const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
-
 /// Instruments in use, which carry out the commands of a press.
 pub(super) struct Hand<'a, S, C, A> {
     pub stage: S,
@@ -180,42 +175,6 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     /// Time used by the parts of a press, s.
     pub(super) fn now_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
-    }
-
-    /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
-    /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
-    /// answer or gives no number doesn't stop the withdrawal.
-    pub(super) async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
-        let most_n = self.watch.rise_most_n();
-        let none_n = self.watch.zero().offset_n;
-        let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
-        let mut risen = Ok(());
-        loop {
-            let reading = async {
-                sleep(self.cell.conversion()).await;
-                self.cell.read().await
-            };
-            tokio::pin!(reading);
-            let read = tokio::select! {
-                biased;
-                () = over.notified() => {
-                    // an exchange that is answered in time isn't dropped half-way
-                    let _ = timeout(LAST_READING_DEADLINE, reading).await;
-                    return risen;
-                }
-                read = &mut reading => read,
-            };
-            let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
-            last.rotate_left(1);
-            last[RISE_READINGS - 1] = read.force_n;
-            lowest_n = lowest_n.min(read.force_n);
-            // all of the last ones: a cell that spikes is no reason to stay
-            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
-            if risen.is_ok() && rise_n > most_n {
-                risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
-                reins.stop();
-            }
-        }
     }
 
     /// Whether readings count as air.

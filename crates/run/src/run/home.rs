@@ -2,7 +2,8 @@
 //! read all the time.
 
 use super::hand::{Gauge, Hand};
-use super::motion::{unless_it_rises, watched};
+use super::motion::watched;
+use super::retreat::unless_it_rises;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};

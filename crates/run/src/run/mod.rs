@@ -17,6 +17,7 @@ mod pace;
 mod past;
 mod press;
 mod ready;
+mod retreat;
 mod shift;
 mod walk;
 mod window;
@@ -29,6 +30,7 @@ pub use examine::{CellInAir, Examination, examine};
 pub use home::{Withdrawn, withdraw};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
+pub use retreat::Remaining;
 pub use walk::{Ending, Listener, Walk, walk, walk_on};
 
 use palpate_control::{Rule, Trip};

@@ -28,10 +28,6 @@ const CONVERSIONS_HEARD: f64 = 4.0;
 /// Interval between looks at z during the withdrawal from a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
-/// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
-/// triggers once. A third attempt costs only seconds.
-const WITHDRAW_TRIES: usize = 3;
-
 /// Axes that move the indenter from place to place.
 const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
@@ -185,51 +181,6 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(driven.places_mm.first().copied(), target_mm).await
     }
 
-    /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
-    /// A force that rises during the motion stops the stage.
-    async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
-        self.read_back_z().await?;
-        if self.z_mm <= z_mm {
-            return Ok(());
-        }
-        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
-        let speed_mm_s = self.usage.speed_mm_s;
-        let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
-        let reins = Reins::default();
-        let Hand { stage, cell, .. } = self;
-        let motion = async {
-            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
-            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await?)
-        };
-        let places_mm = unless_it_rises(cell, motion, &reins).await?;
-        sleep(seconds(self.timing.settle_s)).await;
-        self.arrived_z(places_mm.first().copied(), target_mm).await
-    }
-
-    /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
-    /// start, because an earlier program may have left the axes in contact.
-    pub(super) async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
-        let mut withdrawn = Ok(());
-        for _ in 0..WITHDRAW_TRIES {
-            withdrawn = self.stop_and_retreat(z_mm).await;
-            // what rose once is not tried again
-            if matches!(withdrawn, Ok(()) | Err(Halt::Tripped(_))) {
-                break;
-            }
-        }
-        withdrawn
-    }
-
-    /// Stops the stage and withdraws z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
-    /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
-    async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
-        self.stage.stop().await?;
-        // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
-        let _ = self.stage.guard(None).await;
-        self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
-        self.retreat(z_mm).await
-    }
-
     /// Reads back x, y and z at any position of the axes.
     pub(super) async fn find_itself(&mut self) -> Result<(), Halt> {
         let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
@@ -286,7 +237,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Checks that z is at its target. The read-back may still be short by the stage's settling distance, so it only counts where a
     /// stage with steps can't go to its target.
-    async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn arrived_z(&mut self, at_mm: Option<f64>, target_mm: f64) -> Result<(), Halt> {
         let at_mm = at_mm.unwrap_or(f64::NAN);
         self.check_arrival(Axis::Z, at_mm, target_mm).await?;
         let has_steps = self.usage.steps.along(Axis::Z) > 0.0;
@@ -304,7 +255,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    async fn read_back_z(&mut self) -> Result<(), Halt> {
+    pub(super) async fn read_back_z(&mut self) -> Result<(), Halt> {
         self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z, &Reins::default()).await?);
         Ok(())
     }
@@ -318,7 +269,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Err(lost(missed(axis, (position_mm, target_mm, most_mm), &self.stage.complaints().await?)))
     }
 
-    fn stage_z_mm(&self, z_mm: f64) -> f64 {
+    pub(super) fn stage_z_mm(&self, z_mm: f64) -> f64 {
         self.frame.to_stage(self.place, z_mm).z_mm
     }
 }
@@ -380,23 +331,6 @@ pub(super) async fn watched<C: LoadCell, T>(
     moved
 }
 
-/// Runs a motion away from the specimen until it ends or the force rises. A cell that doesn't answer doesn't delay the motion.
-pub(super) async fn unless_it_rises<C: LoadCell, T>(
-    gauge: &mut Gauge<'_, C>,
-    motion: impl Future<Output = Result<T, Halt>>,
-    reins: &Reins,
-) -> Result<T, Halt> {
-    let over = Notify::new();
-    let motion = async {
-        let moved = motion.await;
-        over.notify_one();
-        moved
-    };
-    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
-    risen?;
-    moved
-}
-
 /// Runs a motion to its end. Averages the outputs during the motion, once z is clear of the specimen.
 async fn with_outputs<A: SensorArray, T>(
     motion: impl Future<Output = Result<T, Halt>>,
@@ -447,7 +381,7 @@ fn missed(axis: Axis, (position_mm, target_mm, most_mm): (f64, f64, f64), compla
     }
 }
 
-fn lost(problem: DeviceProblem) -> Halt {
+pub(super) fn lost(problem: DeviceProblem) -> Halt {
     let doing = "checking where a motion ended".to_owned();
     DeviceError { device: "stage".to_owned(), doing, problem }.into()
 }

@@ -4,7 +4,7 @@ use super::clock::RunClock;
 use super::hand::Hand;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
-use super::{Cancel, Halt};
+use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{AIR_READINGS, Felt, Map, Permit, Reaction, Response};
 use palpate_core::quantity::Place;
@@ -41,6 +41,8 @@ pub struct Ending {
     pub halt: Option<Halt>,
     /// Reason why the stage couldn't be parked, if there is one.
     pub unparked: Option<Halt>,
+    /// Force on the specimen after the stage was parked.
+    pub remaining: Remaining,
     /// Time of the end, s since the run's start.
     pub t_s: f64,
 }
@@ -68,7 +70,7 @@ pub trait Listener {
 pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     match errand.spec.open(errand.plan.seed) {
         Ok(rig) => walk_on(rig, errand, listener).await,
-        Err(error) => Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },
+        Err(error) => Ending::halted(error),
     }
 }
 
@@ -88,11 +90,11 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
     let Walk { plan, spec, ledger, cancel, shown } = errand;
     let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
         Ok(past) => past,
-        Err(error) => return Ending { halt: Some(error.into()), unparked: None, t_s: 0.0 },
+        Err(error) => return Ending::halted(error),
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
-    let mut ending = Ending { halt: None, unparked: None, t_s: 0.0 };
+    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0 };
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
@@ -119,7 +121,11 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
                 Peaks { force_peak_n, depth_peak_mm }
             });
             note_trip(ledger, &ending, walker.pressing, peaks, clock.now_s());
-            ending.unparked = walker.hand.withdraw(walker.park_mm()).await.err();
+            ending.unparked = walker.leave(ending.halt.as_ref()).await.err();
+            if ending.halt.is_some() || ending.unparked.is_some() {
+                let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
+                ending.remaining = walker.hand.remaining(doubted).await;
+            }
         }
         Err(halt) => {
             ending.halt = Some(halt);
@@ -131,6 +137,11 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
 }
 
 impl Ending {
+    /// Creates the ending of a run in which nothing has moved.
+    pub fn halted(halt: impl Into<Halt>) -> Self {
+        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0 }
+    }
+
     /// Returns the status for the run's manifest.
     pub fn status(&self) -> Status {
         match (&self.halt, &self.unparked) {
@@ -156,7 +167,8 @@ impl Ending {
             Halt::Unconfirmed(why) => Some(why.clone()),
         };
         let unparked = self.unparked.as_ref().and_then(told).map(|why| format!("the stage could not be parked: {why}"));
-        let parts: Vec<String> = self.halt.as_ref().and_then(told).into_iter().chain(unparked).collect();
+        let parts = self.halt.as_ref().and_then(told).into_iter().chain(unparked).chain(self.remaining.told());
+        let parts: Vec<String> = parts.collect();
         (!parts.is_empty()).then(|| parts.join("; "))
     }
 }
@@ -238,6 +250,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     fn park_mm(&self) -> f64 {
         let spec = self.conditions.spec;
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
+    }
+
+    /// Parks the stage at the end. After a trip or a failure, the specimen may have risen: the stage is stopped, read back until it
+    /// rests, and parked at the end of its travel.
+    async fn leave(&mut self, halt: Option<&Halt>) -> Result<(), Halt> {
+        match halt {
+            Some(Halt::Tripped(_) | Halt::Device(_)) => {
+                self.hand.stop_and_see().await?;
+                self.hand.withdraw(self.conditions.spec.top_mm()).await
+            }
+            _ => self.hand.withdraw(self.park_mm()).await,
+        }
     }
 
     async fn presses(

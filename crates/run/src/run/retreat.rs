@@ -1,0 +1,256 @@
+//! The way out: stops the stage, sees that it rests, and withdraws from the specimen, whether the load cell can be trusted or not.
+
+use super::Halt;
+use super::hand::{Gauge, Hand};
+use palpate_control::{MotionProfile, Rule, Trip, check_sound};
+use palpate_core::quantity::{Axis, seconds};
+use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep, timeout};
+
+/// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
+/// triggers once. A third attempt costs only seconds.
+const WITHDRAW_TRIES: usize = 3;
+
+/// Number of successive readings that must show a rise of the force before the rise stops a withdrawal.
+const RISE_READINGS: usize = 5;
+/// Longest wait for the reading in progress at the end of a withdrawal.
+const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
+
+/// Time between two read-backs of a stage that was stopped, and the longest wait until two of them agree.
+const REST_LOOK: Duration = Duration::from_millis(50);
+const REST_DEADLINE: Duration = Duration::from_secs(2);
+/// Largest difference between them of a stage at rest, mm, on any axis.
+const REST_MM: f64 = 0.003;
+
+/// Number of rises against which a withdrawal continues while position and outputs show that z moves away.
+const RISES_MAX: usize = 50;
+/// Fraction of the outputs' change against air that must remain at most for the outputs to have fallen.
+const FALLEN_SHARE: f64 = 0.98;
+/// Change of the outputs against air that shows a contact, in sd of one reading.
+const SHOWN_SIGMAS: f64 = 8.0;
+/// Retract against a rise that is allowed once where the array shows nothing, mm.
+const SPARE_MM: f64 = 0.5;
+
+/// Number of readings of the force that remains, and least force that is reported, N.
+const LEFT_READINGS: usize = 20;
+const LEFT_LEAST_N: f64 = 0.05;
+
+/// What the instruments show of the specimen after the way out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remaining {
+    /// The load cell reads air.
+    Nothing,
+    /// This force is left on the specimen, N.
+    Force(f64),
+    /// The load cell is in doubt, so the force can't be known.
+    Unknown,
+}
+
+impl Remaining {
+    /// Returns a sentence about the force; `None` if there is none.
+    pub fn told(&self) -> Option<String> {
+        match self {
+            Remaining::Nothing => None,
+            Remaining::Force(force_n) => Some(format!("{force_n:.2} N remain on the specimen")),
+            Remaining::Unknown => Some("the load cell is in doubt, so the remaining force can't be known".to_owned()),
+        }
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+    /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
+    /// start, because an earlier program may have left the axes in contact.
+    pub(super) async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let mut withdrawn = Ok(());
+        for _ in 0..WITHDRAW_TRIES {
+            withdrawn = self.stop_and_retreat(z_mm).await;
+            // what rose once is not tried again
+            if matches!(withdrawn, Ok(()) | Err(Halt::Tripped(_))) {
+                break;
+            }
+        }
+        withdrawn
+    }
+
+    /// Stops all axes and reads their positions back until they rest.
+    ///
+    /// # Errors
+    /// The stage moves on, or doesn't answer.
+    pub(super) async fn stop_and_see(&mut self) -> Result<(), Halt> {
+        self.stage.stop().await?;
+        rests(&mut self.stage).await
+    }
+
+    /// Returns the force that is left on the specimen. After this halt, the load cell may be in doubt.
+    pub(super) async fn remaining(&mut self, halt: Option<&Halt>) -> Remaining {
+        let is_doubtful = match halt {
+            Some(Halt::Tripped(trip)) => trip.rule.doubts_load_cell(),
+            Some(Halt::Device(error)) => matches!(error.device.as_str(), "load cell" | "load_cell"),
+            _ => false,
+        };
+        if is_doubtful {
+            return Remaining::Unknown;
+        }
+        sleep(seconds(self.timing.settle_s)).await;
+        let mut sum_n = 0.0;
+        for _ in 0..LEFT_READINGS {
+            sleep(self.cell.cell.conversion()).await;
+            match self.cell.cell.read().await {
+                Ok(reading) if check_sound(&reading).is_ok() => sum_n += reading.force_n,
+                _ => return Remaining::Unknown,
+            }
+        }
+        let force_n = sum_n / LEFT_READINGS as f64 - self.cell.watch.zero().offset_n;
+        if force_n.abs() < LEFT_LEAST_N { Remaining::Nothing } else { Remaining::Force(force_n) }
+    }
+
+    /// Stops the stage and withdraws z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
+    /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
+    async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.stage.stop().await?;
+        // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        let _ = self.stage.guard(None).await;
+        self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.retreat(z_mm).await
+    }
+
+    /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
+    ///
+    /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
+    /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, it continues once, for a short distance.
+    async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+        self.read_back_z().await?;
+        let (mut felt, mut is_spare) = (self.felt().await, true);
+        for _ in 0..RISES_MAX {
+            if self.z_mm <= z_mm {
+                return Ok(());
+            }
+            let from_mm = self.z_mm;
+            let Err(halt) = self.retreat_once(z_mm, true).await else { return Ok(()) };
+            if !matches!(&halt, Halt::Tripped(trip) if trip.rule == Rule::ForceRose) {
+                return Err(halt);
+            }
+            rests(&mut self.stage).await?;
+            self.read_back_z().await?;
+            let is_away = from_mm - self.z_mm > self.usage.steps.in_position_mm(Axis::Z);
+            let now = self.felt().await;
+            match (felt, now) {
+                (Some(before), Some(now)) if is_away && now < FALLEN_SHARE * before => {}
+                (None, None) if is_away && is_spare => {
+                    is_spare = false;
+                    self.retreat_once((self.z_mm - SPARE_MM).max(z_mm), false).await?;
+                }
+                _ => return Err(halt),
+            }
+            felt = now;
+        }
+        self.retreat_once(z_mm, true).await
+    }
+
+    async fn retreat_once(&mut self, z_mm: f64, is_watched: bool) -> Result<(), Halt> {
+        let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
+        let speed_mm_s = self.usage.speed_mm_s;
+        let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
+        let reins = Reins::default();
+        let Hand { stage, cell, .. } = self;
+        let motion = async {
+            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
+            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await?)
+        };
+        let places_mm = if is_watched { unless_it_rises(cell, motion, &reins).await? } else { motion.await? };
+        sleep(seconds(self.timing.settle_s)).await;
+        self.arrived_z(places_mm.first().copied(), target_mm).await
+    }
+
+    /// Returns how far the outputs are from those in air, in sd of one reading; `None` if they show no contact, or aren't known.
+    async fn felt(&mut self) -> Option<f64> {
+        let mut now = vec![0.0; self.array.units()];
+        self.array.read(&mut now).await.ok()?;
+        let sigma = self.output_sigma();
+        let change = now.iter().zip(&self.air).map(|(now, air)| (now - air).powi(2)).sum::<f64>().sqrt() / sigma;
+        (change.is_finite() && change > SHOWN_SIGMAS * (now.len() as f64).sqrt()).then_some(change)
+    }
+}
+
+/// Reads the positions of all axes back until they rest.
+async fn rests<S: Stage>(stage: &mut S) -> Result<(), Halt> {
+    let until = Instant::now() + REST_DEADLINE;
+    let mut before = positions(stage).await?;
+    loop {
+        sleep(REST_LOOK).await;
+        let now = positions(stage).await?;
+        let moved_mm = before.iter().zip(now).map(|(before, now)| (now - before).abs()).fold(0.0, f64::max);
+        if moved_mm <= REST_MM {
+            return Ok(());
+        }
+        if Instant::now() > until {
+            return Err(Trip::new(Rule::NotStopped, moved_mm, REST_MM, "mm").into());
+        }
+        before = now;
+    }
+}
+
+async fn positions<S: Stage>(stage: &mut S) -> Result<[f64; 3], Halt> {
+    let mut at_mm = [0.0; 3];
+    for axis in Axis::ALL {
+        at_mm[axis.index()] = stage.position_mm(axis, &Reins::default()).await?;
+    }
+    Ok(at_mm)
+}
+
+/// Runs a motion away from the specimen until it ends or the force rises. A cell that doesn't answer doesn't delay the motion.
+pub(super) async fn unless_it_rises<C: LoadCell, T>(
+    gauge: &mut Gauge<'_, C>,
+    motion: impl Future<Output = Result<T, Halt>>,
+    reins: &Reins,
+) -> Result<T, Halt> {
+    let over = Notify::new();
+    let motion = async {
+        let moved = motion.await;
+        over.notify_one();
+        moved
+    };
+    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
+    risen?;
+    moved
+}
+
+impl<C: LoadCell> Gauge<'_, C> {
+    /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
+    /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
+    /// answer or gives no number doesn't stop the withdrawal.
+    async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
+        let most_n = self.watch.rise_most_n();
+        let none_n = self.watch.zero().offset_n;
+        let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
+        let mut risen = Ok(());
+        loop {
+            let reading = async {
+                sleep(self.cell.conversion()).await;
+                self.cell.read().await
+            };
+            tokio::pin!(reading);
+            let read = tokio::select! {
+                biased;
+                () = over.notified() => {
+                    // an exchange that is answered in time isn't dropped half-way
+                    let _ = timeout(LAST_READING_DEADLINE, reading).await;
+                    return risen;
+                }
+                read = &mut reading => read,
+            };
+            let Some(read) = read.ok().filter(|read| check_sound(read).is_ok()) else { continue };
+            last.rotate_left(1);
+            last[RISE_READINGS - 1] = read.force_n;
+            lowest_n = lowest_n.min(read.force_n);
+            // all of the last ones: a cell that spikes is no reason to stay
+            let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
+            if risen.is_ok() && rise_n > most_n {
+                risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
+                reins.stop();
+            }
+        }
+    }
+}
