@@ -16,11 +16,13 @@ const STIFFNESS: Field = Field { length_mm: 3.0, spread: 0.25 };
 pub(super) const WAY_MM: f64 = 0.010;
 /// Fraction of the distance of the softest press around beyond which a press is too soft, whatever the scatter is.
 const SOFTEST_SHARE: f64 = 0.55;
-/// Standard deviation of a prediction, as a fraction, up to which it is used to bound the depth of a press.
+/// Standard deviation of a prediction, as a fraction, up to which a press may go as deep as predicted at once.
 const SURE: f64 = 0.10;
-/// Excess of the predicted force over the limit at which a press ends, as a fraction and in sd of the prediction.
-const OVER: f64 = 0.06;
-const OVER_SIGMAS: f64 = 2.5;
+/// Excess of the predicted force over the limit at which a press ends: least and largest, as fractions, and in sd of the prediction.
+/// The third fraction is for the softest press around, before there is a prediction.
+const OVER: (f64, f64) = (0.06, 0.10);
+const OVER_SIGMAS: f64 = 2.0;
+const OVER_SOFTEST: f64 = 0.20;
 /// Room below the limit that a prediction leaves, in sd, until the load cell has shown that it follows.
 const UNDER_SIGMAS: f64 = 3.0;
 
@@ -133,15 +135,16 @@ impl Taught {
         self.shape.force_n(self.shape.depth_mm(from_n) + way_mm / self.softest)
     }
 
-    /// Depth, mm, that a press may not exceed if the force may not exceed `limit_n`; infinite if the prediction isn't sure.
+    /// Depth, mm, that a press may not exceed if the force may not exceed `limit_n`; infinite beyond the learned forces.
     pub fn deepest_mm(&self, limit_n: f64) -> f64 {
-        match self.predicted {
-            Some((softness, sigma)) if sigma <= SURE && limit_n <= self.most_n => {
-                let over = OVER.max(OVER_SIGMAS * sigma);
-                softness * self.shape.depth_mm((1.0 + over) * limit_n) + WAY_MM
-            }
-            _ => f64::INFINITY,
+        if limit_n > self.most_n {
+            return f64::INFINITY;
         }
+        let (softness, over) = match self.predicted {
+            Some((softness, sigma)) => (softness, (OVER_SIGMAS * sigma).clamp(OVER.0, OVER.1)),
+            None => (self.softest, OVER_SOFTEST),
+        };
+        softness * self.shape.depth_mm((1.0 + over) * limit_n) + WAY_MM
     }
 
     /// Depth, mm, at which the force is within `limit_n` by what the presses around have shown, whatever the load cell reads; 0 if

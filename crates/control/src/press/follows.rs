@@ -14,6 +14,8 @@ const MISSING_SHARE: f64 = 0.1;
 /// Force that the declared stiffness may give on the way from the last point at which the cell followed, as a multiple of the
 /// limit. If the cell follows, the permit's own bound holds.
 const UNPROVEN: f64 = 1.1;
+/// Least rise of the force that shows that the cell follows, as a fraction of that of the declared stiffness.
+const ANSWER_SHARE: f64 = 0.05;
 /// Longest wait for the proof, s.
 const WAIT_MOST_S: f64 = 1.0;
 
@@ -23,7 +25,7 @@ impl ForceLoop {
     pub(super) fn make_contact(&mut self, force_n: f64) {
         self.in_contact = true;
         self.shown = (self.first_mm.min(self.z_mm), 0.0);
-        self.rest(force_n);
+        self.rest(force_n, false);
     }
 
     /// Deepest z that doesn't depend on the present force, mm. It follows from the declared stiffness and the last point at which
@@ -60,10 +62,27 @@ impl ForceLoop {
 
     /// Time that the stage must rest before it moves to `wanted_mm`, s, so that the cell shows that it follows; `None` if it has
     /// shown that here, or needn't.
-    pub(super) fn must_show_answer_s(&self, wanted_mm: f64) -> Option<f64> {
-        let is_shown = self.z_mm - self.shown.0 < STEP_LEAST_MM;
+    ///
+    /// # Errors
+    /// A trip if the force didn't rise on the way to here, although the stage rested long enough.
+    pub(super) fn must_show_answer_s(&self, wanted_mm: f64) -> Result<Option<f64>, Trip> {
+        let (shown_mm, shown_n) = self.shown;
+        let is_shown = self.z_mm - shown_mm < STEP_LEAST_MM;
         let needs = self.in_contact && !is_shown && wanted_mm > self.most_mm() + STEP_LEAST_MM;
-        (needs && !self.is_bounded_by_neighbours()).then(|| self.proof_s())
+        if !needs || self.is_bounded_by_neighbours() {
+            return Ok(None);
+        }
+        match self.rested {
+            Some(rested) if rested.is_long => {
+                Err(Trip::new(Rule::NoResponse, self.force_n - shown_n, self.answer_n(), "N"))
+            }
+            _ => Ok(Some(self.proof_s())),
+        }
+    }
+
+    /// Least rise of the force from the last point at which the cell followed, N.
+    fn answer_n(&self) -> f64 {
+        ANSWER_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - self.shown.0)
     }
 
     /// Checks that the force didn't rise while the stage rested. After a sufficient rest, the cell was shown to follow.
@@ -80,17 +99,20 @@ impl ForceLoop {
             if rise_n > most_n {
                 return Err(Trip::new(Rule::RisesAtRest, rise_n, most_n, "N"));
             }
-            if between_s >= self.proof_s() {
+            let is_long = between_s >= self.proof_s();
+            if is_long && force_n - self.shown.1 >= self.answer_n() {
                 self.shown = (self.z_mm, force_n);
             }
+            self.rest(force_n, is_long);
+        } else {
+            self.rest(force_n, false);
         }
-        self.rest(force_n);
         Ok(())
     }
 
-    fn rest(&mut self, force_n: f64) {
+    fn rest(&mut self, force_n: f64, is_long: bool) {
         let (z_mm, sigma_n, now_s) = (self.z_mm, self.sigma_n, self.moment.now_s);
-        self.rested = Some(Rested { z_mm, force_n, sigma_n, now_s });
+        self.rested = Some(Rested { z_mm, force_n, sigma_n, now_s, is_long });
     }
 
     /// Rest after which the slowest cell would have shown a rise, s, if it didn't yet show a part of the force.

@@ -187,7 +187,7 @@ impl ForceLoop {
 
     /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
     pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
-        if let Some(dwell_s) = self.must_show_answer_s(wanted_mm) {
+        if let Some(dwell_s) = self.must_show_answer_s(wanted_mm)? {
             return self.go(State::Lingering, Command::Dwell(dwell_s));
         }
         let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));

@@ -93,6 +93,8 @@ pub(super) struct Rested {
     pub(super) force_n: f64,
     pub(super) sigma_n: f64,
     pub(super) now_s: f64,
+    /// Whether the stage had rested long enough before that a slow cell would have shown a rise.
+    pub(super) is_long: bool,
 }
 
 /// The state of a motion that is steered.

@@ -33,6 +33,8 @@ const SHOWN_SIGMAS: f64 = 8.0;
 /// Retract against a rise that is allowed once where the array shows nothing, mm.
 const SPARE_MM: f64 = 0.5;
 
+/// Wait before the remaining force is read: a specimen that rose may still be rising.
+const LEFT_AFTER: Duration = Duration::from_secs(1);
 /// Number of readings of the force that remains, and least force that is reported, N.
 const LEFT_READINGS: usize = 20;
 const LEFT_LEAST_N: f64 = 0.05;
@@ -93,7 +95,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if is_doubtful {
             return Remaining::Unknown;
         }
-        sleep(seconds(self.timing.settle_s)).await;
+        sleep(LEFT_AFTER + seconds(self.timing.settle_s)).await;
         let mut sum_n = 0.0;
         for _ in 0..LEFT_READINGS {
             sleep(self.cell.cell.conversion()).await;
