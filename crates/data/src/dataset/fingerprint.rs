@@ -37,9 +37,13 @@ impl Fingerprint {
             let told = format!("{name:?} is not a valid name of a file in a run folder");
             return Err(io::Error::new(ErrorKind::InvalidInput, told));
         }
-        let mut file = files::open(&folder.join(name))?.take(most_bytes);
+        Fingerprint::of_reader(name, files::open(&folder.join(name))?.take(most_bytes))
+    }
+
+    /// Returns the fingerprint of all bytes of an input, read piece by piece.
+    pub(super) fn of_reader(name: &str, mut input: impl Read) -> io::Result<Fingerprint> {
         let mut hasher = Sha256::new();
-        let bytes = io::copy(&mut file, &mut hasher)?;
+        let bytes = io::copy(&mut input, &mut hasher)?;
         Ok(Fingerprint { name: name.to_owned(), bytes, sha256: format!("{:x}", hasher.finalize()) })
     }
 

@@ -6,9 +6,11 @@ use super::lock::is_held;
 use super::loss::lost;
 use super::press::{csv_header, csv_line};
 use super::views::PRESSES;
+use super::table_error::MAX_TABLE_BYTES;
 use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
 use palpate_control::Trip;
-use std::io::{ErrorKind, Read};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// File names of the two text files that every run of this program uses.
@@ -216,8 +218,10 @@ pub fn source_fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
     if path.is_dir() {
         return Ok(Fingerprint { name, ..journal_fingerprint(path)? });
     }
-    let table = std::fs::read(path).map_err(DatasetError::io("reading", path))?;
-    Ok(Fingerprint::of(&name, &table))
+    let read = File::open(path).and_then(|file| Fingerprint::of_reader(&name, file.take(MAX_TABLE_BYTES + 1)));
+    let too_large = || io::Error::new(ErrorKind::InvalidInput, format!("more than {MAX_TABLE_BYTES} bytes"));
+    let read = read.and_then(|found| if found.bytes > MAX_TABLE_BYTES { Err(too_large()) } else { Ok(found) });
+    read.map_err(DatasetError::io("reading", path))
 }
 
 fn journal_fingerprint(run: &Path) -> Result<Fingerprint, DatasetError> {
