@@ -74,7 +74,8 @@ impl Failure {
             {
                 USAGE
             }
-            DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
+            DatasetError::Io { .. }
+            | DatasetError::Journal(JournalError::Io { .. } | JournalError::Displaced { .. }) => RECORD,
         };
         Failure::new(code, error)
     }

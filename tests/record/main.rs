@@ -7,4 +7,5 @@ mod owner;
 mod pauses;
 mod provenance;
 mod rerun;
+mod replaced;
 mod signals;

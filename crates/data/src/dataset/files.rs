@@ -15,12 +15,25 @@ pub fn open(path: &Path) -> io::Result<File> {
     opened(path, OpenOptions::new().read(true))
 }
 
-/// Opens a file for appending.
+/// Opens a file for reading and appending.
 ///
 /// # Errors
 /// The same as for [`open`].
 pub(crate) fn open_to_append(path: &Path) -> io::Result<File> {
-    opened(path, OpenOptions::new().append(true))
+    opened(path, OpenOptions::new().read(true).append(true))
+}
+
+/// Whether a path leads to an open file; `None` if it leads to nothing. Systems other than Unix have no number that the standard
+/// library can compare: there the answer is yes if there is anything.
+///
+/// # Errors
+/// An error of the operating system.
+pub(super) fn is_at(path: &Path, file: &File) -> io::Result<Option<bool>> {
+    match path.symlink_metadata() {
+        Ok(named) => Ok(Some(is_same(&named, &file.metadata()?))),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 /// Opens a file for appending, and creates it if it doesn't exist.

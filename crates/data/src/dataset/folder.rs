@@ -162,6 +162,7 @@ impl RunFolder {
         self.write_views()?;
         self.vouch()
     }
+        self.journal.keep_place()?; // the tables are read from the file of this name
 
     /// Whether the manifest on disk agrees with the journal, and the files agree with the manifest's fingerprints.
     ///
@@ -197,6 +198,11 @@ impl RunFolder {
     /// The journal can't be read.
     pub fn presses(&self) -> Result<Presses, DatasetError> {
         let contacts = self.contacts()?.collect::<Result<Vec<Contact>, DatasetError>>()?;
+    /// Returns the warnings about the journal since the run was opened.
+    pub fn warnings(&self) -> &[String] {
+        self.journal.warnings()
+    }
+
         Ok(Presses::of_contacts(&self.path.display().to_string(), &contacts))
     }
 

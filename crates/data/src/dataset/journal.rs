@@ -1,11 +1,11 @@
 //! Journal of a run or a batch: append-only, one record per line, read record by record.
 
-use super::{Durability, Record, files};
+use super::{Durability, Record, files, lock};
 use miette::Diagnostic;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::io::{self, BufRead, BufReader, Read, Seek, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -54,6 +54,7 @@ pub struct Journal<R = Record> {
     line: Vec<u8>,
     /// Whether a record that was never acknowledged may be at the end. Nothing is added after such a record.
     broken: bool,
+    warnings: Vec<String>,
     kind: PhantomData<fn(&R)>,
 }
 
@@ -108,6 +109,18 @@ pub enum JournalError {
         /// Kind that was expected.
         expected: &'static str,
     },
+    /// The name of the journal no longer leads to the file that is being written.
+    #[error("recording in {}: the journal {what}; the last record isn't acknowledged", path.display())]
+    #[diagnostic(help(
+        "the record so far is in the file that had this name: find it (a moved folder, a copy, the trash), put it back, and continue \
+         with `palpate resume`. Keep other programs away from the folder of a run until it ends"
+    ))]
+    Displaced {
+        /// The journal.
+        path: PathBuf,
+        /// What happened to it.
+        what: &'static str,
+    },
     /// The journal couldn't be read or written.
     #[error("keeping {}: {why}", path.display())]
     #[diagnostic(help("{}", files::advice(why)))]
@@ -125,7 +138,7 @@ impl<R: Logged> Journal<R> {
     /// # Errors
     /// An error of the operating system.
     pub fn create(path: &Path) -> Result<Journal<R>, JournalError> {
-        let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
+        let file = OpenOptions::new().read(true).append(true).create_new(true).open(path).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, 0, 0))
     }
 
@@ -157,7 +170,13 @@ impl<R: Logged> Journal<R> {
     fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal<R> {
         let durability = Durability::Full;
         let path = path.to_owned();
-        Journal { file, path, durability, next, end, line: Vec::new(), broken: false, kind: PhantomData }
+        let (line, warnings) = (Vec::new(), Vec::new());
+        Journal { file, path, durability, next, end, line, broken: false, warnings, kind: PhantomData }
+    }
+
+    /// Returns the warnings about the file of the journal, each once.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Sets the durability of every further record.
@@ -195,7 +214,51 @@ impl<R: Logged> Journal<R> {
     /// An error of the operating system. The part of the record that was written is removed. If the removal fails too, nothing
     /// more is added.
     pub fn append(&mut self, record: &R) -> Result<u64, JournalError> {
-        self.add(record, self.durability)
+        let offset = self.add(record, self.durability)?;
+        // one look at the folder, so that nothing is acknowledged that nobody finds
+        self.keep_place().inspect_err(|_| self.broken = true)?;
+        Ok(offset)
+    }
+
+    /// Checks that the name of the journal leads to the open file. If an equal copy has the name, recording continues in the copy.
+    ///
+    /// # Errors
+    /// The journal was removed, moved or replaced, or an error of the operating system.
+    pub(super) fn keep_place(&mut self) -> Result<(), JournalError> {
+        let read = files::is_at(&self.path, &self.file).map_err(failed(&self.path))?;
+        let what = match read {
+            Some(true) => return Ok(()),
+            None => Err("was removed, or its folder was moved"),
+            Some(false) => self.follow().map_err(failed(&self.path))?,
+        };
+        what.map_err(|what| JournalError::Displaced { path: self.path.clone(), what })?;
+        if self.warnings.is_empty() {
+            self.warnings.push(format!(
+                "{} was replaced by an equal copy while it was written, and the record continues there: keep other programs away \
+                 from the folder of a run until it ends",
+                self.path.display()
+            ));
+        }
+        Ok(())
+    }
+
+    /// Continues in the file that has the journal's name now, if it is an equal copy. The copy may lack the last record, which was
+    /// written to the other file. Otherwise returns what happened to the journal.
+    fn follow(&mut self) -> io::Result<Result<(), &'static str>> {
+        let mut copy = files::open_to_append(&self.path)?;
+        let (begun, end) = (self.end - self.line.len() as u64, self.end);
+        let bytes = copy.metadata()?.len();
+        if bytes != begun && bytes != end || !is_equal(&mut self.file, &mut copy, bytes)? {
+            return Ok(Err("was replaced by another file"));
+        }
+        if !lock::follow(&copy)? {
+            return Ok(Err("was replaced by a file that another program writes"));
+        }
+        self.file = copy;
+        if bytes == begun {
+            self.file.write_all(&self.line)?;
+        }
+        self.file.sync_data().map(Ok)
     }
 
     /// Appends a record that reaches the disk only with the next record. For records during which a stage must not wait.
@@ -352,6 +415,25 @@ impl<R: Logged> Iterator for Records<R> {
 
     fn next(&mut self) -> Option<Self::Item> {
         self.advance().transpose()
+    }
+}
+
+/// Whether two files have the same bytes up to `most_bytes`. They are read piece by piece.
+fn is_equal(one: &mut File, other: &mut File, most_bytes: u64) -> io::Result<bool> {
+    one.rewind()?;
+    other.rewind()?;
+    let (mut one, mut other) = (BufReader::new(one.take(most_bytes)), BufReader::new(other.take(most_bytes)));
+    loop {
+        let (left, right) = (one.fill_buf()?, other.fill_buf()?);
+        let bytes = left.len().min(right.len());
+        if left[..bytes] != right[..bytes] {
+            return Ok(false);
+        }
+        if bytes == 0 {
+            return Ok(left.is_empty() && right.is_empty());
+        }
+        one.consume(bytes);
+        other.consume(bytes);
     }
 }
 
