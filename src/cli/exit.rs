@@ -64,6 +64,7 @@ impl Failure {
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
             | DatasetError::Lost { .. }
+            | DatasetError::Foreign { .. }
             | DatasetError::Manifest { .. }
             | DatasetError::Journal(
                 JournalError::Damaged { .. } | JournalError::Format { .. } | JournalError::Kind { .. },

@@ -1,12 +1,13 @@
 //! Reads runs: the complete content of a run's journal, in one pass.
 
+use super::foreign::foreign;
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::lock::is_held;
 use super::loss::lost;
 use super::press::{csv_header, csv_line};
-use super::views::PRESSES;
 use super::table_error::MAX_TABLE_BYTES;
+use super::views::PRESSES;
 use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
 use palpate_control::Trip;
 use std::fs::File;
@@ -90,9 +91,12 @@ impl Recorded {
             }
         }
         // the tables of a run under way grow while they would be read
-        let lost = if is_held(path) { Vec::new() } else { lost(path, &known)? };
-        if !lost.is_empty() {
-            return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
+        if !is_held(path) {
+            check_manifest(path, &known)?;
+            let lost = lost(path, &known)?;
+            if !lost.is_empty() {
+                return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
+            }
         }
         let has_ended = known.end.is_some();
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });
@@ -164,10 +168,21 @@ impl Texts {
     /// Returns the texts in the journal of a run, and its other content except the presses.
     ///
     /// # Errors
-    /// The same as for [`Recorded::read`].
+    /// The same as for [`Recorded::read`], except for missing presses.
     pub fn read(path: &Path) -> Result<(Manifest, Texts), DatasetError> {
+        Texts::read_accepting(path, false)
+    }
+
+    /// Does the same. With `any_journal`, the journal needn't be the one that the manifest describes.
+    ///
+    /// # Errors
+    /// The same as for [`read`](Self::read).
+    pub fn read_accepting(path: &Path, any_journal: bool) -> Result<(Manifest, Texts), DatasetError> {
         check_run(path)?;
         let (known, _) = Known::read(path, None)?;
+        if !any_journal && !is_held(path) {
+            check_manifest(path, &known)?;
+        }
         Ok((known.manifest, Texts { all: known.texts }))
     }
 
@@ -200,6 +215,13 @@ impl Texts {
         self.all.iter().rfind(|text| text.name == name).map(|text| text.text.as_str())
     }
 }
+
+/// Checks that a journal is the one that the manifest of its folder describes.
+fn check_manifest(path: &Path, known: &Known) -> Result<(), DatasetError> {
+    let found = foreign(path, known)?;
+    if found.is_empty() { Ok(()) } else { Err(DatasetError::Foreign { path: path.to_owned(), found }) }
+}
+
 /// Returns the SHA-256 of a run's journal on the disk, in hexadecimal.
 ///
 /// # Errors

@@ -213,13 +213,16 @@ pub struct Text {
     pub text: String,
 }
 
-/// Recorded presses that were lost with a part of the journal. A person accepted the loss.
+/// A journal that a person accepted although the other files of the folder contradict it: it has lost presses, or is another one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Loss {
     /// Time of acceptance, with its time zone.
     pub accepted: String,
     /// Statements of the other files of the folder about the lost presses.
     pub lost: Vec<String>,
+    /// Differences from the journal that the manifest described.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub journal: Vec<String>,
 }
 
 /// Ending of a program that could still record it.
