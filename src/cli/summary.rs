@@ -157,6 +157,8 @@ pub(super) fn tell(text: &str) -> Result<(), Failure> {
 }
 
 fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
+    let is_shown = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
+    let text = if text.chars().all(is_shown) { text } else { &text.replace(|c| !is_shown(c), "\u{fffd}") };
     match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::unwritten)

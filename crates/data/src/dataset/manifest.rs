@@ -61,7 +61,7 @@ impl Manifest {
                 self.files.clear();
                 self.sessions.push(session.clone());
             }
-            Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Devices(devices) => self.devices = devices.iter().cloned().map(Identity::shown).collect(),
             Record::Trip { trip, .. } => {
                 // a program that is killed while it parks has tripped all the same
                 self.status = Status::Tripped;
