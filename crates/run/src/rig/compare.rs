@@ -29,6 +29,14 @@ pub enum Consequence {
     Other,
 }
 
+impl Difference {
+    /// Whether a limit of the specimen isn't as strict as before.
+    pub fn is_wider_limit(&self) -> bool {
+        let is_limit = self.path.split('.').next() == Some(keys::root::limits.name);
+        is_limit && self.verdict == Consequence::Other
+    }
+}
+
 /// Returns the keys with different values in two rigs, in the order of the list of keys. A missing key has its default. Numbers
 /// are compared by value, not by spelling. A missing `[scene]` differs from a `[scene]` with the paper's values.
 ///
