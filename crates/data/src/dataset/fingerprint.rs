@@ -63,7 +63,8 @@ impl Fingerprint {
     }
 }
 
-/// Whether a name can't lead out of its folder, because it has only one plain part.
+/// Whether a name can't lead out of its folder, because it has only one plain part, and can be printed.
 pub(super) fn is_plain(name: &str) -> bool {
-    !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
+    let is_other = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
+    !name.is_empty() && !name.contains(is_other) && name != "." && name != ".."
 }

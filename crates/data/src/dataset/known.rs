@@ -58,8 +58,11 @@ impl Known {
             Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),
             Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
             _ if offset == 0 => return Err("the first record is missing".to_owned()),
-            Record::Text(text) if !is_plain(&text.name) => {
-                return Err(format!("{:?} is not a valid name of a file in a run folder", text.name));
+            Record::Text(Text { name, .. }) if !is_plain(name) => return Err(unplain(name)),
+            Record::Session(session) => {
+                if let Some(text) = session.texts.iter().find(|text| !is_plain(&text.name)) {
+                    return Err(unplain(&text.name));
+                }
             }
             Record::Text(text) => self.texts.push(text.clone()),
             Record::Contact(contact) => {
@@ -100,6 +103,10 @@ impl Known {
     pub(super) fn levels_of(&self, phase: Phase) -> u64 {
         Phase::ALL.into_iter().zip(self.levels).find(|(its, _)| *its == phase).map_or(0, |(_, count)| count)
     }
+}
+
+fn unplain(name: &str) -> String {
+    format!("{name:?} is not a valid name of a file in a run folder")
 }
 
 /// Checks that a path is a run: a folder with a journal in it.
