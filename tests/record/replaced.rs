@@ -118,10 +118,12 @@ fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
 #[test]
 fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
     let walked = walked(|done, run| {
-        if done == BEFORE || done == BEFORE + 1 {
+        // the first copies lack the record that is being written then, the last one has all
+        let is_replaced = [BEFORE, BEFORE + 1, SMALL_PRESSES as usize].contains(&done);
+        if is_replaced {
             replace_by(run, &fs::read(run.join("journal.log")).expect("a journal"));
         }
-        if done > BEFORE + 1 {
+        if done > BEFORE + 1 && !is_replaced {
             let second = RunFolder::open(run, &bench("bench-fast").array.layout).expect_err("one writer").to_string();
             assert!(second.contains("is being written by another program"), "{second}");
         }

@@ -37,7 +37,7 @@ pub struct Recorded {
     pub retouches: Vec<Retouch>,
     /// Contacts in the order of measurement.
     pub contacts: Vec<Contact>,
-    /// Whether no record follows the run's end.
+    /// Whether the run has ended, and nothing was measured or lost after its end.
     pub has_ended: bool,
 }
 
