@@ -64,6 +64,7 @@ impl Failure {
             | DatasetError::Held { .. }
             | DatasetError::Changed { .. }
             | DatasetError::Lost { .. }
+            | DatasetError::Foreign { .. }
             | DatasetError::Manifest { .. }
             | DatasetError::Journal(
                 JournalError::Damaged { .. } | JournalError::Format { .. } | JournalError::Kind { .. },
@@ -74,7 +75,8 @@ impl Failure {
             {
                 USAGE
             }
-            DatasetError::Io { .. } | DatasetError::Journal(JournalError::Io { .. }) => RECORD,
+            DatasetError::Io { .. }
+            | DatasetError::Journal(JournalError::Io { .. } | JournalError::Displaced { .. }) => RECORD,
         };
         Failure::new(code, error)
     }
@@ -191,7 +193,36 @@ fn helped(help: Option<&str>) -> String {
     help.map_or_else(String::new, |help| format!("\nhelp: {help}"))
 }
 
-/// Prints a text. If the terminal has been closed, nothing is shown, but the exit code is still returned.
+/// Prints a text, of whose control characters only colours and line ends reach the terminal. If it has been closed, nothing is
+/// shown, but the exit code is still returned.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", coloured(text));
+}
+
+fn coloured(text: &str) -> String {
+    let (mut shown, mut rest) = (String::with_capacity(text.len()), text.chars());
+    while let Some(letter) = rest.next() {
+        let is_colour = || {
+            let parts = rest.as_str().strip_prefix('[').and_then(|rest| rest.split_once('m'));
+            parts.is_some_and(|(numbers, _)| numbers.chars().all(|c| c.is_ascii_digit() || c == ';'))
+        };
+        let is_shown = !letter.is_control() || matches!(letter, '\n' | '\t') || letter == '\u{1b}' && is_colour();
+        shown.push(if is_shown { letter } else { '\u{fffd}' });
+    }
+    shown
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_what_controls_a_terminal_only_colours_are_printed() {
+        let coloured_text = "\u{1b}[1;31mx\u{1b}[0m\n\ty\u{1b}[m";
+        assert_eq!(coloured(coloured_text), coloured_text);
+        assert_eq!(
+            coloured("\u{1b}]0;owned\u{7}\r\u{1b}[2J\u{9b}1m"),
+            "\u{fffd}]0;owned\u{fffd}\u{fffd}\u{fffd}[2J\u{fffd}1m"
+        );
+    }
 }

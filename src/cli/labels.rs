@@ -1,12 +1,13 @@
 //! Labels that a person gives to a run: the sensor, its design and batch, the mounting, the operator, a note.
 
 use palpate_data::dataset::{LABEL_MOST, Labels, is_label};
+use palpate_run::batch::check_serial;
 
 /// The labels of a run, all of them stored in the manifest.
 #[derive(Debug, clap::Args)]
 pub(super) struct LabelArgs {
     /// Sensor ID
-    #[arg(long, value_name = "ID", value_parser = label)]
+    #[arg(long, value_name = "ID", value_parser = sensor_id)]
     sensor: Option<String>,
     /// Design of the sensor
     #[arg(long, value_name = "NAME", value_parser = label)]
@@ -33,6 +34,11 @@ impl LabelArgs {
             [sensor, design, batch, mounting, operator, note].map(Clone::clone);
         Labels { sensor, design, batch, mounting, operator, note }
     }
+}
+
+/// Reads a sensor ID, by the rule of a batch: two IDs that look alike are the same.
+fn sensor_id(text: &str) -> Result<String, String> {
+    check_serial(text).map(|()| text.to_owned())
 }
 
 /// Checks that a text can be printed anywhere.

@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::provenance::now;
 use super::recorded::bench_of;
 use super::summary;
-use palpate_data::dataset::{RunFolder, Texts};
+use palpate_data::dataset::{Accepted, RunFolder, Texts};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -15,7 +15,9 @@ Examples:
 The journal doesn't change, except that an incomplete last record is removed.
 If manifest or tables hold presses that the journal lacks, nothing is changed
 (exit code 2): restore the journal from a copy. Without a copy, --accept-loss
-regenerates everything from the journal, and records the loss.";
+regenerates everything from the journal, and records the loss. Likewise a
+journal that isn't the one of the manifest is refused: --accept-journal takes
+it, and records this.";
 
 /// Regenerate a run's tables and manifest from its journal
 #[derive(Debug, clap::Args)]
@@ -26,17 +28,17 @@ pub(super) struct RebuildArgs {
     /// Continue with the presses of the journal, although other files of the run hold more
     #[arg(long)]
     accept_loss: bool,
+    /// Continue with this journal, although the manifest describes another one
+    #[arg(long)]
+    accept_journal: bool,
 }
 
 /// Writes every view of the journal.
 pub(super) fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
-    let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
+    let (manifest, texts) = Texts::read_accepting(&args.run, args.accept_journal).map_err(Failure::dataset)?;
     let layout = bench_of(&args.run, &manifest.facts, &texts)?.layout;
-    let opened = match args.accept_loss {
-        true => RunFolder::open_accepting_loss(&args.run, &layout, now()),
-        false => RunFolder::open(&args.run, &layout),
-    };
-    let mut folder = opened.map_err(Failure::dataset)?;
+    let accept = Accepted { loss: args.accept_loss, another_journal: args.accept_journal };
+    let mut folder = RunFolder::open_accepting(&args.run, &layout, accept, now()).map_err(Failure::dataset)?;
     folder.rebuild().map_err(Failure::dataset)?;
     let manifest = folder.manifest();
     summary::print(&format!(

@@ -1,6 +1,7 @@
 //! A rig file that is changed: some keys, and nothing else of it.
 
 use super::exit::Failure;
+use super::sources::bounded;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::files;
 use palpate_run::rig;
@@ -9,7 +10,7 @@ use std::{fs, io};
 
 /// Checks that a run accepts the changed text. A text that a run would refuse isn't written.
 pub(super) fn check_text(file: &Path, text: &str) -> Result<(), Failure> {
-    let beside = |name: &str| fs::read_to_string(file.with_file_name(name));
+    let beside = |name: &str| bounded(&file.with_file_name(name));
     rig::parse(&file.display().to_string(), text, &beside).map(drop).map_err(Failure::usage)
 }
 
@@ -23,7 +24,7 @@ pub(super) fn replace(file: &Path, read: &str, text: &str) -> Result<(), Failure
 
 fn put(file: &Path, read: &str, text: &str) -> io::Result<()> {
     let file = &fs::canonicalize(file)?; // a link stays one
-    if fs::read_to_string(file)? != read {
+    if bounded(file)? != read {
         return Err(io::Error::other("it was changed while the rig was in use"));
     }
     files::place(file, text)

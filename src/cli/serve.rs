@@ -11,14 +11,14 @@ use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{Lines, Readings};
 use palpate_solver::{Fits, Session};
 use socket2::{Domain, Socket, Type};
-use std::io::{self, Write};
+use std::collections::HashMap;
+use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -30,8 +30,9 @@ system choose a port. Each connection is a session of its own: lines of readings
 in, a line for each out, as with `palpate solve --keep-going`. An invalid header
 ends the connection after a line with the problem.
 
-At most 1000 connections are served at the same time. Further ones get a line
-with this reason, and are closed. A client that doesn't read its answers for a minute
+At most 1000 connections are served at the same time. A further one takes the
+place of the connection that was silent for longest, if for at least a minute.
+Otherwise it gets a line with this reason, and is closed. A client that doesn't read its answers for a minute
 is disconnected. So is one that speaks HTTP, because browsers reach this address.
 There is no password: any program that reaches the address can use it.";
 
@@ -56,6 +57,10 @@ pub(super) struct ServeArgs {
 /// Largest number of connections at the same time. Each has a thread.
 const CONNECTIONS_MAX: usize = 1000;
 
+/// Time after which a silent connection may lose its place to a new one, if all places are taken. As long as there is room,
+/// connections may be silent for ever.
+const SILENT_AFTER: Duration = Duration::from_secs(60);
+
 /// Stack of a connection's thread. Memory is used only as far as it is needed.
 const STACK_BYTES: usize = 4 << 20;
 
@@ -73,7 +78,24 @@ const HTTP: [&[u8]; 10] =
 struct Service {
     fits: Arc<Fits>,
     json: bool,
-    connections: AtomicUsize,
+    clients: Mutex<Clients>,
+}
+
+/// Connections that are served.
+struct Clients {
+    served: HashMap<u64, Arc<Client>>,
+    /// Number of connections so far.
+    count: u64,
+    most: usize,
+    silent_after: Duration,
+}
+
+/// One connection.
+#[derive(Debug)]
+struct Client {
+    stream: TcpStream,
+    /// When it began or last sent something.
+    heard: Mutex<Instant>,
 }
 
 /// Listens, and gives each connection a thread.
@@ -86,7 +108,8 @@ pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
         tell("warning: this address may be reached from other computers; there is no password\n")?;
     }
     print(&format!("listening at {address}\n"))?;
-    let service = Arc::new(Service { fits, json: args.json, connections: AtomicUsize::new(0) });
+    let clients = Mutex::new(Clients::new(CONNECTIONS_MAX, SILENT_AFTER));
+    let service = Arc::new(Service { fits, json: args.json, clients });
     loop {
         match listener.accept() {
             Ok((stream, peer)) => service.clone().begin(stream, peer),
@@ -110,33 +133,39 @@ fn listen(address: SocketAddr) -> io::Result<TcpListener> {
 impl Service {
     /// Starts the thread of a connection.
     fn begin(self: Arc<Self>, stream: TcpStream, peer: SocketAddr) {
-        if self.connections.fetch_add(1, Ordering::Relaxed) >= CONNECTIONS_MAX {
-            self.refuse(&stream, &format!("{CONNECTIONS_MAX} connections are served already"));
-            self.connections.fetch_sub(1, Ordering::Relaxed);
-            return;
-        }
+        let close = |silent: &TcpStream| {
+            // whoever doesn't read either isn't waited for
+            _ = silent.set_nonblocking(true);
+            self.refuse(silent, "closed because it was silent, and all connections are in use");
+        };
+        let admitted = locked(&self.clients).admit(stream, Instant::now(), close);
+        let (number, client) = match admitted {
+            Ok(admitted) => admitted,
+            Err(stream) => return self.refuse(&stream, &format!("{CONNECTIONS_MAX} connections are served already")),
+        };
         let service = self.clone();
         let connection = move || {
             // a connection that ends or fails concerns nobody else
-            _ = service.converse(&stream, &peer.to_string());
-            _ = stream.shutdown(Shutdown::Both);
-            service.connections.fetch_sub(1, Ordering::Relaxed);
+            _ = service.converse(&client, &peer.to_string());
+            _ = client.stream.shutdown(Shutdown::Both);
+            locked(&service.clients).served.remove(&number);
         };
         if thread::Builder::new().stack_size(STACK_BYTES).spawn(connection).is_err() {
             // the stream is closed
-            self.connections.fetch_sub(1, Ordering::Relaxed);
+            locked(&self.clients).served.remove(&number);
         }
     }
 
     /// Answers the lines of a connection until it ends.
-    fn converse(&self, stream: &TcpStream, peer: &str) -> io::Result<()> {
+    fn converse(&self, client: &Client, peer: &str) -> io::Result<()> {
+        let stream = &client.stream;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(READS_WITHIN))?;
         let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
         let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
         let how = Stream { source: peer, keep_going: true, reasons_are_told: false, is_refused: is_http };
         let mut solutions = Solutions::new(stream, self.json, true);
-        let end = how.answer(&mut answers, &mut Lines::new(peer, stream), &mut solutions)?;
+        let end = how.answer(&mut answers, &mut Lines::new(peer, client), &mut solutions)?;
         if let Err(error) = end {
             self.refuse(stream, &error.to_string());
         }
@@ -154,6 +183,48 @@ impl Service {
     }
 }
 
+impl Clients {
+    fn new(most: usize, silent_after: Duration) -> Clients {
+        Clients { served: HashMap::new(), count: 0, most, silent_after }
+    }
+
+    /// Admits a connection, and returns it with its number. If all places are taken, it takes that of the connection that was
+    /// silent for longest, which `close` informs; or it is returned, if none was silent for long enough.
+    fn admit(
+        &mut self,
+        stream: TcpStream,
+        now: Instant,
+        mut close: impl FnMut(&TcpStream),
+    ) -> Result<(u64, Arc<Client>), TcpStream> {
+        if self.served.len() >= self.most {
+            let silent = self.served.iter().map(|(number, client)| (*locked(&client.heard), *number)).min();
+            match silent.filter(|(heard, _)| now.saturating_duration_since(*heard) >= self.silent_after) {
+                Some((_, number)) => self.served.remove(&number).into_iter().for_each(|client| {
+                    close(&client.stream);
+                    _ = client.stream.shutdown(Shutdown::Both); // its thread ends
+                }),
+                None => return Err(stream),
+            }
+        }
+        self.count += 1;
+        let client = Arc::new(Client { stream, heard: Mutex::new(now) });
+        self.served.insert(self.count, client.clone());
+        Ok((self.count, client))
+    }
+}
+
+impl Read for &Client {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = (&self.stream).read(buffer)?;
+        *locked(&self.heard) = Instant::now();
+        Ok(read)
+    }
+}
+
+fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 fn address(text: &str) -> Result<SocketAddr, String> {
     let expected = || "expected an address and a port, such as 127.0.0.1:4700 or localhost:4700".to_owned();
     text.to_socket_addrs().ok().and_then(|mut addresses| addresses.next()).ok_or_else(expected)
@@ -161,4 +232,38 @@ fn address(text: &str) -> Result<SocketAddr, String> {
 
 fn is_http(line: &[u8]) -> bool {
     HTTP.iter().any(|method| line.starts_with(method))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_connection_takes_the_place_of_the_one_that_was_silent_for_longest() {
+        const MINUTE: Duration = Duration::from_secs(60);
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let connected = || {
+            let far = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+            (listener.accept().unwrap().0, far)
+        };
+        let (mut clients, now) = (Clients::new(2, MINUTE), Instant::now());
+        let told = |mut near: &TcpStream| near.write_all(b"silent\n").unwrap();
+        let [(first, mut first_far), (second, _second_far), (third, _far)] = [connected(), connected(), connected()];
+        clients.admit(first, now, told).unwrap();
+        let (number, second) = clients.admit(second, now, told).unwrap();
+        // both were silent for less than a minute
+        let third = clients.admit(third, now + MINUTE - Duration::from_secs(1), told).unwrap_err();
+        *locked(&second.heard) = now + Duration::from_secs(50);
+        clients.admit(third, now + MINUTE, told).unwrap();
+        let mut text = String::new();
+        first_far.read_to_string(&mut text).unwrap();
+        assert_eq!(text, "silent\n", "then it is closed");
+        assert!(clients.served.contains_key(&number) && clients.served.len() == 2);
+        // nobody is silent for long enough now
+        clients.admit(connected().0, now + MINUTE, told).unwrap_err();
+        clients.served.clear();
+        clients.admit(connected().0, now, told).unwrap();
+        clients.admit(connected().0, now + 100 * MINUTE, told).unwrap();
+        assert_eq!(clients.served.len(), 2, "as long as there is room, nobody is closed");
+    }
 }

@@ -77,10 +77,11 @@ pub(super) fn carry_out(
     let shown = progress.gauge();
     let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, (&*shown, &mut progress))?;
     progress.end();
+    summary::warn(folder)?;
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
     let shown = show(&match &finished {
         Ok(()) => summary::ended(folder, virtual_time),
-        Err(_) => summary::unfinished(folder),
+        Err(error) => summary::unfinished(folder, error),
     });
     let mut ended = Ended {
         at: now(),

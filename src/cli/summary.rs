@@ -7,7 +7,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::acceptance::Judgement;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases};
 use palpate_data::dataset::evaluate::Trial;
-use palpate_data::dataset::{Evidence, Recorded, RunFolder, Status, TABLES};
+use palpate_data::dataset::{DatasetError, Evidence, JournalError, Recorded, RunFolder, Status, TABLES};
 use palpate_data::recipe::Recipe;
 use palpate_report::report::is_beside_paper;
 use palpate_run::rig::RigSpec;
@@ -55,13 +55,21 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     text
 }
 
-/// What is safe of a run whose tables couldn't be written.
-pub(super) fn unfinished(folder: &RunFolder) -> String {
+/// What is safe of a run that couldn't be finished.
+pub(super) fn unfinished(folder: &RunFolder, error: &DatasetError) -> String {
     let (manifest, path) = (folder.manifest(), folder.path().display());
-    format!(
-        "not finished: {} of {} presses, stored in the journal of {path}\nto continue: palpate resume {path}\n",
-        manifest.presses_done, manifest.facts.presses_planned
-    )
+    let made = format!("not finished: {} of {} presses", manifest.presses_done, manifest.facts.presses_planned);
+    match error {
+        DatasetError::Journal(JournalError::Displaced { .. }) => {
+            format!("{made}, in a journal that isn't in {path} now\n")
+        }
+        _ => format!("{made}, stored in the journal of {path}\nto continue: palpate resume {path}\n"),
+    }
+}
+
+/// Prints the warnings about a run's journal.
+pub(super) fn warn(folder: &RunFolder) -> Result<(), Failure> {
+    folder.warnings().iter().try_for_each(|warning| tell(&format!("warning: {warning}\n")))
 }
 
 /// The result of a complete run by its own recipe.
@@ -149,6 +157,8 @@ pub(super) fn tell(text: &str) -> Result<(), Failure> {
 }
 
 fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
+    let is_shown = |c: char| !c.is_control() || matches!(c, '\n' | '\t');
+    let text = if text.chars().all(is_shown) { text } else { &text.replace(|c| !is_shown(c), "\u{fffd}") };
     match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::unwritten)

@@ -28,7 +28,7 @@ pub(super) struct VerifyArgs {
 
 /// Reports each file that has changed since it was written.
 pub(super) fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
-    let layout = match Texts::read(&args.run) {
+    let layout = match Texts::read_accepting(&args.run, true) {
         Ok((manifest, texts)) if texts.rig().is_empty() && manifest.facts.imported.is_none() => None,
         Ok((manifest, texts)) => Some(bench_of(&args.run, &manifest.facts, &texts)?.layout),
         Err(DatasetError::Journal(JournalError::Damaged { .. })) => None,
@@ -42,7 +42,8 @@ pub(super) fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
             (false, false) => "; the run isn't complete: `palpate resume` continues it",
             (false, true) => "",
         };
-        let losses = |loss: &Loss| format!("{}: presses were lost, accepted {}\n", args.run.display(), loss.accepted);
+        let what = |loss: &Loss| if loss.lost.is_empty() { "its journal was exchanged" } else { "presses were lost" };
+        let losses = |loss: &Loss| format!("{}: {}, accepted {}\n", args.run.display(), what(loss), loss.accepted);
         let losses: String = verified.losses.iter().map(losses).collect();
         summary::print(&format!("{}: {whole}{state}\n{losses}", args.run.display()))?;
         if let Some(certificate) = &args.certificate {

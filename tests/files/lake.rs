@@ -22,7 +22,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn with_runs() -> Bench {
     let bench = bench([
         ("runs/a", "--sensor A-017 --design pad --batch 2026-05"),
-        ("runs/b", "--sensor ü/=% --design pad --batch 2026-06"),
+        ("runs/b", "--sensor B-1 --design pad --batch ü/=%"),
         ("runs/c", "--design strip"),
     ]);
     bench.palpate_ends(0, "export runs/a runs/b runs/c --lake lake");
@@ -33,7 +33,7 @@ fn with_runs() -> Bench {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn readers_of_hive_find_every_press_of_every_sensor() {
     let bench = with_runs();
-    let expected = format!("pad|2026-05|A-017|{ROWS}\npad|2026-06|ü/=%|{ROWS}\nstrip|None|None|{ROWS}\n");
+    let expected = format!("pad|2026-05|A-017|{ROWS}\npad|ü/=%|B-1|{ROWS}\nstrip|None|None|{ROWS}\n");
     for library in ["duckdb", "polars", "pyarrow"] {
         let import = if library == "pyarrow" { "import pyarrow.dataset" } else { &format!("import {library}") };
         let python = Python::with(import);

@@ -182,3 +182,28 @@ fn what_is_no_contact_is_said_and_an_output_that_is_left_out_counts_for_nothing(
     let refusal = c_file(&other, "x").unwrap_err().to_string();
     assert_eq!(refusal, "`whitened` can't be exported as C: only pearson, pearson-lsq, surrogate and physics can");
 }
+
+#[test]
+#[ignore = "needs a C compiler: cc"]
+fn a_compiler_without_nan_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let (layout, calibration, _) = skin(&scene_t(), 1.0, 1);
+    let model = Model::fit("pearson", calibration, &Setting::of_layout(Some(&layout))).unwrap();
+    fs::write(folder.path().join("sensor.c"), c_file(&model, "a test").unwrap()).unwrap();
+    for (flags, is_refused) in [
+        ("-O3", false),
+        ("-Ofast", true),
+        ("-O2 -ffast-math", true),
+        ("-O2 -ffinite-math-only", true),
+        ("-O2 -ffast-math -fno-fast-math", false),
+    ] {
+        let words = ["-std=c99", "-c", "sensor.c", "-o", "sensor.o"];
+        let compiled = there(
+            Command::new("cc").args(flags.split(' ')).args(words).current_dir(folder.path()),
+            "a C compiler that is called cc",
+        );
+        let said = String::from_utf8_lossy(&compiled.stderr);
+        assert_eq!(compiled.status.success(), !is_refused, "{flags}: {said}");
+        assert_eq!(said.contains("this file needs NAN and infinity"), is_refused, "{flags}: {said}");
+    }
+}

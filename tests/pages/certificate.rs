@@ -7,11 +7,11 @@ use palpate_testing::exchanged;
 fn a_certificate_says_whose_it_is_and_what_it_rests_on() {
     let bench = bench();
     let told = bench.palpate_ends(0, "certificate run --with c.toml").out;
-    assert!(told.starts_with("certificate LAB-2026-0042 of sensor A<7>&co: accepted, "), "{told}");
+    assert!(told.starts_with("certificate LAB-2026-0042 of sensor A-7: accepted, "), "{told}");
     assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
     let html = bench.read("run/certificate.html");
     for part in [
-        "A&lt;7&gt;&amp;co",
+        "D&lt;1&gt;&amp;co",
         "certificate K-1 of 2026-05-04",
         "certificate S-1",
         "Pass",

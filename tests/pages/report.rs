@@ -1,5 +1,6 @@
 //! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
 
+use palpate_testing::interrupted::sealed;
 use palpate_testing::{Bench, Told, exchanged, shipped_text};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -141,12 +142,12 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
     let bench = bench();
     for (name, step) in [("characterise", CHARACTERISE), ("calibrate", CALIBRATE), ("test", TEST)] {
         bench.write("one.toml", &recipe(&[step]));
-        bench.palpate_ends(0, &format!("run one.toml --out {name} --sensor A<7>&co"));
+        bench.palpate_ends(0, &format!("run one.toml --out {name} --sensor A-7 --design A<7>&co"));
     }
     bench.palpate_ends(0, "report characterise calibrate test --out page.html");
     let page = bench.read("page.html");
     assert_eq!(figures(&page).len(), 13);
-    assert!(page.contains("Sensor A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
+    assert!(page.contains("Sensor A-7") && page.contains("A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
     let told = bench.palpate_ends(2, "report all test --same-sensor --out other.html").running();
     assert!(told.contains("all and test both have test presses"), "{told}");
     let four = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 2, columns = 2");
@@ -194,12 +195,56 @@ fn what_broke_off_is_told_first() {
 #[test]
 fn a_sensors_name_can_be_printed() {
     let bench = Bench::with([("one.toml", recipe(&[TEST]).as_str())]);
-    for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(201)] {
+    // a look-alike of another ID would be another sensor: IDs follow the rule of a batch
+    for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(65), "A\u{200b}-7", "\u{410}-7", "A<7>&co"] {
         let told = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
         assert_eq!(told.status.code(), Some(2), "{name:?}");
-        assert!(String::from_utf8_lossy(&told.stderr).contains("expected 1 to 200 printable characters"), "{name:?}");
+        assert!(String::from_utf8_lossy(&told.stderr).contains("expected 1 to 64 letters, digits,"), "{name:?}");
         assert!(!bench.has("one"));
     }
+}
+
+#[test]
+fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
+    let bench = Bench::with([("all.toml", recipe(&[CALIBRATE, TEST]).as_str())]);
+    bench.palpate_ends(0, "run all.toml --out run --sensor A-7 --note clean");
+    let owned = "\\u001b]0;owned\\u0007";
+    let journal = bench.read("run/journal.log");
+    let first = journal.lines().next().and_then(|line| line.splitn(3, ' ').nth(2)).expect("a record");
+    let crafted = exchanged(first, "\"sensor\":\"A-7\"", &format!("\"sensor\":\"{owned}\""));
+    let crafted = exchanged(
+        &exchanged(&crafted, "\"clean\"", &format!("\"{owned}\"")),
+        "\"recipe\":\"",
+        &format!("\"recipe\":\"{owned}"),
+    );
+    let rest: String = journal.lines().skip(1).map(|line| format!("{line}\n")).collect();
+    bench.write("run/journal.log", &format!("{}\n{rest}", sealed(0, &crafted)));
+    std::fs::remove_file(bench.path("run/manifest.json")).expect("a manifest");
+    for (words, file) in [
+        ("rebuild run", "run/manifest.json"),
+        ("report run", "run/report.html"),
+        ("report --compare run run --out pages.html", ""),
+        ("certificate run --with c.toml", ""),
+        ("evaluate run --solver pearson", ""),
+        ("fit run --solver pearson --out s.palpate", "s.palpate"),
+        ("export --model s.palpate --format c --out s.c", "s.c"),
+        ("solve --model s.palpate", ""),
+        ("verify run", ""),
+        ("resume run", ""),
+    ] {
+        let told = bench.palpate(words);
+        let is_shown = |text: &[u8]| !text.contains(&0x1b) && !text.contains(&0x07);
+        assert!(is_shown(told.out.as_bytes()) && is_shown(told.err.as_bytes()), "{words}: {told:?}");
+        if !file.is_empty() {
+            assert_eq!(told.code.map(|code| code < 2), Some(true), "{words}: {}", told.err);
+            let bytes = std::fs::read(bench.path(file)).expect("a file");
+            // the model of a sensor file isn't text, its head is
+            let lines = if file == "s.palpate" { 2 } else { usize::MAX };
+            let text = bytes.split(|byte| *byte == b'\n').take(lines).collect::<Vec<_>>().join(&b'\n');
+            assert!(is_shown(&text) && !String::from_utf8_lossy(&text).contains("u001b"), "{file}");
+        }
+    }
+    assert!(bench.read("run/report.html").contains("\u{fffd}]0;owned"), "what is left of it is shown");
 }
 
 #[test]

@@ -2,9 +2,11 @@
 
 mod changed_rig;
 mod damage;
+mod foreign;
 mod kills;
 mod owner;
 mod pauses;
 mod provenance;
+mod replaced;
 mod rerun;
 mod signals;

@@ -30,6 +30,6 @@ pub fn bench() -> Bench {
     );
     let given = shipped_text("data/example/certificate.toml");
     let bench = Bench::with([("r.toml", RECIPE), ("rig.toml", &rig), ("c.toml", &given)]);
-    bench.palpate_ends(0, "run r.toml --rig rig.toml --out run --sensor A<7>&co --design D-1 --operator K");
+    bench.palpate_ends(0, "run r.toml --rig rig.toml --out run --sensor A-7 --design D<1>&co --operator K");
     bench
 }

@@ -4,7 +4,7 @@ use super::super::exit::Failure;
 use super::super::progress::Progress;
 use super::super::provenance::{now, session};
 use super::super::session::{MannerArgs, runtime, walked};
-use super::super::summary::tell;
+use super::super::summary::{self, tell};
 use super::super::tables::filled;
 use super::big::big;
 use super::desk::{Desk, Placed};
@@ -187,6 +187,7 @@ impl Desk {
             let walked = walked(&plan, spec, &mut folder, manner.pace, &self.cancel, (&*shown, &mut progress));
             progress.end();
             let (ending, finished) = walked?;
+            summary::warn(&folder)?;
             seconds += ending.t_s;
             finished.map_err(Failure::unfinished)?;
             let minutes = seconds / SECONDS_PER_MINUTE;

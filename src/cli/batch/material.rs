@@ -9,7 +9,7 @@ use palpate_data::acceptance::Rule;
 use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::{Fingerprint, Origins, Text, source_fingerprint};
 use palpate_data::recipe::{self, Phase, Plan};
-use palpate_run::batch::{self, BatchFile, Charted, Nest, PriorRuns, Quantity};
+use palpate_run::batch::{self, BatchFile, Charted, Nest, PriorRuns, Quantity, RIG};
 use palpate_run::rig::{self, RigSpec};
 use palpate_solver::{ForceKnown, Prior};
 use std::collections::{BTreeMap, HashSet};
@@ -19,7 +19,6 @@ use toml_edit::{DocumentMut, InlineTable, Value, value};
 
 /// Names under which a batch folder keeps the texts.
 pub(super) const BATCH: &str = "batch.toml";
-pub(super) const RIG: &str = "rig.toml";
 const ACCEPT: &str = "accept.toml";
 
 /// Digits of an origin after the decimal point, mm.

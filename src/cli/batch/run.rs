@@ -8,8 +8,9 @@ use super::super::session::MannerArgs;
 use super::super::signals::{First, heed};
 use super::super::summary::tell;
 use super::desk::Desk;
-use super::material::{Material, RIG};
-use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, Session, beginning};
+use super::material::Material;
+use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, RIG, Session, beginning};
+use palpate_run::rig::{Difference, differences};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -115,6 +116,18 @@ fn go_on(desk: &mut Desk, session: Session) -> Result<(), Failure> {
         let help = "begin another batch with another --out";
         let was = if state.facts.simulated { "simulated" } else { "measured on a real rig" };
         return Err(Failure::usage(miette::miette!(help = help, "{path} is {was}, and can't be continued otherwise")));
+    }
+    let rig = now_is(RIG).map_or("", String::as_str);
+    let wider: Vec<Difference> = differences(&state.first_rig, rig)
+        .map_err(Failure::usage)?
+        .into_iter()
+        .filter(Difference::is_wider_limit)
+        .collect();
+    if !wider.is_empty() {
+        let each = |d: &Difference| format!("\n  `{}` is {}; the batch began with {}", d.path, d.now, d.before);
+        let each: String = wider.iter().map(each).collect();
+        let help = "restore them, or begin another batch with another `name` or --out: in a batch, limits may only get stricter";
+        return Err(Failure::usage(miette::miette!(help = help, "{path} can't be continued with wider limits:{each}")));
     }
     let texts = material.texts.iter().filter(|text| is_rigs(&text.name) && kept(&text.name) != Some(&text.text));
     let changed: Vec<Event> = texts.cloned().map(Event::Text).collect();

@@ -1,7 +1,7 @@
 //! Reasons why a run couldn't be recorded or read.
 
 use super::files;
-use super::journal::JournalError;
+use super::journal::{JOURNAL, JournalError};
 use miette::Diagnostic;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -91,6 +91,18 @@ pub enum DatasetError {
         path: PathBuf,
         /// Statements of the other files about the lost presses.
         lost: Vec<String>,
+    },
+    /// The journal isn't the one that the manifest of its folder describes.
+    #[error("{}: the journal isn't the one that manifest.json describes: {}", path.join(JOURNAL).display(), found.join("; "))]
+    #[diagnostic(help(
+        "restore journal.log from a copy. If this journal is the right one, copy the folder first: then `palpate rebuild \
+         --accept-journal` regenerates manifest and tables from it, and records this. Nothing was changed"
+    ))]
+    Foreign {
+        /// The folder.
+        path: PathBuf,
+        /// Differences of the journal from the manifest.
+        found: Vec<String>,
     },
     /// The manifest is invalid.
     #[error("{}{at}: {problem}", path.display())]

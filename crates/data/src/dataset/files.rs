@@ -3,7 +3,7 @@
 //! A link planted by an attacker could redirect a write to outside the folder, and so could a second name of a file. Both are
 //! refused with an error that names the file. The folder itself may be a link.
 
-use std::fs::{self, File, Metadata, OpenOptions};
+use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -15,12 +15,25 @@ pub fn open(path: &Path) -> io::Result<File> {
     opened(path, OpenOptions::new().read(true))
 }
 
-/// Opens a file for appending.
+/// Opens a file for reading and appending.
 ///
 /// # Errors
 /// The same as for [`open`].
 pub(crate) fn open_to_append(path: &Path) -> io::Result<File> {
-    opened(path, OpenOptions::new().append(true))
+    opened(path, OpenOptions::new().read(true).append(true))
+}
+
+/// Whether a path leads to an open file; `None` if it leads to nothing. Systems other than Unix have no number that the standard
+/// library can compare: there the answer is yes if there is anything.
+///
+/// # Errors
+/// An error of the operating system.
+pub(super) fn is_at(path: &Path, file: &File) -> io::Result<Option<bool>> {
+    match path.symlink_metadata() {
+        Ok(named) => Ok(Some(is_same(&named, &file.metadata()?))),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 /// Opens a file for appending, and creates it if it doesn't exist.
@@ -123,6 +136,44 @@ impl Draft {
     }
 }
 
+/// Locks a draft, a file or a folder, unless it is locked or gone. The system releases the lock when the program ends for any
+/// reason. On Windows a folder has no handle, and a locked file can't be read: nothing is locked there, and what a killed program
+/// left stays.
+pub(super) fn lock_draft(draft: &Path) -> io::Result<Option<Option<File>>> {
+    if cfg!(not(unix)) {
+        return Ok(Some(None));
+    }
+    let file = match File::open(draft) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        opened => opened?,
+    };
+    match file.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => return Ok(None),
+        // without locks on this disk no program removes a draft
+        Err(TryLockError::Error(_)) => return Ok(Some(None)),
+    }
+    Ok((is_at(draft, &file)? == Some(true)).then_some(Some(file)))
+}
+
+/// Removes the drafts of files that killed programs left in a folder. What can't be read or removed stays.
+fn remove_left(folder: &Path) {
+    let is_draft =
+        |name: &str| name.strip_prefix(".palpate-").and_then(|rest| rest.strip_suffix(".new")).is_some_and(is_number);
+    for entry in fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok) {
+        if is_draft(&entry.file_name().to_string_lossy())
+            && entry.file_type().is_ok_and(|kind| kind.is_file())
+            && let Ok(Some(Some(_lock))) = lock_draft(&entry.path())
+        {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+pub(super) fn is_number(text: &str) -> bool {
+    !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
+}
+
 /// Replaces a file's content completely or not at all, once the content is on the disk. Keeps the permissions of the replaced
 /// file. The content is first written next to the file, under a name of this program's own.
 ///
@@ -130,7 +181,9 @@ impl Draft {
 /// An error of the operating system; no draft is then left next to the file.
 pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
+    remove_left(path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")));
     let mut file = File::create_new(&beside)?; // what lies there is somebody's
+    let Some(_lock) = lock_draft(&beside)? else { return Err(io::Error::other("another program removed the draft")) };
     let permitted = match fs::metadata(path) {
         Ok(before) => file.set_permissions(before.permissions()),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
@@ -227,6 +280,23 @@ mod tests {
             assert!(left_over().unwrap_err().to_string().starts_with(".nside.new"));
             fs::remove_file(folder.path().join(".nside.new")).unwrap();
             assert_eq!(fs::read_to_string(&outside).unwrap(), "kept");
+        }
+    }
+
+    #[test]
+    fn drafts_of_files_that_killed_programs_left_are_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in [".palpate-4000000.new", ".palpate-1.new", ".palpate-x.new", "palpate-1.new", ".mine.new"] {
+            fs::write(path(name), "half").unwrap();
+        }
+        fs::create_dir(path(".palpate-2.new")).unwrap();
+        let held = lock_draft(&path(".palpate-1.new")).unwrap();
+        assert!(held.is_some());
+        place(&path("a.palpate"), "whole").unwrap();
+        assert!(!path(".palpate-4000000.new").exists());
+        for name in [".palpate-1.new", ".palpate-x.new", "palpate-1.new", ".mine.new", ".palpate-2.new", "a.palpate"] {
+            assert!(path(name).exists(), "{name}");
         }
     }
 

@@ -37,9 +37,13 @@ impl Fingerprint {
             let told = format!("{name:?} is not a valid name of a file in a run folder");
             return Err(io::Error::new(ErrorKind::InvalidInput, told));
         }
-        let mut file = files::open(&folder.join(name))?.take(most_bytes);
+        Fingerprint::of_reader(name, files::open(&folder.join(name))?.take(most_bytes))
+    }
+
+    /// Returns the fingerprint of all bytes of an input, read piece by piece.
+    pub(super) fn of_reader(name: &str, mut input: impl Read) -> io::Result<Fingerprint> {
         let mut hasher = Sha256::new();
-        let bytes = io::copy(&mut file, &mut hasher)?;
+        let bytes = io::copy(&mut input, &mut hasher)?;
         Ok(Fingerprint { name: name.to_owned(), bytes, sha256: format!("{:x}", hasher.finalize()) })
     }
 
@@ -59,7 +63,8 @@ impl Fingerprint {
     }
 }
 
-/// Whether a name can't lead out of its folder, because it has only one plain part.
+/// Whether a name can't lead out of its folder, because it has only one plain part, and can be printed.
 pub(super) fn is_plain(name: &str) -> bool {
-    !name.is_empty() && !name.contains(['/', '\\', ':', '\0']) && name != "." && name != ".."
+    let is_other = |c: char| c.is_control() || matches!(c, '/' | '\\' | ':');
+    !name.is_empty() && !name.contains(is_other) && name != "." && name != ".."
 }

@@ -2,6 +2,7 @@
 
 use super::characteristics::Staircases;
 use super::fingerprint::is_plain;
+use super::foreign::foreign;
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::lock::hold;
@@ -26,6 +27,15 @@ use std::path::{Path, PathBuf};
 pub struct Origins {
     /// Texts, each with the name of its file.
     texts: Vec<(String, String)>,
+}
+
+/// What a person accepts of a journal that the other files of its folder contradict.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Accepted {
+    /// That presses are missing from it.
+    pub loss: bool,
+    /// That the manifest describes another journal.
+    pub another_journal: bool,
 }
 
 /// A run on disk, locked by this program. Of the presses, only their positions in the journal are kept in memory.
@@ -68,26 +78,35 @@ impl RunFolder {
     /// Opens a run and its journal, and cuts off an incomplete last line of the journal. Changes nothing else.
     ///
     /// # Errors
-    /// The journal is missing or damaged, contains fewer presses than the other files of the run, or is being written by another
-    /// program. Or an error of the operating system. Nothing is changed in these cases.
+    /// The journal is missing or damaged, isn't the one that the manifest describes, contains fewer presses than the other files of
+    /// the run, or is being written by another program. Or an error of the operating system. Nothing is changed in these cases.
     pub fn open(path: &Path, layout: &ArrayLayout) -> Result<RunFolder, DatasetError> {
-        let (folder, lost) = Self::take(path, layout)?;
-        if !lost.is_empty() {
-            return Err(DatasetError::Lost { path: path.to_owned(), lost });
-        }
-        folder.attach()
+        Self::open_accepting(path, layout, Accepted::default(), String::new())
     }
 
-    /// Opens a run whose journal has lost presses. A person accepts this loss, and the journal records the acceptance. `accepted`
-    /// is the time of acceptance, with its time zone.
+    /// Opens a run whose journal the other files contradict. A person accepts the journal, and the journal records this with `at`,
+    /// the time with its time zone.
     ///
     /// # Errors
-    /// The same as for [`open`](Self::open), except for missing presses.
-    pub fn open_accepting_loss(path: &Path, layout: &ArrayLayout, accepted: String) -> Result<RunFolder, DatasetError> {
-        let (folder, lost) = Self::take(path, layout)?;
+    /// The same as for [`open`](Self::open), except for what is accepted.
+    pub fn open_accepting(
+        path: &Path,
+        layout: &ArrayLayout,
+        accept: Accepted,
+        at: String,
+    ) -> Result<RunFolder, DatasetError> {
+        let (folder, foreign, lost) = Self::take(path, layout)?;
+        let path = path.to_owned();
+        if !foreign.is_empty() && !accept.another_journal {
+            return Err(DatasetError::Foreign { path, found: foreign });
+        }
+        // the tables in the folder of another journal aren't its tables
+        if !lost.is_empty() && !accept.loss && foreign.is_empty() {
+            return Err(DatasetError::Lost { path, lost });
+        }
         let mut folder = folder.attach()?;
-        if !lost.is_empty() {
-            folder.record(&Record::Loss(Loss { accepted, lost }))?;
+        if !lost.is_empty() || !foreign.is_empty() {
+            folder.record(&Record::Loss(Loss { accepted: at, lost, journal: foreign }))?;
         }
         Ok(folder)
     }
@@ -143,6 +162,7 @@ impl RunFolder {
     /// # Errors
     /// An error of the operating system.
     pub fn finish(&mut self, end: End) -> Result<(), DatasetError> {
+        self.journal.keep_place()?; // the tables are read from the file of this name
         self.write_views()?;
         self.record(&Record::End(end))?;
         self.vouch()
@@ -176,6 +196,11 @@ impl RunFolder {
     /// Returns the description of the run and its progress.
     pub fn manifest(&self) -> &Manifest {
         &self.known.manifest
+    }
+
+    /// Returns the warnings about the journal since the run was opened.
+    pub fn warnings(&self) -> &[String] {
+        self.journal.warnings()
     }
 
     /// Returns the path of the run.
@@ -212,9 +237,9 @@ impl RunFolder {
         Ok(staircases.some())
     }
 
-    /// Opens a run exclusively for this program and reads its journal. Also returns a description of data in the other files that
-    /// the journal lacks.
-    fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>), DatasetError> {
+    /// Opens a run exclusively for this program and reads its journal. Also returns the differences from the journal that the
+    /// manifest describes, and a description of data in the other files that the journal lacks.
+    fn take(path: &Path, layout: &ArrayLayout) -> Result<(Opened, Vec<String>, Vec<String>), DatasetError> {
         check_run(path)?;
         let lock = hold(path)?;
         let (known, records) = Known::read(path, Some(layout.len()))?;
@@ -223,8 +248,8 @@ impl RunFolder {
             // before anything is written: a run isn't to be regenerated by half
             files::check_place(&path.join(name)).map_err(DatasetError::io("opening", path.join(name)))?;
         }
-        let lost = lost(path, &known)?;
-        Ok((Opened { path: path.to_owned(), lock, records, known, layout: layout.clone() }, lost))
+        let (foreign, lost) = (foreign(path, &known)?, lost(path, &known)?);
+        Ok((Opened { path: path.to_owned(), lock, records, known, layout: layout.clone() }, foreign, lost))
     }
 
     fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), DatasetError> {

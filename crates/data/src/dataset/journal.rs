@@ -1,5 +1,7 @@
 //! Journal of a run or a batch: append-only, one record per line, read record by record.
 
+mod place;
+
 use super::{Durability, Record, files};
 use miette::Diagnostic;
 use serde::Serialize;
@@ -54,6 +56,7 @@ pub struct Journal<R = Record> {
     line: Vec<u8>,
     /// Whether a record that was never acknowledged may be at the end. Nothing is added after such a record.
     broken: bool,
+    warnings: Vec<String>,
     kind: PhantomData<fn(&R)>,
 }
 
@@ -108,6 +111,18 @@ pub enum JournalError {
         /// Kind that was expected.
         expected: &'static str,
     },
+    /// The name of the journal no longer leads to the file that is being written.
+    #[error("recording in {}: the journal {what}; the last record isn't acknowledged", path.display())]
+    #[diagnostic(help(
+        "the record so far is in the file that had this name: find it (a moved folder, a copy, the trash), put it back, and continue \
+         with `palpate resume`. Keep other programs away from the folder of a run until it ends"
+    ))]
+    Displaced {
+        /// The journal.
+        path: PathBuf,
+        /// What happened to it.
+        what: &'static str,
+    },
     /// The journal couldn't be read or written.
     #[error("keeping {}: {why}", path.display())]
     #[diagnostic(help("{}", files::advice(why)))]
@@ -125,7 +140,7 @@ impl<R: Logged> Journal<R> {
     /// # Errors
     /// An error of the operating system.
     pub fn create(path: &Path) -> Result<Journal<R>, JournalError> {
-        let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(failed(path))?;
+        let file = OpenOptions::new().read(true).append(true).create_new(true).open(path).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, 0, 0))
     }
 
@@ -157,7 +172,13 @@ impl<R: Logged> Journal<R> {
     fn at_end(file: File, path: &Path, next: u64, end: u64) -> Journal<R> {
         let durability = Durability::Full;
         let path = path.to_owned();
-        Journal { file, path, durability, next, end, line: Vec::new(), broken: false, kind: PhantomData }
+        let (line, warnings) = (Vec::new(), Vec::new());
+        Journal { file, path, durability, next, end, line, broken: false, warnings, kind: PhantomData }
+    }
+
+    /// Returns the warnings about the file of the journal, each once.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Sets the durability of every further record.
@@ -195,7 +216,10 @@ impl<R: Logged> Journal<R> {
     /// An error of the operating system. The part of the record that was written is removed. If the removal fails too, nothing
     /// more is added.
     pub fn append(&mut self, record: &R) -> Result<u64, JournalError> {
-        self.add(record, self.durability)
+        let offset = self.add(record, self.durability)?;
+        // one look at the folder, so that nothing is acknowledged that nobody finds
+        self.keep_place().inspect_err(|_| self.broken = true)?;
+        Ok(offset)
     }
 
     /// Appends a record that reaches the disk only with the next record. For records during which a stage must not wait.

@@ -6,7 +6,7 @@ use super::index::Index;
 use super::journal::JOURNAL;
 use super::manifest::MANIFEST;
 use super::views::PRESSES;
-use super::{DatasetError, Journal, Manifest, Peaks, Press, Record, Records, Status, Text};
+use super::{DatasetError, Journal, Loss, Manifest, Peaks, Press, Record, Records, Status, Text};
 use crate::recipe::Phase;
 use std::path::Path;
 
@@ -22,7 +22,7 @@ pub(super) struct Known {
     pub texts: Vec<Text>,
     /// Number of records.
     pub records: u64,
-    /// Ending of the run, if the ending is the last record.
+    /// Ending of the run, if nothing was measured or lost after it.
     pub end: Option<Status>,
     /// For each trip, the entry that was being executed and its true peaks.
     pub trips: Vec<(Option<u64>, Peaks)>,
@@ -51,13 +51,18 @@ impl Known {
     /// Adds a record. A journal begins with exactly one description of the run, and contains each entry of the plan once,
     /// complete.
     pub(super) fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
-        self.end = None;
+        if !matches!(record, Record::Loss(Loss { lost, .. }) if lost.is_empty()) {
+            self.end = None; // another journal was accepted as it is, with its end
+        }
         match record {
             Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),
             Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
             _ if offset == 0 => return Err("the first record is missing".to_owned()),
-            Record::Text(text) if !is_plain(&text.name) => {
-                return Err(format!("{:?} is not a valid name of a file in a run folder", text.name));
+            Record::Text(Text { name, .. }) if !is_plain(name) => return Err(unplain(name)),
+            Record::Session(session) => {
+                if let Some(text) = session.texts.iter().find(|text| !is_plain(&text.name)) {
+                    return Err(unplain(&text.name));
+                }
             }
             Record::Text(text) => self.texts.push(text.clone()),
             Record::Contact(contact) => {
@@ -98,6 +103,10 @@ impl Known {
     pub(super) fn levels_of(&self, phase: Phase) -> u64 {
         Phase::ALL.into_iter().zip(self.levels).find(|(its, _)| *its == phase).map_or(0, |(_, count)| count)
     }
+}
+
+fn unplain(name: &str) -> String {
+    format!("{name:?} is not a valid name of a file in a run folder")
 }
 
 /// Checks that a path is a run: a folder with a journal in it.

@@ -3,6 +3,7 @@
 use super::journal::JOURNAL;
 use super::{DatasetError, files};
 use std::fs::{File, TryLockError};
+use std::io;
 use std::path::Path;
 
 /// File that is locked. It is the journal, which nobody deletes as a left-over file. If a lock would also block readers, it is a
@@ -27,4 +28,13 @@ pub fn hold(path: &Path) -> Result<File, DatasetError> {
 /// Whether a program is writing the run now.
 pub(super) fn is_held(path: &Path) -> bool {
     files::open(&path.join(LOCKED)).is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+/// Locks a file that took the journal's place, for the program that has the folder. Returns whether no other program has it.
+pub(super) fn follow(journal: &File) -> io::Result<bool> {
+    match journal.try_lock() {
+        Ok(()) => Ok(true),
+        Err(TryLockError::WouldBlock) => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
 }

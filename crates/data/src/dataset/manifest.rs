@@ -42,7 +42,7 @@ pub struct Manifest {
     /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// Presses that were lost with a part of the journal, as accepted by a person.
+    /// Contradictions to the journal that a person accepted: lost presses, or another journal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
     /// Other files of the folder as written; empty during a run.
@@ -61,7 +61,7 @@ impl Manifest {
                 self.files.clear();
                 self.sessions.push(session.clone());
             }
-            Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Devices(devices) => self.devices = devices.iter().cloned().map(Identity::shown).collect(),
             Record::Trip { trip, .. } => {
                 // a program that is killed while it parks has tripped all the same
                 self.status = Status::Tripped;
@@ -77,7 +77,9 @@ impl Manifest {
                 self.rows_flagged += contact.levels.iter().filter(|press| press.is_flagged()).count() as u64;
             }
             Record::Loss(loss) => {
-                (self.status, self.ended) = (Status::Stopped, None);
+                if !loss.lost.is_empty() {
+                    (self.status, self.ended) = (Status::Stopped, None);
+                }
                 self.losses.push(loss.clone());
             }
             Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) => {}

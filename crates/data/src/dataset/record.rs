@@ -50,7 +50,7 @@ pub enum Record {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         peaks: Option<Peaks>,
     },
-    /// A person accepted that presses were lost.
+    /// A person accepted that presses were lost, or that it is another journal.
     Loss(Loss),
     /// A program ended in a controlled way. A program that was killed leaves no such record.
     End(End),

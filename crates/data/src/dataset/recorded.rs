@@ -1,14 +1,17 @@
 //! Reads runs: the complete content of a run's journal, in one pass.
 
+use super::foreign::foreign;
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::lock::is_held;
 use super::loss::lost;
 use super::press::{csv_header, csv_line};
+use super::table_error::MAX_TABLE_BYTES;
 use super::views::PRESSES;
 use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
 use palpate_control::Trip;
-use std::io::{ErrorKind, Read};
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// File names of the two text files that every run of this program uses.
@@ -34,7 +37,7 @@ pub struct Recorded {
     pub retouches: Vec<Retouch>,
     /// Contacts in the order of measurement.
     pub contacts: Vec<Contact>,
-    /// Whether no record follows the run's end.
+    /// Whether the run has ended, and nothing was measured or lost after its end.
     pub has_ended: bool,
 }
 
@@ -88,9 +91,12 @@ impl Recorded {
             }
         }
         // the tables of a run under way grow while they would be read
-        let lost = if is_held(path) { Vec::new() } else { lost(path, &known)? };
-        if !lost.is_empty() {
-            return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
+        if !is_held(path) {
+            check_manifest(path, &known)?;
+            let lost = lost(path, &known)?;
+            if !lost.is_empty() {
+                return Err(DatasetError::Lost { path: path.to_owned(), lost }.into());
+            }
         }
         let has_ended = known.end.is_some();
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });
@@ -162,10 +168,21 @@ impl Texts {
     /// Returns the texts in the journal of a run, and its other content except the presses.
     ///
     /// # Errors
-    /// The same as for [`Recorded::read`].
+    /// The same as for [`Recorded::read`], except for missing presses.
     pub fn read(path: &Path) -> Result<(Manifest, Texts), DatasetError> {
+        Texts::read_accepting(path, false)
+    }
+
+    /// Does the same. With `any_journal`, the journal needn't be the one that the manifest describes.
+    ///
+    /// # Errors
+    /// The same as for [`read`](Self::read).
+    pub fn read_accepting(path: &Path, any_journal: bool) -> Result<(Manifest, Texts), DatasetError> {
         check_run(path)?;
         let (known, _) = Known::read(path, None)?;
+        if !any_journal && !is_held(path) {
+            check_manifest(path, &known)?;
+        }
         Ok((known.manifest, Texts { all: known.texts }))
     }
 
@@ -198,6 +215,13 @@ impl Texts {
         self.all.iter().rfind(|text| text.name == name).map(|text| text.text.as_str())
     }
 }
+
+/// Checks that a journal is the one that the manifest of its folder describes.
+fn check_manifest(path: &Path, known: &Known) -> Result<(), DatasetError> {
+    let found = foreign(path, known)?;
+    if found.is_empty() { Ok(()) } else { Err(DatasetError::Foreign { path: path.to_owned(), found }) }
+}
+
 /// Returns the SHA-256 of a run's journal on the disk, in hexadecimal.
 ///
 /// # Errors
@@ -216,8 +240,10 @@ pub fn source_fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
     if path.is_dir() {
         return Ok(Fingerprint { name, ..journal_fingerprint(path)? });
     }
-    let table = std::fs::read(path).map_err(DatasetError::io("reading", path))?;
-    Ok(Fingerprint::of(&name, &table))
+    let read = File::open(path).and_then(|file| Fingerprint::of_reader(&name, file.take(MAX_TABLE_BYTES + 1)));
+    let too_large = || io::Error::new(ErrorKind::InvalidInput, format!("more than {MAX_TABLE_BYTES} bytes"));
+    let read = read.and_then(|found| if found.bytes > MAX_TABLE_BYTES { Err(too_large()) } else { Ok(found) });
+    read.map_err(DatasetError::io("reading", path))
 }
 
 fn journal_fingerprint(run: &Path) -> Result<Fingerprint, DatasetError> {

@@ -5,6 +5,7 @@
 
 use super::files;
 use super::fingerprint::Fingerprint;
+use super::session::shown_label;
 use miette::Diagnostic;
 use palpate_solver::{Broken, ForceKnown, Model, ModelError, Solver as _, Validity};
 use serde::{Deserialize, Serialize};
@@ -33,7 +34,7 @@ pub struct Card {
     /// Name of the method.
     pub method: String,
     /// ID of the sensor, if its run has one.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "shown_label")]
     pub sensor: Option<String>,
     /// Sources of the fit: the journals of runs, or tables.
     pub made_from: Vec<Fingerprint>,

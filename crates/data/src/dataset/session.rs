@@ -3,7 +3,8 @@
 use super::Fingerprint;
 use crate::recipe::Plan;
 use palpate_control::Strategy;
-use serde::{Deserialize, Serialize};
+use palpate_core::quantity::shown;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Format of the journals that this program writes and reads. Format 1 had no number, no texts, and rows for levels.
 pub const FORMAT: u32 = 2;
@@ -14,6 +15,7 @@ pub struct RunFacts {
     /// Format of the journal: [`FORMAT`].
     pub format: u32,
     /// Name of the recipe.
+    #[serde(deserialize_with = "shown_text")]
     pub recipe: String,
     /// Labels of the pressed sensor and the operator, if a person gave them.
     #[serde(flatten)]
@@ -60,23 +62,33 @@ pub struct Imported {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Labels {
     /// ID of the sensor, such as its serial number.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub sensor: Option<String>,
     /// Design of the sensor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub design: Option<String>,
     /// Production batch of the sensor.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub batch: Option<String>,
     /// Number or manner of the mounting. Runs of one mounting have the same position of the sensor on the bench.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub mounting: Option<String>,
     /// Person who made the run.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
     /// Any other note.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "shown_label", skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+}
+
+/// Reads a text of a file from elsewhere, without characters that control a terminal.
+fn shown_text<'de, D: Deserializer<'de>>(from: D) -> Result<String, D::Error> {
+    String::deserialize(from).map(|text| shown(&text))
+}
+
+/// Reads a label in the same way.
+pub(super) fn shown_label<'de, D: Deserializer<'de>>(from: D) -> Result<Option<String>, D::Error> {
+    Option::<String>::deserialize(from).map(|label| label.map(|text| shown(&text)))
 }
 
 /// Largest number of characters of a label, which is shown in tables and titles.
@@ -213,13 +225,16 @@ pub struct Text {
     pub text: String,
 }
 
-/// Recorded presses that were lost with a part of the journal. A person accepted the loss.
+/// A journal that a person accepted although the other files of the folder contradict it: it has lost presses, or is another one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Loss {
     /// Time of acceptance, with its time zone.
     pub accepted: String,
     /// Statements of the other files of the folder about the lost presses.
     pub lost: Vec<String>,
+    /// Differences from the journal that the manifest described.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub journal: Vec<String>,
 }
 
 /// Ending of a program that could still record it.

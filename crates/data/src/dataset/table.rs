@@ -13,7 +13,7 @@ use super::lookalike::lookalikes;
 use super::mapping::Mapping;
 use super::press::{COLUMNS, Column, OUTPUTS, Presence};
 use super::sensor_file::is_sensor_file;
-use super::table_error::{MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
+use super::table_error::{MAX_ROW_BYTES, MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
 use csv::StringRecord;
 use std::collections::VecDeque;
@@ -59,7 +59,12 @@ pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError>
 /// # Errors
 /// The same as for [`read_table`].
 pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Presses, TableError> {
-    let mut records = Records::new(file, input, mapping)?;
+    parse_bounded(file, input, mapping, MAX_TABLE_BYTES)
+}
+
+/// Reads a table of at most `most_bytes`. If the input is longer, one byte more than this is read.
+fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u64) -> Result<Presses, TableError> {
+    let mut records = Records::new(file, input.take(most_bytes + 1), mapping, most_bytes)?;
     let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
     let mut is_there = records.next(&mut header)?;
     while is_there && header.get(0).is_some_and(is_comment) {
@@ -221,17 +226,18 @@ struct Records<'a, R> {
     dialect: Dialect,
     /// First line of the most recently read record.
     line: u64,
+    most_bytes: u64,
 }
 
 impl<'a, R: Read> Records<'a, R> {
-    fn new(file: &'a str, input: R, mapping: &Mapping) -> Result<Self, TableError> {
+    fn new(file: &'a str, input: R, mapping: &Mapping, most_bytes: u64) -> Result<Self, TableError> {
         let mut input = BufReader::new(input);
         let start = input.fill_buf().map_err(|source| TableError::Unreadable { file: file.to_owned(), source })?;
         let dialect = Dialect::of_start(start, &mapping.x_mm, mapping);
         // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
         let mut reader = csv::ReaderBuilder::new();
         reader.has_headers(false).flexible(true).delimiter(dialect.separator());
-        Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1 })
+        Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1, most_bytes })
     }
 
     /// Reads the next row, with points as decimal marks. Returns whether there was one.
@@ -243,14 +249,21 @@ impl<'a, R: Read> Records<'a, R> {
 
     /// Reads the next record. Returns whether there was one.
     fn next(&mut self, record: &mut StringRecord) -> Result<bool, TableError> {
+        let begin = self.reader.position().byte();
+        self.reader.get_mut().most = begin + MAX_ROW_BYTES;
         let read = self.reader.read_record(record);
         let end = self.reader.position().byte();
         let lines = self.reader.get_mut();
         self.line = lines.of_record(end, record);
         let is_open = read.is_ok() && lines.is_open(end, record);
+        let (taken, is_long) = (lines.taken, lines.is_stopped);
         let file = || self.file.to_owned();
-        if lines.taken > MAX_TABLE_BYTES {
-            return Err(TableError::TooLarge { file: file(), line: None, limit: MAX_TABLE_BYTES, what: "bytes" });
+        if taken > self.most_bytes {
+            return Err(TableError::TooLarge { file: file(), line: None, limit: self.most_bytes, what: "bytes" });
+        }
+        if is_long {
+            let line = Some(self.line);
+            return Err(TableError::TooLarge { file: file(), line, limit: MAX_ROW_BYTES, what: "bytes in a row" });
         }
         if is_open {
             return Err(TableError::OpenQuote { file: file(), line: self.line });
@@ -267,8 +280,11 @@ impl<'a, R: Read> Records<'a, R> {
 /// is wrong after blank lines and Windows line ends.
 struct Lines<R> {
     input: R,
-    /// Number of bytes read. The input is treated as ended slightly beyond [`MAX_TABLE_BYTES`].
+    /// Number of bytes read.
     taken: u64,
+    /// Number of bytes at which the present record is too long. The input then ends.
+    most: u64,
+    is_stopped: bool,
     /// Positions of the line ends in the reader's present buffer that no record has reached yet.
     ends: VecDeque<u64>,
     passed: u64,
@@ -278,7 +294,7 @@ struct Lines<R> {
 
 impl<R> Lines<R> {
     fn new(input: R) -> Self {
-        Lines { input, taken: 0, ends: VecDeque::new(), passed: 0, last: 0 }
+        Lines { input, taken: 0, most: MAX_ROW_BYTES, is_stopped: false, ends: VecDeque::new(), passed: 0, last: 0 }
     }
 
     /// Returns the first line of a record that ends before the byte `end`, including the record's own line end.
@@ -302,7 +318,8 @@ impl<R> Lines<R> {
 
 impl<R: Read> Read for Lines<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        if self.taken > MAX_TABLE_BYTES {
+        if self.taken > self.most {
+            self.is_stopped = true;
             return Ok(0);
         }
         let count = self.input.read(buffer)?;
@@ -323,6 +340,59 @@ mod tests {
     use crate::dataset::table_error::MAX_COLUMNS;
     use miette::Diagnostic as _;
     use palpate_core::quantity::Place;
+
+    /// An input without an end, and how much of it was read.
+    struct Endless<'a> {
+        text: &'a [u8],
+        read: u64,
+    }
+
+    impl Read for Endless<'_> {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            for byte in buffer.iter_mut() {
+                *byte = self.text[self.read as usize % self.text.len()];
+                self.read += 1;
+            }
+            Ok(buffer.len())
+        }
+    }
+
+    #[test]
+    fn a_table_is_read_up_to_its_limit_and_one_byte() {
+        let header = "x_mm,y_mm,force_n,out_1\n";
+        let table = header.to_owned() + &"1,2,0.5,3\n".repeat(10_000);
+        let read = |text: &str, most_bytes| parse_bounded("a.csv", text.as_bytes(), &Mapping::default(), most_bytes);
+        let bytes = table.len() as u64;
+        assert_eq!(read(&table, bytes).unwrap().presses.len(), 10_000);
+        let error = read(&table, bytes - 1).unwrap_err();
+        assert!(matches!(error, TableError::TooLarge { line: None, limit, .. } if limit == bytes - 1), "{error}");
+        let mut endless = Endless { text: table.as_bytes(), read: 0 };
+        endless.text = &table.as_bytes()[..table.len() - header.len()];
+        let error = parse_bounded("a.csv", &mut endless, &Mapping::default(), 50_000).unwrap_err();
+        assert!(matches!(error, TableError::TooLarge { limit: 50_000, .. }), "{error}");
+        assert_eq!(endless.read, 50_001, "and not a byte more");
+    }
+
+    #[test]
+    fn a_row_without_an_end_is_refused_where_the_longest_row_ends() {
+        for (start, text) in [("", b"\0".as_slice()), ("", b"1,"), ("\"", b"\n")] {
+            let mut endless = Endless { text, read: 0 };
+            let input = start.as_bytes().chain(&mut endless);
+            let error = parse_table("a.csv", input, &Mapping::default()).unwrap_err();
+            assert!(matches!(error, TableError::TooLarge { line: Some(1), limit: MAX_ROW_BYTES, .. }), "{error}");
+            assert!(endless.read < MAX_ROW_BYTES + (64 << 10), "{} bytes", endless.read);
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_device_without_an_end_is_refused_as_a_table_and_has_no_fingerprint() {
+        let path = Path::new("/dev/zero");
+        let told = read_table(path, &Mapping::default()).unwrap_err().to_string();
+        assert_eq!(told, format!("/dev/zero, line 1: more than {MAX_ROW_BYTES} bytes in a row"));
+        let told = crate::dataset::source_fingerprint(path).unwrap_err().to_string();
+        assert_eq!(told, format!("reading /dev/zero: more than {MAX_TABLE_BYTES} bytes"));
+    }
 
     fn plain(text: &str) -> Result<Presses, TableError> {
         parse_table("a.csv", text.as_bytes(), &Mapping::default())

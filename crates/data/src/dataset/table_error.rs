@@ -7,6 +7,8 @@ use std::io;
 /// Size of the largest table that is read, bytes: about 100 000 presses of 500 units, far beyond any run. Only numbers are kept
 /// in memory, which are mostly smaller than the text.
 pub(crate) const MAX_TABLE_BYTES: u64 = 512 << 20;
+/// Longest row of a table, bytes: a kilobyte for each of the columns. A file without line ends is refused here.
+pub(crate) const MAX_ROW_BYTES: u64 = 4 << 20;
 /// Largest number of rows of a table. A stage that presses every three seconds needs a month for this number.
 pub(crate) const MAX_ROWS: usize = 1 << 20;
 /// Largest number of columns of a table. It is far beyond any array, and small enough to search names one by one.
@@ -20,7 +22,7 @@ pub enum TableError {
     #[error("{file}: can't be read")]
     #[diagnostic(help("give an existing table; `palpate rebuild` regenerates the table of a run"))]
     Unreadable { file: String, source: io::Error },
-    /// The table exceeds [`MAX_TABLE_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
+    /// The table exceeds [`MAX_TABLE_BYTES`], [`MAX_ROW_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
     #[diagnostic(help("remove columns that aren't needed, or average repeated presses first"))]
     TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },

@@ -1,6 +1,7 @@
 //! Checks whether a run folder is unchanged: compares journal, manifest and tables in every direction.
 
 use super::fingerprint::is_plain;
+use super::foreign::foreign;
 use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::lock::is_held;
@@ -27,7 +28,7 @@ pub struct Verified {
     pub has_ended: bool,
     /// Whether a program is writing the run now, so that its tables weren't compared.
     pub is_under_way: bool,
-    /// Losses that a person accepted.
+    /// Losses and other journals that a person accepted.
     pub losses: Vec<Loss>,
     /// Descriptions of what differs from the written run.
     pub problems: Vec<String>,
@@ -55,12 +56,19 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     verified.records = known.records;
     verified.has_ended = known.end.is_some();
     verified.losses.clone_from(&known.manifest.losses);
+    let is_under_way = known.end.is_none() && is_held(path);
+    let foreign = if is_under_way { Vec::new() } else { foreign(path, &known)? };
+    if !foreign.is_empty() {
+        // nothing else in the folder is expected to agree with it
+        verified.problems.push(DatasetError::Foreign { path: path.to_owned(), found: foreign }.to_string());
+        return Ok(verified);
+    }
     verified.compare(path, known.manifest.texts())?;
     let Some(layout) = layout else {
         verified.problems.push(format!("{JOURNAL} has lost its beginning: the first record is missing"));
         return Ok(verified);
     };
-    if !verified.has_ended && is_held(path) {
+    if is_under_way {
         verified.is_under_way = true; // its tables grow while they would be read
         return Ok(verified);
     }

@@ -43,8 +43,11 @@ fn of_run(run: &Recorded) -> Markup {
         let changed = |change: &RigChange| format!("{} is {}; it was {}", change.key, change.now, change.before);
         rows.extend(session.changes.iter().map(|change| ("rig changed", changed(change))));
     }
-    let lost = |loss: &Loss| format!("accepted {}: {}", clock(&loss.accepted), loss.lost.join("; "));
-    rows.extend(manifest.losses.iter().map(|loss| ("presses lost", lost(loss))));
+    for Loss { accepted, lost, journal } in &manifest.losses {
+        let given =
+            [("journal exchanged", journal), ("presses lost", lost)].into_iter().filter(|(_, of)| !of.is_empty());
+        rows.extend(given.map(|(what, of)| (what, format!("accepted {}: {}", clock(accepted), of.join("; ")))));
+    }
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
     if facts.imported.is_none() {

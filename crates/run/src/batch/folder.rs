@@ -1,10 +1,11 @@
 //! A batch on disk: its journal, copies of its texts, and the run folders of its sensors.
 
-use super::{Event, Facts, Session, State};
+use super::{Began, Ended, Event, Facts, Session, State};
 use miette::Diagnostic;
 use palpate_data::dataset::{DatasetError, JOURNAL, Journal, JournalError, Text, hold_folder, make_folder};
+use std::collections::HashSet;
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -43,6 +44,18 @@ pub enum BatchError {
         /// The folder.
         path: PathBuf,
     },
+    /// The journal has lost the beginning of runs.
+    #[error("{}: journal.log doesn't have the runs {}", path.display(), runs.join(", "))]
+    #[diagnostic(help(
+        "restore the journal of the batch from a copy. Without one, move these folders out of the batch: then their sensors are \
+         calibrated again. Nothing was changed"
+    ))]
+    Unlisted {
+        /// The batch folder.
+        path: PathBuf,
+        /// The folders, relative to the batch folder.
+        runs: Vec<String>,
+    },
     /// The folder or its journal can't be written or read.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -68,15 +81,35 @@ impl BatchFolder {
     /// Opens a batch to continue it, and cuts off an incomplete last record. Changes nothing else.
     ///
     /// # Errors
-    /// There is no batch, its journal is damaged, or another program works on it. Nothing is changed in these cases.
+    /// There is no batch, its journal is damaged or lacks runs that are there, or another program works on it. Nothing is changed
+    /// in these cases.
     pub fn open(path: &Path) -> Result<BatchFolder, BatchError> {
         check_batch(path)?;
         let lock = hold_folder(path).map_err(|error| match error {
             DatasetError::Held { path } => BatchError::Held { path },
             error => error.into(),
         })?;
-        let mut state = State::default();
-        let journal = Journal::open(&path.join(JOURNAL), |_, event| state.take_in(event))?;
+        let (mut state, mut listed, mut unfinished) = (State::default(), HashSet::new(), HashSet::new());
+        let records = Journal::read(&path.join(JOURNAL), |_, event| {
+            match event {
+                Event::Began(Began { serial, run, .. }) => {
+                    listed.insert(run.clone());
+                    unfinished.insert(serial.clone());
+                }
+                Event::Ended(Ended { serial, runs, .. }) => {
+                    listed.extend(runs.iter().cloned());
+                    unfinished.remove(serial);
+                }
+                _ => {}
+            }
+            state.take_in(event)
+        })?;
+        let is_further = |name: &str| is_further(name, &state, &unfinished);
+        let runs = unlisted(path, |name, run| listed.contains(run) || is_further(name))?;
+        if !runs.is_empty() {
+            return Err(BatchError::Unlisted { path: path.to_owned(), runs });
+        }
+        let journal = records.go_on()?;
         Ok(BatchFolder { path: path.to_owned(), _lock: lock, journal, state })
     }
 
@@ -122,6 +155,35 @@ impl BatchFolder {
         let exists = || DatasetError::Exists { path: self.path.join(RUNS).join(serial) };
         Ok(format!("{RUNS}/{}", free.ok_or_else(exists)?))
     }
+}
+
+/// Returns the run folders of a batch that aren't known by their name and by their path in the batch.
+fn unlisted(path: &Path, is_known: impl Fn(&str, &str) -> bool) -> Result<Vec<String>, DatasetError> {
+    let folder = path.join(RUNS);
+    let entries = match fs::read_dir(&folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(DatasetError::io("reading", &folder))?,
+    };
+    let mut runs = Vec::new();
+    for entry in entries {
+        let name = entry.map_err(DatasetError::io("reading", &folder))?.file_name().to_string_lossy().into_owned();
+        let run = format!("{RUNS}/{name}");
+        let is_run = !name.starts_with('.') && folder.join(&name).join(JOURNAL).is_file();
+        if is_run && !is_known(&name, &run) {
+            runs.push(run);
+        }
+    }
+    runs.sort_unstable();
+    Ok(runs)
+}
+
+/// Whether a run folder may be a further run of a sensor. Such a run is recorded when the sensor ends, so one that was killed has
+/// unrecorded runs after its first. Its next first run has a larger number.
+fn is_further(name: &str, state: &State, unfinished: &HashSet<String>) -> bool {
+    let Some((serial, number)) = name.rsplit_once('-') else { return false };
+    let (Some(item), Ok(number)) = (state.item(serial), number.parse::<u64>()) else { return false };
+    let last = item.run.as_deref().and_then(|run| run.strip_prefix(&format!("{RUNS}/{serial}-"))?.parse().ok());
+    unfinished.contains(serial) || item.times > 0 && number < last.unwrap_or(1)
 }
 
 /// Reads the state of a batch from its journal. The batch may be in use.
@@ -195,6 +257,40 @@ mod tests {
     fn events() -> [Event; 5] {
         let judged = |serial| ended(serial, Status::Complete, Some(Verdict::Accepted));
         [began("A-1"), judged("A-1"), began("A-2"), judged("A-2"), began("A-3")]
+    }
+
+    #[test]
+    fn runs_that_the_journal_has_lost_are_named_and_nothing_is_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("day");
+        let mut batch = created(&path);
+        events().iter().for_each(|event| batch.record(event).unwrap());
+        drop(batch);
+        let run = |name: &str| {
+            fs::create_dir(path.join(RUNS).join(name)).unwrap();
+            fs::write(path.join(RUNS).join(name).join(JOURNAL), "").unwrap();
+        };
+        ["A-1", "A-2", "A-3", "A-3-2"].into_iter().for_each(run);
+        fs::create_dir(path.join(RUNS).join("notes")).unwrap();
+        let whole = fs::read(path.join(JOURNAL)).unwrap();
+        BatchFolder::open(&path).expect("A-3 was interrupted in its second run");
+        // each cut at a line end after the beginning, until A-1 begins
+        let ends: Vec<usize> = (0..whole.len()).filter(|at| whole[*at] == b'\n').map(|at| at + 1).collect();
+        let lost = ["runs/A-1", "runs/A-2", "runs/A-3, runs/A-3-2"];
+        for (cut, first) in [(1, 2), (2, 2), (3, 1), (4, 1), (5, 0)] {
+            let journal = &whole[..ends[ends.len() - 1 - cut]];
+            fs::write(path.join(JOURNAL), journal).unwrap();
+            let told = BatchFolder::open(&path).unwrap_err().to_string();
+            assert!(
+                told.ends_with(&format!("journal.log doesn't have the runs {}", lost[first..].join(", "))),
+                "{cut}: {told}"
+            );
+            assert_eq!(fs::read(path.join(JOURNAL)).unwrap(), journal);
+        }
+        fs::write(path.join(JOURNAL), &whole).unwrap();
+        run("A-1-2"); // a retry that the journal has lost: A-1 had ended
+        let told = BatchFolder::open(&path).unwrap_err().to_string();
+        assert!(told.ends_with("doesn't have the runs runs/A-1-2"), "{told}");
     }
 
     /// Largest number of times that a held folder is opened again.

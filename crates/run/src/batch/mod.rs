@@ -31,7 +31,7 @@ pub use monitor::Monitor;
 pub use monitor::Quantity;
 pub use seed::{run_seed, specimen_seed};
 pub use serial::check_serial;
-pub use state::{Item, Standing, State};
+pub use state::{Item, RIG, Standing, State};
 
 use palpate_document::Keys;
 

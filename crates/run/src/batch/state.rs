@@ -6,6 +6,9 @@ use palpate_data::dataset::{Status, Text};
 use serde::Serialize;
 use std::collections::HashMap;
 
+/// Name under which a batch folder keeps the text of its rig.
+pub const RIG: &str = "rig.toml";
+
 /// State of a batch. Its size is bounded by the number of sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
@@ -13,6 +16,8 @@ pub struct State {
     pub facts: Facts,
     /// Latest text of each name.
     pub texts: Vec<Text>,
+    /// Text of the rig with which the batch began.
+    pub first_rig: String,
     /// Last program that worked on the batch.
     pub session: Option<Session>,
     /// Sensors, in the order in which they were listed.
@@ -152,7 +157,12 @@ impl State {
             }
             Event::Text(text) => match self.texts.iter_mut().find(|kept| kept.name == text.name) {
                 Some(kept) => *kept = text.clone(),
-                None => self.texts.push(text.clone()),
+                None => {
+                    if text.name == RIG {
+                        self.first_rig.clone_from(&text.text);
+                    }
+                    self.texts.push(text.clone());
+                }
             },
             Event::Session(session) => self.session = Some(session.clone()),
             Event::Added { serials, .. } => serials.iter().try_for_each(|serial| self.add(serial))?,

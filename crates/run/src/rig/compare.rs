@@ -29,6 +29,17 @@ pub enum Consequence {
     Other,
 }
 
+impl Difference {
+    /// Whether a limit of the specimen isn't as strict as before. The least stiffness is stricter if it is larger, or if it is set at
+    /// all.
+    pub fn is_wider_limit(&self) -> bool {
+        let Some(key) = self.path.strip_prefix(keys::root::limits.name) else { return false };
+        let number = |text: &str| text.parse::<f64>().ok();
+        let is_raised = number(&self.now) >= number(&self.before);
+        self.verdict == Consequence::Other && !(key.ends_with(limits::stiffness_least_n_mm.name) && is_raised)
+    }
+}
+
 /// Returns the keys with different values in two rigs, in the order of the list of keys. A missing key has its default. Numbers
 /// are compared by value, not by spelling. A missing `[scene]` differs from a `[scene]` with the paper's values.
 ///
@@ -97,6 +108,27 @@ mod tests {
             assert_eq!(changed(key, &format!("{name} = {looser}")), one(&path, value, looser, Other));
         }
         assert_eq!(changed("speed_mm_s = 10.0", "speed_mm_s = 9.0"), one("stage.speed_mm_s", "10.0", "9.0", Other));
+    }
+
+    #[test]
+    fn a_limit_is_wider_if_it_is_less_strict_than_before() {
+        let least = |text: &str| format!("stiffness_n_mm = 2.0\n{text}");
+        for (from, to, is_wider) in [
+            ("force_n = 2.0", "force_n = 2.5", true),
+            ("force_n = 2.0", "force_n = 1.5", false),
+            ("stiffness_n_mm = 2.0", "stiffness_n_mm = 1.5", true),
+            ("speed_mm_s = 10.0", "speed_mm_s = 20.0", false),
+            ("stiffness_n_mm = 2.0", &least("stiffness_least_n_mm = 0.9"), false),
+        ] {
+            let found = differences(SIM_RIG, &SIM_RIG.replacen(from, to, 1)).unwrap();
+            assert_eq!(found.iter().map(Difference::is_wider_limit).collect::<Vec<_>>(), [is_wider], "{to}");
+        }
+        let rig = |n_mm: &str| format!("[limits]\nstiffness_least_n_mm = {n_mm}\n");
+        for (before, now, is_wider) in [("0.9", "1.0", false), ("0.9", "0.8", true)] {
+            let found = differences(&rig(before), &rig(now)).unwrap();
+            assert_eq!(found.iter().map(Difference::is_wider_limit).collect::<Vec<_>>(), [is_wider], "{now}");
+        }
+        assert!(differences(&rig("0.9"), "[limits]\n").unwrap()[0].is_wider_limit());
     }
 
     #[test]

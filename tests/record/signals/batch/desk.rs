@@ -188,6 +188,51 @@ fn a_batch_is_continued_with_the_same_files_only() {
 }
 
 #[test]
+fn a_batch_is_not_continued_with_wider_limits_than_it_began_with() {
+    let bench = bench("");
+    assert_eq!(piped(&bench, RUN, &["A-01"]).code, Some(0));
+    let (rig, journal) = (bench.read("rig.toml"), bench.read("day/journal.log"));
+    for (from, to) in [("force_n = 2.0", "force_n = 4.0"), ("stiffness_n_mm = 2.0", "stiffness_n_mm = 1.0")] {
+        bench.write("rig.toml", &exchanged(&rig, from, to));
+        let told = piped(&bench, RUN, &["A-02"]);
+        assert_eq!(told.code, Some(2), "{}", told.err);
+        let (key, now) = to.split_once(" = ").expect("a key");
+        let expected = format!("`limits.{key}` is {now}; the batch began with 2.0");
+        assert!(told.running().contains(&expected), "{}", told.err);
+        assert_eq!(bench.read("day/journal.log"), journal, "nothing is changed");
+    }
+    // a tighter limit is accepted and recorded, and the first one stays the widest
+    for (force, sensor, code) in [("1.8", "A-02", 0), ("2.0", "A-03", 0), ("2.1", "A-04", 2)] {
+        bench.write("rig.toml", &exchanged(&rig, "force_n = 2.0", &format!("force_n = {force}")));
+        let told = piped(&bench, RUN, &[sensor]);
+        assert_eq!(told.code, Some(code), "{force} N: {}", told.err);
+    }
+    let all = events(&bench, "day");
+    let rigs = all.iter().filter(|event| matches!(event, Event::Text(text) if text.name == "rig.toml"));
+    assert_eq!(rigs.count(), 3);
+    assert_eq!(["A-01", "A-02", "A-03", "A-04"].map(|sensor| begun(&all, sensor)), [1, 1, 1, 0]);
+}
+
+#[test]
+fn a_batch_whose_journal_has_lost_a_sensor_names_its_run_and_calibrates_nothing() {
+    let bench = bench("");
+    assert_eq!(piped(&bench, RUN, &["A-01", "A-02"]).code, Some(0));
+    let journal = bench.read("day/journal.log");
+    let lines: Vec<&str> = journal.lines().collect();
+    let began = lines.iter().rposition(|line| line.contains("{\"began\":")).expect("A-02 began");
+    bench.write("day/journal.log", &(lines[..began].join("\n") + "\n"));
+    let before = bench.read("day/journal.log");
+    for words in [RUN, "batch note day A-01 seen"] {
+        let told = piped(&bench, words, &["A-02"]);
+        assert_eq!(told.code, Some(2), "{words}: {}", told.err);
+        assert!(told.running().contains("day: journal.log doesn't have the runs runs/A-02"), "{words}: {}", told.err);
+        assert!(!bench.has("day/runs/A-02-2") && bench.read("day/journal.log") == before, "{words}");
+    }
+    std::fs::rename(bench.path("day/runs/A-02"), bench.path("A-02")).expect("another place");
+    assert_eq!(piped(&bench, RUN, &["A-02"]).code, Some(0));
+}
+
+#[test]
 fn what_a_person_decides_about_sensors_is_recorded() {
     let bench = bench("");
     assert_eq!(piped(&bench, RUN, &["A-01", ".skip A-02", "A-02"]).code, Some(0));

@@ -16,9 +16,12 @@ const COMPRESSED: u32 = 15;
 const DEPTH_MOST: usize = 4;
 
 /// Reads the variables. The fields of a struct are named after it: `presses.x_mm`.
-pub(crate) fn read(mut input: File) -> Result<Vec<Variable>, String> {
+pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
     let mut bytes = Vec::new();
-    input.read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    input.take(MAX_TABLE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > MAX_TABLE_BYTES {
+        return Err(format!("more than {MAX_TABLE_BYTES} bytes"));
+    }
     if bytes.starts_with(b"MATLAB 7.3") || bytes.starts_with(b"\x89HDF") {
         return Err("a MAT file of version 7.3: save it with `save('name.mat', ..., '-v7')`".to_owned());
     }

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 
 /// Parts of the file that don't depend on the sensor.
 const BEGIN: &str = include_str!("begin.c");
+const EXACT: &str = include_str!("exact.c");
 const USED: &str = include_str!("used.c");
 const POINTS: &str = include_str!("points.c");
 const FORCE_CLOSEST: &str = include_str!("force_closest.c");
@@ -68,7 +69,7 @@ impl File {
              and call palpate_solve with the outputs of a reading, without the outputs in air. */\n\
              #ifndef PALPATE_SENSOR\n#define PALPATE_SENSOR\n\n#define PALPATE_OUTPUTS {outputs} /* outputs of a reading */\n\n{BEGIN}\
              #endif\n\n#if !defined(PALPATE_DECLARATIONS) && !defined(PALPATE_DEFINITIONS)\n#define PALPATE_DEFINITIONS\n\n\
-             #include <math.h>\n\n"
+             {EXACT}#include <math.h>\n\n"
         );
     }
 

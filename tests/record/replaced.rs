@@ -1,0 +1,175 @@
+//! A journal that another program removes, replaces or moves while the run goes on.
+#![cfg(unix)] // elsewhere the standard library has no number by which a file is known again
+
+use palpate_core::quantity::Axis;
+use palpate_data::dataset::{Contact, DatasetError, Journal, Origins, Provenance, Record, RunFacts, RunFolder, Status};
+use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
+use palpate_testing::walks::{bench, in_virtual_time, plan};
+use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
+use std::fs;
+use std::path::{Path, PathBuf};
+use tokio::time::Instant;
+
+/// Presses that are acknowledged before the journal is meddled with.
+const BEFORE: usize = 2;
+
+/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+const PARKED_MM: f64 = 0.003;
+
+/// One press that takes some seconds.
+const HELD: &str = "name = \"held\"\n[press]\nhold_s = 30\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
+
+/// Counts the acknowledgements, and meddles with the run's folder after some.
+struct Meddler<'a> {
+    acknowledged: usize,
+    meddle: &'a dyn Fn(usize),
+}
+
+impl Listener for Meddler<'_> {
+    fn recorded(&mut self, _: &Contact) {
+        self.acknowledged += 1;
+        (self.meddle)(self.acknowledged);
+    }
+}
+
+struct Walked {
+    home: Bench,
+    ending: Ending,
+    finished: Result<(), DatasetError>,
+    acknowledged: usize,
+    warnings: Vec<String>,
+}
+
+/// Walks [`SMALL`] in a folder with which something is done after each press.
+fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
+    let (home, spec) = (Bench::new(), bench("bench-fast"));
+    let (plan, path) = (plan(&spec, SMALL, 1), home.path("run"));
+    let origins = Origins::new(SMALL.to_owned(), String::new(), Vec::new());
+    let facts = RunFacts::new(&plan, true);
+    let folder = RunFolder::create(Some(&path), &origins, facts, Provenance::default(), &spec.array.layout);
+    let mut folder = folder.expect("a run");
+    let mut meddler = Meddler { acknowledged: 0, meddle: &|done| meddle(done, &path) };
+    let (ending, z_mm) = in_virtual_time(async {
+        let rig = spec.emulators(plan.seed).expect("emulators");
+        let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
+        let rig = spec.open_on(rig).expect("drivers");
+        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, errand, &mut meddler).await;
+        let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
+        (ending, spec.frame.z_from_stage(z_mm))
+    });
+    assert!(ending.unparked.is_none() && z_mm <= spec.clear_mm() + PARKED_MM, "not parked: {z_mm} mm");
+    let finished = folder.finish(ending.end(String::new(), 0.0));
+    let (acknowledged, warnings) = (meddler.acknowledged, folder.warnings().to_vec());
+    Walked { home, ending, finished, acknowledged, warnings }
+}
+
+/// Contacts of a journal.
+fn contacts(journal: &Path) -> usize {
+    let records = Journal::<Record>::records(journal).expect("a journal").map(|record| record.expect("sound").1);
+    records.filter(|record| record.contact().is_some()).count()
+}
+
+/// A copy of the journal with another number takes its name, as a program does that synchronizes folders.
+fn replace_by(run: &Path, content: &[u8]) {
+    fs::write(run.join("copy"), content).expect("a file");
+    fs::rename(run.join("copy"), run.join("journal.log")).expect("a new name");
+}
+
+/// No press after the meddling is acknowledged, and both errors say what happened.
+fn ends_for(walked: &Walked, what: &str) {
+    let told = walked.ending.told().expect("it ended early");
+    assert!(told.contains("journal.log") && told.contains(what), "{told}");
+    assert_eq!((walked.ending.status(), walked.acknowledged), (Status::Failed, BEFORE));
+    let unfinished = walked.finished.as_ref().expect_err("nothing more is written").to_string();
+    assert!(unfinished.contains(what), "{unfinished}");
+}
+
+#[test]
+fn no_press_is_acknowledged_once_the_journal_is_removed() {
+    let walked = walked(|done, run| {
+        if done == BEFORE {
+            fs::remove_file(run.join("journal.log")).expect("a journal");
+        }
+    });
+    ends_for(&walked, "was removed");
+    assert!(!walked.home.has("run/journal.log"));
+}
+
+#[test]
+fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
+    let foreign: [fn(Vec<u8>) -> Vec<u8>; 3] = [
+        |_| b"another text\n".to_vec(),
+        |journal| journal[..journal.len() / 2].to_vec(),
+        |journal| [journal.as_slice(), b"another text\n"].concat(),
+    ];
+    for change in foreign {
+        let walked = walked(|done, run| {
+            if done == BEFORE {
+                replace_by(run, &change(fs::read(run.join("journal.log")).expect("a journal")));
+                fs::copy(run.join("journal.log"), run.join("as-it-was")).expect("a copy");
+            }
+        });
+        ends_for(&walked, "was replaced by another file");
+        assert_eq!(walked.home.read("run/journal.log"), walked.home.read("run/as-it-was"), "it is left alone");
+    }
+}
+
+#[test]
+fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
+    let walked = walked(|done, run| {
+        // the first copies lack the record that is being written then, the last one has all
+        let is_replaced = [BEFORE, BEFORE + 1, SMALL_PRESSES as usize].contains(&done);
+        if is_replaced {
+            replace_by(run, &fs::read(run.join("journal.log")).expect("a journal"));
+        }
+        if done > BEFORE + 1 && !is_replaced {
+            let second = RunFolder::open(run, &bench("bench-fast").array.layout).expect_err("one writer").to_string();
+            assert!(second.contains("is being written by another program"), "{second}");
+        }
+    });
+    assert_eq!(walked.ending.status(), Status::Complete, "{:?}", walked.ending.told());
+    walked.finished.expect("it ends as any other");
+    assert_eq!(contacts(&walked.home.path("run/journal.log")), walked.acknowledged);
+    assert_eq!(walked.acknowledged, SMALL_PRESSES as usize);
+    assert!(walked.warnings.len() == 1 && walked.warnings[0].contains("journal.log"), "{:?}", walked.warnings);
+}
+
+#[test]
+fn no_press_is_acknowledged_once_the_folder_is_moved() {
+    let walked = walked(|done, run| {
+        if done == BEFORE {
+            fs::rename(run, run.with_file_name("moved")).expect("another name");
+        }
+    });
+    ends_for(&walked, "its folder was moved");
+    assert!(!walked.home.has("run") && contacts(&walked.home.path("moved/journal.log")) >= BEFORE);
+}
+
+#[test]
+fn the_program_names_the_journal_and_what_to_do_and_ends_with_5() {
+    type Meddle = fn(PathBuf);
+    let cases: [(&str, Meddle, &str); 3] = [
+        ("removed", |run| fs::remove_file(run.join("journal.log")).expect("a journal"), "was removed"),
+        ("replaced", |run| replace_by(&run, b"another text\n"), "was replaced by another file"),
+        ("moved", |run| fs::rename(&run, run.with_file_name("elsewhere")).expect("a new name"), "was moved"),
+    ];
+    let bench = Bench::with([("held.toml", HELD)]);
+    let start = |name: &str| Live::start(bench.command(&format!("run held.toml --json --pace 10 --out {name}")));
+    let runs: Vec<Live> = cases.iter().map(|(name, ..)| start(name)).collect();
+    for ((name, meddle, _), run) in cases.iter().zip(&runs) {
+        run.until_told(": from press 1");
+        meddle(bench.path(name));
+    }
+    for ((name, _, what), run) in cases.into_iter().zip(runs) {
+        let told = run.end();
+        assert_eq!((told.code, told.out.as_str()), (Some(5), ""), "{name}: nothing is acknowledged\n{}", told.err);
+        let err = told.running();
+        let expected = [&format!("{name}/journal.log"), what, "the stage is parked", "palpate resume"];
+        expected.iter().for_each(|words| assert!(err.contains(*words), "{name}: no {words:?} in {}", told.err));
+        assert!(!err.contains("stored in the journal"), "{name}: {}", told.err);
+    }
+    // as it was moved, the run goes on
+    bench.palpate_ends(0, "resume elsewhere");
+    bench.palpate_ends(0, "verify elsewhere");
+}
