@@ -16,6 +16,8 @@ const MISSING_SHARE: f64 = 0.1;
 const UNPROVEN: f64 = 1.1;
 /// Least rise of the force that shows that the cell follows, as a fraction of that of the declared stiffness.
 const ANSWER_SHARE: f64 = 0.05;
+/// Part of a force that a specimen may lose meanwhile by relaxation.
+const RELAXED_SHARE: f64 = 0.2;
 /// Longest wait for the proof, s.
 const WAIT_MOST_S: f64 = 1.0;
 
@@ -25,6 +27,7 @@ impl ForceLoop {
     pub(super) fn make_contact(&mut self, force_n: f64) {
         self.in_contact = true;
         self.shown = (self.first_mm.min(self.z_mm), 0.0);
+        self.met = (self.z_mm, force_n);
         self.rest(force_n, false);
     }
 
@@ -66,23 +69,26 @@ impl ForceLoop {
     /// # Errors
     /// A trip if the force didn't rise on the way to here, although the stage rested long enough.
     pub(super) fn must_show_answer_s(&self, wanted_mm: f64) -> Result<Option<f64>, Trip> {
-        let (shown_mm, shown_n) = self.shown;
-        let is_shown = self.z_mm - shown_mm < STEP_LEAST_MM;
+        let is_shown = self.z_mm - self.shown.0 < STEP_LEAST_MM;
         let needs = self.in_contact && !is_shown && wanted_mm > self.most_mm() + STEP_LEAST_MM;
         if !needs || self.is_bounded_by_neighbours() {
             return Ok(None);
         }
         match self.rested {
             Some(rested) if rested.is_long => {
-                Err(Trip::new(Rule::NoResponse, self.force_n - shown_n, self.answer_n(), "N"))
+                let (rose_n, least_n) = self.answer_n(self.force_n);
+                Err(Trip::new(Rule::NoResponse, rose_n, least_n, "N"))
             }
             _ => Ok(Some(self.proof_s())),
         }
     }
 
-    /// Least rise of the force from the last point at which the cell followed, N.
-    fn answer_n(&self) -> f64 {
-        ANSWER_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - self.shown.0)
+    /// Rise of the force since the last point at which the cell followed, or since the first look, and the least rise, N.
+    fn answer_n(&self, force_n: f64) -> (f64, f64) {
+        let (from_mm, from_n) = if self.shown.0 > self.met.0 { self.shown } else { self.met };
+        let expected_n = ANSWER_SHARE * self.context.limits.stiffness_n_mm * (self.z_mm - from_mm);
+        let lost_n = RELAXED_SHARE * from_n + RISE_SIGMAS * std::f64::consts::SQRT_2 * self.sigma_n;
+        (force_n - from_n, expected_n - lost_n)
     }
 
     /// Checks that the force didn't rise while the stage rested. After a sufficient rest, the cell was shown to follow.
@@ -100,7 +106,8 @@ impl ForceLoop {
                 return Err(Trip::new(Rule::RisesAtRest, rise_n, most_n, "N"));
             }
             let is_long = between_s >= self.proof_s();
-            if is_long && force_n - self.shown.1 >= self.answer_n() {
+            let (rose_n, least_n) = self.answer_n(force_n);
+            if is_long && rose_n >= least_n {
                 self.shown = (self.z_mm, force_n);
             }
             self.rest(force_n, is_long);

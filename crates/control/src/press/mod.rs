@@ -64,6 +64,7 @@ impl ForceLoop {
             anchor: (0.0, 0.0),
             answered: (0.0, 0.0),
             shown: (0.0, 0.0),
+            met: (0.0, 0.0),
             rested: None,
             before_mm: 0.0,
             stiffness_n_mm: None,

@@ -66,6 +66,8 @@ pub struct ForceLoop {
     pub(super) answered: (f64, f64),
     /// Deepest point at which the load cell was shown to follow: z and force. Until then, the earliest contact without force.
     pub(super) shown: (f64, f64),
+    /// First look in contact: z and force.
+    pub(super) met: (f64, f64),
     /// Last mean of a stage at rest in contact.
     pub(super) rested: Option<Rested>,
     /// Position where the previous motion ended, mm.

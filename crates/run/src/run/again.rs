@@ -106,7 +106,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 sigma_n: zero.sigma_mean_n(now.readings),
                 age_s: self.hand.cell.age_s(),
                 first_mm,
-                most_mm: back_mm,
+                most_mm: f64::INFINITY,
             };
             let granted = self.permit.advance(&standing, back_mm, self.hand.usage.speed_mm_s)?;
             self.hand.move_z(granted, None).await?;

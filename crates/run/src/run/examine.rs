@@ -2,7 +2,7 @@
 
 use super::check_weight::{Weighed, Weighing, weigh};
 use super::hand::Hand;
-use super::home::{AtHome, at_home, unless_stopped};
+use super::home::{AtHome, at_home};
 use super::ready::check_air;
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
@@ -61,9 +61,9 @@ pub async fn examine(
     cancel: &Cancel,
     weighing: Option<Weighing<'_>>,
 ) -> Result<Examination, Halt> {
-    let AtHome { mut hand, stage, load_cell } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
-    let mut found = Examination { devices: vec![("stage", stage), ("load_cell", load_cell)], ..Examination::default() };
-    found.devices.push(("array", unless_stopped(cancel, hand.array.prepare()).await?));
+    let AtHome { mut hand, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
+    let mut found = Examination { devices, ..Examination::default() };
     look(&mut hand, spec, cancel, &mut found).await?;
     if let (Some(mut weighing), Some(Ok(_)), true) = (weighing, &found.air, found.devices[0].1.is_ok()) {
         let probe = hand.probe.clone();

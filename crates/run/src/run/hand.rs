@@ -1,5 +1,6 @@
 //! The instruments in use.
 
+use super::outputs_in_air::OutputsInAir;
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{ArraySpec, SceneProbe};
@@ -25,7 +26,7 @@ const OUTPUT_SIGMAS: f64 = 10.0;
 const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
-const OUTPUT_LOOKS: usize = 3;
+pub(super) const OUTPUT_LOOKS: usize = 3;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
@@ -46,6 +47,10 @@ pub(super) struct Hand<'a, S, C, A> {
     pub air: Vec<f64>,
     /// Standard deviation of one reading of each output.
     air_sigmas: Vec<f64>,
+    /// Whether the array answers, so that its outputs are watched before there is a zero.
+    pub watches_outputs: bool,
+    /// Outputs before there is a zero.
+    pub unzeroed: Option<OutputsInAir>,
     /// Outputs that are being read in air now.
     pub outputs_in_air: OutputMeans,
     /// Position of the indenter: specimen frame, read back.
@@ -311,6 +316,8 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
             probe,
             air,
             air_sigmas,
+            watches_outputs: false,
+            unzeroed: None,
             outputs_in_air,
             place,
             z_mm,
@@ -387,7 +394,7 @@ fn common(sigmas: &[f64]) -> f64 {
 }
 
 /// Returns the first output that changed by more than allowed, and its change. Returns `None` if no output changed.
-fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
+pub(super) fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
     // few readings know one output's noise badly: none counts as quieter than all together
     let common = common(sigmas);
     let mut all = known.iter().zip(now).zip(sigmas).map(|((known, now), sigma)| {

@@ -3,6 +3,7 @@
 
 use super::hand::{Gauge, Hand};
 use super::motion::watched;
+use super::outputs_in_air::OutputsInAir;
 use super::retreat::unless_it_rises;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
@@ -14,6 +15,7 @@ use palpate_link::device::{
 };
 use std::cell::Cell;
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, sleep, timeout};
 
 /// Least number of readings before anything moves, and least time for them, s.
@@ -39,6 +41,12 @@ const NUDGE_MM: f64 = 1.0;
 const NO_WITHDRAWAL: &str = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. \
                              Bring z away from the specimen by hand";
 
+/// Fall of the force, in sd of a reading, that shows that a contact ends.
+const FALLEN_SIGMAS: f64 = 3.0;
+
+/// Longest time to see whether a stage that was stopped rests.
+const SEEN_DEADLINE: Duration = Duration::from_secs(4);
+
 /// Longest wait for a stage that was stopped during homing, and for the stop to be sent again.
 const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 
@@ -48,10 +56,11 @@ pub(super) struct AtHome<'a, S, C, A> {
     pub hand: Hand<'a, S, C, A>,
     pub stage: Result<Identity, DeviceError>,
     pub load_cell: Result<Identity, DeviceError>,
+    pub array: Result<Identity, DeviceError>,
 }
 
-/// Identifies load cell and stage, brings the stage to rest, homes the axes that aren't homed (z first, away) and moves z to the
-/// top. The cell is read during the motions.
+/// Identifies all devices, brings the stage to rest, homes the axes that aren't homed (z first, away) and moves z to the top. Cell
+/// and array are read during the motions.
 pub(super) async fn at_home<'a>(
     rig: OpenRig,
     spec: &RigSpec,
@@ -62,6 +71,8 @@ pub(super) async fn at_home<'a>(
     let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
     let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
     let stage = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await?;
+    let array = unless_stopped(cancel, hand.array.prepare()).await?;
+    hand.watches_outputs = array.is_ok();
     let stage = match (stage, &reaction) {
         (Ok(identity), Some(reaction)) => match hand.come_home(spec, &identity, reaction).await {
             Ok(()) => Ok(identity),
@@ -70,7 +81,7 @@ pub(super) async fn at_home<'a>(
         },
         (stage, _) => stage,
     };
-    Ok(AtHome { hand, stage, load_cell })
+    Ok(AtHome { hand, stage, load_cell, array })
 }
 
 fn hand_of<'a>(
@@ -239,9 +250,15 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
     }
 
-    /// Starts the watch: from now on the force mustn't rise above its present value at rest.
+    /// Starts the watch: from now on the force mustn't rise above its present value at rest, and the outputs mustn't leave their
+    /// noise.
     async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
-        let still = self.at_rest().await?;
+        let Hand { cell, array, watches_outputs, .. } = self;
+        let outputs =
+            async { if *watches_outputs { OutputsInAir::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
+        let (still, outputs) = tokio::join!(at_rest(cell), outputs);
+        let still = still?;
+        self.unzeroed = outputs?;
         self.cell.watch = Watch::before_zero(&spec.limits, still, spec.air_n(), spec.stage.acceleration_mm_s2);
         Ok(())
     }
@@ -326,12 +343,31 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             reins.stop();
             sleep(STOPPED_DEADLINE).await;
         };
-        let Hand { stage, cell, usage, .. } = self;
+        let Hand { stage, cell, usage, array, unzeroed, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
-        let motion = async { Ok(motion(stage, usage, &reins).await) };
+        let (over, falls) = (Notify::new(), Cell::new(false));
+        let motion = async {
+            let moved = motion(stage, usage, &reins).await;
+            over.notify_one();
+            Ok(moved)
+        };
         let motion = async {
             match reading {
-                Reading::Watched => watched(cell, motion, &reins, &due, |_, _| Steer::On).await,
+                Reading::Watched => {
+                    let fallen_n = -FALLEN_SIGMAS * cell.watch.zero().sigma_n;
+                    let steer = |gauge: &mut Gauge<'_, C>, force_n: f64| {
+                        falls.set(gauge.watch.mean_n().unwrap_or(force_n) < fallen_n);
+                        Steer::On
+                    };
+                    let outputs = async {
+                        match unzeroed {
+                            Some(outputs) => outputs.watch(array, &falls, &over, &reins).await,
+                            None => Ok(()),
+                        }
+                    };
+                    let (moved, felt) = tokio::join!(watched(cell, motion, &reins, &due, steer), outputs);
+                    felt.and(moved)
+                }
                 Reading::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
             }
         };
@@ -342,14 +378,29 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         };
         match moved {
             Some(moved) => {
+                if cancel.asked() || matches!(moved, Err(Halt::Tripped(_))) {
+                    self.must_rest().await?;
+                }
                 cancel.check()?;
                 moved?.map_err(Unmoved::Stage)
             }
             None => {
                 // it may not yet follow the reins; the outcome of this one can't be known any more
                 let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
+                self.must_rest().await?;
                 Err(Halt::Cancelled.into())
             }
+        }
+    }
+
+    /// Stops a stage that was stopped already, and reads its positions back until they rest.
+    ///
+    /// # Errors
+    /// The stage moves on. A stage that doesn't answer is another error's.
+    async fn must_rest(&mut self) -> Result<(), Halt> {
+        match timeout(SEEN_DEADLINE, self.stop_and_see()).await {
+            Ok(Err(Halt::Tripped(trip))) => Err(trip.into()),
+            _ => Ok(()),
         }
     }
 
@@ -363,14 +414,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             self.creep(top_mm).await?;
         }
         self.confirm_back(spec).await?;
-        let (here, taken) = (self.at_rest().await?, Instant::now());
+        let (here, taken) = (at_rest(&mut self.cell).await?, Instant::now());
         let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &here);
         let permit = permit.on(spec.stage.steps);
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
             let sigma_n = here.offset_sigma_n;
-            let standing =
-                Standing { z_mm: from_mm, force_n: 0.0, sigma_n, age_s: 0.0, first_mm: from_mm, most_mm: to_mm };
+            let standing = Standing {
+                z_mm: from_mm,
+                force_n: 0.0,
+                sigma_n,
+                age_s: 0.0,
+                first_mm: from_mm,
+                most_mm: f64::INFINITY,
+            };
             permit.advance(&standing, to_mm, speed_mm_s)
         };
         let is_farther = from_mm - way_mm >= spec.end_mm();
@@ -381,7 +438,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.cell.watch.pause();
         self.move_z(there, None).await?;
         self.cell.settle().await?;
-        let there = self.at_rest().await?;
+        let there = at_rest(&mut self.cell).await?;
         let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
         permit.air_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
@@ -391,10 +448,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.cell.watch.pause();
         self.move_z(back, None).await
     }
+}
 
-    /// Returns the cell's reading while the stage is at rest.
-    async fn at_rest(&mut self) -> Result<Zero, Halt> {
-        let readings = self.cell.sound_readings(STILL_READINGS, STILL_S).await?;
-        Ok(Zero::of(&readings, self.cell.cell.conversion().as_secs_f64()))
-    }
+/// Returns the cell's reading while the stage is at rest.
+async fn at_rest<C: LoadCell>(gauge: &mut Gauge<'_, C>) -> Result<Zero, Halt> {
+    let readings = gauge.sound_readings(STILL_READINGS, STILL_S).await?;
+    Ok(Zero::of(&readings, gauge.cell.conversion().as_secs_f64()))
 }

@@ -13,6 +13,7 @@ mod examine;
 mod hand;
 mod home;
 mod motion;
+mod outputs_in_air;
 mod pace;
 mod past;
 mod press;

@@ -2,7 +2,7 @@
 
 use super::clock::RunClock;
 use super::hand::Hand;
-use super::home::{AtHome, at_home, unless_stopped};
+use super::home::{AtHome, at_home};
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{Reaction, Rule, Timing, Trip, Watch, Zero};
@@ -47,10 +47,10 @@ pub(super) async fn make_ready<'a>(
 ) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
     conditions.spec.load_cell.check_gain()?;
     conditions.cancel.preparing();
-    let AtHome { mut hand, stage, load_cell } =
+    let AtHome { mut hand, stage, load_cell, array } =
         at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
     let (stage_identity, cell_identity) = (stage?, load_cell?);
-    let array_identity = unless_stopped(conditions.cancel, hand.array.prepare()).await??;
+    let array_identity = array?;
     let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
     hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
     let zero = take_zero(&mut hand, conditions).await?;

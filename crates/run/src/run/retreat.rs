@@ -121,10 +121,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
     ///
     /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
-    /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, it continues once, for a short distance.
+    /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
     async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
-        let (mut felt, mut is_spare) = (self.felt().await, true);
+        let mut felt = self.felt().await;
         for _ in 0..RISES_MAX {
             if self.z_mm <= z_mm {
                 return Ok(());
@@ -140,9 +140,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             let now = self.felt().await;
             match (felt, now) {
                 (Some(before), Some(now)) if is_away && now < FALLEN_SHARE * before => {}
-                (None, None) if is_away && is_spare => {
-                    is_spare = false;
+                (None, None) if is_away => {
                     self.retreat_once((self.z_mm - SPARE_MM).max(z_mm), false).await?;
+                    self.stage.stop().await?;
+                    return Err(halt);
                 }
                 _ => return Err(halt),
             }

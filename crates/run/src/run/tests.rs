@@ -221,7 +221,8 @@ async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() 
         let withdrawn = hand.withdraw(-0.3).await;
         if rises {
             assert_eq!(rule(withdrawn), Rule::ForceRose, "{forces_n:?}");
-            assert_eq!(told.borrow().last().map(String::as_str), Some("stop"), "{forces_n:?}");
+            // the array shows nothing here: one short retract is allowed after the stop, and no more
+            assert_eq!(told.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
         } else {
             assert!(withdrawn.is_ok(), "{forces_n:?}: {withdrawn:?}");
         }

@@ -1,0 +1,89 @@
+//! The outputs while the stage moves in air. They show a contact that a dead load cell doesn't show.
+
+use super::Halt;
+use super::hand::{OUTPUT_LOOKS, moved_beyond};
+use super::window::OutputMeans;
+use crate::rig::ArraySpec;
+use palpate_control::{Rule, Trip};
+use palpate_link::device::{Reins, SensorArray};
+use std::cell::Cell;
+use std::time::Duration;
+use tokio::sync::Notify;
+use tokio::time::{Instant, sleep_until};
+
+/// Readings of a stage at rest from which the noise of each output follows.
+const READINGS: u32 = 20;
+/// Time between two looks at the outputs, and the age from which a look replaces the outputs that count as air. Outputs drift.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+const AIR_FRESH: Duration = Duration::from_secs(1);
+
+/// Outputs of a stage that has not touched anything since they were read.
+#[derive(Clone, Debug)]
+pub(super) struct OutputsInAir {
+    known: Vec<f64>,
+    sigmas: Vec<f64>,
+    known_at: Instant,
+    range: Option<f64>,
+    unit: String,
+}
+
+impl OutputsInAir {
+    /// Reads the outputs of a stage at rest.
+    pub(super) async fn read<A: SensorArray>(array: &mut A, spec: &ArraySpec) -> Result<Self, Halt> {
+        let mut means = OutputMeans::default();
+        means.take_while(array, &Notify::new(), || true, |readings| readings < READINGS, |_, _| Ok(())).await?;
+        let sigmas = means.sigmas();
+        Ok(OutputsInAir {
+            known: means.means,
+            sigmas,
+            known_at: Instant::now(),
+            range: spec.range_v,
+            unit: spec.unit.clone(),
+        })
+    }
+
+    /// Reads the outputs until a motion is over. It stops the motion if outputs leave their noise, unless the force falls as it does
+    /// when a contact ends; `falls` states that.
+    pub(super) async fn watch<A: SensorArray>(
+        &mut self,
+        array: &mut A,
+        falls: &Cell<bool>,
+        over: &Notify,
+        reins: &Reins,
+    ) -> Result<(), Halt> {
+        let mut now = vec![0.0; array.units()];
+        let mut looks = 0;
+        loop {
+            let asked = Instant::now();
+            array.read(&mut now).await?;
+            match moved_beyond(&self.known, &now, &self.sigmas, self.range) {
+                Some((moved, most)) => {
+                    looks += 1;
+                    if looks >= OUTPUT_LOOKS && falls.get() {
+                        looks = 0;
+                        self.renew(&now);
+                    } else if looks >= OUTPUT_LOOKS {
+                        reins.stop();
+                        return Err(Trip::new(Rule::OutputsMoved, moved, most, &self.unit).into());
+                    }
+                }
+                None => {
+                    looks = 0;
+                    if self.known_at.elapsed() > AIR_FRESH {
+                        self.renew(&now);
+                    }
+                }
+            }
+            tokio::select! {
+                biased;
+                () = over.notified() => return Ok(()),
+                () = sleep_until(asked + LOOK_EVERY) => {}
+            }
+        }
+    }
+
+    fn renew(&mut self, now: &[f64]) {
+        self.known.copy_from_slice(now);
+        self.known_at = Instant::now();
+    }
+}
