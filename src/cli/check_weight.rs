@@ -8,7 +8,7 @@ use miette::IntoDiagnostic;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{GAIN_OFF_MOST, WeightCheck};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
+use palpate_run::run::{Ask, FINGER_WAIT, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
 use serde::Serialize;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
@@ -102,6 +102,10 @@ impl WeightArgs {
 
 /// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
 pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
+    if what == Ask::Finger {
+        let wait_s = FINGER_WAIT.as_secs();
+        let _ = tell(&format!("press the tip lightly with a finger, as a contact would: waiting up to {wait_s} s\n"));
+    }
     let Some(KnownWeight { weight_n, pull, .. }) = weight else { return };
     let wait_s = WEIGHT_WAIT.as_secs();
     let _ = match what {
@@ -112,6 +116,7 @@ pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
         Ask::TakeOff(time) => {
             tell(&format!("take the weight off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
+        Ask::Finger => Ok(()),
     };
 }
 

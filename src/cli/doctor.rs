@@ -10,14 +10,14 @@ use miette::{Diagnostic, IntoDiagnostic};
 use palpate_control::{Hum, Reaction, Trip};
 use palpate_link::device::Identity;
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{CellInAir, Examination, NOISE_SHARE, Weighing, examine};
+use palpate_run::run::{Asked, CellInAir, Examination, NOISE_SHARE, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
-  palpate doctor rigs/esp301.toml
+  palpate doctor rigs/esp301.toml --finger
   palpate doctor rigs/paper.toml --json
   palpate doctor rigs/esp301.toml --check-weight-n 0.5 --check-weight-u-n 0.0005
 
@@ -25,8 +25,16 @@ With a check weight, palpate asks three times to put the weight on the tip and t
 cell detects both. The result is written to `check` in the rig's [load_cell]. Readings are
 adjusted only with --adjust.
 
-Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height; presses nothing.
-Exit code: 0 the rig can be used, 2 a bad rig file, 3 a device doesn't work, 4 the load cell can't be trusted.";
+Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height. Then the load
+cell must show that it measures force: with --finger, with a check weight, or by `palpate align`. A real rig
+isn't pressed; a simulated rig presses once.
+Exit code: 0 the rig can be used; 1 nothing has shown that the load cell measures force; 2 a bad rig file;
+3 a device doesn't work; 4 the load cell can't be trusted.";
+
+/// What is reported if nothing has shown that the load cell measures force, and how to show it.
+const NOT_SHOWN: &str = "nothing has shown that the load cell measures force";
+const SHOW: &str =
+    "press the tip (`--finger`), use a known weight (`--check-weight-n N`), or let `palpate align` press";
 
 /// Number of bars in the histogram of reaction times. The second constant is the length of the longest bar in columns.
 const BARS: usize = 8;
@@ -58,6 +66,9 @@ pub(super) struct DoctorArgs {
     json: bool,
     #[command(flatten)]
     weight: WeightArgs,
+    /// Ask for a finger on the tip, which shows that the load cell measures force
+    #[arg(long, conflicts_with = "check_weight_n")]
+    finger: bool,
 }
 
 /// Checks the rig and reports what to do.
@@ -67,8 +78,12 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let spec = if weight.is_some() { as_it_reads(&rig) } else { rig.clone() };
     let cancel = heed(First::Stop, Some("stopping"))?;
     let mut asked = |what| ask(what, weight);
-    let weighing = weight.map(|weight| Weighing { weight, ask: &mut asked });
-    let looked = examine(&spec, args.rig.seed, &cancel, weighing);
+    let asked = match weight {
+        Some(weight) => Asked::Weight(Weighing { weight, ask: &mut asked }),
+        None if args.finger => Asked::Finger(&mut asked),
+        None => Asked::Press,
+    };
+    let looked = examine(&spec, args.rig.seed, &cancel, asked);
     let found = runtime(spec.is_simulated())?.block_on(looked).map_err(Failure::halted)?;
     let place = (args.rig.rig.as_path(), text.as_str(), invented);
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
@@ -84,13 +99,19 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         weighed.iter().try_for_each(|weighed| print(&weighed.text))?;
     }
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
-    match (failed, found.air, found.weighed) {
+    match (failed, found.air, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
         (None, Some(Err(trip)), _) | (None, _, Some(Err(trip))) => Err(Failure::halted(trip.into())),
-        _ => match weighed {
-            Some(weighed) => weighed.failure.map_or(Ok(ExitCode::SUCCESS), Err),
-            None => rig.load_cell.check_gain().map(|()| ExitCode::SUCCESS).map_err(|trip| Failure::halted(trip.into())),
-        },
+        (None, _, shown) => {
+            match weighed {
+                Some(weighed) => weighed.failure.map_or(Ok(()), Err)?,
+                None => rig.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))?,
+            }
+            if shown.is_none() {
+                return Err(Failure::not_accepted(miette::miette!(help = SHOW, "{NOT_SHOWN}")));
+            }
+            Ok(ExitCode::SUCCESS)
+        }
     }
 }
 
@@ -139,6 +160,14 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             (Some(sigma), unit) => format!("{sigma:.4} {unit}"),
         };
         let _ = writeln!(text, "{:<11}noise of the noisiest output {noise}", "");
+    }
+    if let Some(Ok(shown)) = found.shown {
+        let by = match shown {
+            ShownBy::Weight => "a known weight",
+            ShownBy::Finger => "a finger",
+            ShownBy::Press => "a press of the simulated rig",
+        };
+        let _ = writeln!(text, "{:<11}it measures force, as {by} has shown", "");
     }
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s) {
         let _ = writeln!(text, "\nreaction   from a change of force to the stage's response");
@@ -200,6 +229,11 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 advice.push(format!("{error}{help}"));
             }
         }
+    }
+    match &found.shown {
+        None if matches!(found.air, Some(Ok(_))) => advice.push(format!("load_cell: {NOT_SHOWN}: {SHOW}")),
+        Some(Err(trip)) if found.weighed.is_none() => advice.push(format!("load_cell: {trip}")),
+        _ => {}
     }
     let limit_n = spec.limits.force_n;
     match &found.air {
@@ -296,6 +330,7 @@ struct Told<'a> {
     approach_mm_s: Option<f64>,
     advice: &'a [String],
     check_weight: Option<&'a WeightTold>,
+    measures_force: Option<bool>,
 }
 
 #[derive(Serialize)]
@@ -325,11 +360,12 @@ fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&
             .air
             .as_ref()
             .and_then(|air| air.as_ref().err())
-            .or(found.weighed.as_ref().and_then(|weighed| weighed.as_ref().err())),
+            .or(found.shown.as_ref().and_then(|shown| shown.as_ref().err())),
         reaction_ms: ms(&found.reactions_s),
         reaction_worst_ms: found.reaction.map(|reaction| 1000.0 * reaction.worst_s()),
         approach_mm_s: found.approach_mm_s,
         advice,
         check_weight,
+        measures_force: found.shown.as_ref().map(Result::is_ok),
     }
 }

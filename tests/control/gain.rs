@@ -5,7 +5,7 @@
 use palpate_core::quantity::WeightCheck;
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
+use palpate_run::run::{Asked, Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
 use palpate_testing::campaign;
 use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, in_virtual_time, plan, walked};
 
@@ -36,7 +36,9 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
 fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> Weighed {
     let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
     let found = in_virtual_time(async {
-        examine(spec, seed, &Cancel::default(), Some(Weighing { weight, ask: &mut |_| {} })).await.expect("a sound rig")
+        examine(spec, seed, &Cancel::default(), Asked::Weight(Weighing { weight, ask: &mut |_| {} }))
+            .await
+            .expect("a sound rig")
     });
     found.weighed.expect("a load cell").expect("a weight that comes and goes")
 }

@@ -5,7 +5,7 @@
 
 use palpate_core::quantity::{Axis, Down, Place, stream};
 use palpate_run::rig::{RigSpec, SimulatedRig};
-use palpate_run::run::{Cancel, examine};
+use palpate_run::run::{Asked, Cancel, examine};
 use palpate_sim::scene::Mounting;
 use palpate_testing::campaign;
 use palpate_testing::walks::{
@@ -108,7 +108,7 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
         let mut spec = specimen_at(name, 20.0);
         spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;
         let cancel = Cancel::default();
-        let found = in_virtual_time(examine(&spec, nth, &cancel, None));
+        let found = in_virtual_time(examine(&spec, nth, &cancel, Asked::Nobody));
         match found {
             Ok(found) if matches!(found.air, Some(Ok(_))) => None,
             Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),

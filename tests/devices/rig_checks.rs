@@ -76,7 +76,7 @@ fn the_doctor_measures_what_a_run_reckons_with() {
 #[test]
 fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_same() {
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
-    let told = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(0, "doctor noisy.toml");
+    let told = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
     let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
     for expected in [
         "is over 2 % of the force limit: a run won't start",

@@ -18,7 +18,7 @@ use palpate_run::batch::{
     Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
     specimen_seed,
 };
-use palpate_run::run::{Ending, Halt, examine, keep_pace};
+use palpate_run::run::{Asked, Ending, Halt, examine, keep_pace};
 use palpate_solver::{Model, UnitChange};
 use std::fmt::Write as _;
 use std::fs;
@@ -163,7 +163,8 @@ impl Desk {
     /// Checks without pressing that every device answers, and that zero and noise are sound. Returns the end of a sensor that fails.
     fn quick_check(&self, sensor: &Prepared) -> Result<Option<Outcome>, Failure> {
         let spec = &sensor.rig.spec;
-        let found = runtime(spec.is_simulated())?.block_on(examine(spec, sensor.first.seed, &self.cancel, None));
+        let found =
+            runtime(spec.is_simulated())?.block_on(examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody));
         let halt = match found {
             Err(halt) => Some(halt),
             Ok(found) => {

@@ -54,6 +54,8 @@ pub enum Ask {
     PutOn(u32),
     /// Remove the weight.
     TakeOff(u32),
+    /// Press the tip with a finger.
+    Finger,
 }
 
 /// A check with a weight: the weight and the person who is asked.

@@ -1,9 +1,10 @@
 //! Identity and speed of each device, checked without pressing.
 
-use super::check_weight::{Weighed, Weighing, weigh};
+use super::check_weight::{Ask, Weighed, Weighing, weigh};
 use super::hand::Hand;
 use super::home::{AtHome, at_home};
-use super::ready::check_air;
+use super::ready::{NOISE_SHARE, check_air};
+use super::shown::{ShownBy, finger, press};
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
@@ -36,6 +37,22 @@ pub struct Examination {
     /// Result of a known weight, or the reason why there is none. `None` if no weight was requested, or if stage or load cell
     /// weren't usable.
     pub weighed: Option<Result<Weighed, Trip>>,
+    /// What has shown that the load cell measures force, or the reason why it doesn't. `None` if nothing has.
+    pub shown: Option<Result<ShownBy, Trip>>,
+}
+
+/// Request to show that the load cell measures force.
+#[derive(Default)]
+pub enum Asked<'a> {
+    /// Nothing shows it.
+    #[default]
+    Nobody,
+    /// A simulated rig presses once.
+    Press,
+    /// A person puts a known weight on the load cell.
+    Weight(Weighing<'a>),
+    /// A person presses the tip with a finger.
+    Finger(&'a mut dyn FnMut(Ask)),
 }
 
 /// Load cell in air.
@@ -50,30 +67,53 @@ pub struct CellInAir {
 }
 
 /// Examines a rig: identifies each device and compares it with the rig file, moves the stage home and to the clear, measures the
-/// time of the links, and measures the zero. Then, if requested, asks for a known weight on the load cell. If one device fails,
-/// the others are still examined.
+/// time of the links, and measures the zero. Then it has the load cell show that it measures force, if that is requested. If one
+/// device fails, the others are still examined.
 ///
 /// # Errors
 /// A person requests a stop, NI's library is required and missing, or a stage loses its position.
-pub async fn examine(
-    spec: &RigSpec,
-    seed: u64,
-    cancel: &Cancel,
-    weighing: Option<Weighing<'_>>,
-) -> Result<Examination, Halt> {
+pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: Asked<'_>) -> Result<Examination, Halt> {
     let AtHome { mut hand, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
     let mut found = Examination { devices, ..Examination::default() };
     look(&mut hand, spec, cancel, &mut found).await?;
-    if let (Some(mut weighing), Some(Ok(_)), true) = (weighing, &found.air, found.devices[0].1.is_ok()) {
-        let probe = hand.probe.clone();
-        found.weighed = match weigh(&mut hand.cell, probe.as_ref(), &mut weighing).await {
-            Ok(weighed) => Some(Ok(weighed)),
-            Err(Halt::Tripped(trip)) => Some(Err(trip)),
-            Err(halt) => return Err(halt),
-        };
+    let is_usable = found.devices[..2].iter().all(|(_, device)| device.is_ok());
+    if !is_usable || !matches!(found.air, Some(Ok(_))) {
+        return Ok(found);
+    }
+    let is_quiet = found
+        .air
+        .as_ref()
+        .is_some_and(|air| air.as_ref().is_ok_and(|air| air.zero.sigma_n <= NOISE_SHARE * spec.limits.force_n));
+    match asked {
+        Asked::Weight(mut weighing) => {
+            let probe = hand.probe.clone();
+            let weighed = unless_halted(weigh(&mut hand.cell, probe.as_ref(), &mut weighing).await)?;
+            found.shown = Some(weighed.as_ref().map(|_| ShownBy::Weight).map_err(Trip::clone));
+            found.weighed = Some(weighed);
+        }
+        Asked::Finger(ask) => {
+            ask(Ask::Finger);
+            let touched = unless_halted(finger(&mut hand.cell, spec.limits.force_n).await)?;
+            found.shown = Some(touched.map(|()| ShownBy::Finger));
+        }
+        // with too much noise no press begins
+        Asked::Press if spec.is_simulated() && found.devices[2].1.is_ok() && is_quiet => {
+            drop(hand); // the press opens the rig again
+            found.shown = Some(unless_halted(press(spec, seed, cancel).await)?.map(|()| ShownBy::Press));
+        }
+        Asked::Press | Asked::Nobody => {}
     }
     Ok(found)
+}
+
+/// Separates a trip, which is a finding, from everything else that ends an examination.
+fn unless_halted<T>(result: Result<T, Halt>) -> Result<Result<T, Trip>, Halt> {
+    match result {
+        Ok(value) => Ok(Ok(value)),
+        Err(Halt::Tripped(trip)) => Ok(Err(trip)),
+        Err(halt) => Err(halt),
+    }
 }
 
 async fn look<S: Stage, C: LoadCell, A: SensorArray>(

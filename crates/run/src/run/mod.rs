@@ -20,6 +20,7 @@ mod press;
 mod ready;
 mod retreat;
 mod shift;
+mod shown;
 mod walk;
 mod window;
 
@@ -27,11 +28,12 @@ pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use check_weight::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged};
 pub use estimate::{estimated_s, first_descent};
-pub use examine::{CellInAir, Examination, examine};
+pub use examine::{Asked, CellInAir, Examination, examine};
 pub use home::{Withdrawn, withdraw};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use retreat::Remaining;
+pub use shown::{FINGER_WAIT, ShownBy};
 pub use walk::{Ending, Listener, Walk, walk, walk_on};
 
 use palpate_control::{Rule, Trip};
