@@ -6,12 +6,15 @@
 use palpate_core::quantity::{Axis, Down, Place, stream};
 use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_run::run::{Asked, Cancel, examine};
-use palpate_sim::scene::Mounting;
+use palpate_sim::emulator::{Instrument, Owed, Shared};
+use palpate_sim::scene::{Device, Fault, FaultKind, Mounting, Scene};
 use palpate_testing::campaign;
 use palpate_testing::walks::{
     BENCHES, Deaths, bench, end_of, in_parallel, in_virtual_time, must_be_none, plan, walked_with,
 };
 use rand::RngExt;
+use std::sync::{Arc, Mutex};
+use tokio::sync::Notify;
 
 /// Trials of each kind on each bench.
 fn trials() -> u64 {
@@ -24,6 +27,9 @@ const END_MM: f64 = 12.5;
 /// What hangs from the load cell, kg.
 const TOOL_KG: f64 = 0.2;
 
+/// How deep z may go where only the array feels the specimen, mm.
+const FELT_MM: f64 = 0.5;
+
 /// How much of a peak a scene may pass over between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
@@ -35,10 +41,16 @@ const RECIPE: &str =
 enum Wrong {
     /// `frame.down` is reversed, and z stands free.
     Down,
-    /// The same, and z stands in contact.
+    /// The same with a load cell that reads no force: only the array feels the specimen.
+    DownDeadCell,
+    /// `frame.down` is reversed, and z stands in contact.
     DownInContact,
     /// z stands in contact at the end of its travel, where homing leaves it.
     Preload,
+}
+
+impl Wrong {
+    const ALL: [Wrong; 4] = [Wrong::Down, Wrong::DownDeadCell, Wrong::DownInContact, Wrong::Preload];
 }
 
 /// A specimen as declared whose surface is so far down from the end of z's travel, mm; negative: z is in it there.
@@ -54,17 +66,20 @@ fn specimen_at(name: &str, from_end_mm: f64) -> RigSpec {
 fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
     let mut jobs = Vec::new();
     for (name, _) in BENCHES {
-        for wrong in [Wrong::Down, Wrong::DownInContact, Wrong::Preload] {
+        for wrong in Wrong::ALL {
             jobs.extend((0..trials()).map(|nth| (name, wrong, nth)));
         }
     }
     let seen = in_parallel(&jobs, |&(name, wrong, nth)| {
         let mut rng = stream(nth, wrong as u64, name);
         let from_end_mm = match wrong {
-            Wrong::Down => rng.random_range(0.1..10.0),
+            Wrong::Down | Wrong::DownDeadCell => rng.random_range(0.1..10.0),
             Wrong::DownInContact | Wrong::Preload => -rng.random_range(0.05..0.8),
         };
-        let real = specimen_at(name, from_end_mm);
+        let mut real = specimen_at(name, from_end_mm);
+        if wrong == Wrong::DownDeadCell {
+            real.scene.faults = vec![Fault { kind: FaultKind::NoSensor, from_s: 0.0, value: None }];
+        }
         let mut spec = real.clone();
         if wrong != Wrong::Preload {
             spec.frame.down = Down::Plus;
@@ -86,9 +101,12 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         if zeroed {
             broken.push(format!("{told}: a zero was taken"));
         }
+        if wrong == Wrong::DownDeadCell && (end != "outputs-moved" || walked.truth.depth_mm > FELT_MM) {
+            broken.push(format!("{told}, {:.3} mm deep", walked.truth.depth_mm));
+        }
         (wrong, end, walked.truth.force_n, broken)
     });
-    for wrong in [Wrong::Down, Wrong::DownInContact, Wrong::Preload] {
+    for wrong in Wrong::ALL {
         let of_it = || seen.iter().filter(|(kind, ..)| *kind == wrong);
         let worst_n = of_it().map(|(_, _, worst_n, _)| *worst_n).fold(0.0, f64::max);
         let mut ends: Vec<&str> = of_it().map(|(_, end, ..)| *end).collect();
@@ -117,4 +135,52 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
     });
     println!("{} homings with {TOOL_KG} kg on the load cell", jobs.len());
     must_be_none(&stopped.into_iter().flatten().collect::<Vec<_>>());
+}
+
+/// A stage that takes no stop.
+struct Unstoppable(Shared<dyn Instrument>);
+
+impl Instrument for Unstoppable {
+    fn device(&self) -> Device {
+        Device::Stage
+    }
+
+    fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+        self.0.lock().unwrap().take_request(inbox)
+    }
+
+    fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
+        let text = String::from_utf8_lossy(request).replace("ST", "");
+        self.0.lock().unwrap().answer(text.as_bytes(), scene, now_s)
+    }
+
+    fn deaf_until_s(&self) -> f64 {
+        self.0.lock().unwrap().deaf_until_s()
+    }
+
+    fn bell(&self) -> Option<Arc<Notify>> {
+        self.0.lock().unwrap().bell()
+    }
+
+    fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
+        self.0.lock().unwrap().owed(scene, now_s)
+    }
+}
+
+/// The stage of `bench-esp301` homes toward the specimen and takes no stop: it is not reported as stopped.
+#[test]
+fn a_stage_that_does_not_stop_is_reported_with_the_emergency_stop() {
+    let real = specimen_at("bench-esp301", 5.0);
+    let mut spec = real.clone();
+    spec.frame.down = Down::Plus;
+    let swap = |rig: &mut SimulatedRig| {
+        *rig = real.emulators(1).expect("emulators");
+        let stage = rig.stage.instrument().expect("it has a link").clone();
+        rig.stage.replace(Arc::new(Mutex::new(Unstoppable(stage))));
+    };
+    let walked = walked_with(&spec, &plan(&spec, RECIPE, 1), Deaths::Ignored, &swap);
+    assert_eq!(end_of(&walked.ending), "not-stopped", "{:?}", walked.ending.told());
+    let told = walked.ending.told().expect("a reason");
+    assert!(told.contains("the stage does not stop: press the emergency stop"), "{told}");
+    assert!(!told.contains("has stopped"), "{told}");
 }

@@ -438,3 +438,36 @@ fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
     println!("largest true force {worst:.3} N");
     assert!(worst <= 1.25 * LIMITS.force_n, "{worst} N");
 }
+
+/// A map that was taught the nominal specimen by twelve touches, 1 mm apart.
+fn taught_around() -> Map {
+    let mut map = Map::new(0.3);
+    let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
+    for i in 0..12 {
+        let place = Place::new(f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0);
+        map.learn(&Lesson::Touch { place, z_mm: 0.0, path: path.clone() });
+    }
+    map
+}
+
+#[test]
+fn a_gain_that_changes_after_ten_presses_is_found_at_the_next_press() {
+    for strategy in Strategy::ALL {
+        let bench = Bench { strategy, map: taught_around(), ..bench(Task::press(0.8), 0.0) };
+        for (gain, rules) in [
+            (0.5, [Rule::SofterThanTaught, Rule::NoResponse]),
+            (0.65, [Rule::SofterThanTaught, Rule::NoResponse]),
+            (1.6, [Rule::StifferThanTaught, Rule::HardContact]),
+            (2.0, [Rule::StifferThanTaught, Rule::HardContact]),
+        ] {
+            let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
+            let found = matches!(&walk.end, Command::Trip(trip) if rules.contains(&trip.rule));
+            assert!(found, "{strategy:?}, {gain}: {:?}", walk.end);
+            assert!(force_at(walk.deepest_mm) <= 1.1 * LIMITS.force_n, "{strategy:?}, {gain}");
+        }
+        for gain in [0.9, 1.0, 1.1] {
+            let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
+            assert_eq!(walk.end, Command::Done, "{strategy:?}, {gain}");
+        }
+    }
+}

@@ -7,7 +7,7 @@ use super::outputs_in_air::OutputsInAir;
 use super::retreat::unless_it_rises;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
-use palpate_control::{Permit, Reaction, Standing, Steer, Watch, Zero, safe_speed_mm_s};
+use palpate_control::{Permit, Reaction, Rule, Standing, Steer, Trip, Watch, Zero, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{
@@ -43,6 +43,9 @@ const NO_WITHDRAWAL: &str = "this stage doesn't know its position, and homes z t
 
 /// Fall of the force, in sd of a reading, that shows that a contact ends.
 const FALLEN_SIGMAS: f64 = 3.0;
+
+/// Time between two looks at whether a stop was requested.
+const STOP_LOOK: Duration = Duration::from_millis(20);
 
 /// Longest time to see whether a stage that was stopped rests.
 const SEEN_DEADLINE: Duration = Duration::from_secs(4);
@@ -330,8 +333,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Moves the stage while the cell is read. Some time after the operator's stop request it leaves the stage alone, in any
-    /// state.
+    /// Moves the stage while cell and array are read. Some time after a stop was requested it leaves the stage alone, in any state.
     async fn moves<T>(
         &mut self,
         reading: Reading,
@@ -339,8 +341,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     ) -> Result<T, Unmoved> {
         let (reins, cancel) = (Reins::default(), self.cell.cancel);
         let told_to_stop = async {
-            cancel.wait().await;
-            reins.stop();
+            tokio::select! {
+                biased;
+                () = cancel.wait() => reins.stop(),
+                () = until_stopped(&reins) => {}
+            }
             sleep(STOPPED_DEADLINE).await;
         };
         let Hand { stage, cell, usage, array, unzeroed, .. } = self;
@@ -388,7 +393,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 // it may not yet follow the reins; the outcome of this one can't be known any more
                 let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
                 self.must_rest().await?;
-                Err(Halt::Cancelled.into())
+                cancel.check()?;
+                let stopped_s = STOPPED_DEADLINE.as_secs_f64();
+                Err(Halt::from(Trip::new(Rule::StageSilent, stopped_s, stopped_s, "s")).into())
             }
         }
     }
@@ -447,6 +454,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         };
         self.cell.watch.pause();
         self.move_z(back, None).await
+    }
+}
+
+/// Waits until a stop is requested.
+async fn until_stopped(reins: &Reins) {
+    while !reins.stopped() {
+        sleep(STOP_LOOK).await;
     }
 }
 
