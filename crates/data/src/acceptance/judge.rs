@@ -43,6 +43,8 @@ pub struct Measured {
     pub constant_load: bool,
     /// Description of the run that isn't complete.
     pub incomplete: Option<String>,
+    /// Description of the check that failed.
+    pub doubtful: Option<String>,
     /// Location errors, mm; `None` if there was no test.
     pub location: Option<Errors>,
     /// Absolute force errors, N; `None` if no true force is known.
@@ -143,7 +145,7 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
     let verdict = match () {
         // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
-        () if measured.test_repeats_calibration > 0 => Verdict::NotDecided,
+        () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => Verdict::NotDecided,
         () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
         () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
         () => Verdict::Accepted,
@@ -186,6 +188,7 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
         .then(|| format!("{repeated} of {} test presses are identical to calibration presses", measured.test_presses));
     let all = [
         measured.incomplete.clone(),
+        measured.doubtful.clone(),
         repeats,
         twice,
         fewer("calibration", measured.calibration_presses, rule.calibration_presses_least).filter(|_| is_of_test),

@@ -23,6 +23,12 @@ pub struct Manifest {
     pub facts: RunFacts,
     /// Number of entries on disk.
     pub presses_done: u64,
+    /// Number of checks.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub checks: u64,
+    /// First check that failed, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub check_failed: Option<String>,
     /// Number of flagged rows.
     pub rows_flagged: u64,
     /// Time in the run, s. In a simulated run it is the time of the simulation.
@@ -47,6 +53,11 @@ pub struct Manifest {
     pub losses: Vec<Loss>,
     /// Other files of the folder as written; empty during a run.
     pub files: Vec<Fingerprint>,
+}
+
+/// Whether a count is zero. Serde requires the reference.
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl Manifest {
@@ -75,6 +86,12 @@ impl Manifest {
             }
             Record::Contact(contact) => {
                 self.rows_flagged += contact.levels.iter().filter(|press| press.is_flagged()).count() as u64;
+            }
+            Record::Check(check) => {
+                self.checks += 1;
+                if check.is_failed() && self.check_failed.is_none() {
+                    self.check_failed = Some(check.line());
+                }
             }
             Record::Loss(loss) => {
                 if !loss.lost.is_empty() {

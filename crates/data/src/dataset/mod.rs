@@ -12,6 +12,7 @@ mod acceptance;
 pub mod answers;
 pub mod calibration;
 mod cell;
+mod check;
 pub mod characteristics;
 mod dialect;
 mod error;
@@ -48,6 +49,7 @@ mod views;
 
 pub use acceptance::Evidence;
 pub use cell::{Kind, Value};
+pub use check::{Change, Check};
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
 pub use flag::Flag;

@@ -7,6 +7,7 @@ mod again;
 mod align;
 mod cancel;
 mod check_weight;
+mod checks;
 mod clock;
 mod estimate;
 mod examine;
