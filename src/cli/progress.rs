@@ -4,7 +4,7 @@ use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use palpate_data::dataset::{Contact, Retouch};
+use palpate_data::dataset::{Check, Contact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
 use palpate_run::run::{Cancel, Listener};
@@ -164,6 +164,12 @@ impl Listener for Progress<'_> {
         let Retouch { place, before_mm, touched_mm, .. } = retouch;
         let moved_um = 1000.0 * (touched_mm - before_mm);
         self.line(&format!("touched again at {:.2}, {:.2} mm: moved by {moved_um:+.0} um", place.x_mm, place.y_mm));
+    }
+
+    fn checked(&mut self, check: &Check) {
+        if check.is_failed() {
+            self.line(&format!("warning: {}", check.line())); // the summary shows it too, at the end
+        }
     }
 
     fn rests(&mut self, seconds: f64) {

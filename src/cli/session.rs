@@ -1,7 +1,7 @@
 //! Executes a run: shows its progress, sets its pace and stops it.
 
 use super::choices::DurabilityChoice;
-use super::exit::{CANCELLED, Failure};
+use super::exit::{CANCELLED, Failure, NOT_ACCEPTED};
 use super::notify::Notifier;
 use super::progress::Progress;
 use super::provenance::now;
@@ -111,7 +111,8 @@ pub(super) fn carry_out(
     }
     notify(Event::Ended(ended));
     show(&results.text())?;
-    Ok(verdict_code(results.judgement.as_ref()))
+    let is_doubtful = folder.manifest().check_failed.is_some();
+    Ok(if is_doubtful { ExitCode::from(NOT_ACCEPTED) } else { verdict_code(results.judgement.as_ref()) })
 }
 
 /// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.

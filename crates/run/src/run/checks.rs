@@ -1,8 +1,10 @@
 //! Checks of a run: the first place of the plan is pressed again, and compared with the first press there.
 
 use super::Halt;
+use super::estimate::estimated_s;
 use super::past::felt;
 use super::walk::{Listener, Standby, Walker};
+use crate::rig::RigSpec;
 use palpate_control::{Changed, Felt, Strategy, Task};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Change, Check, Contact, Ledger, Left, Record};
@@ -67,13 +69,40 @@ impl Since {
 
     /// Whether a check is due between two entries of the plan.
     pub(super) fn is_due(&self, before: &Entry, next: &Entry) -> bool {
-        let is_between = [before, next].iter().all(|entry| is_checked_between(entry.phase)) && before.rest_after_s == 0.0;
-        is_between && (self.presses >= PRESSES_MOST || self.seconds >= SECONDS_MOST)
+        let are_both = [before, next].iter().all(|entry| is_checked_between(entry.phase));
+        self.is_enough() && are_both && before.rest_after_s == 0.0
+    }
+
+    fn is_enough(&self) -> bool {
+        self.presses >= PRESSES_MOST || self.seconds >= SECONDS_MOST
     }
 }
 
 fn is_checked_between(phase: Phase) -> bool {
     matches!(phase, Phase::Calibration | Phase::Test)
+}
+
+/// Returns the check of this number that repeats an entry of the plan with a force.
+fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
+    let task = Task { levels: Task::press(force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
+    Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
+}
+
+/// Returns the checks that a plan is expected to have on a rig.
+pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
+    let loaded_n = |entry: &Entry| entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0);
+    let reference = plan.entries.iter().find_map(|entry| Some((entry, loaded_n(entry)?)));
+    let Some((reference, force_set_n)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
+    let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
+    for pair in plan.entries.windows(2).filter(|_| plan.checks == Checks::Between) {
+        now_s += estimated_s(&pair[..1], spec);
+        since.count(pair[0].phase, now_s);
+        if since.is_due(&pair[0], &pair[1]) {
+            since.restart(now_s);
+            made += 1;
+        }
+    }
+    (0..=made).map(|number| again(reference, number, force_set_n)).collect()
 }
 
 impl Checking {
@@ -106,15 +135,13 @@ impl Checking {
     fn entry(&self, plan: &Plan) -> Option<Entry> {
         let Reference { press, force_set_n, .. } = self.reference.as_ref()?;
         let entry = plan.entries.iter().find(|entry| entry.press == *press)?;
-        let task = Task { levels: Task::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
-        let (press, phase) = (CHECKED + self.made, Phase::Check);
-        Some(Entry { press, phase, place: entry.place, task, rest_after_s: 0.0 })
+        Some(again(entry, self.made, *force_set_n))
     }
 
     /// Returns the check that is due before the `next` entry of a plan.
     fn due(&self, plan: &Plan, next: &Entry) -> Option<Entry> {
-        if plan.checks != Checks::Between || !(self.since.presses >= PRESSES_MOST || self.since.seconds >= SECONDS_MOST) {
-            return None;
+        if plan.checks != Checks::Between || !self.since.is_enough() {
+            return None; // a long plan isn't searched for each press
         }
         let before = plan.entries.iter().find(|entry| Some(entry.press) == self.last)?;
         self.entry(plan).filter(|_| self.since.is_due(before, next))
