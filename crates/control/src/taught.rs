@@ -104,12 +104,7 @@ impl Rises {
 
     /// Compares two presses at a place, each by its force, N, and its depth, mm. The limit covers the error of both depths, and
     /// the scatter of the presses so far at that place. `None` if one of them shows nothing.
-    pub(crate) fn compare(
-        &self,
-        place: Place,
-        shape: CurveShape,
-        [before, now]: [(f64, f64); 2],
-    ) -> Option<Sunk> {
+    pub(crate) fn compare(&self, place: Place, shape: CurveShape, [before, now]: [(f64, f64); 2]) -> Option<Sunk> {
         let softness = |(to_n, way_mm): (f64, f64)| Rise { from_n: 0.0, to_n, way_mm }.softness(shape);
         let scatter = self.predict(place, shape).map_or(0.0, |(_, sigma)| sigma);
         let sunk = Sunk {

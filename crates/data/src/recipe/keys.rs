@@ -25,11 +25,8 @@ pub(super) const PHASES: [(&str, Phase); 3] = [
 ];
 pub(super) const ORDERS: [(&str, Order); 2] =
     [(Order::Raster.name(), Order::Raster), (Order::Interleaved.name(), Order::Interleaved)];
-pub(super) const CHECKS: [(&str, Checks); 3] = [
-    (Checks::End.name(), Checks::End),
-    (Checks::Between.name(), Checks::Between),
-    (Checks::None.name(), Checks::None),
-];
+pub(super) const CHECKS: [(&str, Checks); 3] =
+    [(Checks::End.name(), Checks::End), (Checks::Between.name(), Checks::Between), (Checks::None.name(), Checks::None)];
 pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
     (Strategy::Guarded.name(), Strategy::Guarded),
     (Strategy::Velocity.name(), Strategy::Velocity),

@@ -37,7 +37,10 @@ fn checks_are_at_the_end_unless_a_recipe_says_otherwise() {
     let refused = read("checks = \"never\"").unwrap_err().lines();
     assert_eq!(refused, ["r.toml:2:10: `checks` is \"never\", expected one of end, between, none"]);
     let step = "name = \"r\"\n[[step]]\nphase = \"check\"\nunits = \"all\"\nforce_n = 1\n";
-    assert!(parse("r.toml", step).unwrap_err().lines()[0].contains("`phase` is \"check\""), "only the program makes them");
+    assert!(
+        parse("r.toml", step).unwrap_err().lines()[0].contains("`phase` is \"check\""),
+        "only the program makes them"
+    );
 }
 
 #[test]

@@ -90,7 +90,8 @@ fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
 
 /// Returns the checks that a plan is expected to have on a rig.
 pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
-    let loaded_n = |entry: &Entry| entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0);
+    let loaded_n =
+        |entry: &Entry| entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0);
     let reference = plan.entries.iter().find_map(|entry| Some((entry, loaded_n(entry)?)));
     let Some((reference, force_set_n)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
     let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
