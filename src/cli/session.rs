@@ -10,7 +10,7 @@ use super::summary;
 use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
 use miette::IntoDiagnostic;
-use palpate_data::dataset::{DatasetError, RunFolder};
+use palpate_data::dataset::{DatasetError, End, RunFolder, Status};
 use palpate_data::recipe::{Plan, Recipe};
 use palpate_run::batch::{Ended, Event};
 use palpate_run::rig::RigSpec;
@@ -133,7 +133,8 @@ pub(super) fn walked(
         let (shown, listener) = heard;
         walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
     });
-    let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
+    let cell_unchecked = spec.load_cell.check.is_some() && ending.status() == Status::Complete;
+    let finished = folder.finish(End { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
     Ok((ending, finished))
 }
 

@@ -168,3 +168,15 @@ fn a_recipe_without_checks_makes_none_and_check_counts_them() {
     assert_eq!(bench.manifest("run")["checks"], 1);
     assert!(bench.manifest("none").get("checks").is_none());
 }
+
+#[test]
+fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
+    let check = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0, gain_sd = 0.0002, times = 3, date = \"2026-05-04\" }";
+    let rig = shipped_text("rigs/sim.toml").replacen("lag_ms = 0.0", &format!("{check}\nlag_ms = 0.0"), 1);
+    let bench = Bench::with([("r.toml", TINY), ("rig.toml", &rig)]);
+    let told = bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+    assert!(told.out.contains("the load cell was not checked after the run"), "{}", told.out);
+    assert_eq!(bench.manifest("run")["cell_unchecked"], true);
+    bench.palpate_ends(0, "run r.toml --out other");
+    assert!(bench.manifest("other").get("cell_unchecked").is_none());
+}

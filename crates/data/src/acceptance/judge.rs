@@ -45,6 +45,8 @@ pub struct Measured {
     pub incomplete: Option<String>,
     /// Description of the check that failed.
     pub doubtful: Option<String>,
+    /// Whether a known weight for the load cell wasn't used after the run.
+    pub cell_unchecked: bool,
     /// Location errors, mm; `None` if there was no test.
     pub location: Option<Errors>,
     /// Absolute force errors, N; `None` if no true force is known.
@@ -169,6 +171,7 @@ fn notes(measured: &Measured) -> Vec<String> {
     let all = [
         (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
         (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
+        measured.cell_unchecked.then(|| "the load cell was not checked after the run".to_owned()),
         measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),
     ];
     all.into_iter().flatten().collect()

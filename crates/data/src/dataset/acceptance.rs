@@ -53,6 +53,7 @@ impl Evidence<'_> {
         let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
         measured.incomplete = self.incomplete();
         measured.doubtful = self.doubtful();
+        measured.cell_unchecked = self.runs.iter().any(|run| run.manifest.cell_unchecked);
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
             measured.location = Some(Errors { sizes, u_truth: self.u_place_mm });

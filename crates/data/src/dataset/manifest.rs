@@ -1,5 +1,6 @@
 //! Manifest: description of a run and its ending, in one JSON object for people and other programs.
 
+use super::session::is_false;
 use super::{DatasetError, End, Fingerprint, Loss, Provenance, Record, RunFacts, Status, files};
 use palpate_control::Trip;
 use palpate_core::quantity::Identity;
@@ -48,6 +49,9 @@ pub struct Manifest {
     /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub cell_unchecked: bool,
     /// Contradictions to the journal that a person accepted: lost presses, or another journal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
@@ -78,7 +82,8 @@ impl Manifest {
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }
-            Record::End(End { status, ended, wall_s, failure, .. }) => {
+            Record::End(End { status, ended, wall_s, failure, cell_unchecked, .. }) => {
+                self.cell_unchecked = *cell_unchecked;
                 self.status = *status;
                 self.ended = Some(ended.clone());
                 self.wall_s += wall_s;

@@ -251,6 +251,14 @@ pub struct End {
     /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub cell_unchecked: bool,
+}
+
+/// Whether a value is false. Serde requires the reference.
+pub(super) fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 /// Events that an acknowledged press survives.

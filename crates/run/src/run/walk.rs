@@ -158,7 +158,8 @@ impl Ending {
 
     /// Returns the end of the run for its journal.
     pub fn end(&self, ended: String, wall_s: f64) -> End {
-        End { status: self.status(), t_s: self.t_s, ended, wall_s, failure: self.told() }
+        let (status, failure) = (self.status(), self.told());
+        End { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
