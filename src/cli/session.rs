@@ -73,7 +73,7 @@ pub(super) fn carry_out(
     let serial = folder.manifest().facts.labels.sensor.clone().unwrap_or_default();
     let paused = || notify(Event::Paused { at: now(), serial: serial.clone() });
     let done = folder.manifest().presses_done as usize;
-    let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused);
+    let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused).weighing(spec);
     let shown = progress.gauge();
     let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, (&*shown, &mut progress))?;
     progress.end();
@@ -133,7 +133,7 @@ pub(super) fn walked(
         let (shown, listener) = heard;
         walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
     });
-    let cell_unchecked = spec.load_cell.check.is_some() && ending.status() == Status::Complete;
+    let cell_unchecked = spec.load_cell.check.is_some() && ending.cell.is_none() && ending.status() == Status::Complete;
     let finished = folder.finish(End { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
     Ok((ending, finished))
 }

@@ -1,10 +1,11 @@
 //! Checks before and after: the first place is pressed again, the plan's presses stay as they are, and a load cell or a sensor that
 //! has changed meanwhile leaves nothing decided.
 
+use palpate_core::quantity::WeightCheck;
 use palpate_data::dataset::{Check, Contact, Ledger, Memory, Record, Status};
 use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, Ending, Listener, Walk, expected_checks, walk};
+use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, Walk, expected_checks, walk};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
 use palpate_testing::walks::{bench, in_virtual_time, plan};
 use palpate_testing::{Bench, shipped_text};
@@ -179,4 +180,44 @@ fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
     assert_eq!(bench.manifest("run")["cell_unchecked"], true);
     bench.palpate_ends(0, "run r.toml --out other");
     assert!(bench.manifest("other").get("cell_unchecked").is_none());
+}
+
+/// A person with a weight, who may not notice that it is asked for.
+struct Weighing {
+    weight: KnownWeight,
+    asked: Vec<Ask>,
+}
+
+impl Listener for Weighing {
+    fn weight(&mut self) -> Option<KnownWeight> {
+        Some(self.weight)
+    }
+
+    fn ask(&mut self, ask: Ask) {
+        self.asked.push(ask);
+    }
+}
+
+#[test]
+fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever() {
+    for (gain, pressed_n, found) in [(1.0, 0.5, Some(false)), (0.95, 0.5, Some(true)), (1.0, 1e-6, None)] {
+        let mut spec = bench("bench-fast");
+        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
+        let (gain_sd, date) = (0.0002, "2026-05-04".to_owned());
+        let (weight_n, weight_u_n) = (known.weight_n, known.u_n);
+        let check =
+            WeightCheck { weight_n, weight_u_n, pull: false, gain: 1.0, gain_sd, times: 3, date, adjusted: false };
+        spec.load_cell.check = Some(check);
+        spec.scene.load_cell.as_mut().expect("a load cell").gain = gain;
+        let plan = plan(&spec, TINY, 1);
+        let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
+        let (mut memory, cancel) = (Memory::default(), Cancel::default());
+        let ending = in_virtual_time(async {
+            let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+            walk(errand, &mut person).await
+        });
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        assert_eq!(ending.cell.map(|cell| cell.problem().is_some()), found, "{gain}, {pressed_n}: {:?}", ending.cell);
+        assert_eq!(person.asked.len(), if found.is_some() { 6 } else { 1 }, "{:?}", person.asked);
+    }
 }

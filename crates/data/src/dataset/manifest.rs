@@ -82,8 +82,9 @@ impl Manifest {
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }
-            Record::End(End { status, ended, wall_s, failure, cell_unchecked, .. }) => {
+            Record::End(End { status, ended, wall_s, failure, cell_unchecked, cell_off, .. }) => {
                 self.cell_unchecked = *cell_unchecked;
+                self.check_failed = self.check_failed.take().or_else(|| cell_off.clone());
                 self.status = *status;
                 self.ended = Some(ended.clone());
                 self.wall_s += wall_s;

@@ -254,6 +254,9 @@ pub struct End {
     /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
     #[serde(default, skip_serializing_if = "is_false")]
     pub cell_unchecked: bool,
+    /// Error of the load cell that a weight showed after the run, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell_off: Option<String>,
 }
 
 /// Whether a value is false. Serde requires the reference.

@@ -1,6 +1,7 @@
 //! Checks of a run: the first place of the plan is pressed again, and compared with the first press there.
 
 use super::Halt;
+use super::check_weight::{CellAfter, Weighing, weigh};
 use super::estimate::estimated_s;
 use super::past::felt;
 use super::walk::{Listener, Standby, Walker};
@@ -185,6 +186,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let Some(entry) = self.checks.closing(plan) else { return Ok(()) };
         self.rest(0.0, entry.place, ledger, listener).await?; // as before every press, a person may pause or stop
         self.check(&entry, None, ledger, listener).await
+    }
+
+    /// Asks for a known weight after the run, if a person is there. A weight that isn't put on within the time limit, or doesn't
+    /// rest, leaves the load cell unchecked.
+    pub(super) async fn weigh_after(&mut self, listener: &mut dyn Listener) -> Option<CellAfter> {
+        let (cell, weight) = (&self.conditions.spec.load_cell, listener.weight()?);
+        let before = cell.check.as_ref()?;
+        let probe = self.hand.probe.clone();
+        let mut weighing = Weighing { weight, ask: &mut |ask| listener.ask(ask) };
+        let weighed = weigh(&mut self.hand.cell, probe.as_ref(), &mut weighing).await.ok()?;
+        Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
     }
 
     async fn check(

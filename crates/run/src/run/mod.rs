@@ -25,7 +25,9 @@ mod window;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
-pub use check_weight::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged};
+pub use check_weight::{
+    Ask, CellAfter, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged,
+};
 pub use checks::expected_checks;
 pub use estimate::{estimated_s, first_descent};
 pub use examine::{CellInAir, Examination, examine};

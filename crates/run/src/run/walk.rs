@@ -1,5 +1,6 @@
 //! Execution of a plan on a rig.
 
+use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
 use super::hand::Hand;
@@ -46,6 +47,8 @@ pub struct Ending {
     pub remaining: Remaining,
     /// Time of the end, s since the run's start.
     pub t_s: f64,
+    /// Load cell after the run; `None` if no weight was put on.
+    pub cell: Option<CellAfter>,
 }
 
 /// Receiver of information about events.
@@ -62,6 +65,12 @@ pub trait Listener {
     fn checked(&mut self, _check: &Check) {}
     /// Reports that the indenter rests in air for this time, s.
     fn rests(&mut self, _seconds: f64) {}
+    /// Returns the weight that a person can put on the tip after the run; `None` if no person is there, or the weight isn't known.
+    fn weight(&mut self) -> Option<KnownWeight> {
+        None
+    }
+    /// Asks the person for that weight.
+    fn ask(&mut self, _ask: Ask) {}
     /// Reports that the stage is parked between two presses, because the operator requested a pause. Returns whether someone can
     /// end the pause; if not, the run ends here.
     fn paused(&mut self) -> bool {
@@ -97,7 +106,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
-    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0 };
+    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None };
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
@@ -129,6 +138,8 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = walker.hand.remaining(doubted).await;
+            } else {
+                ending.cell = walker.weigh_after(listener).await;
             }
         }
         Err(halt) => {
@@ -143,7 +154,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
 impl Ending {
     /// Creates the ending of a run in which nothing has moved.
     pub fn halted(halt: impl Into<Halt>) -> Self {
-        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0 }
+        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None }
     }
 
     /// Returns the status for the run's manifest.
@@ -159,7 +170,8 @@ impl Ending {
     /// Returns the end of the run for its journal.
     pub fn end(&self, ended: String, wall_s: f64) -> End {
         let (status, failure) = (self.status(), self.told());
-        End { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false }
+        let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
+        End { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
