@@ -10,7 +10,7 @@ use palpate_data::acceptance::{Check, Verdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{estimated_s, first_descent};
+use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -180,7 +180,10 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
             let _ = writeln!(text, "{}", counted(phase.name(), &part, rig));
         }
     }
-    let _ = writeln!(text, "{}", counted("together", &plan.entries, rig));
+    let checks = expected_checks(plan, rig);
+    let all_s = estimated_s(&plan.entries, rig) + estimated_s(&checks, rig);
+    let _ = writeln!(text, "{}", row("together", &plan.entries, all_s));
+    text.push_str(&checked(&checks));
     let _ = writeln!(text, "limits of the rig");
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
@@ -270,6 +273,21 @@ fn permitted(rig: &RigSpec) -> String {
 
 /// Returns one line of the plan: the number of presses and levels, and their expected time.
 fn counted(name: &str, entries: &[Entry], rig: &RigSpec) -> String {
+    row(name, entries, estimated_s(entries, rig))
+}
+
+fn row(name: &str, entries: &[Entry], seconds: f64) -> String {
     let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
-    format!("  {name:<18}{:>8}{levels:>8}   {}", entries.len(), duration(estimated_s(entries, rig)))
+    format!("  {name:<18}{:>8}{levels:>8}   {}", entries.len(), duration(seconds))
+}
+
+/// Describes the checks, whose time is in the line before; nothing if there are none.
+fn checked(checks: &[Entry]) -> String {
+    let Some(Entry { place, .. }) = checks.last() else { return String::new() };
+    let counted = match checks.len() - 1 {
+        0 => "1 check at the end".to_owned(),
+        1 => "1 check during the run and 1 at the end".to_owned(),
+        between => format!("{between} checks during the run and 1 at the end"),
+    };
+    format!("  and {counted}, at ({}, {}) mm\n", shown(place.x_mm), shown(place.y_mm))
 }

@@ -201,5 +201,6 @@ fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instan
         folder.record(&Record::Contact(contact))?;
     }
     let wall_s = started.elapsed().as_secs_f64();
-    folder.finish(End { status: Status::Complete, t_s: 0.0, ended: now(), wall_s, failure: None })
+    let (status, ended) = (Status::Complete, now());
+    folder.finish(End { status, t_s: 0.0, ended, wall_s, failure: None, cell_unchecked: false, cell_off: None })
 }

@@ -1,13 +1,15 @@
 //! How far a run is, on a terminal.
 
+use super::check_weight;
 use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use palpate_data::dataset::{Contact, Retouch};
+use palpate_data::dataset::{Check, Contact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
-use palpate_run::run::{Cancel, Listener};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Ask, Cancel, KnownWeight, Listener};
 use std::cell::Cell;
 use std::fmt;
 use std::io::{IsTerminal, Write};
@@ -41,6 +43,8 @@ pub(super) struct Progress<'a> {
     percent_told: u64,
     shown: Arc<Mutex<Shown>>,
     at_pause: Box<dyn Fn() + 'a>,
+    /// Weight that a person is asked for after the run.
+    weight: Option<KnownWeight>,
 }
 
 /// Data on the bar's line in addition to the count.
@@ -83,7 +87,16 @@ impl<'a> Progress<'a> {
             percent_told: 0,
             shown,
             at_pause,
+            weight: None,
         }
+    }
+
+    /// The same, with the weight that the load cell of a real rig was checked with, if a person can be asked for it after the run.
+    pub(super) fn weighing(self, spec: &RigSpec) -> Self {
+        let check = spec.load_cell.check.as_ref().filter(|_| !spec.is_simulated() && is_attended());
+        let weight =
+            check.map(|check| KnownWeight { weight_n: check.weight_n, u_n: check.weight_u_n, pull: check.pull });
+        Progress { weight, ..self }
     }
 
     /// The same, with what is called at every pause.
@@ -164,6 +177,24 @@ impl Listener for Progress<'_> {
         let Retouch { place, before_mm, touched_mm, .. } = retouch;
         let moved_um = 1000.0 * (touched_mm - before_mm);
         self.line(&format!("touched again at {:.2}, {:.2} mm: moved by {moved_um:+.0} um", place.x_mm, place.y_mm));
+    }
+
+    fn checked(&mut self, check: &Check) {
+        if check.is_failed() {
+            self.line(&format!("warning: {}", check.line())); // the summary shows it too, at the end
+        }
+    }
+
+    fn weight(&mut self) -> Option<KnownWeight> {
+        if self.weight.is_some() {
+            self.line("after the run: the known weight again, to check the load cell");
+        }
+        self.weight
+    }
+
+    fn ask(&mut self, ask: Ask) {
+        let weight = self.weight;
+        self.bar.suspend(|| check_weight::ask(ask, weight));
     }
 
     fn rests(&mut self, seconds: f64) {

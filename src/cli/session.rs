@@ -1,7 +1,7 @@
 //! Executes a run: shows its progress, sets its pace and stops it.
 
 use super::choices::DurabilityChoice;
-use super::exit::{CANCELLED, Failure};
+use super::exit::{CANCELLED, Failure, NOT_ACCEPTED};
 use super::notify::Notifier;
 use super::progress::Progress;
 use super::provenance::now;
@@ -10,7 +10,7 @@ use super::summary;
 use super::verdict::verdict_code;
 use super::which_way::ConfirmArgs;
 use miette::IntoDiagnostic;
-use palpate_data::dataset::{DatasetError, RunFolder};
+use palpate_data::dataset::{DatasetError, End, RunFolder, Status};
 use palpate_data::recipe::{Plan, Recipe};
 use palpate_run::batch::{Ended, Event};
 use palpate_run::rig::RigSpec;
@@ -73,7 +73,7 @@ pub(super) fn carry_out(
     let serial = folder.manifest().facts.labels.sensor.clone().unwrap_or_default();
     let paused = || notify(Event::Paused { at: now(), serial: serial.clone() });
     let done = folder.manifest().presses_done as usize;
-    let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused);
+    let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused).weighing(spec);
     let shown = progress.gauge();
     let (ending, finished) = walked(plan, spec, folder, args.manner.pace, &cancel, (&*shown, &mut progress))?;
     progress.end();
@@ -111,7 +111,8 @@ pub(super) fn carry_out(
     }
     notify(Event::Ended(ended));
     show(&results.text())?;
-    Ok(verdict_code(results.judgement.as_ref()))
+    let is_doubtful = folder.manifest().check_failed.is_some();
+    Ok(if is_doubtful { ExitCode::from(NOT_ACCEPTED) } else { verdict_code(results.judgement.as_ref()) })
 }
 
 /// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
@@ -132,7 +133,8 @@ pub(super) fn walked(
         let (shown, listener) = heard;
         walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
     });
-    let finished = folder.finish(ending.end(now(), began.elapsed().as_secs_f64()));
+    let cell_unchecked = spec.load_cell.check.is_some() && ending.cell.is_none() && ending.status() == Status::Complete;
+    let finished = folder.finish(End { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
     Ok((ending, finished))
 }
 

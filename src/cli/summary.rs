@@ -1,7 +1,7 @@
 //! How a run ended, for a person.
 
 use super::exit::Failure;
-use super::tables::{characteristics_table, evaluation_table};
+use super::tables::{characteristics_table, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::acceptance::Judgement;
@@ -37,6 +37,9 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool) -> String {
     let flagged = manifest.rows_flagged;
     if flagged > 0 {
         let _ = writeln!(text, "flagged: {flagged} rows; they are stored but not evaluated");
+    }
+    if let Some(check) = folder.check_line() {
+        text += &filled(check, "  ");
     }
     match (manifest.status, manifest.presses_done) {
         (Status::Complete, _) => {}

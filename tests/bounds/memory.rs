@@ -53,7 +53,9 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     let held = HEAP.allocated() - before;
     assert!(held < bound, "{held} bytes are held when {PRESSES} presses are opened");
     let (status, ended) = (Status::Complete, String::new());
-    folder.finish(End { status, t_s: 0.0, ended, wall_s: 0.0, failure: None }).unwrap();
+    folder
+        .finish(End { status, t_s: 0.0, ended, wall_s: 0.0, failure: None, cell_unchecked: false, cell_off: None })
+        .unwrap();
     let most = HEAP.max_allocated() - before;
     assert!(most < bound + TURNED_BYTES, "{most} bytes were held at most while {PRESSES} presses were read");
 

@@ -1,6 +1,7 @@
 //! What is on the disk after whatever happens, and how a run goes on.
 
 mod changed_rig;
+mod checks;
 mod damage;
 mod foreign;
 mod kills;

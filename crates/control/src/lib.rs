@@ -39,11 +39,11 @@ pub use press::{
     SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
-pub use response::{Felt, Response};
+pub use response::{Changed, Felt, Response};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::Expected;
 pub use task::{Branch, Level, Strategy, Task};
-pub use taught::Taught;
+pub use taught::{Sunk, Taught};
 pub use trip::{Rule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

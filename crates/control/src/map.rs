@@ -3,7 +3,7 @@
 use super::curve::{Curve, CurveShape};
 use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};
-use super::taught::{Rise, Rises, Taught};
+use super::taught::{Rise, Rises, Sunk, Taught};
 use palpate_core::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
@@ -191,6 +191,12 @@ impl Map {
         self.rises.around(place, self.curve.shape(), BEYOND * self.curve.most_n())
     }
 
+    /// Compares two presses at a place, each by its force, N, and its depth, mm. `None` before the first press, or if one of them
+    /// shows nothing.
+    pub fn compare(&self, place: Place, presses: [(f64, f64); 2]) -> Option<Sunk> {
+        self.rises.compare(place, self.curve.shape()?, presses)
+    }
+
     /// Scatter of the touches beyond their usual scatter, mm.
     fn roughness_mm(&self) -> f64 {
         if self.shots > MISS_MEMORY { 0.0 } else { self.surface.excess_mm() }
@@ -316,6 +322,17 @@ mod tests {
         let force_n = (z_mm - surface_mm(place)) / depth_mm(place, 1.0);
         let expected_n = shot.force_n(z_mm);
         (Lesson::Shot { place, z_mm, force_n, expected_n, faded: 0.006 }, force_n - expected_n)
+    }
+
+    #[test]
+    fn a_cell_that_reads_less_changes_the_depth_and_the_force_that_it_stands_for() {
+        let (map, place) = (taught(), Place::new(1.0, 1.0));
+        let sunk = map.compare(place, [(1.0, depth_mm(place, 1.0)), (1.0, depth_mm(place, 1.0 / 0.7))]).unwrap();
+        assert!((sunk.force - (1.0f64 / 0.7).ln()).abs() < 0.02 && sunk.depth > sunk.limit, "{sunk:?}");
+        let same = map.compare(place, [(1.0, depth_mm(place, 1.0)), (1.03, depth_mm(place, 1.03))]).unwrap();
+        assert!(same.depth.abs() < 0.01 && same.force.abs() < 0.01, "{same:?}");
+        assert_eq!(map.compare(place, [(1.0, 0.0), (1.0, 0.5)]), None);
+        assert_eq!(Map::new(0.3).compare(place, [(1.0, 0.5), (1.0, 0.5)]), None);
     }
 
     #[test]

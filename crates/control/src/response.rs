@@ -55,11 +55,25 @@ impl Felt {
         self.outputs.iter().map(|output| output * output).sum::<f64>().sqrt()
     }
 
+    /// Logarithm of the outputs for each newton.
+    fn gain(&self) -> f64 {
+        (self.length() / self.force_n).ln()
+    }
+
     /// Relative standard deviation by noise alone.
     fn own(&self) -> f64 {
         let [output, force_n] = self.sigmas;
         (output * (self.outputs.len() as f64).sqrt() / self.length()).hypot(force_n / self.force_n)
     }
+}
+
+/// Change of a contact from an earlier one at the same place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Changed {
+    /// Change of the logarithm of the outputs for each newton, and its limit.
+    pub gain: (f64, f64),
+    /// Change of the outputs' pattern, as a vector of length 1, and its limit.
+    pub pattern: (f64, f64),
 }
 
 impl Response {
@@ -83,6 +97,25 @@ impl Response {
             }
         }
         Ok(())
+    }
+
+    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both, and the scatter of the
+    /// contacts so far at that place. `None` if one of them shows nothing.
+    pub fn compare(&self, before: &Felt, now: &Felt) -> Option<Changed> {
+        if before.outputs.len() != now.outputs.len() {
+            return None;
+        }
+        let scatter = self.differences(now).map_or((0.0, 0.0), |known| (known.gain.1, known.pattern.1));
+        let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
+        let own = before.own().hypot(now.own()).hypot(nonlinear);
+        let pairs = before.outputs.iter().zip(&now.outputs);
+        let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
+        let changed = Changed {
+            gain: (now.gain() - before.gain(), most_off(own.hypot(scatter.0))),
+            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own.hypot(scatter.1))),
+        };
+        let all = [changed.gain.0, changed.gain.1, changed.pattern.0, changed.pattern.1];
+        all.iter().all(|value| value.is_finite()).then_some(changed)
     }
 
     /// Share of the allowed difference that a contact uses up; `None` if too little is known.
@@ -123,11 +156,10 @@ impl Response {
         let field = |spread| Field { length_mm: self.length_mm, spread };
         let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
-        let gain = |felt: &Felt| (felt.length() / felt.force_n).ln();
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
         // what all of them have in common isn't averaged away
         let beyond = felt.own().hypot(NONLINEAR * ratios.sum::<f64>());
-        let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * gain(known)).sum();
+        let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * known.gain()).sum();
         let mut pattern = vec![0.0; felt.outputs.len()];
         for (known, weight) in near.iter().zip(&patterns.each) {
             let scale = weight / known.length();
@@ -135,7 +167,7 @@ impl Response {
         }
         let off = pattern.iter().zip(&felt.outputs).map(|(expected, output)| output / felt.length() - expected);
         Some(Differences {
-            gain: ((gain(felt) - expected).abs(), (self.gain.scale() * gains.sigma).hypot(beyond)),
+            gain: ((felt.gain() - expected).abs(), (self.gain.scale() * gains.sigma).hypot(beyond)),
             pattern: (
                 off.map(|off| off * off).sum::<f64>().sqrt(),
                 (self.pattern.scale() * patterns.sigma).hypot(beyond),
@@ -178,6 +210,19 @@ mod tests {
         assert_eq!(rule(shifted), Some(Rule::OutputsDiffer));
         let not_a_number = Felt { outputs: vec![f64::NAN; 9], ..felt(0.3, -0.7, 1.0) };
         assert_eq!(rule(not_a_number), Some(Rule::OutputsDiffer));
+    }
+
+    #[test]
+    fn a_contact_is_compared_with_an_earlier_one_at_its_place() {
+        let (response, before) = (Response::new(Some(4.5)), felt(0.3, -0.7, 1.0));
+        let changed = |now: Felt| response.compare(&before, &now);
+        let Changed { gain, pattern } = changed(felt(0.3, -0.7, 1.5)).unwrap();
+        assert!((gain.0 - 1.5f64.ln()).abs() < 1e-9 && gain.0 > gain.1 && pattern.0 < 1e-9, "{gain:?} {pattern:?}");
+        let Changed { gain, pattern } = changed(Felt { place: before.place, ..felt(3.3, -0.7, 1.0) }).unwrap();
+        assert!(pattern.0 > pattern.1, "{gain:?} {pattern:?}");
+        assert_eq!(changed(Felt { outputs: vec![0.0; 9], ..before.clone() }), None);
+        assert_eq!(changed(Felt { outputs: vec![f64::NAN; 9], ..before.clone() }), None);
+        assert_eq!(changed(Felt { outputs: vec![1.0; 8], ..before.clone() }), None);
     }
 
     #[test]

@@ -43,6 +43,17 @@ pub(super) struct Rises {
     misses: Misses,
 }
 
+/// Change of the depth that a force needs at one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sunk {
+    /// Change of the logarithm of the depth for the force.
+    pub depth: f64,
+    /// Change of the logarithm of the force that this depth stands for, relative to the force that was measured.
+    pub force: f64,
+    /// Limit of the change of the depth.
+    pub limit: f64,
+}
+
 /// Information from the presses around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taught {
@@ -89,6 +100,19 @@ impl Rises {
         let softest = near.iter().map(|i| self.all[*i].1.softness(shape)).fold(0.0, f64::max);
         let predicted = self.predict(place, shape);
         (softest.is_finite() && softest > 0.0).then_some(Taught { shape, most_n, softest, predicted })
+    }
+
+    /// Compares two presses at a place, each by its force, N, and its depth, mm. The limit covers the error of both depths, and
+    /// the scatter of the presses so far at that place. `None` if one of them shows nothing.
+    pub(crate) fn compare(&self, place: Place, shape: CurveShape, [before, now]: [(f64, f64); 2]) -> Option<Sunk> {
+        let softness = |(to_n, way_mm): (f64, f64)| Rise { from_n: 0.0, to_n, way_mm }.softness(shape);
+        let scatter = self.predict(place, shape).map_or(0.0, |(_, sigma)| sigma);
+        let sunk = Sunk {
+            depth: (softness(now) / softness(before)).ln(),
+            force: (shape.force_n(now.1 / softness(before)) / now.0).ln(),
+            limit: most_off(scatter.hypot(WAY_MM / before.1).hypot(WAY_MM / now.1)),
+        };
+        [sunk.depth, sunk.force, sunk.limit].iter().all(|value| value.is_finite()).then_some(sunk)
     }
 
     /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its

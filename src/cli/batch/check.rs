@@ -10,7 +10,7 @@ use palpate_data::acceptance::{Decision, Rule};
 use palpate_data::recipe::{Phase, Plan};
 use palpate_run::batch::{Chance, DRAWS, Test, chance};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{estimated_s, first_descent};
+use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use palpate_solver::Prior;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -69,7 +69,8 @@ fn described(material: &Material, plan: &Plan) -> String {
         plan.name,
         plan.entries.len()
     );
-    let run_s = estimated_s(&plan.entries, rig) + first_descent(rig).1;
+    let checks_s = estimated_s(&expected_checks(plan, rig), rig);
+    let run_s = estimated_s(&plan.entries, rig) + checks_s + first_descent(rig).1;
     let at_once = file.nests.len().max(1) as f64;
     let _ = writeln!(
         text,

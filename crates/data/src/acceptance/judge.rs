@@ -43,6 +43,10 @@ pub struct Measured {
     pub constant_load: bool,
     /// Description of the run that isn't complete.
     pub incomplete: Option<String>,
+    /// Description of the check that failed.
+    pub doubtful: Option<String>,
+    /// Whether a known weight for the load cell wasn't used after the run.
+    pub cell_unchecked: bool,
     /// Location errors, mm; `None` if there was no test.
     pub location: Option<Errors>,
     /// Absolute force errors, N; `None` if no true force is known.
@@ -143,7 +147,7 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
     let verdict = match () {
         // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
-        () if measured.test_repeats_calibration > 0 => Verdict::NotDecided,
+        () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => Verdict::NotDecided,
         () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
         () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
         () => Verdict::Accepted,
@@ -167,6 +171,7 @@ fn notes(measured: &Measured) -> Vec<String> {
     let all = [
         (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
         (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
+        measured.cell_unchecked.then(|| "the load cell was not checked after the run".to_owned()),
         measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),
     ];
     all.into_iter().flatten().collect()
@@ -186,6 +191,7 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
         .then(|| format!("{repeated} of {} test presses are identical to calibration presses", measured.test_presses));
     let all = [
         measured.incomplete.clone(),
+        measured.doubtful.clone(),
         repeats,
         twice,
         fewer("calibration", measured.calibration_presses, rule.calibration_presses_least).filter(|_| is_of_test),

@@ -52,6 +52,8 @@ impl Evidence<'_> {
     fn measured(&self, trial: Option<&Trial<'_>>, evaluation: Option<&Evaluation>) -> Measured {
         let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
         measured.incomplete = self.incomplete();
+        measured.doubtful = self.doubtful();
+        measured.cell_unchecked = self.runs.iter().any(|run| run.manifest.cell_unchecked);
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
             measured.location = Some(Errors { sizes, u_truth: self.u_place_mm });
@@ -100,6 +102,12 @@ impl Evidence<'_> {
         let Manifest { status, facts, presses_done, .. } = &run.manifest;
         let name = run.name();
         Some(format!("{name} is {}: {presses_done} of {} presses", status.name(), facts.presses_planned))
+    }
+
+    /// Returns a message about a check that failed. The presses before it may be wrong.
+    fn doubtful(&self) -> Option<String> {
+        let failed = |run: &&Recorded| Some(format!("{}: {}", run.name(), run.manifest.check_failed.as_ref()?));
+        self.runs.iter().find_map(failed)
     }
 
     /// Returns the noisiest channel in air. The noise is the difference between the air readings before successive presses of a

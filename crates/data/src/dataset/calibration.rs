@@ -140,6 +140,11 @@ impl<'a> Selection<'a> {
         self.chosen.iter().map(|index| &self.presses.presses[*index])
     }
 
+    /// Returns the largest change of the load cell that the checks leave possible, as a fraction of the force.
+    pub fn cell(&self) -> f64 {
+        self.presses.cell
+    }
+
     /// Returns the source of the presses.
     pub fn source(&self) -> &'a str {
         &self.presses.source

@@ -1,6 +1,7 @@
 //! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
 use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection, check_places};
+use super::check::cell_u_n;
 use super::{Press, Presses};
 use crate::acceptance::Measured;
 use crate::recipe::Phase;
@@ -182,9 +183,12 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// Returns the mean standard uncertainty of the test's forces, N; `None` if it is unknown for any of them.
+    /// Returns the mean standard uncertainty of the test's forces, N, with the change of the load cell that the run's checks leave
+    /// possible; `None` if it is unknown for any of them.
     pub fn u_force_n(&self) -> Option<f64> {
-        let all: Option<Vec<f64>> = self.test.iter().map(|press| press.u_force_n).collect();
+        let cell_u_n = |press: &Press| cell_u_n(self.test.cell(), press.force_n.unwrap_or_default());
+        let u_n = |press: &Press| press.u_force_n.map(|u_n| u_n.hypot(cell_u_n(press)));
+        let all: Option<Vec<f64>> = self.test.iter().map(u_n).collect();
         let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
         ErrorSummary::of(&all?).map(|summary| summary.mean)
     }
@@ -321,6 +325,18 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
         assert!((evaluation.force_error_load_cell_n.unwrap().mean - 0.04).abs() < 1e-12); // 0.55 of 0.8 N against 0.4 N
         let left_out = evaluation.left_out;
         assert_eq!((left_out.calibration_flagged, left_out.test_flagged, left_out.test_unsolved), (1, 1, 1));
+    }
+
+    #[test]
+    fn a_change_of_the_load_cell_during_the_run_widens_a_known_uncertainty_alone() {
+        let mut presses = run(RUN);
+        presses.cell = 0.12;
+        assert_eq!(Trial::of_run(&presses, None).unwrap().u_force_n(), None);
+        presses.presses.iter_mut().for_each(|press| press.u_force_n = Some(0.003));
+        let u_n = Trial::of_run(&presses, None).unwrap().u_force_n().unwrap();
+        assert!((u_n - 0.003f64.hypot(0.12 * 0.4 / 12.0f64.sqrt())).abs() < 1e-12, "{u_n}"); // both tests have 0.4 N
+        presses.cell = 0.0;
+        assert_eq!(Trial::of_run(&presses, None).unwrap().u_force_n(), Some(0.003));
     }
 
     #[test]

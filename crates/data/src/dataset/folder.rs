@@ -203,6 +203,11 @@ impl RunFolder {
         self.journal.warnings()
     }
 
+    /// Returns the check to show: the first that failed, otherwise the last.
+    pub fn check_line(&self) -> Option<&str> {
+        self.known.manifest.check_failed.as_deref().or(self.known.last_check.as_deref())
+    }
+
     /// Returns the path of the run.
     pub fn path(&self) -> &Path {
         &self.path

@@ -26,6 +26,8 @@ pub(super) struct Known {
     pub end: Option<Status>,
     /// For each trip, the entry that was being executed and its true peaks.
     pub trips: Vec<(Option<u64>, Peaks)>,
+    /// The last check.
+    pub last_check: Option<String>,
     /// Number of outputs of each press; `None` before the first press, if the number wasn't given.
     channels: Option<usize>,
     /// Number of levels of each phase, in the order of [`Phase::ALL`].
@@ -80,6 +82,19 @@ impl Known {
                 for (phase, count) in Phase::ALL.into_iter().zip(&mut self.levels) {
                     *count += contact.levels.iter().filter(|press| press.is_of(phase)).count() as u64;
                 }
+            }
+            Record::Check(check) => {
+                let made = self.manifest.checks;
+                if check.number != made {
+                    return Err(format!("check {}, expected {made}", check.number));
+                }
+                let is_of_it = |press: &Press| {
+                    press.press == check.number && self.channels.is_none_or(|channels| press.outputs.len() == channels)
+                };
+                if !check.contact.levels.iter().all(is_of_it) {
+                    return Err(format!("its levels don't match check {} on this array", check.number));
+                }
+                self.last_check = Some(check.line());
             }
             Record::Trip { press, peaks: Some(peaks), .. } if self.trips.len() < TRIPS_MAX => {
                 self.trips.push((*press, *peaks));

@@ -1,5 +1,6 @@
 //! Manifest: description of a run and its ending, in one JSON object for people and other programs.
 
+use super::session::is_false;
 use super::{DatasetError, End, Fingerprint, Loss, Provenance, Record, RunFacts, Status, files};
 use palpate_control::Trip;
 use palpate_core::quantity::Identity;
@@ -23,6 +24,12 @@ pub struct Manifest {
     pub facts: RunFacts,
     /// Number of entries on disk.
     pub presses_done: u64,
+    /// Number of checks.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub checks: u64,
+    /// First check that failed, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub check_failed: Option<String>,
     /// Number of flagged rows.
     pub rows_flagged: u64,
     /// Time in the run, s. In a simulated run it is the time of the simulation.
@@ -42,11 +49,19 @@ pub struct Manifest {
     /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub cell_unchecked: bool,
     /// Contradictions to the journal that a person accepted: lost presses, or another journal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub losses: Vec<Loss>,
     /// Other files of the folder as written; empty during a run.
     pub files: Vec<Fingerprint>,
+}
+
+/// Whether a count is zero. Serde requires the reference.
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl Manifest {
@@ -67,7 +82,9 @@ impl Manifest {
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }
-            Record::End(End { status, ended, wall_s, failure, .. }) => {
+            Record::End(End { status, ended, wall_s, failure, cell_unchecked, cell_off, .. }) => {
+                self.cell_unchecked = *cell_unchecked;
+                self.check_failed = self.check_failed.take().or_else(|| cell_off.clone());
                 self.status = *status;
                 self.ended = Some(ended.clone());
                 self.wall_s += wall_s;
@@ -75,6 +92,12 @@ impl Manifest {
             }
             Record::Contact(contact) => {
                 self.rows_flagged += contact.levels.iter().filter(|press| press.is_flagged()).count() as u64;
+            }
+            Record::Check(check) => {
+                self.checks += 1;
+                if check.is_failed() && self.check_failed.is_none() {
+                    self.check_failed = Some(check.line());
+                }
             }
             Record::Loss(loss) => {
                 if !loss.lost.is_empty() {

@@ -13,6 +13,7 @@ pub mod answers;
 pub mod calibration;
 mod cell;
 pub mod characteristics;
+mod check;
 mod dialect;
 mod error;
 pub mod evaluate;
@@ -48,6 +49,7 @@ mod views;
 
 pub use acceptance::Evidence;
 pub use cell::{Kind, Value};
+pub use check::{Change, Check};
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
 pub use flag::Flag;

@@ -16,6 +16,8 @@ pub struct Presses {
     pub unused: Vec<Lookalike>,
     /// Description of what was detected in the table and what was excluded; empty for plain CSV.
     pub detected: Vec<String>,
+    /// Largest change of the load cell that the checks of the run leave possible, as a fraction of the force; 0 without checks.
+    pub cell: f64,
     /// Line of each press in its table, from 1; empty if the presses are from a journal.
     lines: Vec<u64>,
 }
@@ -36,7 +38,8 @@ impl Presses {
     /// Creates a list of presses. If they come from a table, `lines` are their lines.
     pub(super) fn new(source: &str, presses: Vec<Press>, lines: Vec<u64>) -> Presses {
         let channels = presses.first().map_or(0, |press| press.outputs.len());
-        Presses { source: source.to_owned(), channels, presses, unused: Vec::new(), detected: Vec::new(), lines }
+        let (unused, detected) = (Vec::new(), Vec::new());
+        Presses { source: source.to_owned(), channels, presses, unused, detected, cell: 0.0, lines }
     }
 
     /// Returns the presses of one phase, without flagged presses.
@@ -72,6 +75,7 @@ impl Presses {
     pub fn join(&mut self, other: Presses) {
         self.source = format!("{} and {}", self.source, other.source);
         self.channels = self.channels.max(other.channels);
+        self.cell = self.cell.max(other.cell);
         self.lines.clear();
         self.presses.extend(other.presses);
     }

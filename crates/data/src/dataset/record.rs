@@ -1,7 +1,7 @@
 //! Records of the journal.
 
 use super::journal::Logged;
-use super::{End, FORMAT, Loss, Press, Provenance, RunFacts, Text};
+use super::{Check, End, FORMAT, Loss, Press, Provenance, RunFacts, Text};
 use palpate_control::{AirReadings, Budget, Hum, Lesson, Trip};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};
@@ -36,6 +36,8 @@ pub enum Record {
     },
     /// An entry of the plan was measured completely.
     Contact(Contact),
+    /// A place was pressed again, to check that load cell and sensor haven't changed.
+    Check(Check),
     /// A place was touched again before a run continued.
     Retouch(Retouch),
     /// A safety rule was broken.
@@ -61,13 +63,13 @@ impl Record {
     pub fn t_s(&self) -> Option<f64> {
         match self {
             Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
-            Record::Contact(contact) => contact.levels.iter().filter_map(|press| press.t_s).reduce(f64::max),
+            Record::Contact(contact) | Record::Check(Check { contact, .. }) => contact.t_s(),
             Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
             Record::End(end) => Some(end.t_s),
         }
     }
 
-    /// Returns the contact, if the record is a contact.
+    /// Returns the contact, if the record is a contact of the plan.
     pub fn contact(&self) -> Option<&Contact> {
         match self {
             Record::Contact(contact) => Some(contact),
@@ -82,7 +84,11 @@ impl Logged for Record {
 
     fn check(&self) -> Result<(), String> {
         // JSON has no NaN: it would come back as a number that isn't known
-        match self.contact().is_none_or(|contact| contact.levels.iter().all(Press::is_finite)) {
+        let contact = match self {
+            Record::Check(check) => Some(&check.contact),
+            record => record.contact(),
+        };
+        match contact.is_none_or(|contact| contact.levels.iter().all(Press::is_finite)) {
             true => Ok(()),
             false => Err("not a finite number".to_owned()),
         }
@@ -111,6 +117,13 @@ pub struct Contact {
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
+}
+
+impl Contact {
+    /// Returns the time of the last level, s since the run's start.
+    pub fn t_s(&self) -> Option<f64> {
+        self.levels.iter().filter_map(|press| press.t_s).reduce(f64::max)
+    }
 }
 
 /// State at the end of a contact.

@@ -8,7 +8,7 @@ use super::loss::lost;
 use super::press::{csv_header, csv_line};
 use super::table_error::MAX_TABLE_BYTES;
 use super::views::PRESSES;
-use super::{Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
+use super::{Check, Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
 use palpate_control::Trip;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -35,6 +35,8 @@ pub struct Recorded {
     pub trips: Vec<(f64, Option<u64>, Trip)>,
     /// Places that were touched again before the run continued.
     pub retouches: Vec<Retouch>,
+    /// Checks in the order of measurement.
+    pub checks: Vec<Check>,
     /// Contacts in the order of measurement.
     pub contacts: Vec<Contact>,
     /// Whether the run has ended, and nothing was measured or lost after its end.
@@ -73,7 +75,7 @@ impl Recorded {
         check_run(path)?;
         let mut known = Known::of(None);
         let mut texts = None;
-        let (mut zeros, mut trips, mut retouches) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut zeros, mut trips, mut retouches, mut checks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut records = Journal::records(&path.join(JOURNAL)).map_err(DatasetError::from)?;
         while let Some(next) = records.next() {
             let (offset, record) = next.map_err(DatasetError::from)?;
@@ -83,6 +85,7 @@ impl Recorded {
                 Record::Zero { t_s, offset_n, .. } => zeros.push((t_s, offset_n)),
                 Record::Trip { t_s, press, trip, .. } => trips.push((t_s, press, trip)),
                 Record::Retouch(retouch) => retouches.push(retouch),
+                Record::Check(check) => checks.push(check),
                 Record::Contact(contact) => {
                     let texts = texts.get_or_insert_with(|| Texts::of(&known.texts));
                     accept(&known.manifest, texts, contact)?;
@@ -101,12 +104,15 @@ impl Recorded {
         let has_ended = known.end.is_some();
         let (manifest, texts) = (known.manifest, Texts { all: known.texts });
         let contacts = Vec::new();
-        Ok(Recorded { path: path.to_owned(), manifest, texts, zeros, trips, retouches, contacts, has_ended })
+        let path = path.to_owned();
+        Ok(Recorded { path, manifest, texts, zeros, trips, retouches, checks, contacts, has_ended })
     }
 
     /// Returns the presses, in the order of the plan.
     pub fn presses(&self) -> Presses {
-        Presses::of_contacts(&self.path.display().to_string(), &self.contacts)
+        let mut presses = Presses::of_contacts(&self.path.display().to_string(), &self.contacts);
+        presses.cell = self.checks.iter().map(|check| check.cell).fold(0.0, f64::max);
+        presses
     }
 
     /// Returns the name of the run's folder, even if the path has no name, such as `.`.
@@ -123,7 +129,8 @@ impl Recorded {
     /// A file can't be read.
     pub fn warnings(&self) -> Result<Vec<String>, DatasetError> {
         let path = self.path.display();
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<String> =
+            self.manifest.check_failed.iter().map(|failed| format!("{path}: {failed}")).collect();
         if let Some(problem) = self.has_ended.then(|| self.table_problem(PRESSES)).transpose()?.flatten() {
             warnings.push(format!(
                 "{path}: {PRESSES} {problem}; the journal was read (`palpate rebuild` regenerates the table)"

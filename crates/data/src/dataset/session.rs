@@ -251,6 +251,17 @@ pub struct End {
     /// Cause of failure, in a failed run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// Whether the rig knows a weight for its load cell, and the load cell wasn't checked with it after the run.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub cell_unchecked: bool,
+    /// Error of the load cell that a weight showed after the run, in one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell_off: Option<String>,
+}
+
+/// Whether a value is false. Serde requires the reference.
+pub(super) fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 /// Events that an acknowledged press survives.

@@ -1,7 +1,7 @@
 //! Keys of a recipe, table by table.
 
 use super::accept::accept as accept_keys;
-use super::{Manner, Order, PRESSES_CEILING, Phase};
+use super::{Checks, Manner, Order, PRESSES_CEILING, Phase};
 use palpate_control::Strategy;
 use palpate_document::{Bounds, keys, words};
 use palpate_solver::{BEST, SOLVERS};
@@ -25,6 +25,8 @@ pub(super) const PHASES: [(&str, Phase); 3] = [
 ];
 pub(super) const ORDERS: [(&str, Order); 2] =
     [(Order::Raster.name(), Order::Raster), (Order::Interleaved.name(), Order::Interleaved)];
+pub(super) const CHECKS: [(&str, Checks); 3] =
+    [(Checks::End.name(), Checks::End), (Checks::Between.name(), Checks::Between), (Checks::None.name(), Checks::None)];
 pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
     (Strategy::Guarded.name(), Strategy::Guarded),
     (Strategy::Velocity.name(), Strategy::Velocity),
@@ -45,6 +47,9 @@ keys! {
         name: Text, Refused, "name of the run folder", "\"paper\"";
         press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";
         step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
+        checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
+            "when the first place is pressed again, to check load cell and sensor: after the last press, also between presses, or never",
+            "\"between\"";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,
             "the acceptance rule, or the name of a file in the recipe's folder that holds it; without it there is no verdict",

@@ -14,7 +14,7 @@ pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;
-pub use step::{Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step};
+pub use step::{Checks, Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step};
 pub use teach::Entry;
 
 use crate::acceptance::Rule;
@@ -43,6 +43,8 @@ pub struct Recipe {
     pub steps: Vec<Step>,
     /// Solvers that evaluate the run when it is done; empty: no evaluation.
     pub solvers: Vec<String>,
+    /// When places are checked.
+    pub checks: Checks,
     /// Acceptance rule; `None`: no verdict.
     pub accept: Option<Accept>,
     /// Largest number of presses.
@@ -52,11 +54,12 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// Creates a recipe that isn't in a file.
+    /// Creates a recipe that isn't in a file. It has no checks.
     pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
-        Recipe { name, steps, solvers: Vec::new(), accept: None, presses_max: PRESSES_MAX, file, text }
+        let (solvers, checks) = (Vec::new(), Checks::None);
+        Recipe { name, steps, solvers, checks, accept: None, presses_max: PRESSES_MAX, file, text }
     }
 
     /// Returns the acceptance rule, once a file named in the recipe has been read.

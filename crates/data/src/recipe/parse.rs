@@ -2,7 +2,7 @@
 
 use super::accept::{Accept, read_rule};
 use super::keys::{self, cells, evaluate, grid, list, press, random, root, staircase, step};
-use super::{KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
+use super::{Checks, KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Files of a run folder that an acceptance file would overwrite.
@@ -35,6 +35,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         };
         let solvers = table.table(&root::evaluate).and_then(|table| table.words(&evaluate::solvers));
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
+        let checks = table.word_or(&root::checks, &keys::CHECKS, Checks::default());
         let accept = read_accept(table);
         let tables = table.tables(&root::step);
         if tables.is_empty() && !table.is_table(&root::step) {
@@ -56,7 +57,8 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
             }
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
-        Some(Recipe { name, steps: steps?, solvers, accept: accept?, presses_max: PRESSES_MAX, file, text })
+        let (checks, accept, presses_max) = (checks?, accept?, PRESSES_MAX);
+        Some(Recipe { name, steps: steps?, solvers, checks, accept, presses_max, file, text })
     })
 }
 

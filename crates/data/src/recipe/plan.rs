@@ -1,7 +1,7 @@
 //! The presses of a recipe.
 
 use super::teach::{Entry, teach};
-use super::{Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
+use super::{Checks, Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
 use palpate_control::{Level, Task};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
@@ -17,6 +17,8 @@ pub struct Plan {
     pub seed: u64,
     /// Presses in the order of execution, which may differ from the order of their numbers.
     pub entries: Vec<Entry>,
+    /// When places are checked in addition to these presses.
+    pub checks: Checks,
 }
 
 /// Data that a plan is checked against.
@@ -61,7 +63,7 @@ impl Plan {
             teach(&mut steps, presses, ground.limits);
             let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
-            Ok(Plan { name: recipe.name.clone(), seed, entries })
+            Ok(Plan { name: recipe.name.clone(), seed, entries, checks: recipe.checks })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }

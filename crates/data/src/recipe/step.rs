@@ -18,10 +18,12 @@ pub enum Phase {
     /// Presses from which the force loop learns before others rely on it. A plan begins with these presses if it has any. No
     /// recipe requests them, and only the table of presses contains them.
     Teach,
+    /// Checks before and after presses of the plan. No recipe requests them with a step, and no table contains them.
+    Check,
 }
 
 impl Phase {
-    /// All phases.
+    /// All phases of a plan.
     pub const ALL: [Phase; 4] = [Phase::Characterisation, Phase::Calibration, Phase::Test, Phase::Teach];
 
     /// Name of the phase in files.
@@ -31,6 +33,30 @@ impl Phase {
             Phase::Calibration => "calibration",
             Phase::Test => "test",
             Phase::Teach => "teach",
+            Phase::Check => "check",
+        }
+    }
+}
+
+/// When a run presses a place again, to check that load cell and sensor haven't changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Checks {
+    /// After the last press.
+    #[default]
+    End,
+    /// Also between calibration or test presses, at most 100 presses and one hour of them apart.
+    Between,
+    /// Never.
+    None,
+}
+
+impl Checks {
+    /// Name in a recipe.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Checks::End => "end",
+            Checks::Between => "between",
+            Checks::None => "none",
         }
     }
 }

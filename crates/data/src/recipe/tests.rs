@@ -1,6 +1,6 @@
 //! The plans that recipes come to.
 
-use super::{Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
+use super::{Checks, Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
 use palpate_control::Strategy;
 use palpate_core::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Tilt, Travel};
 use palpate_document::Problems;
@@ -24,6 +24,23 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
     let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };
     let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}"))?;
     Plan::new(&change(recipe), &ground, seed)
+}
+
+#[test]
+fn checks_are_at_the_end_unless_a_recipe_says_otherwise() {
+    let read = |line: &str| {
+        parse("r.toml", &format!("name = \"r\"\n{line}\n[[step]]\nphase = \"test\"\nunits = \"all\"\nforce_n = 1\n"))
+    };
+    let checks = |line: &str| read(line).unwrap().checks;
+    let words = ["", "checks = \"end\"", "checks = \"between\"", "checks = \"none\""];
+    assert_eq!(words.map(checks), [Checks::End, Checks::End, Checks::Between, Checks::None]);
+    let refused = read("checks = \"never\"").unwrap_err().lines();
+    assert_eq!(refused, ["r.toml:2:10: `checks` is \"never\", expected one of end, between, none"]);
+    let step = "name = \"r\"\n[[step]]\nphase = \"check\"\nunits = \"all\"\nforce_n = 1\n";
+    assert!(
+        parse("r.toml", step).unwrap_err().lines()[0].contains("`phase` is \"check\""),
+        "only the program makes them"
+    );
 }
 
 #[test]

@@ -60,6 +60,7 @@ fn of_run(run: &Recorded) -> Markup {
         let moved_um = 1000.0 * (touch.touched_mm - touch.before_mm);
         rows.push(("touched again", format!("({x_mm}, {y_mm}) mm: moved by {moved_um:+.1} um")));
     }
+    rows.extend(run.checks.iter().map(|check| ("check", check.line())));
     let devices: Vec<[Markup; 3]> = manifest
         .devices
         .iter()

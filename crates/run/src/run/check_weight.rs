@@ -249,6 +249,43 @@ pub struct Judged {
     pub explained: f64,
 }
 
+/// Load cell as a known weight shows it after a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellAfter {
+    /// Its gain: reading of the weight, as a fraction of the weight, without the rig's adjustment.
+    pub gain: f64,
+    /// The gain compared with what the rig knows.
+    pub judged: Judged,
+}
+
+impl CellAfter {
+    /// Judges readings of a weight that were divided by `divisor`.
+    pub(super) fn of(
+        weighed: &Weighed,
+        divisor: f64,
+        before: &WeightCheck,
+        certificate: Option<&Certificate>,
+    ) -> CellAfter {
+        let gains = weighed.gains.iter().map(|gain| gain * divisor).collect();
+        let found = Weighed { gains, ..weighed.clone() }.check("", false);
+        CellAfter { gain: found.gain, judged: judged(&found, Some(before), certificate) }
+    }
+
+    /// Returns the problem in one line; `None` if the gain is correct.
+    pub fn problem(&self) -> Option<String> {
+        let Judged { verdict, off, explained } = self.judged;
+        (verdict != Verdict::Verified).then(|| {
+            format!(
+                "check failed at the end: the load cell reads {:.4} of a known weight, off by {:+.2} %, limit {:.2} %; \
+                 all presses are doubtful",
+                self.gain,
+                100.0 * off,
+                100.0 * explained
+            )
+        })
+    }
+}
+
 /// Whether a load cell can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Verdict {

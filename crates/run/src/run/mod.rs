@@ -7,6 +7,7 @@ mod again;
 mod align;
 mod cancel;
 mod check_weight;
+mod checks;
 mod clock;
 mod estimate;
 mod examine;
@@ -26,7 +27,10 @@ mod window;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
-pub use check_weight::{Ask, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged};
+pub use check_weight::{
+    Ask, CellAfter, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged,
+};
+pub use checks::expected_checks;
 pub use estimate::{estimated_s, first_descent};
 pub use examine::{Asked, CellInAir, Examination, examine};
 pub use home::{Withdrawn, withdraw};

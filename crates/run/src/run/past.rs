@@ -1,5 +1,6 @@
 //! Information from a record about the presses so far.
 
+use super::checks::Checking;
 use super::walk::Standby;
 use palpate_control::{Felt, Lesson, Map};
 use palpate_core::quantity::Place;
@@ -24,6 +25,8 @@ pub(super) struct Past {
     pub devices: Vec<Identity>,
     /// What the array felt at every place.
     pub felt: Vec<Felt>,
+    /// Checks so far, and what they are compared with.
+    pub checks: Checking,
     /// Places that were touched.
     known: Vec<TouchedPlace>,
 }
@@ -52,6 +55,7 @@ impl Past {
             last: None,
             devices: Vec::new(),
             felt: Vec::new(),
+            checks: Checking::default(),
             known: Vec::new(),
         };
         ledger.recall(&mut |record| past.take_in(record))?;
@@ -84,7 +88,14 @@ impl Past {
         match record {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Devices(devices) => self.devices.clone_from(devices),
+            Record::Check(check) => {
+                let Contact { left, air_after, .. } = &check.contact;
+                let standby = left.map(|Left { z_mm }| Standby { z_mm, air: Some(air_after.clone()) });
+                self.last = self.last.take().map(|(press, _)| (press, standby));
+                self.checks.take_check(check);
+            }
             Record::Contact(contact) => {
+                self.checks.take_contact(contact);
                 let air = Some(contact.air_after.clone());
                 let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
                 self.last = Some((contact.press, standby));
@@ -147,7 +158,7 @@ mod tests {
     use super::*;
     use palpate_control::{Strategy, Task};
     use palpate_data::dataset::Memory;
-    use palpate_data::recipe::{Entry, Phase};
+    use palpate_data::recipe::{Checks, Entry, Phase};
 
     fn contact(press: u64, lesson: Lesson) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
@@ -170,7 +181,7 @@ mod tests {
             },
             rest_after_s: 0.0,
         };
-        Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect() }
+        Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect(), checks: Checks::None }
     }
 
     fn touch(x_mm: f64, y_mm: f64) -> Lesson {

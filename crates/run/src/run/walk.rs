@@ -1,5 +1,7 @@
 //! Execution of a plan on a rig.
 
+use super::check_weight::{Ask, CellAfter, KnownWeight};
+use super::checks::Checking;
 use super::clock::RunClock;
 use super::hand::Hand;
 use super::past::{Past, felt};
@@ -8,7 +10,7 @@ use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{AIR_READINGS, Felt, Map, Permit, Reaction, Response};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Air, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
+use palpate_data::dataset::{Air, Check, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::{Identity, LoadCell, SensorArray, Stage};
 use std::collections::VecDeque;
@@ -45,6 +47,8 @@ pub struct Ending {
     pub remaining: Remaining,
     /// Time of the end, s since the run's start.
     pub t_s: f64,
+    /// Load cell after the run; `None` if no weight was put on.
+    pub cell: Option<CellAfter>,
 }
 
 /// Receiver of information about events.
@@ -57,8 +61,16 @@ pub trait Listener {
     fn begins(&mut self, _entry: &Entry) {}
     /// Reports that a contact is on disk.
     fn recorded(&mut self, _contact: &Contact) {}
+    /// Reports that a check is on disk.
+    fn checked(&mut self, _check: &Check) {}
     /// Reports that the indenter rests in air for this time, s.
     fn rests(&mut self, _seconds: f64) {}
+    /// Returns the weight that a person can put on the tip after the run; `None` if no person is there, or the weight isn't known.
+    fn weight(&mut self) -> Option<KnownWeight> {
+        None
+    }
+    /// Asks the person for that weight.
+    fn ask(&mut self, _ask: Ask) {}
     /// Reports that the stage is parked between two presses, because the operator requested a pause. Returns whether someone can
     /// end the pause; if not, the run ends here.
     fn paused(&mut self) -> bool {
@@ -94,7 +106,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
-    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0 };
+    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None };
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
@@ -113,6 +125,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
                 zeroed,
                 full_zero_n,
                 felt,
+                checks: Checking::default(),
             };
             ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
@@ -125,6 +138,8 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = walker.hand.remaining(doubted).await;
+            } else {
+                ending.cell = walker.weigh_after(listener).await;
             }
         }
         Err(halt) => {
@@ -139,7 +154,7 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
 impl Ending {
     /// Creates the ending of a run in which nothing has moved.
     pub fn halted(halt: impl Into<Halt>) -> Self {
-        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0 }
+        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None }
     }
 
     /// Returns the status for the run's manifest.
@@ -154,7 +169,9 @@ impl Ending {
 
     /// Returns the end of the run for its journal.
     pub fn end(&self, ended: String, wall_s: f64) -> End {
-        End { status: self.status(), t_s: self.t_s, ended, wall_s, failure: self.told() }
+        let (status, failure) = (self.status(), self.told());
+        let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
+        End { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
@@ -212,6 +229,8 @@ pub(super) struct Walker<'a, S, C, A> {
     pub full_zero_n: f64,
     /// Last contact in which the array was sampled: place, force, and outputs, V.
     pub felt: Option<((Place, f64), Vec<f64>)>,
+    /// Checks so far, and what they are compared with.
+    pub checks: Checking,
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
@@ -230,20 +249,22 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         ledger.record(&Record::Devices(devices))?;
         ledger.record(zero)?;
         let left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
-        let Some(first) = left.front() else { return Ok(()) };
-        self.touch_again(&past, plan, first.place, ledger, listener).await?;
-        self.map = past.map;
+        let first = left.front().map(|first| first.place);
+        let Some(first) = first.or_else(|| past.checks.closing_place(plan)) else { return Ok(()) };
+        self.touch_again(&past, plan, first, ledger, listener).await?;
+        (self.map, self.checks) = (past.map, past.checks);
         past.felt.into_iter().for_each(|felt| self.response.learn(self.with_noise(felt)));
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
             // how much of it had passed isn't known
             owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
             if let Some(how) = how {
-                self.go_back(first.place, how).await?;
+                self.go_back(first, how).await?;
             }
         }
-        self.rest(owed_s, first.place, ledger, listener).await?;
-        self.presses(left, ledger, listener).await
+        self.rest(owed_s, first, ledger, listener).await?;
+        self.presses(plan, left, ledger, listener).await?;
+        self.check_at_end(plan, ledger, listener).await
     }
 
     /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
@@ -266,11 +287,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     async fn presses(
         &mut self,
+        plan: &Plan,
         mut left: VecDeque<&Entry>,
         ledger: &mut dyn Ledger,
         listener: &mut dyn Listener,
     ) -> Result<(), Halt> {
         while let Some(entry) = left.pop_front() {
+            self.check_before(entry, plan, ledger, listener).await?;
             self.pressing = Some(entry.press);
             listener.begins(entry);
             let next = left.front().map(|next| next.place);
@@ -286,7 +309,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             let record = Record::Contact(contact);
             ledger.record(&record)?;
             self.pressing = None;
-            record.contact().into_iter().for_each(|contact| listener.recorded(contact));
+            if let Some(contact) = record.contact() {
+                self.checks.take_contact(contact);
+                listener.recorded(contact);
+            }
             let Some(next) = next else { break };
             if drifted_n.abs() > NEW_ZERO_SHARE * self.conditions.spec.limits.force_n {
                 self.zero_again(next, ledger).await?;
@@ -297,7 +323,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Adds the noise of the array and of the load cell to what was felt.
-    fn with_noise(&self, felt: Felt) -> Felt {
+    pub(super) fn with_noise(&self, felt: Felt) -> Felt {
         let cell_n = self.hand.cell.watch.zero().sigma_mean_n(AIR_READINGS);
         Felt { sigmas: [self.hand.output_sigma(), cell_n], ..felt }
     }
@@ -327,7 +353,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Rests in air for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
-    async fn rest(
+    pub(super) async fn rest(
         &mut self,
         seconds: f64,
         next: Place,

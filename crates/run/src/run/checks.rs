@@ -1,0 +1,261 @@
+//! Checks of a run: the first place of the plan is pressed again, and compared with the first press there.
+
+use super::Halt;
+use super::check_weight::{CellAfter, Weighing, weigh};
+use super::estimate::estimated_s;
+use super::past::felt;
+use super::walk::{Listener, Standby, Walker};
+use crate::rig::RigSpec;
+use palpate_control::{Changed, Felt, Strategy, Task};
+use palpate_core::quantity::Place;
+use palpate_data::dataset::{Change, Check, Contact, Ledger, Left, Record};
+use palpate_data::recipe::{Checks, Entry, Phase, Plan};
+use palpate_link::device::{LoadCell, SensorArray, Stage};
+
+/// Number of the first check, for random values. It is far above the numbers of planned contacts.
+const CHECKED: u64 = 1 << 61;
+
+/// Largest number of calibration or test presses between two checks, and largest time of them, s.
+const PRESSES_MOST: u64 = 100;
+const SECONDS_MOST: f64 = 3600.0;
+
+/// State of the checks of a run. It follows from the records, so that an interrupted run makes the same checks.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Checking {
+    /// First press of the plan with a force, with which the checks are compared.
+    reference: Option<Reference>,
+    /// Number of checks so far.
+    made: u64,
+    /// Last press of the plan.
+    last: Option<u64>,
+    /// First press after the reference, or after the last check that passed.
+    unchecked_from: Option<u64>,
+    /// Whether a check is later than every press.
+    is_checked: bool,
+    since: Since,
+}
+
+/// Calibration and test presses since the last check.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Since {
+    presses: u64,
+    seconds: f64,
+    /// Time of the last contact, s since the run's start.
+    before_s: Option<f64>,
+}
+
+/// Press with which the checks are compared.
+#[derive(Clone, Debug, PartialEq)]
+struct Reference {
+    press: u64,
+    felt: Felt,
+    force_set_n: f64,
+    depth_mm: Option<f64>,
+}
+
+impl Since {
+    /// Counts a press of a phase that ended at `t_s`.
+    pub(super) fn count(&mut self, phase: Phase, t_s: f64) {
+        if is_checked_between(phase) {
+            self.presses += 1;
+            self.seconds += (t_s - self.before_s.unwrap_or(t_s)).max(0.0);
+        }
+        self.before_s = Some(t_s);
+    }
+
+    /// Begins again after a check that ended at `t_s`.
+    pub(super) fn restart(&mut self, t_s: f64) {
+        *self = Since { before_s: Some(t_s), ..Since::default() };
+    }
+
+    /// Whether a check is due between two entries of the plan.
+    pub(super) fn is_due(&self, before: &Entry, next: &Entry) -> bool {
+        let are_both = [before, next].iter().all(|entry| is_checked_between(entry.phase));
+        self.is_enough() && are_both && before.rest_after_s == 0.0
+    }
+
+    fn is_enough(&self) -> bool {
+        self.presses >= PRESSES_MOST || self.seconds >= SECONDS_MOST
+    }
+}
+
+fn is_checked_between(phase: Phase) -> bool {
+    matches!(phase, Phase::Calibration | Phase::Test)
+}
+
+/// Returns the check of this number that repeats an entry of the plan with a force.
+fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
+    let task = Task { levels: Task::press(force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
+    Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
+}
+
+/// Returns the checks that a plan is expected to have on a rig.
+pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
+    let loaded_n =
+        |entry: &Entry| entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0);
+    let reference = plan.entries.iter().find_map(|entry| Some((entry, loaded_n(entry)?)));
+    let Some((reference, force_set_n)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
+    let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
+    for pair in plan.entries.windows(2).filter(|_| plan.checks == Checks::Between) {
+        now_s += estimated_s(&pair[..1], spec);
+        since.count(pair[0].phase, now_s);
+        if since.is_due(&pair[0], &pair[1]) {
+            since.restart(now_s);
+            made += 1;
+        }
+    }
+    (0..=made).map(|number| again(reference, number, force_set_n)).collect()
+}
+
+impl Checking {
+    /// Takes in a contact of the plan.
+    pub(super) fn take_contact(&mut self, contact: &Contact) {
+        if let Some(first) = contact.levels.first() {
+            let t_s = contact.t_s().or(first.t_s).unwrap_or_default();
+            first.phase.into_iter().for_each(|phase| self.since.count(phase, t_s));
+        }
+        (self.last, self.is_checked) = (Some(contact.press), false);
+        if self.reference.is_some() {
+            self.unchecked_from = self.unchecked_from.or(Some(contact.press));
+        } else if let Some((felt, force_set_n)) = felt(contact) {
+            let (press, depth_mm) = (contact.press, depth_mm(contact));
+            self.reference = Some(Reference { press, felt, force_set_n, depth_mm });
+        }
+    }
+
+    /// Takes in a check.
+    pub(super) fn take_check(&mut self, check: &Check) {
+        self.made += 1;
+        self.is_checked = true;
+        if !check.is_failed() {
+            self.unchecked_from = None;
+        }
+        self.since.restart(check.contact.t_s().unwrap_or_default());
+    }
+
+    /// Returns the entry of the next check: the first loaded level of the reference; `None` before there is a reference.
+    fn entry(&self, plan: &Plan) -> Option<Entry> {
+        let Reference { press, force_set_n, .. } = self.reference.as_ref()?;
+        let entry = plan.entries.iter().find(|entry| entry.press == *press)?;
+        Some(again(entry, self.made, *force_set_n))
+    }
+
+    /// Returns the check that is due before the `next` entry of a plan.
+    fn due(&self, plan: &Plan, next: &Entry) -> Option<Entry> {
+        if plan.checks != Checks::Between || !self.since.is_enough() {
+            return None; // a long plan isn't searched for each press
+        }
+        let before = plan.entries.iter().find(|entry| Some(entry.press) == self.last)?;
+        self.entry(plan).filter(|_| self.since.is_due(before, next))
+    }
+
+    /// Returns the check after the last press of a plan; `None` if it was made, or there is none.
+    fn closing(&self, plan: &Plan) -> Option<Entry> {
+        let is_due = plan.checks != Checks::None && !self.is_checked;
+        if is_due { self.entry(plan) } else { None }
+    }
+
+    /// Returns the place of the check after the last press of a plan; `None` if it was made, or there is none.
+    pub(super) fn closing_place(&self, plan: &Plan) -> Option<Place> {
+        self.closing(plan).map(|entry| entry.place)
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+    /// Makes the check that is due before an entry of the plan.
+    pub(super) async fn check_before(
+        &mut self,
+        next: &Entry,
+        plan: &Plan,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        match self.checks.due(plan, next) {
+            Some(entry) => self.check(&entry, Some(next.place), ledger, listener).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Makes the check after the last press of the plan.
+    pub(super) async fn check_at_end(
+        &mut self,
+        plan: &Plan,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        let Some(entry) = self.checks.closing(plan) else { return Ok(()) };
+        self.rest(0.0, entry.place, ledger, listener).await?; // as before every press, a person may pause or stop
+        self.check(&entry, None, ledger, listener).await
+    }
+
+    /// Asks for a known weight after the run, if a person is there. A weight that isn't put on within the time limit, or doesn't
+    /// rest, leaves the load cell unchecked.
+    pub(super) async fn weigh_after(&mut self, listener: &mut dyn Listener) -> Option<CellAfter> {
+        let (cell, weight) = (&self.conditions.spec.load_cell, listener.weight()?);
+        let before = cell.check.as_ref()?;
+        let probe = self.hand.probe.clone();
+        let mut weighing = Weighing { weight, ask: &mut |ask| listener.ask(ask) };
+        let weighed = weigh(&mut self.hand.cell, probe.as_ref(), &mut weighing).await.ok()?;
+        Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
+    }
+
+    async fn check(
+        &mut self,
+        entry: &Entry,
+        next: Option<Place>,
+        ledger: &mut dyn Ledger,
+        listener: &mut dyn Listener,
+    ) -> Result<(), Halt> {
+        let mut contact = self.press(entry, next).await?;
+        let number = self.checks.made;
+        contact.press = number;
+        contact.levels.iter_mut().for_each(|level| level.press = number);
+        contact.lesson = None; // a check teaches nothing
+        self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
+        let Some(check) = self.compared(contact, next.is_none()) else { return Ok(()) };
+        let record = Record::Check(check);
+        ledger.record(&record)?;
+        if let Record::Check(check) = &record {
+            self.checks.take_check(check);
+            listener.checked(check);
+        }
+        Ok(())
+    }
+
+    /// Compares the press of a check with the reference.
+    fn compared(&self, contact: Contact, at_end: bool) -> Option<Check> {
+        let reference = self.checks.reference.as_ref()?;
+        let before = self.with_noise(reference.felt.clone());
+        let now = felt(&contact).map(|(felt, _)| self.with_noise(felt));
+        let changed = now.as_ref().and_then(|now| self.response.compare(&before, now));
+        let depths = reference.depth_mm.zip(depth_mm(&contact)).zip(now.as_ref());
+        let sunk = depths.and_then(|((before_mm, now_mm), now)| {
+            self.map.compare(before.place, [(before.force_n, before_mm), (now.force_n, now_mm)])
+        });
+        let change = |(by, limit)| Change { by, limit };
+        let [outputs, pattern] = [changed.map(|Changed { gain, .. }| gain), changed.map(|it| it.pattern)];
+        let sizes = [outputs.map(|(by, _)| by), sunk.map(|sunk| sunk.force)].into_iter().flatten().map(f64::abs);
+        let mut check = Check {
+            number: contact.press,
+            reference: reference.press,
+            at_end,
+            contact,
+            outputs: outputs.map(change),
+            pattern: pattern.map(change),
+            depth: sunk.map(|sunk| change((sunk.depth, sunk.limit))),
+            // a gain of the load cell that has changed shows in both by as much
+            cell: sizes.reduce(f64::min).unwrap_or_default(),
+            doubtful_from: None,
+        };
+        if check.is_failed() {
+            check.doubtful_from = Some(self.checks.unchecked_from.unwrap_or(reference.press));
+        }
+        Some(check)
+    }
+}
+
+/// Depth of the first level with a force, mm.
+fn depth_mm(contact: &Contact) -> Option<f64> {
+    let level = contact.levels.iter().find(|level| level.force_set_n.is_some_and(|force_n| force_n > 0.0))?;
+    level.depth_mm.filter(|depth_mm| *depth_mm > 0.0)
+}

@@ -1,0 +1,223 @@
+//! Checks before and after: the first place is pressed again, the plan's presses stay as they are, and a load cell or a sensor that
+//! has changed meanwhile leaves nothing decided.
+
+use palpate_core::quantity::WeightCheck;
+use palpate_data::dataset::{Check, Contact, Ledger, Memory, Record, Status};
+use palpate_data::recipe::{Checks, Phase, Plan};
+use palpate_run::rig::RigSpec;
+use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, Walk, expected_checks, walk};
+use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
+use palpate_testing::walks::{bench, in_virtual_time, plan};
+use palpate_testing::{Bench, shipped_text};
+
+/// Five presses: fewer than the rules within a run need to compare.
+const TINY: &str = "name = \"tiny\"\n[[step]]\nphase = \"calibration\"\n\
+                    list = { places_mm = [[0, 0], [2, 0], [0, 2], [2, 2]] }\nforce_n = 1.0\n\
+                    [[step]]\nphase = \"test\"\nlist = { places_mm = [[1, 1]] }\nforce_n = 1.0\n\
+                    [accept]\nlocation_mean_mm = 100.0\n";
+const TINY_PRESSES: u64 = 5;
+
+/// 13 by 8 presses, of which a check comes after the hundredth.
+const LONGER: &str = "name = \"longer\"\nchecks = \"between\"\n[[step]]\nphase = \"calibration\"\n\
+                      cells = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], columns = 13, rows = 8 }\nforce_n = 1.0\n\
+                      strategy = \"velocity\"\n";
+const BEFORE_CHECK: usize = 100;
+
+/// A person who stops after so many presses.
+struct Stopping<'a> {
+    cancel: &'a Cancel,
+    left: usize,
+}
+
+impl Listener for Stopping<'_> {
+    fn recorded(&mut self, _: &Contact) {
+        self.left -= 1;
+        if self.left == 0 {
+            self.cancel.ask();
+        }
+    }
+}
+
+/// Walks a plan until so many more presses are made.
+fn walked(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
+    let cancel = Cancel::default();
+    in_virtual_time(async {
+        let errand = Walk { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
+        walk(errand, &mut Stopping { cancel: &cancel, left: presses }).await
+    })
+}
+
+fn checks(memory: &Memory) -> Vec<Check> {
+    let check = |record: &Record| match record {
+        Record::Check(check) => Some(check.clone()),
+        _ => None,
+    };
+    memory.records().iter().filter_map(check).collect()
+}
+
+/// The contacts and checks in their order: the number of a press; none for a check.
+fn order(memory: &Memory) -> Vec<Option<u64>> {
+    let number = |record: &Record| match record {
+        Record::Check(_) => Some(None),
+        record => record.contact().map(|contact| Some(contact.press)),
+    };
+    memory.records().iter().filter_map(number).collect()
+}
+
+fn whole(spec: &RigSpec, plan: &Plan) -> Memory {
+    let mut memory = Memory::default();
+    let ending = walked(spec, plan, &mut memory, usize::MAX);
+    assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+    memory
+}
+
+#[test]
+fn a_run_ends_with_a_check_that_changes_no_press() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, TINY, 1);
+    let (with, without) = (whole(&spec, &plan), whole(&spec, &Plan { checks: Checks::None, ..plan.clone() }));
+    assert_eq!(with.contacts().collect::<Vec<_>>(), without.contacts().collect::<Vec<_>>());
+    assert_eq!(checks(&without), []);
+    let [check] = &checks(&with)[..] else { panic!("{:?}", checks(&with)) };
+    assert!(!check.is_failed() && check.at_end && check.reference == 0, "{}", check.line());
+    let row = &check.contact.levels[0];
+    assert_eq!((row.press, row.phase, row.force_set_n), (0, Some(Phase::Check), Some(1.0)));
+    assert!(check.cell < 0.05, "{check:?}");
+    assert_eq!(expected_checks(&plan, &spec).len(), 1);
+}
+
+#[test]
+fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_makes_the_same() {
+    let spec = bench("bench-fast");
+    let plan = plan(&spec, LONGER, 1);
+    let memory = whole(&spec, &plan);
+    let order_of_all = order(&memory);
+    let places: Vec<usize> = (0..order_of_all.len()).filter(|&i| order_of_all[i].is_none()).collect();
+    assert_eq!(places, [BEFORE_CHECK, plan.entries.len() + 1]);
+    let made = checks(&memory);
+    assert!(made.iter().all(|check| !check.is_failed() && check.reference == 0), "{made:?}");
+    assert_eq!(made.iter().map(|check| (check.number, check.at_end)).collect::<Vec<_>>(), [(0, false), (1, true)]);
+    assert_eq!(expected_checks(&plan, &spec).len(), 2);
+
+    let at_end = whole(&spec, &Plan { checks: Checks::End, ..plan.clone() });
+    let first: Vec<&Contact> = memory.contacts().take(BEFORE_CHECK).collect();
+    assert_eq!(first, at_end.contacts().take(BEFORE_CHECK).collect::<Vec<_>>());
+
+    // stopped when the check is due, and again when only the last one is missing
+    let mut interrupted = Memory::default();
+    for presses in [BEFORE_CHECK, plan.entries.len() - BEFORE_CHECK] {
+        assert_eq!(walked(&spec, &plan, &mut interrupted, presses).status(), Status::Stopped);
+    }
+    assert_eq!(walked(&spec, &plan, &mut interrupted, usize::MAX).status(), Status::Complete);
+    assert_eq!(order(&interrupted), order_of_all);
+    let numbers = |check: &Check| (check.number, check.reference, check.at_end, check.contact.levels[0].place());
+    assert_eq!(
+        checks(&interrupted).iter().map(numbers).collect::<Vec<_>>(),
+        made.iter().map(numbers).collect::<Vec<_>>()
+    );
+}
+
+#[test]
+fn no_check_comes_inside_a_characterisation_or_a_rest() {
+    let spec = bench("bench-fast");
+    let recipe = "name = \"r\"\nchecks = \"between\"\n[[step]]\nphase = \"characterisation\"\nunits = \"all\"\n\
+                  staircase = { to_n = 1.0, step_n = 1.0, repeats = 20, rest_s = 300.0 }\n\
+                  [[step]]\nphase = \"calibration\"\nunits = [1]\n\
+                  staircase = { to_n = 1.0, step_n = 1.0, repeats = 20, rest_s = 300.0 }\n";
+    let recipe = plan(&spec, recipe, 1);
+    assert_eq!(expected_checks(&recipe, &spec).len(), 1, "the one at the end");
+}
+
+#[test]
+fn a_load_cell_or_a_sensor_that_has_changed_leaves_nothing_decided() {
+    let rig = shipped_text("rigs/sim.toml");
+    let less = rig.replacen("noise_n = 0.003 }", "noise_n = 0.003, gain_error_percent = -30.0 }", 1);
+    let other = rig.clone() + "\n[[scene.taxel_fault]]\nunit = 5\nkind = \"drifted\"\ngain_percent = -95.0\n";
+    for (world, what) in
+        [(&less, "outputs for each newton differ by"), (&other, "the pattern of the outputs differs by")]
+    {
+        assert_ne!(*world, rig);
+        let bench = Bench::with([("r.toml", TINY)]);
+        let told = bench.palpate_ends(0, "run r.toml --out run");
+        assert!(told.out.contains("check at the end: outputs for each newton"), "{}", told.out);
+        cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
+        change_the_world(&bench, "run", world);
+        let told = bench.palpate_ends(1, "resume run");
+        let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(said.contains("check failed at the end: ") && said.contains(what), "{said}");
+        assert!(said.contains("presses from 1 on are doubtful") && said.contains("NOT DECIDED"), "{said}");
+        assert_eq!(bench.manifest("run")["status"], "complete");
+        assert_eq!(bench.manifest("run")["presses_done"], TINY_PRESSES);
+        let told = bench.palpate_ends(1, "evaluate run");
+        assert!(told.out.contains("NOT DECIDED") && told.err.contains("check failed at the end"), "{}", told.err);
+        bench.palpate_ends(0, "verify run");
+    }
+}
+
+#[test]
+fn a_recipe_without_checks_makes_none_and_check_counts_them() {
+    let none = TINY.replacen('\n', "\nchecks = \"none\"\n", 1);
+    let bench = Bench::with([("r.toml", TINY), ("none.toml", &none)]);
+    assert!(bench.palpate_ends(0, "check r.toml").out.contains("and 1 check at the end, at (0, 0) mm\n"));
+    assert!(!bench.palpate_ends(0, "check none.toml").out.contains("check"));
+    bench.palpate_ends(0, "run r.toml --out run");
+    let told = bench.palpate_ends(0, "run none.toml --out none");
+    assert!(!told.out.contains("check"), "{}", told.out);
+    for table in ["presses.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"] {
+        assert_eq!(bench.read(&format!("run/{table}")), bench.read(&format!("none/{table}")), "{table}");
+    }
+    assert_eq!(bench.manifest("run")["checks"], 1);
+    assert!(bench.manifest("none").get("checks").is_none());
+}
+
+#[test]
+fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
+    let check = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0, gain_sd = 0.0002, times = 3, date = \"2026-05-04\" }";
+    let rig = shipped_text("rigs/sim.toml").replacen("lag_ms = 0.0", &format!("{check}\nlag_ms = 0.0"), 1);
+    let bench = Bench::with([("r.toml", TINY), ("rig.toml", &rig)]);
+    let told = bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+    assert!(told.out.contains("the load cell was not checked after the run"), "{}", told.out);
+    assert_eq!(bench.manifest("run")["cell_unchecked"], true);
+    bench.palpate_ends(0, "run r.toml --out other");
+    assert!(bench.manifest("other").get("cell_unchecked").is_none());
+}
+
+/// A person with a weight, who may not notice that it is asked for.
+struct Weighing {
+    weight: KnownWeight,
+    asked: Vec<Ask>,
+}
+
+impl Listener for Weighing {
+    fn weight(&mut self) -> Option<KnownWeight> {
+        Some(self.weight)
+    }
+
+    fn ask(&mut self, ask: Ask) {
+        self.asked.push(ask);
+    }
+}
+
+#[test]
+fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever() {
+    for (gain, pressed_n, found) in [(1.0, 0.5, Some(false)), (0.95, 0.5, Some(true)), (1.0, 1e-6, None)] {
+        let mut spec = bench("bench-fast");
+        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
+        let (gain_sd, date) = (0.0002, "2026-05-04".to_owned());
+        let (weight_n, weight_u_n) = (known.weight_n, known.u_n);
+        let check =
+            WeightCheck { weight_n, weight_u_n, pull: false, gain: 1.0, gain_sd, times: 3, date, adjusted: false };
+        spec.load_cell.check = Some(check);
+        spec.scene.load_cell.as_mut().expect("a load cell").gain = gain;
+        let plan = plan(&spec, TINY, 1);
+        let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
+        let (mut memory, cancel) = (Memory::default(), Cancel::default());
+        let ending = in_virtual_time(async {
+            let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+            walk(errand, &mut person).await
+        });
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        assert_eq!(ending.cell.map(|cell| cell.problem().is_some()), found, "{gain}, {pressed_n}: {:?}", ending.cell);
+        assert_eq!(person.asked.len(), if found.is_some() { 6 } else { 1 }, "{:?}", person.asked);
+    }
+}
