@@ -14,7 +14,7 @@ const ROSE_SHARE: f64 = 0.5;
 const STIFFNESS: Field = Field { length_mm: 3.0, spread: 0.25 };
 /// Error of a distance, mm, from the read-back and a contact that isn't flat.
 pub(super) const WAY_MM: f64 = 0.010;
-/// Fraction of the distance of the softest press around beyond which a press is too soft, whatever the scatter is.
+/// Fraction of the distance of the softest press around beyond which a press is too soft with any scatter.
 const SOFTEST_SHARE: f64 = 0.55;
 /// Standard deviation of a prediction, as a fraction, up to which a press may go as deep as predicted at once.
 const SURE: f64 = 0.10;
@@ -171,8 +171,8 @@ impl Taught {
         softness * self.shape.depth_mm((1.0 + over) * limit_n) + WAY_MM
     }
 
-    /// Depth, mm, at which the force is within `limit_n` by what the presses around have shown, whatever the load cell reads; 0 if
-    /// they have shown too little.
+    /// Depth, mm, at which the force is within `limit_n` by what the presses around have shown, with any reading of the load
+    /// cell; 0 if they have shown too little.
     pub fn safe_mm(&self, limit_n: f64) -> f64 {
         match self.predicted {
             Some((softness, sigma)) if sigma <= SURE => {

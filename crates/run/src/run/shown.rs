@@ -63,7 +63,7 @@ impl Listener for Silent {}
 /// Presses once on a simulated rig.
 ///
 /// # Errors
-/// Whatever ended the press early.
+/// The reason why the press ended early.
 pub(super) async fn press(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<(), Halt> {
     let Ok(mut plan) = align_plan(spec, seed) else { return Ok(()) };
     plan.entries.truncate(1);
