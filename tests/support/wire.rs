@@ -56,7 +56,7 @@ pub enum WireFault {
 
 impl WireFault {
     /// The instrument on whose wire it is.
-    fn device(self) -> Device {
+    pub fn device(self) -> Device {
         use WireFault as Is;
         match self {
             Is::CellSlow(..) | Is::CellGain(_) | Is::CellStuck(_) | Is::CellDrifts(_) | Is::CellOffset(_) => {
