@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Calibrations of the quick and of the full tier.
-const CALIBRATIONS: (usize, usize) = (6, 60);
+const CALIBRATIONS: (usize, usize) = (4, 60);
 
 /// Largest share of a limit that a sound press may use up.
 const SHARE_MOST: f64 = 0.8;
@@ -28,7 +28,7 @@ const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 3.0");
 const PAPER: &str = include_str!("../../recipes/paper.toml");
 
 /// The force near the limit, N.
-const NEAR_LIMIT_N: f64 = 1.9;
+const NEAR_LIMIT_N: f64 = 1.8;
 
 /// Distance between places that lie far apart, mm, and how far each may be from its point of the grid.
 const APART_MM: f64 = 4.0;
@@ -95,7 +95,10 @@ impl Calibration {
         let (bench, _) = BENCHES[rng.random_range(0..BENCHES.len())];
         let mut spec = bench_with_taxels(bench);
         let has_edges = (nth + nth / PRESSED.len()).is_multiple_of(2);
-        let with = if has_edges { give_edges(&mut spec, &mut rng) } else { give_an_ill(&mut spec, &mut rng) };
+        let with = if has_edges { give_edges(&mut spec, &mut rng) } else { give_an_ill(&mut spec, pressed, &mut rng) };
+        if pressed == Pressed::NearLimit {
+            spec.limits.depth_mm = SOFT_DEPTH_MM; // where the tip's support gives way it goes deeper
+        }
         let recipe = recipe(pressed, &mut rng);
         let told = format!("calibration {seed}: {bench}, {pressed:?}, {with}");
         Calibration { seed, pressed, told, spec, recipe }
@@ -129,12 +132,18 @@ fn give_edges(spec: &mut RigSpec, rng: &mut Stream) -> String {
     let half_mm = rng.random_range(EDGE_HALF_MM.0..EDGE_HALF_MM.1);
     let width_mm = rng.random_range(EDGE_WIDTH_MM.0..EDGE_WIDTH_MM.1);
     spec.scene.edges = Some(Edges { percent, half_mm, width_mm });
-    if percent > 0.0 { spec.limits.stiffness_n_mm = STIFF_N_MM } else { spec.limits.depth_mm = SOFT_DEPTH_MM }
+    if percent > 0.0 {
+        spec.limits.stiffness_n_mm = STIFF_N_MM
+    } else {
+        spec.limits.depth_mm = SOFT_DEPTH_MM
+    }
     format!("edges of {percent:+} % at {half_mm:.2} mm, {width_mm:.2} mm wide")
 }
 
-fn give_an_ill(spec: &mut RigSpec, rng: &mut Stream) -> String {
-    match ILLS.get(rng.random_range(0..ILLS.len() + 2)) {
+fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut Stream) -> String {
+    // the first is a drift: in the hours of the paper's protocol it leaves the range of the cell
+    let first = usize::from(pressed == Pressed::Paper);
+    match ILLS.get(rng.random_range(first..ILLS.len() + 2)) {
         Some((told, ill)) => {
             ill(spec);
             (*told).to_owned()
@@ -152,7 +161,8 @@ fn recipe(pressed: Pressed, rng: &mut Stream) -> String {
         text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", strategy.name()), 1)
     };
     let one_of_them = Strategy::ALL[rng.random_range(0..Strategy::ALL.len())];
-    let thinned = |text: &str| if campaign::is_quick() { text.replacen(COARSER.0, COARSER.1, 1) } else { text.to_owned() };
+    let thinned =
+        |text: &str| if campaign::is_quick() { text.replacen(COARSER.0, COARSER.1, 1) } else { text.to_owned() };
     let places = |places: &[Place]| {
         let mut list = String::new();
         places.iter().for_each(|at| write!(list, "[{:.3}, {:.3}], ", at.x_mm, at.y_mm).expect("a string"));
@@ -178,7 +188,8 @@ fn recipe(pressed: Pressed, rng: &mut Stream) -> String {
         }
         Pressed::Points => {
             let count = if campaign::is_quick() { 20 } else { 100 };
-            let random = format!("random = {{ count = {count}, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }}");
+            let random =
+                format!("random = {{ count = {count}, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }}");
             strategy(one_of_them, head) + &format!("[[step]]\nphase = \"test\"\n{random}\n")
         }
         Pressed::Paper if campaign::is_quick() => {

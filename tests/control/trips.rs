@@ -88,7 +88,8 @@ fn permit() -> Permit {
 #[test]
 fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
     // a bump: the force is there 0.2 mm before the earliest surface that the learned plane allows
-    let standing = Standing { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
+    let standing =
+        Standing { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
     let deepest_mm = permit().deepest_mm(&standing);
     let force_n = 0.1 + 2.0 * (deepest_mm + 0.2);
     assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
@@ -101,7 +102,8 @@ fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
 
 #[test]
 fn nothing_is_granted_on_what_is_not_a_number() {
-    let good = Standing { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1, most_mm: f64::INFINITY };
+    let good =
+        Standing { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1, most_mm: f64::INFINITY };
     assert!(permit().advance(&good, -0.5, 1.0).is_ok());
     for bad in [
         Standing { z_mm: f64::NAN, ..good },

@@ -159,7 +159,16 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
         eye.seen.truth.take(at_rest);
         let Seen { truth, orphaned, messages } = eye.seen;
-        Walked { ending, ledger, truth, orphaned, ready_s: listener.ready_s, virtual_s, messages, left_n: at_rest.force_true_n }
+        Walked {
+            ending,
+            ledger,
+            truth,
+            orphaned,
+            ready_s: listener.ready_s,
+            virtual_s,
+            messages,
+            left_n: at_rest.force_true_n,
+        }
     })
 }
 

@@ -23,8 +23,8 @@ pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
 };
 pub use spec::{
-    ContactLaw, Device, Edges, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes, Stiffness,
-    Surroundings, Wave,
+    ContactLaw, Device, Edges, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
+    Stiffness, Surroundings, Wave,
 };
 pub use truth::Truth;
 
