@@ -21,9 +21,9 @@ const ALL_N: f64 = 0.0035;
 const ALL_PEAK_N: f64 = 0.009;
 
 /// An ill by its name.
-type Ill = (&'static str, fn(&mut RigSpec));
+pub(crate) type Ill = (&'static str, fn(&mut RigSpec));
 
-const ILLS: [Ill; 5] = [
+pub(crate) const ILLS: [Ill; 5] = [
     ("drift of 30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
     ("wander of 5 mN in 25 s", |spec| cell(spec).wander = Some(Wave { amplitude: 0.005, period_s: 25.0 })),
     ("hum of 10 mN, 49.8 Hz", |spec| cell(spec).hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 49.8 })),
@@ -36,7 +36,7 @@ fn cell(spec: &mut RigSpec) -> &mut LoadCell {
 }
 
 /// All at once, with a slow controller, play, a soft mounting and a surface that creeps.
-fn all(spec: &mut RigSpec) {
+pub(crate) fn all(spec: &mut RigSpec) {
     let cell = cell(spec);
     cell.hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 50.0 });
     cell.wander = Some(Wave { amplitude: 0.005, period_s: 25.0 });

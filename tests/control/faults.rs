@@ -310,6 +310,8 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],
         // half a newton that is gone while it presses could be anything's
         FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen", "softer-than-taught"],
+        // no rig file has it: `wire_faults` has
+        FaultKind::Risen => &[],
     }
 }
 

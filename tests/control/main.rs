@@ -1,6 +1,7 @@
 //! How a press is controlled: the machine alone, and whole walks on specimens, links and cells that aren't as they should be.
 
 mod bench_ills;
+mod false_alarms;
 mod false_trips;
 mod faults;
 mod first_descent;
@@ -15,3 +16,4 @@ mod tilt;
 mod trips;
 mod uncertainty;
 mod unzeroed;
+mod wire_faults;

@@ -18,6 +18,7 @@ pub mod served;
 pub mod skins;
 pub mod twins;
 pub mod walks;
+pub mod wire;
 
 use palpate_link::device::{DeviceError, Identity, Reins, Stage, StageUse};
 use serde_json::Value;

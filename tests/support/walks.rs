@@ -46,12 +46,18 @@ pub fn bench_recipe(seeds: u64) -> String {
 
 /// A bench as it is shipped, but for what only costs time here: taxels, and most of the way from home.
 pub fn bench(name: &str) -> RigSpec {
+    let mut spec = bench_with_taxels(name);
+    spec.scene.skin.noise = None;
+    spec.scene.skin.hysteresis_percent = None;
+    spec
+}
+
+/// The same with its taxels' noise and hysteresis.
+pub fn bench_with_taxels(name: &str) -> RigSpec {
     let text = BENCHES.iter().find(|(bench, _)| *bench == name).expect("a bench").1;
     let mut spec = rig::parse(name, text, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     spec.stage.home_z_mm = Some(spec.stage.travel.axes[Axis::Z.index()].max); // the limit is where it was
     spec.stage.travel.axes[Axis::Z.index()].max = Z_MOST_MM;
-    spec.scene.skin.noise = None;
-    spec.scene.skin.hysteresis_percent = None;
     spec
 }
 
@@ -75,6 +81,8 @@ pub struct Walked {
     pub virtual_s: f64,
     /// Messages that the stage took.
     pub messages: usize,
+    /// The force on the specimen when everything was at rest again, N.
+    pub left_n: f64,
 }
 
 /// The worst of what happened.
@@ -148,9 +156,19 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let now_s = began.elapsed().as_secs_f64();
         let mut eye = eye.lock().expect("the walk is over");
         eye.look(now_s);
-        eye.seen.truth.take(scene.lock().expect("the walk is over").run_out(now_s));
+        let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
+        eye.seen.truth.take(at_rest);
         let Seen { truth, orphaned, messages } = eye.seen;
-        Walked { ending, ledger, truth, orphaned, ready_s: listener.ready_s, virtual_s, messages }
+        Walked {
+            ending,
+            ledger,
+            truth,
+            orphaned,
+            ready_s: listener.ready_s,
+            virtual_s,
+            messages,
+            left_n: at_rest.force_true_n,
+        }
     })
 }
 

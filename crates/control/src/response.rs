@@ -15,6 +15,9 @@ const GAIN_SPREAD: f64 = 0.3;
 const PATTERN_SPREAD: f64 = 0.6;
 /// Standard deviation of both between contacts whose forces differ by a factor of e. Outputs aren't proportional to the force.
 const NONLINEAR: f64 = 0.1;
+/// Standard deviation of the outputs between repeated contacts, as a fraction of the largest outputs so far. A light contact repeats
+/// no better than a strong one. This can't be seen in air.
+const REPEATS: f64 = 0.02;
 
 /// A contact as the array and the load cell measured it.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,6 +37,8 @@ pub struct Felt {
 pub struct Response {
     length_mm: f64,
     known: Vec<Felt>,
+    /// Largest length of the vector of outputs.
+    most: f64,
     gain: Misses,
     pattern: Misses,
 }
@@ -60,10 +65,11 @@ impl Felt {
         (self.length() / self.force_n).ln()
     }
 
-    /// Relative standard deviation by noise alone.
-    fn own(&self) -> f64 {
+    /// Relative standard deviation by noise and by imperfect repetition alone. `most` is the largest length of the outputs so far.
+    fn own(&self, most: f64) -> f64 {
         let [output, force_n] = self.sigmas;
-        (output * (self.outputs.len() as f64).sqrt() / self.length()).hypot(force_n / self.force_n)
+        let outputs = (output * (self.outputs.len() as f64).sqrt()).hypot(REPEATS * most);
+        (outputs / self.length()).hypot(force_n / self.force_n)
     }
 }
 
@@ -80,7 +86,7 @@ impl Response {
     /// Creates a response that knows only the distance between taxels, mm, if there is one.
     pub fn new(pitch_mm: Option<f64>) -> Self {
         let length_mm = LENGTH_SHARE * pitch_mm.unwrap_or(PITCH_MM);
-        Response { length_mm, known: Vec::new(), gain: Misses::default(), pattern: Misses::default() }
+        Response { length_mm, known: Vec::new(), most: 0.0, gain: Misses::default(), pattern: Misses::default() }
     }
 
     /// Compares a contact with the contacts around it.
@@ -107,7 +113,7 @@ impl Response {
         }
         let scatter = self.differences(now).map_or((0.0, 0.0), |known| (known.gain.1, known.pattern.1));
         let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
-        let own = before.own().hypot(now.own()).hypot(nonlinear);
+        let own = before.own(self.most).hypot(now.own(self.most)).hypot(nonlinear);
         let pairs = before.outputs.iter().zip(&now.outputs);
         let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
         let changed = Changed {
@@ -134,6 +140,7 @@ impl Response {
             self.gain.learn(gain.0, gain.1);
             self.pattern.learn(pattern.0, pattern.1);
         }
+        self.most = self.most.max(felt.length());
         if self.known.len() < CONTACTS_MAX {
             self.known.push(felt);
             return;
@@ -152,13 +159,13 @@ impl Response {
             .map(|i| &self.known[i])
             .collect();
         let places: Vec<Place> = near.iter().map(|known| known.place).collect();
-        let own: Vec<f64> = near.iter().map(|known| known.own()).collect();
+        let own: Vec<f64> = near.iter().map(|known| known.own(self.most)).collect();
         let field = |spread| Field { length_mm: self.length_mm, spread };
         let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
         // what all of them have in common isn't averaged away
-        let beyond = felt.own().hypot(NONLINEAR * ratios.sum::<f64>());
+        let beyond = felt.own(self.most).hypot(NONLINEAR * ratios.sum::<f64>());
         let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * known.gain()).sum();
         let mut pattern = vec![0.0; felt.outputs.len()];
         for (known, weight) in near.iter().zip(&patterns.each) {

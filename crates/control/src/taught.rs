@@ -12,6 +12,9 @@ const PRESSES_MAX: usize = 2048;
 const ROSE_SHARE: f64 = 0.5;
 /// Change of the logarithm of the stiffness over a specimen. Elastomers of a few mm have free edges about as wide as they are thick.
 const STIFFNESS: Field = Field { length_mm: 3.0, spread: 0.25 };
+/// Fraction of the usual limit of a difference, in sd. Stiffness is smoother than outputs, and where presses are a few mm apart the
+/// usual limit lets half the gain of a load cell pass.
+const STRICTER: f64 = 0.75;
 /// Error of a distance, mm, from the read-back and a contact that isn't flat.
 pub(super) const WAY_MM: f64 = 0.010;
 /// Fraction of the distance of the softest press around beyond which a press is too soft with any scatter.
@@ -137,13 +140,14 @@ impl Taught {
     pub fn longest_mm(&self, from_n: f64, to_n: f64) -> f64 {
         let on_curve_mm = self.on_curve_mm(from_n, to_n);
         let most = self.softest / SOFTEST_SHARE;
-        let most = self.predicted.map_or(most, |(softness, sigma)| (softness * most_off(sigma).exp()).min(most));
+        let most =
+            self.predicted.map_or(most, |(softness, sigma)| (softness * most_off(STRICTER * sigma).exp()).min(most));
         most * on_curve_mm + WAY_MM
     }
 
     /// Shortest distance that a rise of the force may need at that place, mm; 0 if too little is known.
     pub fn shortest_mm(&self, from_n: f64, to_n: f64) -> f64 {
-        let least = self.predicted.map_or(0.0, |(softness, sigma)| softness * (-most_off(sigma)).exp());
+        let least = self.predicted.map_or(0.0, |(softness, sigma)| softness * (-most_off(STRICTER * sigma)).exp());
         (least * self.on_curve_mm(from_n, to_n) - WAY_MM).max(0.0)
     }
 
@@ -151,7 +155,7 @@ impl Taught {
     pub fn share(&self, from_n: f64, to_n: f64, way_mm: f64) -> Option<f64> {
         let (softness, sigma) = self.predicted?;
         let expected_mm = softness * self.on_curve_mm(from_n, to_n);
-        Some((way_mm / expected_mm).ln().abs() / most_off(sigma.hypot(WAY_MM / expected_mm)))
+        Some((way_mm / expected_mm).ln().abs() / most_off(STRICTER * sigma.hypot(WAY_MM / expected_mm)))
     }
 
     /// Force, N, of the softest of them at a position deeper by `way_mm` than where the force is `from_n`.

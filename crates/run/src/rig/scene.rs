@@ -72,6 +72,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         surface_wave,
         relief,
         stiffness,
+        edges: None,
         stage,
         load_cell,
         latencies: latencies?,

@@ -41,10 +41,12 @@ pub enum FaultKind {
     Noisy,
     /// The load cell's reading is higher by the value, N.
     DriftedZero,
+    /// The specimen is nearer to the indenter by the value, mm. Rig files don't have this kind.
+    Risen,
 }
 
 impl FaultKind {
-    /// All kinds, with their names in a rig file.
+    /// All kinds that a rig file can have, with their names there.
     pub const ALL: [(&str, FaultKind); 13] = [
         ("stuck", FaultKind::Stuck),
         ("no-sensor", FaultKind::NoSensor),

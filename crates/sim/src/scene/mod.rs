@@ -23,8 +23,8 @@ pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
 };
 pub use spec::{
-    ContactLaw, Device, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes, Stiffness,
-    Surroundings, Wave,
+    ContactLaw, Device, Edges, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
+    Stiffness, Surroundings, Wave,
 };
 pub use truth::Truth;
 
@@ -82,6 +82,7 @@ pub struct Scene {
 struct CurveAt {
     nominal: ContactLaw,
     more: Option<SpotMap>,
+    edges: Option<Edges>,
 }
 
 impl Scene {
@@ -111,7 +112,7 @@ impl Scene {
             surface,
             surface_wave: spec.surface_wave,
             relief,
-            curve: CurveAt { nominal: spec.contact, more },
+            curve: CurveAt { nominal: spec.contact, more, edges: spec.edges },
             contact: ContactState::new(
                 spec.contact,
                 spec.relaxation,
@@ -311,6 +312,7 @@ impl Scene {
         if let Some(relief) = &mut self.relief {
             depth.mm -= relief.at(place);
         }
+        depth.mm += self.faults.values(FaultKind::Risen, self.now_s).sum::<f64>();
         let cosine = self.surface.cosine();
         let depth = depth.times(cosine);
         let was_touching = self.contact.touching();
@@ -338,8 +340,11 @@ impl Scene {
     fn lay_under_the_tip(&mut self, place: Place) {
         if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
             self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);
-        } else if let Some(more) = &mut self.curve.more {
-            self.contact.will_meet(self.curve.nominal.times((1.0 + more.at(place)).max(SOFTEST)), true);
+        } else if self.curve.more.is_some() || self.curve.edges.is_some() {
+            let more = self.curve.more.as_mut().map_or(0.0, |more| more.at(place));
+            let at_edge = self.curve.edges.map_or(0.0, |edges| edges.at(place));
+            let factor = (1.0 + more) * (1.0 + at_edge);
+            self.contact.will_meet(self.curve.nominal.times(factor.max(SOFTEST)), true);
         }
     }
 

@@ -27,6 +27,8 @@ pub struct SceneSpec {
     pub relief: Option<Relief>,
     /// Variation of the stiffness from place to place; `None`: constant.
     pub stiffness: Option<Stiffness>,
+    /// Change of the stiffness near the specimen's free edges; `None`: no edges. Rig files don't have this term.
+    pub edges: Option<Edges>,
     /// Difference of the stage from its controller's motions; `None`: no difference.
     pub stage: Option<Servo>,
     /// Effect of the load cell on the force; `None`: it reads the true force.
@@ -77,6 +79,26 @@ pub struct Stiffness {
     pub smooth_percent: f64,
     /// Each spot of 1 um has its own random stretch. This is its standard deviation, % of the curve.
     pub white_percent: f64,
+}
+
+/// Change of the contact curve near the edges of a square specimen. It decays with the distance from the nearest edge as a normal
+/// curve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Edges {
+    /// Change at an edge, % of the curve: negative if the edge is softer.
+    pub percent: f64,
+    /// Half the side of the specimen, mm.
+    pub half_mm: f64,
+    /// Distance from an edge at which the change has decayed to `exp(-1/2)`, mm.
+    pub width_mm: f64,
+}
+
+impl Edges {
+    /// Returns the relative change of the force at a place.
+    pub(super) fn at(&self, place: Place) -> f64 {
+        let within_mm = (self.half_mm - place.x_mm.abs().max(place.y_mm.abs())).max(0.0);
+        self.percent / 100.0 * (-0.5 * (within_mm / self.width_mm).powi(2)).exp()
+    }
 }
 
 /// Difference of the stage from its controller's motions.

@@ -31,6 +31,7 @@ fn plain() -> SceneSpec {
         surface_wave: None,
         relief: None,
         stiffness: None,
+        edges: None,
         stage: None,
         load_cell: None,
         latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None },
