@@ -100,7 +100,7 @@ pub fn walk_on<'w, 'e: 'w>(
 
 async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     let Walk { plan, spec, ledger, cancel, shown } = errand;
-    let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
+    let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
         Err(error) => return Ending::halted(error),
     };
