@@ -87,6 +87,16 @@ fn a_run_ends_with_a_check_that_changes_no_press() {
 }
 
 #[test]
+fn a_check_reaches_a_place_whose_surface_is_higher_than_that_of_the_last_press() {
+    let mut spec = bench("bench-fast");
+    spec.scene.surface_tilt_mm = 0.25;
+    for seed in 1..=4 {
+        let [check] = &checks(&whole(&spec, &plan(&spec, TINY, seed)))[..] else { panic!("{seed}: no check") };
+        assert!(!check.is_failed(), "{seed}: {}", check.line());
+    }
+}
+
+#[test]
 fn a_weak_press_is_no_reference() {
     let spec = bench("bench-fast");
     let weak = "name = \"weak\"\n[[step]]\nphase = \"test\"\nlist = { places_mm = [[-2, 0]] }\nforce_n = 0.2\n";

@@ -227,6 +227,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         ledger: &mut dyn Ledger,
         listener: &mut dyn Listener,
     ) -> Result<(), Halt> {
+        // the press before ended in the clear above its own place or the next one; here the surface may be higher
+        self.hand.withdraw(self.park_mm()).await?;
+        self.standby = None;
         let mut contact = self.press(entry, next).await?;
         let number = self.checks.made;
         contact.press = number;

@@ -268,7 +268,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
-    fn park_mm(&self) -> f64 {
+    pub(super) fn park_mm(&self) -> f64 {
         let spec = self.conditions.spec;
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
     }
