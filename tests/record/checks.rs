@@ -87,6 +87,26 @@ fn a_run_ends_with_a_check_that_changes_no_press() {
 }
 
 #[test]
+fn a_check_reaches_a_place_whose_surface_is_higher_than_that_of_the_last_press() {
+    let mut spec = bench("bench-fast");
+    spec.scene.surface_tilt_mm = 0.25;
+    for seed in 1..=4 {
+        let [check] = &checks(&whole(&spec, &plan(&spec, TINY, seed)))[..] else { panic!("{seed}: no check") };
+        assert!(!check.is_failed(), "{seed}: {}", check.line());
+    }
+}
+
+#[test]
+fn a_weak_press_is_no_reference() {
+    let spec = bench("bench-fast");
+    let weak = "name = \"weak\"\n[[step]]\nphase = \"test\"\nlist = { places_mm = [[-2, 0]] }\nforce_n = 0.2\n";
+    let plan = plan(&spec, &TINY.replacen("name = \"tiny\"\n", weak, 1), 1);
+    let made = checks(&whole(&spec, &plan));
+    assert_eq!(made.iter().map(|check| check.reference).collect::<Vec<_>>(), [1]);
+    assert_eq!(expected_checks(&plan, &spec)[0].place, plan.entries[1].place);
+}
+
+#[test]
 fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_makes_the_same() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, LONGER, 1);

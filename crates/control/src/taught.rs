@@ -51,7 +51,7 @@ pub(super) struct Rises {
 pub struct Sunk {
     /// Change of the logarithm of the depth for the force.
     pub depth: f64,
-    /// Change of the logarithm of the force that this depth stands for, relative to the force that was measured.
+    /// Change of the logarithm of the force that this depth indicates, relative to the force that was measured.
     pub force: f64,
     /// Limit of the change of the depth.
     pub limit: f64,

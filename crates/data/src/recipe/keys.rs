@@ -48,7 +48,7 @@ keys! {
         press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";
         step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
-            "when the first place is pressed again, to check load cell and sensor: after the last press, also between presses, or never",
+            "when the first place with a large force is pressed again, to check load cell and sensor: after the last press, also between presses, or never",
             "\"between\"";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,

@@ -1,4 +1,4 @@
-//! Checks of a run: the first place of the plan is pressed again, and compared with the first press there.
+//! Checks of a run: the first place of the plan with a force is pressed again, and compared with the first press there.
 
 use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
@@ -19,10 +19,16 @@ const CHECKED: u64 = 1 << 61;
 const PRESSES_MOST: u64 = 100;
 const SECONDS_MOST: f64 = 3600.0;
 
+/// Least force of the press that checks repeat, as a fraction of the largest first force of the plan's presses. The errors of a contact
+/// that don't grow with the force change the outputs of a weak press by too much.
+const FORCE_SHARE: f64 = 0.5;
+
 /// State of the checks of a run. It follows from the records, so that an interrupted run makes the same checks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Checking {
-    /// First press of the plan with a force, with which the checks are compared.
+    /// Least force of the reference, N.
+    least_n: f64,
+    /// First press with that force, with which the checks are compared.
     reference: Option<Reference>,
     /// Number of checks so far.
     made: u64,
@@ -89,11 +95,21 @@ fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
     Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
 }
 
+/// Returns the force of the first level of an entry with a force, N.
+fn first_n(entry: &Entry) -> Option<f64> {
+    entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0)
+}
+
+/// Returns the least force of the press that the checks of a plan repeat, N.
+fn least_n(plan: &Plan) -> f64 {
+    FORCE_SHARE * plan.entries.iter().filter_map(first_n).fold(0.0, f64::max)
+}
+
 /// Returns the checks that a plan is expected to have on a rig.
 pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
-    let loaded_n =
-        |entry: &Entry| entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0);
-    let reference = plan.entries.iter().find_map(|entry| Some((entry, loaded_n(entry)?)));
+    let least_n = least_n(plan);
+    let loaded = plan.entries.iter().filter_map(|entry| Some((entry, first_n(entry)?)));
+    let reference = loaded.into_iter().find(|(_, force_set_n)| *force_set_n >= least_n);
     let Some((reference, force_set_n)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
     let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
     for pair in plan.entries.windows(2).filter(|_| plan.checks == Checks::Between) {
@@ -108,6 +124,11 @@ pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
 }
 
 impl Checking {
+    /// Creates the state before the first press of a plan.
+    pub(super) fn of(plan: &Plan) -> Checking {
+        Checking { least_n: least_n(plan), ..Checking::default() }
+    }
+
     /// Takes in a contact of the plan.
     pub(super) fn take_contact(&mut self, contact: &Contact) {
         if let Some(first) = contact.levels.first() {
@@ -117,7 +138,7 @@ impl Checking {
         (self.last, self.is_checked) = (Some(contact.press), false);
         if self.reference.is_some() {
             self.unchecked_from = self.unchecked_from.or(Some(contact.press));
-        } else if let Some((felt, force_set_n)) = felt(contact) {
+        } else if let Some((felt, force_set_n)) = felt(contact).filter(|(_, force_n)| *force_n >= self.least_n) {
             let (press, depth_mm) = (contact.press, depth_mm(contact));
             self.reference = Some(Reference { press, felt, force_set_n, depth_mm });
         }
@@ -206,6 +227,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         ledger: &mut dyn Ledger,
         listener: &mut dyn Listener,
     ) -> Result<(), Halt> {
+        // the press before ended in the clear above its own place or the next one; here the surface may be higher
+        self.hand.withdraw(self.park_mm()).await?;
+        self.standby = None;
         let mut contact = self.press(entry, next).await?;
         let number = self.checks.made;
         contact.press = number;

@@ -46,8 +46,8 @@ pub(super) struct TouchedPlace {
 }
 
 impl Past {
-    /// Reads the content of a ledger. By the frame, the surface is within `uncertainty_mm` of z = 0.
-    pub(super) fn of(ledger: &dyn Ledger, uncertainty_mm: f64) -> Result<Past, DatasetError> {
+    /// Reads the content of the ledger of a plan. By the frame, the surface is within `uncertainty_mm` of z = 0.
+    pub(super) fn of(ledger: &dyn Ledger, plan: &Plan, uncertainty_mm: f64) -> Result<Past, DatasetError> {
         let mut past = Past {
             map: Map::new(uncertainty_mm),
             first_zero_n: None,
@@ -55,7 +55,7 @@ impl Past {
             last: None,
             devices: Vec::new(),
             felt: Vec::new(),
-            checks: Checking::default(),
+            checks: Checking::of(plan),
             known: Vec::new(),
         };
         ledger.recall(&mut |record| past.take_in(record))?;
@@ -198,7 +198,8 @@ mod tests {
         for record in [zero(1.0, 0.25)].into_iter().chain(contacts).chain([zero(9.0, 0.3)]) {
             memory.record(&record).unwrap();
         }
-        let past = Past::of(&memory, 0.3).unwrap();
+        let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
+        let past = Past::of(&memory, &plan, 0.3).unwrap();
         let mut map = Map::new(0.3);
         lessons.iter().for_each(|lesson| map.learn(lesson));
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
@@ -208,7 +209,6 @@ mod tests {
             Some(-4.2),
             "the last contact's"
         );
-        let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
         let landmarks: Vec<Place> = past.landmarks(&plan).iter().map(|known| known.place).collect();
         assert_eq!(
             landmarks,
@@ -222,11 +222,11 @@ mod tests {
     fn where_less_was_touched_less_is_touched_again() {
         let mut memory = Memory::default();
         let plan = plan(&[(1.0, 1.0)]);
-        assert_eq!(Past::of(&memory, 0.3).unwrap().landmarks(&plan), []);
+        assert_eq!(Past::of(&memory, &plan, 0.3).unwrap().landmarks(&plan), []);
         memory.record(&contact(0, touch(1.0, 1.0))).unwrap();
         memory.record(&contact(1, touch(1.0, 1.0))).unwrap();
         memory.record(&contact(2, touch(999.0, 1.0))).unwrap();
-        let landmarks = Past::of(&memory, 0.3).unwrap().landmarks(&plan);
+        let landmarks = Past::of(&memory, &plan, 0.3).unwrap().landmarks(&plan);
         assert_eq!(landmarks.len(), 1, "one place is one, and one that no plan names is none");
     }
 }

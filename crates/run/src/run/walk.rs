@@ -100,7 +100,7 @@ pub fn walk_on<'w, 'e: 'w>(
 
 async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
     let Walk { plan, spec, ledger, cancel, shown } = errand;
-    let past = match Past::of(ledger, spec.frame.uncertainty_mm) {
+    let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
         Err(error) => return Ending::halted(error),
     };
@@ -268,7 +268,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
-    fn park_mm(&self) -> f64 {
+    pub(super) fn park_mm(&self) -> f64 {
         let spec = self.conditions.spec;
         if self.map.is_touched() { spec.clear_mm() } else { spec.top_mm() }
     }

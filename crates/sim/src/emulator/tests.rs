@@ -42,6 +42,7 @@ pub(super) fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec))
         surface_wave: None,
         relief: None,
         stiffness: None,
+        edges: None,
         stage: None,
         load_cell: None,
         latencies,
