@@ -17,14 +17,14 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// Calibrations of the quick and of the full tier.
-const CALIBRATIONS: (usize, usize) = (4, 60);
+const CALIBRATIONS: (usize, usize) = (3, 60);
 
 /// Largest share of a limit that a sound press may use up.
 const SHARE_MOST: f64 = 0.8;
 
 /// The shipped recipe's grid, coarser in the quick tier.
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
-const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 3.0");
+const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 4.0");
 const PAPER: &str = include_str!("../../recipes/paper.toml");
 
 /// The force near the limit, N.
