@@ -4,13 +4,14 @@ use super::exit::Failure;
 use super::sources::{RigArgs, Sources};
 use super::summary::{duration, print, tell};
 use super::tables::filled;
-use palpate_control::safe_speed_mm_s;
+use palpate_control::{LEARNED, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Tilt, round};
 use palpate_data::acceptance::{Check, Verdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
+use std::collections::HashSet;
 use std::fmt::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -26,6 +27,9 @@ Exit code: 0 the recipe can be run, 2 it can't: each problem is reported with it
 /// Assumed total time of an exchange on the links of a rig, s: a quick rig and a slow rig. The real time is measured when a run
 /// begins.
 const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
+
+/// Distance within which an earlier press tells what to expect, mm.
+const COMPARED_MM: f64 = 1.0;
 
 /// Print what a recipe would do on a rig; nothing moves
 #[derive(Debug, clap::Args)]
@@ -212,7 +216,41 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "{}", permitted(rig));
     let links = if rig.is_simulated() { "simulated, in virtual time" } else { "real, in real time" };
     let _ = writeln!(text, "  links: {links}");
+    text.push_str(&guarded(plan, rig));
     text
+}
+
+/// Describes what notices a load cell or a sensor that changes, and what doesn't.
+fn guarded(plan: &Plan, rig: &RigSpec) -> String {
+    let (near, all) = (compared(plan), plan.entries.len());
+    let least = match rig.stiffness_least_n_mm {
+        Some(least_n_mm) => format!("at the first press, below {least_n_mm} N/mm"),
+        None => "by nothing (`limits.stiffness_least_n_mm`)".to_owned(),
+    };
+    let weight = match rig.load_cell.check {
+        Some(_) => "checked with a known weight",
+        None => "not checked (`palpate doctor --check-weight-n N`)",
+    };
+    format!(
+        "what notices a load cell that reads wrong\n  gain before the run: {weight}\n  too little force for the depth: \
+         {least}\n  depth and outputs by the presses around: {near} of {all} presses\n"
+    )
+}
+
+/// Number of presses that are compared with earlier presses around them.
+fn compared(plan: &Plan) -> usize {
+    let cell = |mm: f64| (mm / COMPARED_MM).floor() as i64;
+    let mut known = HashSet::new();
+    let is_near = |known: &HashSet<(i64, i64)>, (x, y): (i64, i64)| {
+        (-1..=1).any(|i| (-1..=1).any(|j| known.contains(&(x + i, y + j))))
+    };
+    let mut count = 0;
+    for (nth, entry) in plan.entries.iter().enumerate() {
+        let at = (cell(entry.place.x_mm), cell(entry.place.y_mm));
+        count += usize::from(nth >= LEARNED && is_near(&known, at));
+        known.insert(at);
+    }
+    count
 }
 
 /// Describes the tilt of the surface that the rig states; nothing if it states none.

@@ -70,7 +70,7 @@ fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
 
 /// What doctor finds: three devices, and the served force in its place.
 fn examined(served: &Served, driver: &str, load_cell: &str) {
-    let told = bench(served, driver, load_cell).palpate_ends(0, "doctor rig.toml --json --confirmed down");
+    let told = bench(served, driver, load_cell).palpate_ends(1, "doctor rig.toml --json --confirmed down");
     let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
     let identity = |device: usize, key: &str| told["devices"][device]["identity"][key].as_str().unwrap_or_default();
     assert!(identity(0, "identity").contains("ESP301 Version"), "{told}");

@@ -51,7 +51,7 @@ fn our_driver_reads_a_stand_in_of_their_board() {
         text = exchanged(&text, from, &to);
     }
     let bench = Bench::with([("rig.toml", text.as_str())]);
-    let told = bench.palpate_ends(0, "doctor rig.toml --json --confirmed down");
+    let told = bench.palpate_ends(1, "doctor rig.toml --json --confirmed down");
     let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
     let identity = told["devices"][2]["identity"]["identity"].as_str().unwrap_or_default();
     assert_eq!(identity, "ReSkin or AnySkin, 5 chips, 15 outputs", "{told}");

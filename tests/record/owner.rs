@@ -57,7 +57,8 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
     assert_eq!(owner.end().code, None);
     let told: Told =
         in_own_folder(&bench, "doctor rig.toml --confirmed down").output().expect("the program starts").into();
-    assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
+    // the devices are free; nothing has shown that the load cell measures force
+    assert_eq!(told.code, Some(1), "{}\n{}", told.out, told.err);
 }
 
 #[test]

@@ -33,6 +33,7 @@ pub use budget::{Averaged, Budget};
 pub use hum::Hum;
 pub use map::{Lesson, Map, Shot};
 pub use mean::{Mean, mean_of};
+pub use neighbours::LEARNED;
 pub use permit::{Permit, Permitted, Sideways, Standing};
 pub use press::{
     AIR_READINGS, AirReadings, Command, Context, Event, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment,

@@ -6,7 +6,7 @@ use palpate_core::quantity::Place;
 /// Number of nearest presses for a prediction.
 pub(super) const NEAREST: usize = 12;
 /// Number of presses from which a prediction counts.
-pub(super) const LEARNED: usize = 10;
+pub const LEARNED: usize = 10;
 /// Standard deviation of one press about the smooth field, as a fraction: noise, relaxation, and error of the read-back.
 const OWN: f64 = 0.02;
 /// Weight of the assumed scatter, in presses. The second constant is the number of presses over which misses are remembered, and

@@ -46,7 +46,7 @@ pub enum Remaining {
     Nothing,
     /// This force is left on the specimen, N.
     Force(f64),
-    /// The load cell is in doubt, so the force can't be known.
+    /// The load cell is in doubt, or has no zero: the force can't be known.
     Unknown,
 }
 
@@ -56,7 +56,7 @@ impl Remaining {
         match self {
             Remaining::Nothing => None,
             Remaining::Force(force_n) => Some(format!("{force_n:.2} N remain on the specimen")),
-            Remaining::Unknown => Some("the load cell is in doubt, so the remaining force can't be known".to_owned()),
+            Remaining::Unknown => Some("the remaining force can't be known from the load cell".to_owned()),
         }
     }
 }

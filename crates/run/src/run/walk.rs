@@ -143,6 +143,10 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             }
         }
         Err(halt) => {
+            // without a zero, the load cell's reading is no force
+            if matches!(halt, Halt::Tripped(_)) {
+                ending.remaining = Remaining::Unknown;
+            }
             ending.halt = Some(halt);
             note_trip(ledger, &ending, None, None, clock.now_s());
         }
