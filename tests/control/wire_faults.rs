@@ -20,7 +20,7 @@ use std::f64::consts::TAU;
 use std::fmt::Write;
 
 /// Runs of the quick and of the full tier, and the step between the seeds of the quick one: each is of another kind.
-const RUNS: (usize, usize) = (2, 320);
+const RUNS: (usize, usize) = (2, 160);
 const QUICK_STEP: u64 = 5;
 
 /// Presses of a plan, and the distance between their places, mm, each off its point by at most the last.

@@ -350,7 +350,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         };
         let Hand { stage, cell, usage, array, unzeroed, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
-        let (over, falls) = (Notify::new(), Cell::new(false));
+        let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
         let motion = async {
             let moved = motion(stage, usage, &reins).await;
             over.notify_one();
@@ -366,7 +366,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                     };
                     let outputs = async {
                         match unzeroed {
-                            Some(outputs) => outputs.watch(array, &falls, &over, &reins).await,
+                            Some(outputs) => outputs.watch(array, speed_mm_s, &falls, &over, &reins).await,
                             None => Ok(()),
                         }
                     };

@@ -5,6 +5,7 @@ use super::hand::{OUTPUT_LOOKS, moved_beyond};
 use super::window::OutputMeans;
 use crate::rig::ArraySpec;
 use palpate_control::{Rule, Trip};
+use palpate_core::quantity::seconds;
 use palpate_link::device::{Reins, SensorArray};
 use std::cell::Cell;
 use std::time::Duration;
@@ -13,8 +14,9 @@ use tokio::time::{Instant, sleep_until};
 
 /// Readings of a stage at rest from which the noise of each output follows.
 const READINGS: u32 = 20;
-/// Time between two looks at the outputs, and the age from which a look replaces the outputs that count as air. Outputs drift.
-const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Distance that the stage moves between two looks at the outputs, mm. Three looks must show a contact within 0.5 mm.
+const LOOK_EVERY_MM: f64 = 0.1;
+/// Age from which a look replaces the outputs that count as air. Outputs drift.
 const AIR_FRESH: Duration = Duration::from_secs(1);
 
 /// Outputs of a stage that has not touched anything since they were read.
@@ -43,14 +45,16 @@ impl OutputsInAir {
     }
 
     /// Reads the outputs until a motion is over. It stops the motion if outputs leave their noise, unless the force falls as it does
-    /// when a contact ends; `falls` states that.
+    /// when a contact ends; `falls` states that. `speed_mm_s` is the largest speed of the motion.
     pub(super) async fn watch<A: SensorArray>(
         &mut self,
         array: &mut A,
+        speed_mm_s: f64,
         falls: &Cell<bool>,
         over: &Notify,
         reins: &Reins,
     ) -> Result<(), Halt> {
+        let every = seconds(LOOK_EVERY_MM / speed_mm_s);
         let mut now = vec![0.0; array.units()];
         let mut looks = 0;
         loop {
@@ -77,7 +81,7 @@ impl OutputsInAir {
             tokio::select! {
                 biased;
                 () = over.notified() => return Ok(()),
-                () = sleep_until(asked + LOOK_EVERY) => {}
+                () = sleep_until(asked + every) => {}
             }
         }
     }
