@@ -28,7 +28,7 @@ Exit code: 0 the recipe can be run, 2 it can't: each problem is reported with it
 /// begins.
 const EXCHANGES_S: [f64; 2] = [0.01, 0.1];
 
-/// Distance within which an earlier press tells what to expect, mm.
+/// Distance within which an earlier press predicts a press, mm.
 const COMPARED_MM: f64 = 1.0;
 
 /// Print what a recipe would do on a rig; nothing moves
