@@ -49,6 +49,19 @@ struct Differences {
     pattern: (f64, f64),
 }
 
+impl Differences {
+    fn check(&self) -> Result<(), Trip> {
+        for (off, sigma) in [self.gain, self.pattern] {
+            let within = off <= most_off(sigma);
+            if !within {
+                let percent = |share: f64| 100.0 * share;
+                return Err(Trip::new(Rule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Felt {
     /// Outputs for each newton, in the array's unit.
     pub fn per_n(&self) -> impl Iterator<Item = f64> {
@@ -94,14 +107,17 @@ impl Response {
     /// # Errors
     /// A trip if the outputs for each newton, or their pattern, differ by more than the contacts so far explain.
     pub fn check(&self, felt: &Felt) -> Result<(), Trip> {
-        let Some(Differences { gain, pattern }) = self.differences(felt) else { return Ok(()) };
-        for (off, sigma) in [gain, pattern] {
-            let within = off <= most_off(sigma);
-            if !within {
-                let percent = |share: f64| 100.0 * share;
-                return Err(Trip::new(Rule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
-            }
-        }
+        self.differences(felt).map_or(Ok(()), |differences| differences.check())
+    }
+
+    /// Compares a contact with the contacts around it, and adds it.
+    ///
+    /// # Errors
+    /// The same as for [`check`](Self::check); the contact isn't added then.
+    pub fn take(&mut self, felt: Felt) -> Result<(), Trip> {
+        let differences = self.differences(&felt);
+        differences.iter().try_for_each(Differences::check)?;
+        self.add(felt, differences);
         Ok(())
     }
 
@@ -132,11 +148,16 @@ impl Response {
 
     /// Adds a contact. A contact that shows nothing isn't added. If there is no room left, it replaces the nearest one.
     pub fn learn(&mut self, felt: Felt) {
+        let differences = self.differences(&felt);
+        self.add(felt, differences);
+    }
+
+    fn add(&mut self, felt: Felt, differences: Option<Differences>) {
         let tells = felt.length() > 0.0 && felt.length().is_finite() && felt.force_n > 0.0;
         if !tells || self.known.first().is_some_and(|first| first.outputs.len() != felt.outputs.len()) {
             return;
         }
-        if let Some(Differences { gain, pattern }) = self.differences(&felt) {
+        if let Some(Differences { gain, pattern }) = differences {
             self.gain.learn(gain.0, gain.1);
             self.pattern.learn(pattern.0, pattern.1);
         }

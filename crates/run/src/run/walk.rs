@@ -303,9 +303,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             let next = left.front().map(|next| next.place);
             let contact = self.press(entry, next).await?;
             if let Some((felt, _)) = felt(&contact) {
-                let felt = self.with_noise(felt);
-                self.response.check(&felt)?;
-                self.response.learn(felt);
+                self.response.take(self.with_noise(felt))?;
             }
             contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
             let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
