@@ -102,21 +102,19 @@ impl WeightArgs {
 
 /// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
 pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
-    if what == Ask::Finger {
-        let wait_s = FINGER_WAIT.as_secs();
-        let _ = tell(&format!("press the tip lightly with a finger, as a contact would: waiting up to {wait_s} s\n"));
-    }
-    let Some(KnownWeight { weight_n, pull, .. }) = weight else { return };
-    let wait_s = WEIGHT_WAIT.as_secs();
-    let _ = match what {
-        Ask::PutOn(time) => {
+    let wait_s = if what == Ask::Finger { FINGER_WAIT } else { WEIGHT_WAIT }.as_secs();
+    let _ = match (what, weight) {
+        (Ask::Finger, _) => {
+            tell(&format!("press the tip lightly with a finger, as a contact would: waiting up to {wait_s} s\n"))
+        }
+        (Ask::PutOn(time), Some(KnownWeight { weight_n, pull, .. })) => {
             let how = if pull { "hang the weight from the tip" } else { "put the weight on the tip" };
             tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
-        Ask::TakeOff(time) => {
+        (Ask::TakeOff(time), Some(_)) => {
             tell(&format!("take the weight off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
-        Ask::Finger => Ok(()),
+        (_, None) => Ok(()),
     };
 }
 

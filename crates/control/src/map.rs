@@ -1,6 +1,7 @@
 //! Knowledge from earlier presses: the surface, the curve, and how much deeper each press went.
 
 use super::curve::{Curve, CurveShape};
+use super::neighbours::nearest;
 use super::plane::Plane;
 use super::surface::{Expected, SurfaceMap};
 use super::taught::{Rise, Rises, Sunk, Taught};
@@ -32,9 +33,8 @@ const MISS_MOST: f64 = 5.0;
 const SURPRISES: [f64; 2] = [0.8, 1.25];
 /// Least and largest accepted ratio of a place's depth to the depth on the curve.
 const SCALES: [f64; 2] = [0.3, 3.0];
-/// Number of shots that are remembered. The second constant is the number of nearest shots that predict the next shot.
+/// Number of shots that are remembered.
 const SHOTS_MAX: usize = 2048;
-const NEIGHBOURS: usize = 12;
 /// Largest distance between two shots at the same place, mm.
 const HERE_MM: f64 = 0.02;
 /// Index of the neighbour whose distance is the reach of the weights, counted from 0.
@@ -218,16 +218,12 @@ impl Map {
     /// Returns the scale of the local plane through the nearest shots, and its sd. Before the first shot, the curve is used
     /// unchanged.
     fn scale(&self, place: Place) -> (f64, f64) {
-        let mut near: Vec<(f64, usize)> =
-            self.scales.iter().enumerate().map(|(i, (at, _))| (at.distance_mm(place), i)).collect();
-        let count = near.len().min(NEIGHBOURS);
-        if count == 0 {
+        let near: Vec<(Place, f64)> =
+            nearest(self.scales.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.scales[i]).collect();
+        if near.is_empty() {
             return (0.0, 0.0); // what is assumed of a shot holds as it is
         }
-        near.select_nth_unstable_by(count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        near.truncate(count);
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let reach_mm = near[REACH.min(count - 1)].0.max(0.1);
+        let reach_mm = near[REACH.min(near.len() - 1)].0.distance_mm(place).max(0.1);
         let mut plane = Plane::new(
             place,
             [
@@ -236,9 +232,8 @@ impl Map {
                 (SCALE_SIGMA / SCALE_SLOPE).powi(2),
             ],
         );
-        for (distance_mm, i) in near {
-            let (at, scale) = self.scales[i];
-            plane.take(at, scale, 1.0 / (1.0 + (distance_mm / reach_mm).powi(2)).powi(2));
+        for (at, scale) in near {
+            plane.take(at, scale, 1.0 / (1.0 + (at.distance_mm(place) / reach_mm).powi(2)).powi(2));
         }
         let (scale, spread) = plane.at(place);
         (scale, SCALE_SIGMA * spread.sqrt())

@@ -80,6 +80,19 @@ pub(super) fn nearest(places: impl Iterator<Item = Place>, to: Place) -> Vec<usi
     near.into_iter().map(|(_, i)| i).collect()
 }
 
+/// Adds a value. If there is no room for more than `most` values, it replaces the value at the nearest place.
+pub(super) fn remember<T>(all: &mut Vec<T>, value: T, most: usize, place: impl Fn(&T) -> Place) {
+    if all.len() < most {
+        all.push(value);
+        return;
+    }
+    let distance_mm = |known: &T| place(known).distance_mm(place(&value));
+    let nearest = (0..all.len()).min_by(|a, b| distance_mm(&all[*a]).total_cmp(&distance_mm(&all[*b])));
+    if let Some(nearest) = nearest {
+        all[nearest] = value;
+    }
+}
+
 /// Returns the weights of ordinary kriging: the value at `to` is expected to be the weighted sum of the values at `places`. Values
 /// apart by the field's length are alike by `exp(-1/2)`. Each place has an additional scatter of its own, in `own`.
 pub(super) fn weights(places: &[Place], own: &[f64], to: Place, field: Field) -> Option<Weights> {

@@ -1,7 +1,7 @@
 //! Outputs for each newton, compared with those of the presses around. The array is a second measurement of each contact: a load
 //! cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or the pattern of the outputs.
 
-use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, weights};
+use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, remember, weights};
 use super::trip::{Rule, Trip};
 use palpate_core::quantity::Place;
 
@@ -162,13 +162,7 @@ impl Response {
             self.pattern.learn(pattern.0, pattern.1);
         }
         self.most = self.most.max(felt.length());
-        if self.known.len() < CONTACTS_MAX {
-            self.known.push(felt);
-            return;
-        }
-        let distance_mm = |known: &Felt| known.place.distance_mm(felt.place);
-        let nearest = self.known.iter_mut().min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b)));
-        nearest.into_iter().for_each(|near| near.clone_from(&felt));
+        remember(&mut self.known, felt, CONTACTS_MAX, |known| known.place);
     }
 
     fn differences(&self, felt: &Felt) -> Option<Differences> {

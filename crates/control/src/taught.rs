@@ -1,7 +1,7 @@
 //! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
-use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, weights};
+use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, remember, weights};
 use palpate_core::quantity::Place;
 
 /// Least number of presses for a comparison.
@@ -86,22 +86,16 @@ impl Rises {
         if let Some((shape, (softness, sigma))) = shape.and_then(|shape| Some((shape, self.predict(place, shape)?))) {
             self.misses.learn((rise.softness(shape) / softness).ln(), sigma.hypot(WAY_MM / rise.way_mm));
         }
-        if self.all.len() < PRESSES_MAX {
-            self.all.push((place, rise));
-            return;
-        }
-        let distance_mm = |at: &Place| at.distance_mm(place);
-        let nearest = self.all.iter_mut().min_by(|(a, _), (b, _)| distance_mm(a).total_cmp(&distance_mm(b)));
-        nearest.into_iter().for_each(|near| *near = (place, rise));
+        remember(&mut self.all, (place, rise), PRESSES_MAX, |(at, _)| *at);
     }
 
     /// Returns the information from the presses around a place; `None` if there are too few. `most_n` is the largest force
     /// for which the curve is used, N.
     pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>, most_n: f64) -> Option<Taught> {
         let shape = shape.filter(|_| self.all.len() >= PRESSES_LEAST)?;
-        let near = nearest(self.all.iter().map(|(at, _)| *at), place);
-        let softest = near.iter().map(|i| self.all[*i].1.softness(shape)).fold(0.0, f64::max);
-        let predicted = self.predict(place, shape);
+        let near = self.near(place);
+        let softest = near.iter().map(|(_, rise)| rise.softness(shape)).fold(0.0, f64::max);
+        let predicted = self.predicted(&near, place, shape);
         (softest.is_finite() && softest > 0.0).then_some(Taught { shape, most_n, softest, predicted })
     }
 
@@ -121,17 +115,25 @@ impl Rises {
     /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its
     /// logarithm.
     fn predict(&self, place: Place, shape: CurveShape) -> Option<(f64, f64)> {
+        self.predicted(&self.near(place), place, shape)
+    }
+
+    /// Returns the same from the presses around the place.
+    fn predicted(&self, near: &[(Place, Rise)], place: Place, shape: CurveShape) -> Option<(f64, f64)> {
         if self.all.len() < LEARNED {
             return None;
         }
-        let near: Vec<(Place, Rise)> =
-            nearest(self.all.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.all[i]).collect();
         let places: Vec<Place> = near.iter().map(|(at, _)| *at).collect();
         let own: Vec<f64> = near.iter().map(|(_, rise)| WAY_MM / rise.way_mm).collect();
         let weights = weights(&places, &own, place, STIFFNESS)?;
         let parts = near.iter().zip(&weights.each).map(|((_, rise), weight)| weight * rise.softness(shape).ln());
         let softness = parts.sum::<f64>().exp();
         (softness.is_finite() && softness > 0.0).then_some((softness, weights.sigma * self.misses.scale()))
+    }
+
+    /// Returns the nearest presses, nearest first.
+    fn near(&self, place: Place) -> Vec<(Place, Rise)> {
+        nearest(self.all.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.all[i]).collect()
     }
 }
 
