@@ -307,7 +307,15 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
         FaultKind::ArrayLost => &["device"],
         FaultKind::SlowStage => &["stage-silent"],
         // in a contact ten times the noise can look like a force that does anything
-        FaultKind::Noisy => &["noisy", "wrong-sign", "no-response", "hard-contact"],
+        FaultKind::Noisy => &[
+            "noisy",
+            "wrong-sign",
+            "no-response",
+            "hard-contact",
+            "rises-at-rest",
+            "softer-than-taught",
+            "still-touching",
+        ],
         // half a newton that is gone while it presses could be anything's
         FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen", "softer-than-taught"],
         // no rig file has it: `wire_faults` has
