@@ -132,9 +132,9 @@ impl Setup {
 
 fn setups(speeds_mm_s: &[f64]) -> Vec<Setup> {
     let with_speed = |&speed_mm_s: &f64| {
-        BENCHES
-            .into_iter()
-            .flat_map(move |(bench, _)| Strategy::ALL.map(|strategy| Setup { bench, speed_mm_s, strategy, checks: "end" }))
+        BENCHES.into_iter().flat_map(move |(bench, _)| {
+            Strategy::ALL.map(|strategy| Setup { bench, speed_mm_s, strategy, checks: "end" })
+        })
     };
     speeds_mm_s.iter().flat_map(with_speed).collect()
 }

@@ -54,9 +54,11 @@ const EARLY: f64 = 0.1;
 const LEARNED: usize = 10;
 
 /// The most true force of a fault of the load cell, as a multiple of the limit, after that and before: what is held, and what is
-/// wanted, which the table counts. It came to 1.39 and 1.60 over a thousand runs.
-const HELD_LIMITS: [f64; 2] = [1.4, 1.65];
+/// wanted, which the table counts. It came to 1.17 and 1.43 over a thousand runs.
+const HELD_LIMITS: [f64; 2] = [1.25, 1.5];
 const WANTED_LIMITS: [f64; 2] = [1.1, 1.25];
+/// Seeds whose load cell sticks, or is off, near the limit, and costs nearly all of the wanted bound.
+const NEAR_LIMIT: [u64; 3] = [132, 438, 612];
 /// The noise of a mean that steers at the limit, N, and how much a stage that moves on its own may add, as a fraction.
 const NOISE_N: f64 = 0.012;
 const STAGE_SHARE: f64 = 0.05;
@@ -366,4 +368,11 @@ fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
     report(&outcomes);
     let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(Outcome::told);
     must_be_none(&broken.collect::<Vec<_>>());
+}
+
+#[test]
+fn a_load_cell_that_fails_near_the_limit_keeps_the_wanted_bound() {
+    let outcomes = in_parallel(&NEAR_LIMIT, |seed| Case::run(*seed));
+    let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
+    must_be_none(&broken.map(Outcome::told).collect::<Vec<_>>());
 }

@@ -21,10 +21,10 @@ pub(super) const WAY_MM: f64 = 0.010;
 const SOFTEST_SHARE: f64 = 0.55;
 /// Standard deviation of a prediction, as a fraction, up to which a press may go as deep as predicted at once.
 const SURE: f64 = 0.10;
-/// Excess of the predicted force over the limit at which a press ends: least and largest, as fractions, and in sd of the prediction.
-/// The third fraction is for the softest press around, before there is a prediction.
-const OVER: (f64, f64) = (0.06, 0.10);
-const OVER_SIGMAS: f64 = 2.0;
+/// Excess of the predicted force over the set force at which a press near the limit ends: least and largest, as fractions, and in
+/// sd of the prediction. The third fraction is the excess over the limit for the softest press around, before there is a prediction.
+const OVER: (f64, f64) = (0.02, 0.05);
+const OVER_SIGMAS: f64 = 1.5;
 const OVER_SOFTEST: f64 = 0.20;
 /// Room below the limit that a prediction leaves, in sd, until the load cell has shown that it follows.
 const UNDER_SIGMAS: f64 = 3.0;
@@ -165,16 +165,20 @@ impl Taught {
         self.shape.force_n(self.shape.depth_mm(from_n) + way_mm / self.softest)
     }
 
-    /// Depth, mm, that a press may not exceed if the force may not exceed `limit_n`; infinite beyond the learned forces.
-    pub fn deepest_mm(&self, limit_n: f64) -> f64 {
+    /// Depth, mm, that a press of `set_n` may not exceed; infinite beyond the learned forces. There the predicted force is
+    /// `limit_n`, or a little more than `set_n` if that is near the limit.
+    pub fn deepest_mm(&self, limit_n: f64, set_n: f64) -> f64 {
         if limit_n > self.most_n {
             return f64::INFINITY;
         }
-        let (softness, over) = match self.predicted {
-            Some((softness, sigma)) => (softness, (OVER_SIGMAS * sigma).clamp(OVER.0, OVER.1)),
-            None => (self.softest, OVER_SOFTEST),
+        let (softness, to_n) = match self.predicted {
+            Some((softness, sigma)) => {
+                let over = (OVER_SIGMAS * sigma).clamp(OVER.0, OVER.1);
+                (softness, limit_n.max((1.0 + over) * set_n))
+            }
+            None => (self.softest, (1.0 + OVER_SOFTEST) * limit_n),
         };
-        softness * self.shape.depth_mm((1.0 + over) * limit_n) + WAY_MM
+        softness * self.shape.depth_mm(to_n) + WAY_MM
     }
 
     /// Depth, mm, at which the force is within `limit_n` by what the presses around have shown, with any reading of the load

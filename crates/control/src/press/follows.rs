@@ -53,9 +53,10 @@ impl ForceLoop {
 
     /// Deepest z by the presses around, mm: there the force would exceed the limit.
     fn neighbours_mm(&self) -> f64 {
-        let deepest_mm =
-            |limit_n| self.context.softest.taught.map_or(f64::INFINITY, |taught| taught.deepest_mm(limit_n));
-        self.context.expected.last_mm + deepest_mm(self.context.limits.force_n)
+        let set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+        let taught = self.context.softest.taught;
+        let deepest_mm = taught.map_or(f64::INFINITY, |taught| taught.deepest_mm(self.context.limits.force_n, set_n));
+        self.context.expected.last_mm + deepest_mm
     }
 
     /// Whether the presses around are what allows no deeper motion.

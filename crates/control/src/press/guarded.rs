@@ -39,6 +39,10 @@ const LET_OFF_STEPS: f64 = 60.0;
 pub(super) const RESPONSE_SHARE: f64 = 0.1;
 /// Fraction of the force from which an expected change can be distinguished from relaxation.
 const TELL_SHARE: f64 = 0.3;
+/// A smaller change counts near the limit, where the expected force would be this multiple of it. The second constant is the least
+/// fraction of the force.
+const TELL_LIMITS: f64 = 1.1;
+const TELL_LEAST: f64 = 0.12;
 /// Largest number of looks for contact. On steel each look may advance only a few micrometres, and the first descent goes all the
 /// way from home.
 const LOOKS_MAX: u32 = 2000;
@@ -109,7 +113,9 @@ impl ForceLoop {
         let secant = force_n / (z_mm - self.first_mm).max(STEP_LEAST_MM);
         let expected_n = secant.min(self.context.limits.stiffness_n_mm) * way_mm;
         let (least_n, answer_n) = (RESPONSE_SHARE * expected_n, self.force_n - force_n);
-        if least_n > TELL_SIGMAS * self.sigma_n && expected_n > TELL_SHARE * force_n {
+        let room_n = TELL_LIMITS * self.context.limits.force_n - force_n;
+        let tell_n = room_n.clamp(TELL_LEAST * force_n, TELL_SHARE * force_n);
+        if least_n > TELL_SIGMAS * self.sigma_n && expected_n > tell_n {
             if answer_n < least_n {
                 return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
             }
