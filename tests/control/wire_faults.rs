@@ -59,6 +59,8 @@ const HELD_LIMITS: [f64; 2] = [1.25, 1.5];
 const WANTED_LIMITS: [f64; 2] = [1.1, 1.25];
 /// Seeds whose load cell sticks, or is off, near the limit, and costs nearly all of the wanted bound.
 const NEAR_LIMIT: [u64; 3] = [132, 438, 612];
+/// Seeds whose specimen rises by 1 to 3 mm.
+const RISEN: [u64; 3] = [12, 28, 44];
 /// The noise of a mean that steers at the limit, N, and how much a stage that moves on its own may add, as a fraction.
 const NOISE_N: f64 = 0.012;
 const STAGE_SHARE: f64 = 0.05;
@@ -374,5 +376,15 @@ fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
 fn a_load_cell_that_fails_near_the_limit_keeps_the_wanted_bound() {
     let outcomes = in_parallel(&NEAR_LIMIT, |seed| Case::run(*seed));
     let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
+    must_be_none(&broken.map(Outcome::told).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_specimen_that_rises_after_a_trip_is_left_or_its_force_is_reported() {
+    let outcomes = in_parallel(&RISEN, |seed| Case::run(*seed));
+    let broken = outcomes.iter().filter(|outcome| {
+        assert!(matches!(outcome.case.wrong, Wrong::Risen(_)), "{}", outcome.told());
+        outcome.end == "-" || outcome.is_left() || outcome.force_n > outcome.most_n[1]
+    });
     must_be_none(&broken.map(Outcome::told).collect::<Vec<_>>());
 }

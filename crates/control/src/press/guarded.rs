@@ -114,7 +114,7 @@ impl ForceLoop {
         let expected_n = secant.min(self.context.limits.stiffness_n_mm) * way_mm;
         let (least_n, answer_n) = (RESPONSE_SHARE * expected_n, self.force_n - force_n);
         let room_n = TELL_LIMITS * self.context.limits.force_n - force_n;
-        let tell_n = room_n.clamp(TELL_LEAST * force_n, TELL_SHARE * force_n);
+        let tell_n = room_n.max(TELL_LEAST * force_n).min(TELL_SHARE * force_n); // a force may be negative
         if least_n > TELL_SIGMAS * self.sigma_n && expected_n > tell_n {
             if answer_n < least_n {
                 return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
