@@ -150,8 +150,9 @@ pub(super) fn lock_draft(draft: &Path) -> io::Result<Option<Option<File>>> {
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => return Ok(None),
-        // without locks on this disk no program removes a draft
-        Err(TryLockError::Error(_)) => return Ok(Some(None)),
+        // on a disk without locks no program removes a draft
+        Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => return Ok(Some(None)),
+        Err(TryLockError::Error(error)) => return Err(error),
     }
     Ok((is_at(draft, &file)? == Some(true)).then_some(Some(file)))
 }
@@ -183,16 +184,19 @@ pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
     remove_left(path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")));
     let mut file = File::create_new(&beside)?; // what lies there is somebody's
-    let Some(_lock) = lock_draft(&beside)? else { return Err(io::Error::other("another program removed the draft")) };
-    let permitted = match fs::metadata(path) {
-        Ok(before) => file.set_permissions(before.permissions()),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(error),
+    let mut fill = || {
+        let removed = || io::Error::other("another program removed the draft");
+        let _lock = lock_draft(&beside)?.ok_or_else(removed)?;
+        match fs::metadata(path) {
+            Ok(before) => file.set_permissions(before.permissions())?,
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        file.write_all(content.as_ref())?;
+        file.sync_all()?;
+        fs::rename(&beside, path)
     };
-    let placed = permitted
-        .and_then(|()| file.write_all(content.as_ref()))
-        .and_then(|()| file.sync_all())
-        .and_then(|()| fs::rename(&beside, path));
+    let placed = fill();
     if placed.is_err() {
         let _ = fs::remove_file(&beside); // the first error is the one to report
     }

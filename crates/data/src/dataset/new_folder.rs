@@ -47,7 +47,10 @@ fn new_draft(parent: &Path, name: &str) -> Result<(PathBuf, Option<File>), Datas
             Ok(()) => match files::lock_draft(&draft) {
                 Ok(None) => {} // another program took it for one that was left
                 Ok(Some(lock)) => return Ok((draft, lock)),
-                Err(error) => return Err(DatasetError::io("locking", draft)(error)),
+                Err(error) => {
+                    let _ = fs::remove_dir(&draft); // the first error is the one to report
+                    return Err(DatasetError::io("locking", draft)(error));
+                }
             },
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
             Err(error) => return Err(DatasetError::io("making", draft)(error)),
