@@ -137,21 +137,26 @@ fn signal(child: &Child, name: &str) {
 /// Compares the rows of a table with the true force in their windows: rows, unflagged rows that are wrong, and the largest error
 /// of the unflagged. palpate reads the outputs in contact in the window, and in a descent before it.
 fn compare(table: &str, reads: &[[f64; 3]]) -> (usize, usize, f64) {
+    let is_near = |a: &[f64], b: &[f64]| (a[0] - b[0]).abs() < HERE_MM && (a[1] - b[1]).abs() < HERE_MM;
+    let visits: Vec<&[[f64; 3]]> = reads.chunk_by(|a, b| is_near(a, b)).collect();
     let mut lines = table.lines();
     let header: Vec<&str> = lines.next().unwrap_or("").split(',').collect();
-    let (mut rows, mut wrong, mut worst_n) = (0, 0, 0.0_f64);
-    for line in lines {
-        let cells: BTreeMap<&str, &str> = header.iter().copied().zip(line.split(',')).collect();
+    let rows = lines.map(|line| header.iter().copied().zip(line.split(',')).collect());
+    let mut rows: Vec<BTreeMap<&str, &str>> = rows.collect();
+    // in the order of the presses: those that teach come first
+    rows.sort_by_key(|cells| cells.get("phase") != Some(&"teach"));
+    let (mut pressed, mut wrong, mut worst_n): (Vec<[f64; 2]>, usize, f64) = (Vec::new(), 0, 0.0);
+    for cells in rows {
         let number = |name: &str| cells.get(name).and_then(|text| text.parse::<f64>().ok());
         let (Some(set_n), Some(x_mm), Some(y_mm)) = (number("force_set_n"), number("x_mm"), number("y_mm")) else {
             continue;
         };
-        rows += 1;
-        let here = reads.iter().filter(|[x, y, _]| (x - x_mm).abs() < HERE_MM && (y - y_mm).abs() < HERE_MM);
-        let here = here.map(|[_, _, n]| *n);
-        // a place that teaches is pressed again later
-        let teaches = cells.get("phase") == Some(&"teach");
-        let mut window: Vec<f64> = if teaches { here.take(READS).collect() } else { here.rev().take(READS).collect() };
+        // a place may be pressed before, to teach, and again at the end, as a check
+        let place = [x_mm, y_mm];
+        let before = pressed.iter().filter(|other| is_near(&place, *other)).count();
+        pressed.push(place);
+        let visit = visits.iter().filter(|visit| is_near(&place, &visit[0])).nth(before).copied().unwrap_or_default();
+        let mut window: Vec<f64> = visit.iter().rev().take(READS).map(|[_, _, n]| *n).collect();
         window.sort_by(f64::total_cmp);
         if let Some(true_n) = window.get(window.len() / 2)
             && cells.get("flags").is_some_and(|flags| flags.is_empty())
@@ -161,7 +166,7 @@ fn compare(table: &str, reads: &[[f64; 3]]) -> (usize, usize, f64) {
             wrong += usize::from(off_n > (ROW_SHARE * set_n).max(TOLERANCE_N) + ROW_NOISE_N);
         }
     }
-    (rows, wrong, worst_n)
+    (pressed.len(), wrong, worst_n)
 }
 
 fn describe(setting: &Setting) -> String {

@@ -218,14 +218,22 @@ fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
         if let Record::Zero { sigma_n, .. } = record {
             cell_n = Zero::with_noise(*sigma_n).sigma_mean_n(AIR_READINGS);
         }
-        let Some(contact) = record.contact() else { continue };
-        let mut take = |rule, share: f64| {
+        let mut take = |rule, press: u64, share: f64| {
             let entry = all.entry(rule).or_default();
             entry.compared += 1;
             if share > entry.largest || share.is_nan() {
-                (entry.largest, entry.press) = (share, contact.press);
+                (entry.largest, entry.press) = (share, press);
             }
         };
+        if let Record::Check(check) = record {
+            let parts =
+                [("check, outputs", check.outputs), ("check, pattern", check.pattern), ("check, depth", check.depth)];
+            for (rule, change) in parts.into_iter().filter_map(|(rule, change)| Some((rule, change?))) {
+                take(rule, check.reference, change.by.abs() / change.limit);
+            }
+        }
+        let Some(contact) = record.contact() else { continue };
+        let mut take = |rule, share: f64| take(rule, contact.press, share);
         if let Some(felt) = felt(contact, cell_n) {
             response.share(&felt).into_iter().for_each(|share| take("outputs-differ", share));
             response.learn(felt);

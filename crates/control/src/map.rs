@@ -193,8 +193,8 @@ impl Map {
 
     /// Compares two presses at a place, each by its force, N, and its depth, mm. `None` before the first press, or if one of them
     /// shows nothing.
-    pub fn compare(&self, place: Place, presses: [(f64, f64); 2]) -> Option<Sunk> {
-        self.rises.compare(place, self.curve.shape()?, presses)
+    pub fn compare(&self, presses: [(f64, f64); 2]) -> Option<Sunk> {
+        Sunk::of(self.curve.shape()?, presses)
     }
 
     /// Scatter of the touches beyond their usual scatter, mm.
@@ -322,12 +322,12 @@ mod tests {
     #[test]
     fn a_cell_that_reads_less_changes_the_depth_and_the_force_that_it_stands_for() {
         let (map, place) = (taught(), Place::new(1.0, 1.0));
-        let sunk = map.compare(place, [(1.0, depth_mm(place, 1.0)), (1.0, depth_mm(place, 1.0 / 0.7))]).unwrap();
+        let sunk = map.compare([(1.0, depth_mm(place, 1.0)), (1.0, depth_mm(place, 1.0 / 0.7))]).unwrap();
         assert!((sunk.force - (1.0f64 / 0.7).ln()).abs() < 0.02 && sunk.depth > sunk.limit, "{sunk:?}");
-        let same = map.compare(place, [(1.0, depth_mm(place, 1.0)), (1.03, depth_mm(place, 1.03))]).unwrap();
+        let same = map.compare([(1.0, depth_mm(place, 1.0)), (1.03, depth_mm(place, 1.03))]).unwrap();
         assert!(same.depth.abs() < 0.01 && same.force.abs() < 0.01, "{same:?}");
-        assert_eq!(map.compare(place, [(1.0, 0.0), (1.0, 0.5)]), None);
-        assert_eq!(Map::new(0.3).compare(place, [(1.0, 0.5), (1.0, 0.5)]), None);
+        assert_eq!(map.compare([(1.0, 0.0), (1.0, 0.5)]), None);
+        assert_eq!(Map::new(0.3).compare([(1.0, 0.5), (1.0, 0.5)]), None);
     }
 
     #[test]

@@ -121,20 +121,19 @@ impl Response {
         Ok(())
     }
 
-    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both, and the scatter of the
-    /// contacts so far at that place. `None` if one of them shows nothing.
+    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both. `None` if one of them shows
+    /// nothing.
     pub fn compare(&self, before: &Felt, now: &Felt) -> Option<Changed> {
         if before.outputs.len() != now.outputs.len() {
             return None;
         }
-        let scatter = self.differences(now).map_or((0.0, 0.0), |known| (known.gain.1, known.pattern.1));
         let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
         let own = before.own(self.most).hypot(now.own(self.most)).hypot(nonlinear);
         let pairs = before.outputs.iter().zip(&now.outputs);
         let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
         let changed = Changed {
-            gain: (now.gain() - before.gain(), most_off(own.hypot(scatter.0))),
-            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own.hypot(scatter.1))),
+            gain: (now.gain() - before.gain(), most_off(own)),
+            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own)),
         };
         let all = [changed.gain.0, changed.gain.1, changed.pattern.0, changed.pattern.1];
         all.iter().all(|value| value.is_finite()).then_some(changed)
@@ -245,6 +244,17 @@ mod tests {
         assert_eq!(changed(Felt { outputs: vec![0.0; 9], ..before.clone() }), None);
         assert_eq!(changed(Felt { outputs: vec![f64::NAN; 9], ..before.clone() }), None);
         assert_eq!(changed(Felt { outputs: vec![1.0; 8], ..before.clone() }), None);
+    }
+
+    #[test]
+    fn a_change_during_the_run_widens_no_limit_of_its_check() {
+        let mut response = Response::new(Some(4.5));
+        for i in 0..15 {
+            let gain = if i < 7 { 1.0 } else { 1.0 / 0.7 };
+            response.learn(felt(2.0 * f64::from(i % 4) - 3.0, 2.0 * f64::from(i / 4) - 3.0, gain));
+        }
+        let Changed { gain, .. } = response.compare(&felt(-3.0, -3.0, 1.0), &felt(-3.0, -3.0, 1.0 / 0.7)).unwrap();
+        assert!(gain.0 > gain.1, "{gain:?}");
     }
 
     #[test]

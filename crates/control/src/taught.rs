@@ -57,6 +57,20 @@ pub struct Sunk {
     pub limit: f64,
 }
 
+impl Sunk {
+    /// Compares two presses at a place, each by its force, N, and its depth, mm. The limit covers the error of both depths. `None`
+    /// if one of them shows nothing.
+    pub(crate) fn of(shape: CurveShape, [before, now]: [(f64, f64); 2]) -> Option<Sunk> {
+        let softness = |(to_n, way_mm): (f64, f64)| Rise { from_n: 0.0, to_n, way_mm }.softness(shape);
+        let sunk = Sunk {
+            depth: (softness(now) / softness(before)).ln(),
+            force: (shape.force_n(now.1 / softness(before)) / now.0).ln(),
+            limit: most_off((WAY_MM / before.1).hypot(WAY_MM / now.1)),
+        };
+        [sunk.depth, sunk.force, sunk.limit].iter().all(|value| value.is_finite()).then_some(sunk)
+    }
+}
+
 /// Information from the presses around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taught {
@@ -97,19 +111,6 @@ impl Rises {
         let softest = near.iter().map(|(_, rise)| rise.softness(shape)).fold(0.0, f64::max);
         let predicted = self.predicted(&near, place, shape);
         (softest.is_finite() && softest > 0.0).then_some(Taught { shape, most_n, softest, predicted })
-    }
-
-    /// Compares two presses at a place, each by its force, N, and its depth, mm. The limit covers the error of both depths, and
-    /// the scatter of the presses so far at that place. `None` if one of them shows nothing.
-    pub(crate) fn compare(&self, place: Place, shape: CurveShape, [before, now]: [(f64, f64); 2]) -> Option<Sunk> {
-        let softness = |(to_n, way_mm): (f64, f64)| Rise { from_n: 0.0, to_n, way_mm }.softness(shape);
-        let scatter = self.predict(place, shape).map_or(0.0, |(_, sigma)| sigma);
-        let sunk = Sunk {
-            depth: (softness(now) / softness(before)).ln(),
-            force: (shape.force_n(now.1 / softness(before)) / now.0).ln(),
-            limit: most_off(scatter.hypot(WAY_MM / before.1).hypot(WAY_MM / now.1)),
-        };
-        [sunk.depth, sunk.force, sunk.limit].iter().all(|value| value.is_finite()).then_some(sunk)
     }
 
     /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its

@@ -254,7 +254,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         let changed = now.as_ref().and_then(|now| self.response.compare(&before, now));
         let depths = reference.depth_mm.zip(depth_mm(&contact)).zip(now.as_ref());
         let sunk = depths.and_then(|((before_mm, now_mm), now)| {
-            self.map.compare(before.place, [(before.force_n, before_mm), (now.force_n, now_mm)])
+            self.map.compare([(before.force_n, before_mm), (now.force_n, now_mm)])
         });
         let change = |(by, limit)| Change { by, limit };
         let [outputs, pattern] = [changed.map(|Changed { gain, .. }| gain), changed.map(|it| it.pattern)];
