@@ -32,6 +32,16 @@ pub enum DurabilityChoice {
     Fast,
 }
 
+/// Methods that solve the test presses at the end of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub(super) enum EvaluateChoice {
+    /// The methods of the recipe, and the best one by cross-validation on the calibration.
+    #[default]
+    Best,
+    /// Only the methods of the recipe.
+    Recipe,
+}
+
 /// Format of readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReadingsChoice {

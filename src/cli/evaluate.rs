@@ -6,7 +6,7 @@ use super::exit::Failure;
 use super::method::{load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
 use super::summary::print;
-use super::tables::{characteristics_table, evaluation_table, filled, solvers_table};
+use super::tables::{characteristics_table, definitions, evaluation_table, filled, solvers_table};
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
 use miette::IntoDiagnostic as _;
 use palpate_data::acceptance::Rule;
@@ -68,6 +68,9 @@ pub(super) struct EvaluateArgs {
     /// Definition of repeatability in the characteristics
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     repeatability: RepeatabilityChoice,
+    /// Print what the characteristics mean
+    #[arg(long)]
+    definitions: bool,
     #[command(flatten)]
     columns: ColumnsArgs,
     #[command(flatten)]
@@ -101,7 +104,8 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
             let is_beside_paper = is_beside_paper(layout, &presses);
             let characteristics = Staircases::of_run(&presses, layout)
-                .map(|staircases| characteristics_table(&staircases, args.repeatability.into(), is_beside_paper));
+                .map(|staircases| characteristics_table(&staircases, args.repeatability.into(), is_beside_paper))
+                .map(|table| if args.definitions { table + &definitions(args.repeatability.into()) } else { table });
             let trial = Trial::of_run(&presses, bench.placed());
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
             let shown = Shown { is_only_characterised, is_beside_paper, characteristics };

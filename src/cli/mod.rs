@@ -7,6 +7,7 @@
 mod adapt;
 mod align;
 mod batch;
+mod brief;
 pub mod calls;
 mod certificate;
 mod check;

@@ -12,7 +12,7 @@ use palpate_run::rig::RigSpec;
 use palpate_run::run::{Ask, Cancel, KnownWeight, Listener};
 use std::cell::Cell;
 use std::fmt;
-use std::io::{IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -22,9 +22,6 @@ const FORCE_EVERY: u32 = 20;
 /// Largest number of cells of the bar. The second constant is the least number that is drawn.
 const BAR_CELLS: usize = 22;
 const BAR_LEAST: usize = 6;
-
-/// Assumed width of a terminal that doesn't report its width, columns.
-const WIDTH: usize = 80;
 
 /// Interval at which the bar is drawn even if nothing happens.
 const TICK: Duration = Duration::from_millis(250);
@@ -222,7 +219,13 @@ fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
     let line = move |state: &ProgressState, out: &mut dyn fmt::Write| {
         let shown = locked(&shown);
         let left = shown.timed.then(|| format!("{:#}", HumanDuration(state.eta())));
-        _ = out.write_str(&line(&shown, left.as_deref(), state.pos(), state.len().unwrap_or_default(), width()));
+        _ = out.write_str(&line(
+            &shown,
+            left.as_deref(),
+            state.pos(),
+            state.len().unwrap_or_default(),
+            summary::width(io::stderr()),
+        ));
     };
     // a template that can't be read would leave the bar as it is; it is seen in every run on a terminal
     if let Ok(style) = ProgressStyle::with_template("{line}") {
@@ -255,15 +258,6 @@ fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize
         format!("{phase} [{:<room$}] {count}", "=".repeat(filled) + head)
     };
     text.chars().take(width).collect()
-}
-
-/// Returns the width of the terminal of standard error, columns.
-fn width() -> usize {
-    #[cfg(unix)]
-    let columns = rustix::termios::tcgetwinsize(std::io::stderr()).map_or(0, |size| usize::from(size.ws_col));
-    #[cfg(not(unix))]
-    let columns = 0;
-    if columns == 0 { WIDTH } else { columns }
 }
 
 fn locked(shown: &Mutex<Shown>) -> MutexGuard<'_, Shown> {

@@ -1,6 +1,7 @@
 //! Executes a run: shows its progress, sets its pace and stops it.
 
-use super::choices::DurabilityChoice;
+use super::brief::LINES_MOST;
+use super::choices::{DurabilityChoice, EvaluateChoice};
 use super::exit::{CANCELLED, Failure, NOT_ACCEPTED};
 use super::notify::Notifier;
 use super::progress::Progress;
@@ -15,9 +16,13 @@ use palpate_data::recipe::{Plan, Recipe};
 use palpate_run::batch::{Ended, Event};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
+use std::io;
 use std::process::ExitCode;
 use std::time::Instant;
 use tokio::runtime::{Builder, Runtime};
+
+/// Narrowest and widest text at the end of a run, columns.
+const WIDTHS: (usize, usize) = (40, 100);
 
 /// How a run is shown and paced.
 #[derive(Debug, clap::Args)]
@@ -25,6 +30,12 @@ pub(super) struct SessionArgs {
     /// Print one JSON line for each row when it is stored on disk
     #[arg(long)]
     pub json: bool,
+    /// Print every figure at the end, not only those that fit on a screen
+    #[arg(long)]
+    pub full: bool,
+    /// Methods that solve the test presses: those of the recipe and the best one, or only those of the recipe
+    #[arg(long, value_name = "METHODS", value_enum, default_value_t)]
+    pub evaluate: EvaluateChoice,
     #[command(flatten)]
     pub manner: MannerArgs,
 }
@@ -79,10 +90,12 @@ pub(super) fn carry_out(
     progress.end();
     summary::warn(folder)?;
     let show = |text: &str| if args.json { summary::tell(text) } else { summary::print(text) };
-    let shown = show(&match &finished {
-        Ok(()) => summary::ended(folder, virtual_time),
+    let text = match &finished {
+        Ok(()) => summary::ended(folder, virtual_time, args.full),
         Err(error) => summary::unfinished(folder, error),
-    });
+    };
+    let room = LINES_MOST.saturating_sub(text.lines().count() + 1);
+    let shown = show(&text);
     let mut ended = Ended {
         at: now(),
         serial: serial.clone(),
@@ -105,12 +118,14 @@ pub(super) fn carry_out(
     }
     progress.heard()?;
     shown?; // an error of the rig is reported first
-    let results = summary::results(folder, spec, recipe)?;
+    let results = summary::results(folder, spec, recipe, args.evaluate == EvaluateChoice::Best)?;
     if let Some(judgement) = &results.judgement {
         ended = ended.judged(judgement);
     }
     notify(Event::Ended(ended));
-    show(&results.text())?;
+    let width = summary::width(io::stdout()).clamp(WIDTHS.0, WIDTHS.1);
+    let text = if args.full { results.text() } else { results.brief(room, width) };
+    show(&(text + &format!("next: palpate report {}\n", folder.path().display())))?;
     let is_doubtful = folder.manifest().check_failed.is_some();
     Ok(if is_doubtful { ExitCode::from(NOT_ACCEPTED) } else { verdict_code(results.judgement.as_ref()) })
 }

@@ -1,7 +1,8 @@
 //! How a run ended, for a person.
 
+use super::brief::Brief;
 use super::exit::Failure;
-use super::tables::{characteristics_table, evaluation_table, filled};
+use super::tables::{WIDTH, characteristics_table, definitions, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::acceptance::Judgement;
@@ -11,12 +12,12 @@ use palpate_data::dataset::{DatasetError, Evidence, JournalError, Recorded, RunF
 use palpate_data::recipe::Recipe;
 use palpate_report::report::is_beside_paper;
 use palpate_run::rig::RigSpec;
-use palpate_solver::Evaluation;
+use palpate_solver::{BEST, Evaluation};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// How a run ended, how long it took, and where its files are.
-pub(super) fn ended(folder: &RunFolder, virtual_time: bool) -> String {
+/// How a run ended, how long it took, and where its files are; the tables only where all is printed.
+pub(super) fn ended(folder: &RunFolder, virtual_time: bool, is_full: bool) -> String {
     let manifest = folder.manifest();
     let mut text = String::new();
     // writing to a string can't fail
@@ -51,8 +52,8 @@ pub(super) fn ended(folder: &RunFolder, virtual_time: bool) -> String {
         }
         _ => _ = writeln!(text, "to continue: palpate resume {}", folder.path().display()),
     }
-    let there: Vec<&str> = TABLES.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
-    if manifest.presses_done > 0 {
+    if is_full && manifest.presses_done > 0 {
+        let there: Vec<&str> = TABLES.into_iter().filter(|name| folder.path().join(name).is_file()).collect();
         let _ = writeln!(text, "its tables:\n{}", there.join(" ")); // all of them are 80 columns wide
     }
     text
@@ -77,7 +78,7 @@ pub(super) fn warn(folder: &RunFolder) -> Result<(), Failure> {
 
 /// The result of a complete run by its own recipe.
 pub(super) struct Results {
-    /// With each solver that `[evaluate]` names.
+    /// With each solver that `[evaluate]` names, and with the chosen one.
     evaluations: Vec<Evaluation>,
     /// Of its staircases.
     characteristics: Option<Staircases>,
@@ -86,8 +87,13 @@ pub(super) struct Results {
     is_beside_paper: bool,
 }
 
-/// Evaluations and verdict of a run by its own recipe.
-pub(super) fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Result<Results, Failure> {
+/// Evaluations and verdict of a run by its own recipe; `with_best` adds the best method, which is chosen by cross-validation.
+pub(super) fn results(
+    folder: &RunFolder,
+    spec: &RigSpec,
+    recipe: &Recipe,
+    with_best: bool,
+) -> Result<Results, Failure> {
     let layout = &spec.array.layout;
     let characteristics = folder.staircases().map_err(Failure::dataset)?;
     if recipe.solvers.is_empty() && recipe.rule().is_none() {
@@ -105,7 +111,15 @@ pub(super) fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Re
     let evaluate = |trial: &Trial<'_>| -> Result<Vec<Evaluation>, Failure> {
         recipe.solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
     };
-    let evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
+    let mut evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
+    let has_best = recipe.solvers.iter().any(|solver| solver == BEST);
+    if with_best
+        && !has_best
+        && let Some(best) = trial.as_ref().ok().and_then(|trial| trial.evaluate(BEST).ok())
+    {
+        evaluations.retain(|evaluation| evaluation.solver != best.solver);
+        evaluations.push(best);
+    }
     let (runs, u_place_mm) = (vec![&recorded], spec.u_place_mm());
     let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
     let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
@@ -114,14 +128,27 @@ pub(super) fn results(folder: &RunFolder, spec: &RigSpec, recipe: &Recipe) -> Re
 }
 
 impl Results {
-    /// For a person: evaluation, characteristics and verdict.
+    /// For a person, in at most so many lines, for a terminal of so many columns.
+    pub(super) fn brief(&self, lines_most: usize, width: usize) -> String {
+        let brief = Brief {
+            evaluations: &self.evaluations,
+            staircases: self.characteristics.as_ref(),
+            judgement: self.judgement.as_ref(),
+            is_beside_paper: self.is_beside_paper,
+            width,
+        };
+        brief.text(lines_most)
+    }
+
+    /// For a person: evaluation, characteristics and verdict, with all that is known.
     pub(super) fn text(&self) -> String {
         let mut text = String::new();
         if !self.evaluations.is_empty() {
             let _ = write!(text, "\n{}", evaluation_table(&self.evaluations, self.is_beside_paper));
         }
         if let Some(staircases) = &self.characteristics {
-            let table = characteristics_table(staircases, Repeatability::default(), self.is_beside_paper);
+            let table = characteristics_table(staircases, Repeatability::default(), self.is_beside_paper)
+                + &definitions(Repeatability::default());
             let _ = write!(text, "\n{table}");
         }
         match &self.judgement {
@@ -131,6 +158,19 @@ impl Results {
         }
         text
     }
+}
+
+/// Width of a terminal, columns; of what isn't a terminal, the usual one.
+#[cfg(unix)]
+pub(super) fn width(of: impl std::os::fd::AsFd) -> usize {
+    let columns = rustix::termios::tcgetwinsize(of).map_or(0, |size| usize::from(size.ws_col));
+    if columns == 0 { WIDTH } else { columns }
+}
+
+/// Width of a terminal, columns.
+#[cfg(not(unix))]
+pub(super) fn width<T>(_: T) -> usize {
+    WIDTH
 }
 
 /// A duration as a person reads it.

@@ -7,18 +7,38 @@ use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
-const WIDTH: usize = 80;
+pub(super) const WIDTH: usize = 80;
+
+/// Width of a row's label in the table of errors, of the paper's column, and of a method's.
+pub(super) const LABEL: usize = 27;
+pub(super) const PAPER_COLUMN: usize = 9;
+pub(super) const COLUMN: usize = 14;
 
 /// Blank at which [`filled`] doesn't break a line.
 const NO_BREAK: char = '\u{a0}';
 
+/// Rows that a table of errors has, from those that every table has to those that only the longest one has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Detail {
+    Means,
+    Shares,
+    All,
+}
+
 /// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
 pub(super) fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
-    let mut text = String::new();
-    let mut row = |label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
-        let ours: String = evaluations.iter().map(|evaluation| format!("{:>14}", ours(evaluation))).collect();
-        let paper = if is_beside_paper { format!("{paper:>9}") } else { String::new() };
-        let _ = writeln!(text, "{}", format!("{label:<27}{paper}{ours}").trim_end());
+    let evaluations: Vec<&Evaluation> = evaluations.iter().collect();
+    let rows = evaluation_rows(&evaluations, is_beside_paper).into_iter().map(|(_, row)| row + "\n");
+    rows.collect::<String>() + &footnotes(&evaluations)
+}
+
+/// The rows of that table.
+pub(super) fn evaluation_rows(evaluations: &[&Evaluation], is_beside_paper: bool) -> Vec<(Detail, String)> {
+    let mut rows = Vec::new();
+    let mut row = |detail: Detail, label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
+        let ours: String = evaluations.iter().map(|evaluation| format!("{:>COLUMN$}", ours(evaluation))).collect();
+        let paper = if is_beside_paper { format!("{paper:>PAPER_COLUMN$}") } else { String::new() };
+        rows.push((detail, format!("{label:<LABEL$}{paper}{ours}").trim_end().to_owned()));
     };
     let of = |error: Option<ErrorSummary>, part: fn(&ErrorSummary) -> f64, unit: &str| match error {
         Some(error) => format!("{:.3} {unit}", part(&error)),
@@ -26,37 +46,43 @@ pub(super) fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool
     };
     let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
     let papers = |share: f64| format!("{:.0} %", 100.0 * share);
-    row("", "paper", &|e| e.solver.clone());
-    row("points", &paper::POINTS.to_string(), &|e| e.points.to_string());
-    row("location error, mean", &format!("{} mm", paper::LOCATION_ERROR_MM), &|e| {
+    row(Detail::Means, "", "paper", &|e| e.solver.clone());
+    row(Detail::All, "points", &paper::POINTS.to_string(), &|e| e.points.to_string());
+    row(Detail::Means, "location error, mean", &format!("{} mm", paper::LOCATION_ERROR_MM), &|e| {
         of(Some(e.location_error_mm), |error| error.mean, "mm")
     });
-    row("  median", "", &|e| of(Some(e.location_error_mm), |error| error.median, "mm"));
-    row("  95th percentile", "", &|e| of(Some(e.location_error_mm), |error| error.p95, "mm"));
-    row("  largest", "", &|e| of(Some(e.location_error_mm), |error| error.max, "mm"));
-    row("force error, mean", &format!("{} N", paper::FORCE_ERROR_N), &|e| of(e.force_error_n, |error| error.mean, "N"));
-    row("  median", "", &|e| of(e.force_error_n, |error| error.median, "N"));
-    row("  95th percentile", "", &|e| of(e.force_error_n, |error| error.p95, "N"));
-    row("  largest", "", &|e| of(e.force_error_n, |error| error.max, "N"));
+    row(Detail::All, "  median", "", &|e| of(Some(e.location_error_mm), |error| error.median, "mm"));
+    row(Detail::All, "  95th percentile", "", &|e| of(Some(e.location_error_mm), |error| error.p95, "mm"));
+    row(Detail::All, "  largest", "", &|e| of(Some(e.location_error_mm), |error| error.max, "mm"));
+    row(Detail::Means, "force error, mean", &format!("{} N", paper::FORCE_ERROR_N), &|e| {
+        of(e.force_error_n, |error| error.mean, "N")
+    });
+    row(Detail::All, "  median", "", &|e| of(e.force_error_n, |error| error.median, "N"));
+    row(Detail::All, "  95th percentile", "", &|e| of(e.force_error_n, |error| error.p95, "N"));
+    row(Detail::All, "  largest", "", &|e| of(e.force_error_n, |error| error.max, "N"));
     if evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some()) {
-        row("  mean, by the load cell", "", &|e| of(e.force_error_load_cell_n, |error| error.mean, "N"));
+        row(Detail::All, "  mean, by the load cell", "", &|e| of(e.force_error_load_cell_n, |error| error.mean, "N"));
     }
-    row("location error under 1 mm", &papers(paper::WITHIN_1MM), &|e| share(Some(e.within.location_1mm)));
-    row("force error under 0.1 N", &papers(paper::WITHIN_0_1N), &|e| share(e.within.force_0_1n));
-    row("both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
-    let has_half_widths = |e: &Evaluation| e.coverage.as_ref().is_some_and(|coverage| coverage.location_68.is_some());
+    row(Detail::Shares, "location error under 1 mm", &papers(paper::WITHIN_1MM), &|e| {
+        share(Some(e.within.location_1mm))
+    });
+    row(Detail::Shares, "force error under 0.1 N", &papers(paper::WITHIN_0_1N), &|e| share(e.within.force_0_1n));
+    row(Detail::Shares, "both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
+    let has_half_widths = |e: &&Evaluation| e.coverage.as_ref().is_some_and(|coverage| coverage.location_68.is_some());
     if evaluations.iter().any(has_half_widths) {
         let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
             let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
             shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
         };
-        row("in half68_mm, half95_mm", "", &|e| both(e, |c| [c.location_68, c.location_95]));
-        row("in half68_n, half95_n", "", &|e| both(e, |c| [c.force_68, c.force_95]));
+        row(Detail::All, "in half68_mm, half95_mm", "", &|e| both(e, |c| [c.location_68, c.location_95]));
+        row(Detail::All, "in half68_n, half95_n", "", &|e| both(e, |c| [c.force_68, c.force_95]));
     }
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
-        row("time a solve", "", &|e| e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0)));
+        row(Detail::All, "time a solve", "", &|e| {
+            e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0))
+        });
     }
-    text + &footnotes(&evaluations.iter().collect::<Vec<_>>())
+    rows
 }
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
@@ -132,7 +158,7 @@ pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
-/// The characteristics of each unit, after the paper's where they stand, with the definitions underneath, in at most 80 columns.
+/// The characteristics of each unit, after the paper's where they stand, with their definitions in [`definitions`], in at most 80 columns.
 pub(super) fn characteristics_table(
     staircases: &Staircases,
     repeatability: Repeatability,
@@ -209,17 +235,20 @@ pub(super) fn characteristics_table(
         ];
         text += &others(unit.name(), cells.map(number), Some(unit.unit));
     }
-    text.push('\n');
-    let repeats = ("repeatability", repeatability.definition());
-    for (name, definition) in [repeats].into_iter().chain(terms::COMMON.map(|term| (term.name, term.definition))) {
-        text += &filled(&format!("{name}: {definition}"), "  ");
-    }
-    text += &filled(terms::SOURCES, "");
-    text.push_str(SHARED_ERROR_NOTE);
     if staircases.left_out > 0 {
         let _ = writeln!(text, "excluded: {} flagged levels", staircases.left_out);
     }
     text
+}
+
+/// What the characteristics mean.
+pub(super) fn definitions(repeatability: Repeatability) -> String {
+    let mut text = "\n".to_owned();
+    let repeats = ("repeatability", repeatability.definition());
+    for (name, definition) in [repeats].into_iter().chain(terms::COMMON.map(|term| (term.name, term.definition))) {
+        text += &filled(&format!("{name}: {definition}"), "  ");
+    }
+    text + &filled(terms::SOURCES, "") + SHARED_ERROR_NOTE
 }
 
 const SHARED_ERROR_NOTE: &str = "\
@@ -381,7 +410,8 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
             let staircases =
                 Staircases { units: (0..readings.len()).collect(), readings: readings.clone(), left_out: 3 };
             let text = evaluation_table(&[evaluation.clone(), evaluation.clone(), evaluation.clone()], true)
-                + &characteristics_table(&staircases, repeatability, true);
+                + &characteristics_table(&staircases, repeatability, true)
+                + &definitions(repeatability);
             assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         }
     }

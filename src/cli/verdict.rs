@@ -76,22 +76,24 @@ pub(super) fn verdict_code(judgement: Option<&Judgement>) -> ExitCode {
     }
 }
 
+/// The verdict, and what it depends on.
+pub(super) fn head(judgement: &Judgement) -> String {
+    let afterwards = judgement.judged_afterwards_by.as_ref().map(|file| format!(", judged afterwards by {file}"));
+    format!(
+        "{}: {} rule, method {}, {} calibration and {} test presses{}",
+        judgement.verdict.told().to_uppercase(),
+        judgement.rule,
+        judgement.method,
+        judgement.calibration_presses,
+        judgement.test_presses,
+        afterwards.unwrap_or_default()
+    )
+}
+
 /// The verdict with each limit, in at most 80 columns.
 pub(super) fn verdict_table(judgement: &Judgement) -> String {
     let is_guarded = judgement.rule == Decision::Guarded.word();
-    let afterwards = judgement.judged_afterwards_by.as_ref().map(|file| format!(", judged afterwards by {file}"));
-    let mut text = filled(
-        &format!(
-            "{}: {} rule, method {}, {} calibration and {} test presses{}",
-            judgement.verdict.told().to_uppercase(),
-            judgement.rule,
-            judgement.method,
-            judgement.calibration_presses,
-            judgement.test_presses,
-            afterwards.unwrap_or_default()
-        ),
-        "  ",
-    );
+    let mut text = filled(&head(judgement), "  ");
     let bound = if is_guarded { "95 % bound" } else { "" };
     let _ = writeln!(text, "{:<41}{:>9}{bound:>11}{:>9}{:>6}", "", "found", "limit", "n");
     for check in &judgement.checks {

@@ -3,7 +3,9 @@
 
 use palpate_testing::printed::is_narrow;
 use palpate_testing::skins::skins;
-use palpate_testing::{Bench, SMALL, campaign, shipped, shipped_text};
+use palpate_testing::{Bench, SMALL, campaign, shipped_text};
+use std::fs;
+use std::path::Path;
 
 #[test]
 fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
@@ -34,10 +36,11 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
 #[test]
 fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
     let bench = Bench::new();
-    let told = bench.palpate_ends(0, &format!("run {} --out whole", shipped("recipes/paper.toml").display())).out;
+    let told = bench.palpate_ends(0, "run paper").out;
     assert!(told.contains("location error, mean         0.46 mm"), "{told}");
-    bench.palpate_ends(0, "report whole");
-    let page = bench.read("whole/report.html");
+    is_shown_in_the_book(&told);
+    bench.palpate_ends(0, "report runs/paper");
+    let page = bench.read("runs/paper/report.html");
     for cited in
         ["Liu, W.; Gu, C.; Zeng, R.; Yu, P.; Fu, X.", "A Novel Inverse Solution of Contact Force", "Sensors 2018"]
     {
@@ -46,11 +49,25 @@ fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
     assert!(page.contains("doi:10.3390/s18020351") && page.contains("<th scope=\"col\">paper</th>"));
     assert_eq!(page.matches("<th scope=\"col\">paper</th>").count(), 4, "errors, two repeatabilities, hysteresis");
     if campaign::is_quick() {
-        let told = bench.palpate_ends(0, "evaluate whole").out;
+        let told = bench.palpate_ends(0, "evaluate runs/paper").out;
         assert!(told.lines().next().is_some_and(|header| header.trim_start().starts_with("paper ")), "{told}");
     } else {
-        let told = bench.palpate_ends(0, "evaluate whole --solver all").out;
+        let told = bench.palpate_ends(0, "evaluate runs/paper --solver all").out;
         assert!(told.contains("\npaper "), "{told}");
+    }
+}
+
+/// The picture of the README and the tutorial show what a run prints, except for its duration.
+fn is_shown_in_the_book(told: &str) {
+    let book = |path: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(path);
+        fs::read_to_string(path).expect("a page of the book")
+    };
+    let (picture, tutorial) = (book("pictures/run.svg"), book("tutorials/simulation.md"));
+    assert!(told.lines().count() <= 20, "{told}");
+    for line in told.lines().filter(|line| !line.starts_with("time: ") && !line.is_empty()) {
+        assert!(picture.contains(&format!(">{line}</text>")), "docs/pictures/make PROGRAM run.svg: {line}");
+        assert!(tutorial.contains(&format!("\n{line}\n")), "the tutorial lacks {line}");
     }
 }
 

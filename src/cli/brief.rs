@@ -1,0 +1,235 @@
+//! The result of a run in a few lines. Where there isn't room for all, the least important lines are left out.
+
+use super::tables::{COLUMN, Detail, LABEL, PAPER_COLUMN, evaluation_rows};
+use super::verdict::{NO_RULE, head};
+use palpate_data::acceptance::{Check, Figure, Judgement, Verdict};
+use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use palpate_solver::Evaluation;
+
+/// Most lines of a run on standard output.
+pub(super) const LINES_MOST: usize = 20;
+/// Most limits that are named one by one.
+const LIMITS_MOST: usize = 8;
+
+/// What is printed, and for which width of the terminal, columns.
+pub(super) struct Brief<'a> {
+    pub evaluations: &'a [Evaluation],
+    pub staircases: Option<&'a Staircases>,
+    pub judgement: Option<&'a Judgement>,
+    pub is_beside_paper: bool,
+    pub width: usize,
+}
+
+/// Importance of a line. Lines that are declared later are left out first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Rank {
+    Verdict,
+    Error,
+    Reason,
+    Characteristics,
+    Note,
+    MoreErrors,
+    Blank,
+}
+
+type Line = (Rank, String);
+
+impl Brief<'_> {
+    /// At most so many lines.
+    pub(super) fn text(&self, lines_most: usize) -> String {
+        let blocks = [self.errors(), self.characteristics(), self.verdict()];
+        let mut lines: Vec<Line> = Vec::new();
+        for block in blocks.into_iter().filter(|block| !block.is_empty()) {
+            lines.push((Rank::Blank, String::new()));
+            lines.extend(block);
+        }
+        while lines.len() > lines_most
+            && let Some(rank) = lines.iter().map(|(rank, _)| *rank).max().filter(|rank| *rank > Rank::Error)
+            && let Some(last) = lines.iter().rposition(|(of, _)| *of == rank)
+        {
+            lines.remove(last);
+        }
+        lines.into_iter().map(|(_, line)| line + "\n").collect()
+    }
+
+    /// The errors of as many methods as there is room for: the last was chosen, the first are those of the recipe.
+    fn errors(&self) -> Vec<Line> {
+        let columns = |paper: usize| self.width.saturating_sub(LABEL + paper) / COLUMN;
+        let has_paper = self.is_beside_paper && columns(PAPER_COLUMN) > 0;
+        let room = columns(if has_paper { PAPER_COLUMN } else { 0 }).max(1);
+        let Some((last, others)) = self.evaluations.split_last() else { return Vec::new() };
+        let shown: Vec<&Evaluation> = others.iter().take(room - 1).chain([last]).collect();
+        let ranked = |(detail, row)| match detail {
+            Detail::Means => Some((Rank::Error, row)),
+            Detail::Shares => Some((Rank::MoreErrors, row)),
+            Detail::All => None,
+        };
+        evaluation_rows(&shown, has_paper).into_iter().filter_map(ranked).collect()
+    }
+
+    /// Each characteristic of its worst unit, beside its limit.
+    fn characteristics(&self) -> Vec<Line> {
+        let Some(staircases) = self.staircases else { return Vec::new() };
+        let units = characterise(staircases, Repeatability::default());
+        type Value = fn(&UnitCharacteristics) -> Option<f64>;
+        let all: [(&str, Figure, Value); 4] = [
+            ("repeatability", Figure::Repeatability, |unit| unit.repeatability_loading_percent),
+            ("hysteresis", Figure::Hysteresis, |unit| unit.hysteresis_percent),
+            ("linearity", Figure::Linearity, |unit| unit.linearity_percent),
+            ("zero return", Figure::ZeroReturn, |unit| unit.zero_return_percent),
+        ];
+        let worst = |(name, figure, value): (&str, Figure, Value)| {
+            let values = units.iter().filter_map(|unit| Some((value(unit)?, unit)));
+            let (worst, unit) = values.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()))?;
+            let limit = self.judgement.and_then(|judgement| judgement.checks.iter().find(|check| check.kind == figure));
+            let limit = limit.map_or(String::new(), |check| format!(", limit {}", check.shown(Some(check.limit))));
+            Some(format!("{name} {worst:.2} (unit {}{limit})", unit.name()).replace(' ', "\u{a0}"))
+        };
+        let worst: Vec<String> = all.into_iter().filter_map(worst).collect();
+        if worst.is_empty() {
+            return Vec::new();
+        }
+        let text = format!("worst units, % of full scale: {}", worst.join("; "));
+        self.filled(&text, "  ").map(|line| (Rank::Characteristics, line)).collect()
+    }
+
+    /// The verdict, and the limits that decide it.
+    fn verdict(&self) -> Vec<Line> {
+        let Some(judgement) = self.judgement else {
+            let is_evaluated = !self.evaluations.is_empty();
+            let no_rule = self.filled(NO_RULE.trim_end(), "  ");
+            return if is_evaluated { no_rule.map(|line| (Rank::Verdict, line)).collect() } else { Vec::new() };
+        };
+        let ranked = |rank: Rank, text: &str, indent: &str| -> Vec<Line> {
+            self.filled(text, indent).map(|line| (rank, line)).collect()
+        };
+        let mut lines = ranked(Rank::Verdict, &head(judgement), "  ");
+        for reason in &judgement.reasons {
+            lines.extend(ranked(Rank::Reason, &format!("  {reason}"), "    "));
+        }
+        let mut missed: Vec<&Check> =
+            judgement.checks.iter().filter(|check| check.verdict != Verdict::Accepted).collect();
+        let met = judgement.checks.len() - missed.len();
+        let hidden = missed.len().saturating_sub(LIMITS_MOST);
+        if hidden > 0 {
+            missed.sort_by(|a, b| farther(b).total_cmp(&farther(a)));
+            missed.truncate(LIMITS_MOST);
+        }
+        let all: Vec<&Check> = if missed.is_empty() { judgement.checks.iter().collect() } else { missed };
+        let is_named = all.len() <= LIMITS_MOST && (hidden > 0 || met < judgement.checks.len() || met <= 2);
+        for check in all.iter().filter(|_| is_named) {
+            lines.extend(ranked(Rank::Verdict, &format!("  {}", compared(check)), "    "));
+        }
+        let rest = match (hidden, met) {
+            (0, 0) => None,
+            (0, met) if met == judgement.checks.len() => (!is_named).then(|| format!("  {met} within their limits")),
+            (0, met) => Some(format!("  and {met} within their limits")),
+            (hidden, met) => Some(format!("  and {hidden} more that aren't met, {met} within their limits")),
+        };
+        lines.extend(rest.map(|rest| (Rank::Verdict, rest)));
+        for note in &judgement.notes {
+            lines.extend(ranked(Rank::Note, &format!("  {note}"), "    "));
+        }
+        lines
+    }
+
+    fn filled(&self, text: &str, indent: &str) -> std::vec::IntoIter<String> {
+        let options = textwrap::Options::new(self.width).subsequent_indent(indent);
+        let lines: Vec<String> =
+            textwrap::wrap(text, options).into_iter().map(|line| line.replace('\u{a0}', " ")).collect();
+        lines.into_iter()
+    }
+}
+
+/// How far a value is from its limit, as a fraction of the limit; a value that is unknown or too uncertain isn't far.
+fn farther(check: &Check) -> f64 {
+    let Some(value) = check.value.filter(|_| check.verdict == Verdict::NotAccepted) else { return 0.0 };
+    (value - check.limit).abs() / check.limit.abs().max(f64::MIN_POSITIVE)
+}
+
+/// A figure, its value and its limit.
+fn compared(check: &Check) -> String {
+    let unit = match check.kind.unit() {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    let (name, found, limit) =
+        (check.kind.full_name(check.reach), check.shown(check.value), check.shown(Some(check.limit)));
+    let bound = check.bound.map_or(String::new(), |bound| format!(" (95 % bound {})", check.shown(Some(bound))));
+    let reason = match (check.verdict, &check.reason) {
+        (Verdict::NotDecided, Some(reason)) => format!(": {reason}"),
+        _ => String::new(),
+    };
+    format!("{name} {found}{unit}{bound}, limit {limit}{unit}{reason}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_data::acceptance::{Decision, Limit, Measured, Rule, judge};
+
+    /// A rule of every limit of which the first so many are missed, and the others met.
+    fn judgement(missed: usize) -> Judgement {
+        let limits = Figure::ALL.map(|figure| Limit { figure, limit: 0.5, reach: figure.is_share().then_some(1.0) });
+        let rule = Rule {
+            decision: Decision::Guarded,
+            method: "surrogate".to_owned(),
+            calibration_presses_least: 1,
+            test_presses_least: 1,
+            holdout: false,
+            limits: limits.to_vec(),
+            afterwards_by: None,
+        };
+        let mut judgement = judge(&rule, &Measured::default());
+        judgement.reasons.clear();
+        for (index, check) in judgement.checks.iter_mut().enumerate() {
+            check.value = Some(0.6 + 0.1 * index as f64);
+            check.reason = None;
+            check.verdict = if index < missed { Verdict::NotAccepted } else { Verdict::Accepted };
+        }
+        judgement
+    }
+
+    fn brief(judgement: &Judgement, width: usize) -> String {
+        let brief =
+            Brief { evaluations: &[], staircases: None, judgement: Some(judgement), is_beside_paper: false, width };
+        brief.text(LINES_MOST)
+    }
+
+    #[test]
+    fn of_many_missed_limits_the_farthest_eight_are_named_and_the_others_counted() {
+        let text = brief(&judgement(10), 80);
+        assert_eq!(text.matches(", limit 0.5").count(), LIMITS_MOST, "{text}");
+        assert!(text.contains("\n  and 2 more that aren't met, 4 within their limits\n"), "{text}");
+        assert!(!text.contains("location error, mean 0.6") && text.contains("linearity, worst unit 1.5"), "{text}");
+    }
+
+    #[test]
+    fn limits_that_are_missed_or_not_decided_are_named_and_the_met_ones_counted() {
+        let text = brief(&judgement(1), 80);
+        assert!(
+            text.contains("\n  location error, mean 0.600 mm, limit 0.500 mm\n  and 13 within their limits\n"),
+            "{text}"
+        );
+        let text = brief(&judgement(0), 80);
+        assert!(text.contains("\n  14 within their limits\n"), "{text}");
+        let mut unknown = judgement(1);
+        (unknown.checks[0].value, unknown.checks[0].verdict) = (None, Verdict::NotDecided);
+        unknown.checks[0].reason = Some("no test was evaluated".to_owned());
+        assert!(brief(&unknown, 80).contains("limit 0.500 mm: no test was evaluated\n"), "{}", brief(&unknown, 80));
+    }
+
+    #[test]
+    fn no_line_is_wider_than_the_terminal_and_the_least_important_go_first() {
+        let judgement = judgement(10);
+        for width in [40, 60, 80, 100] {
+            let text = brief(&judgement, width);
+            assert!(text.lines().all(|line| line.len() <= width), "{text}");
+            assert!(width < 80 || text.lines().count() <= LINES_MOST, "{text}");
+        }
+        let mut noted = judgement.clone();
+        noted.notes = vec!["the load cell was not checked after the run".to_owned(); 12];
+        let text = brief(&noted, 80);
+        assert_eq!((text.lines().count(), text.matches(", limit 0.5").count()), (LINES_MOST, LIMITS_MOST), "{text}");
+    }
+}
