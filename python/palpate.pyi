@@ -291,9 +291,9 @@ def run(
 ) -> Events:
     """Runs a recipe on a rig and records every press, like `palpate run`. Returns the events.
 
-    `recipe` and `rig` are files, or names of shipped ones; without a rig it is the simulated `sim`. `out` is the folder of the
-    run [runs/NAME]. `simulate` replaces the rig's links by emulators. The other options are those of `palpate run`. `confirmed`
-    is what a person has made sure of; the run never asks. Raises `UsageError` for bad input; nothing has moved then.
+    `recipe` and `rig` are files, or names of shipped ones; without a rig it is that of the recipe's key `rig`, or `rig.toml` in its
+    folder, and must be simulated. `out` is the folder of the run [runs/NAME]. `simulate` replaces the rig's links by emulators.
+    The other options are those of `palpate run`. `confirmed` is what a person has made sure of; the run never asks. Raises `UsageError` for bad input; nothing has moved then.
     """
 
 def simulate(

@@ -82,7 +82,7 @@ def recipe(tmp_path):
         file = tmp_path / f"recipe-{count}.toml"
         area = "x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0]"
         step = f'[[step]]\nphase = "test"\nrandom = {{ count = {count}, {area} }}\n'
-        file.write_text(f'name = "r"\n[press]\nsample_s = 0.02\n{step}')
+        file.write_text(f'name = "r"\nrig = "sim"\n[press]\nsample_s = 0.02\n{step}')
         return file
 
     return make

@@ -13,7 +13,7 @@ use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use std::collections::HashSet;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -43,9 +43,14 @@ pub(super) struct CheckArgs {
 
 /// Checks and prints the plan.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
-    let sources = Sources::read(&args.recipe, &args.rig)?;
-    let plan = sources.plan(args.rig.seed)?;
-    print(&described(&plan, &sources.rig))?;
+    check_recipe(&args.recipe, &args.rig)
+}
+
+/// The same for `palpate run --dry-run`.
+pub(super) fn check_recipe(recipe: &Path, rig: &RigArgs) -> Result<ExitCode, Failure> {
+    let sources = Sources::read(recipe, rig)?;
+    let plan = sources.plan(rig.seed)?;
+    print(&(sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig)))?;
     for warning in warnings(&sources.recipe, &plan, &sources.rig) {
         tell(&filled(&format!("warning: {warning}"), "  "))?;
     }

@@ -101,8 +101,8 @@ fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     Template {
         files: with_schemas([(Text::Recipe, recipe.as_str()), (Text::Rig, rig), CERTIFICATE]),
         next: format!(
-            "  palpate check recipe.toml --rig rig.toml{simulate}\n  \
-             palpate run recipe.toml --rig rig.toml{simulate}\n  \
+            "  palpate check recipe.toml{simulate}\n  \
+             palpate run recipe.toml{simulate}\n  \
              palpate report runs/{name}\n\n\
              Change recipe and rig to your sensor and bench. `palpate reference recipe` and\n\
              `palpate reference rig` print every key.\n"

@@ -51,6 +51,7 @@ mod tables;
 mod texts;
 mod verdict;
 mod verify;
+mod which_rig;
 mod which_way;
 mod withdraw;
 

@@ -6,6 +6,7 @@ use super::recorded::rig_of;
 use super::session::{SessionArgs, carry_out};
 use super::sources::{RigArgs, Sources, read_rig_text};
 use super::summary;
+use super::which_rig::Chosen;
 use palpate_data::dataset::{Provenance, RigChange, RunFolder, Status, Texts, files};
 use palpate_document::TEXT_MAX_BYTES;
 use palpate_run::rig::{Consequence, Difference, differences};
@@ -42,8 +43,9 @@ pub(super) struct ResumeArgs {
 pub(super) fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     let (manifest, texts) = Texts::read(&args.run).map_err(Failure::dataset)?;
     let facts = manifest.facts;
+    let rig_path = args.rig.clone().unwrap_or_else(|| args.run.join("rig.toml"));
     let rig = RigArgs {
-        rig: args.rig.clone().unwrap_or_else(|| args.run.join("rig.toml")),
+        rig: args.rig.clone(),
         simulate: facts.simulated,
         seed: facts.seed,
         strategy: facts.strategy,
@@ -55,8 +57,8 @@ pub(super) fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
     }
     rig_of(&args.run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(args, &texts)?;
-    let changes = changes(&rig.rig, &texts, &rig_text)?;
-    let mut sources = Sources::of_run(&args.run, &texts, &rig, &rig_text)?;
+    let changes = changes(&rig_path, &texts, &rig_text)?;
+    let mut sources = Sources::of_run(&args.run, &texts, &rig, Chosen::of_run(rig_path, rig_text.clone()))?;
     sources.rig.scene.specimen = facts.specimen;
     let plan = sources.plan(facts.seed)?;
     args.session.manner.check(&sources.rig)?;
@@ -75,6 +77,8 @@ pub(super) fn resume(args: &ResumeArgs) -> Result<ExitCode, Failure> {
         summary::tell(&format!("{} is complete: {state}\n", args.run.display()))?;
         return Ok(ExitCode::SUCCESS);
     }
+    let show = if args.session.json { summary::tell } else { summary::print };
+    show(&sources.chosen.line(&sources.rig))?;
     for RigChange { key, before, now } in &changes {
         summary::tell(&format!("rig: `{key}` is {now} (it was {before} when the run began)\n"))?;
     }

@@ -1,22 +1,31 @@
 //! `palpate run`.
 
+use super::check::check_recipe;
 use super::exit::Failure;
 use super::labels::LabelArgs;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
+use super::signals::is_attended;
 use super::sources::{RigArgs, Sources};
+use super::summary::{print, tell};
+use super::which_rig::Chosen;
 use palpate_data::dataset::{RunFacts, RunFolder};
 use palpate_data::recipe::Plan;
+use palpate_run::rig::RigSpec;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
   palpate run recipes/paper.toml
+  palpate run recipes/paper.toml --dry-run
   palpate run recipes/test.toml --seed 7 --out runs/seven
   palpate run recipes/calibrate.toml --rig rigs/esp301.toml --sensor A-017
   palpate run recipes/bench.toml --strategy guarded
   palpate run recipes/paper.toml --rig rigs/esp301.toml --simulate
+
+The first line names the rig. A real rig that --rig doesn't name is confirmed at
+the terminal; without a terminal, --rig must name it.
 
 Ctrl-C finishes the current press and pauses; a second Ctrl-C stops immediately.
 Both park the stage and keep all presses. `palpate resume RUN` continues.";
@@ -34,6 +43,9 @@ pub(super) struct RunArgs {
     /// Output folder [default: runs/NAME, runs/NAME-2, ...]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Print the plan, like `palpate check`; nothing moves
+    #[arg(long)]
+    dry_run: bool,
     #[command(flatten)]
     pub session: SessionArgs,
 }
@@ -50,15 +62,26 @@ pub(super) struct Begun {
 
 /// Makes the run's folder and walks its plan.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
-    let Begun { sources, plan, mut folder } = begin(args)?;
+    if args.dry_run {
+        return check_recipe(&args.recipe, &args.rig);
+    }
+    let show = if args.session.json { tell } else { print };
+    let Begun { sources, plan, mut folder } = begin(args, &|chosen, rig| {
+        show(&chosen.line(rig))?;
+        chosen.confirm(rig, is_attended())
+    })?;
     carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
 }
 
-/// Makes the run's folder.
-pub(super) fn begin(args: &RunArgs) -> Result<Begun, Failure> {
+/// Makes the run's folder, once `confirm` agrees to the rig.
+pub(super) fn begin(
+    args: &RunArgs,
+    confirm: &dyn Fn(&Chosen, &RigSpec) -> Result<(), Failure>,
+) -> Result<Begun, Failure> {
     let sources = Sources::read(&args.recipe, &args.rig)?;
     let plan = sources.plan(args.rig.seed)?;
     args.session.manner.check(&sources.rig)?;
+    confirm(&sources.chosen, &sources.rig)?;
     let facts = RunFacts {
         labels: args.labels.labels(),
         strategy: args.rig.strategy,

@@ -2,6 +2,7 @@
 
 use super::exit::Failure;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
+use super::which_rig::Chosen;
 use super::which_way::ConfirmArgs;
 use palpate_control::Strategy;
 use palpate_data::dataset::{Origins, Texts};
@@ -13,15 +14,14 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// The rig that is used where none is named; without such a file, the one that came with the program.
-pub(super) const DEFAULT_RIG: &str = "rigs/sim.toml";
-
 /// A recipe and a rig, read and understood, with their texts.
 pub(super) struct Sources {
     /// The recipe.
     pub recipe: Recipe,
     /// The rig.
     pub rig: RigSpec,
+    /// How the rig was chosen.
+    pub chosen: Chosen,
     /// Both as given.
     pub origins: Origins,
 }
@@ -29,9 +29,9 @@ pub(super) struct Sources {
 /// The rig of a recipe, and options that replace the recipe's own values.
 #[derive(Debug, clap::Args)]
 pub(super) struct RigArgs {
-    /// The rig to use
-    #[arg(long, value_name = "RIG", default_value = DEFAULT_RIG)]
-    pub rig: PathBuf,
+    /// The rig to use [default: the recipe's `rig`, or rig.toml in its folder; the simulated rig for a shipped recipe]
+    #[arg(long, value_name = "RIG")]
+    pub rig: Option<PathBuf>,
     /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     pub simulate: bool,
@@ -71,29 +71,33 @@ impl OneRigArgs {
 }
 
 impl Sources {
-    /// Reads a recipe and a rig from their files.
-    pub(super) fn read(recipe: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
-        let text = read_named(recipe, RECIPES, "recipes")?;
-        let beside = |name: &str| bounded(&recipe.with_file_name(name));
-        Sources::of(parse_recipe(recipe, text, &beside), read_rig(&rig.rig), rig)
+    /// Reads a recipe from its file, chooses its rig and reads it.
+    pub(super) fn read(path: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
+        let text = read_named(path, RECIPES, "recipes")?;
+        let beside = |name: &str| bounded(&path.with_file_name(name));
+        let recipe = parse_recipe(path, text.clone(), &beside);
+        // without --rig, only a correct recipe has a rig
+        let recipe = if rig.rig.is_some() { recipe } else { Ok(recipe?) };
+        let key = recipe.as_ref().ok().and_then(|read| read.recipe.rig.clone());
+        let chosen = Chosen::of(path, &text, key.as_deref(), rig.rig.as_deref());
+        Sources::of(recipe, chosen.and_then(|chosen| Ok((chosen.read()?, chosen))), rig)
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
-    pub(super) fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, rig_text: &str) -> Result<Sources, Failure> {
+    pub(super) fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, chosen: Chosen) -> Result<Sources, Failure> {
         let recipe = parse_kept_recipe(run, texts);
         let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
         let full_scale_n = Some(began.limits.force_n);
-        let spec = parse_rig(&rig.rig, rig_text, texts);
-        let spec = spec.map(|spec| (rig_text.to_owned(), RigSpec { full_scale_n, ..spec }));
-        Sources::of(recipe, spec, rig)
+        let spec = parse_rig(&chosen.path, &chosen.text, texts);
+        Sources::of(recipe, spec.map(|spec| (RigSpec { full_scale_n, ..spec }, chosen)), rig)
     }
 
     fn of(
         recipe: Result<ReadRecipe, Failure>,
-        spec: Result<(String, RigSpec), Failure>,
+        spec: Result<(RigSpec, Chosen), Failure>,
         rig: &RigArgs,
     ) -> Result<Sources, Failure> {
-        let (ReadRecipe { recipe, text: recipe_text, rule }, (rig_text, spec)) = match (recipe, spec) {
+        let (ReadRecipe { recipe, text: recipe_text, rule }, (spec, chosen)) = match (recipe, spec) {
             (Ok(recipe), Ok(spec)) => (recipe, spec),
             (Err(failure), Ok(_)) | (Ok(_), Err(failure)) => return Err(failure),
             (Err(recipe), Err(rig)) => return Err(rig.after(recipe)), // both are reported at once
@@ -108,7 +112,8 @@ impl Sources {
         };
         let spec = as_asked(spec, rig.simulate, rig.seed)?;
         let beside = own_texts(&spec).into_iter().chain(rule).collect();
-        Ok(Sources { recipe, rig: spec, origins: Origins::new(recipe_text, rig_text, beside) })
+        let origins = Origins::new(recipe_text, chosen.text.clone(), beside);
+        Ok(Sources { recipe, rig: spec, chosen, origins })
     }
 
     /// The plan, limits of the rig.
@@ -198,6 +203,26 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
     }
     let help = || format!("give an existing file or a shipped one: {}", shipped::names(shipped));
     bounded(path).map_err(|error| unread(path, &error, &help()))
+}
+
+/// Reads a text that another file names: a file relative to that file, or a shipped one. A file has priority. `what` names it.
+pub(super) fn read_named_in(
+    file: &Path,
+    name: &str,
+    shipped: &[Shipped],
+    folder: &str,
+    what: &str,
+) -> Result<(PathBuf, String), Failure> {
+    let path = file.parent().unwrap_or(Path::new("")).join(name);
+    let is_there = path.symlink_metadata().is_ok_and(|found| !found.is_dir());
+    // a path is never a shipped file: the same text would mean another file from another folder
+    let is_name = !name.contains(['/', '\\']);
+    if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| is_name && !is_there) {
+        return Ok((PathBuf::from(format!("{}.toml", shipped.name)), shipped.text.to_owned()));
+    }
+    let help = || format!("{what} names it; give an existing file or a shipped one: {}", shipped::names(shipped));
+    let text = bounded(&path).map_err(|error| unread(&path, &error, &help()))?;
+    Ok((path, text))
 }
 
 /// A text file that couldn't be read.

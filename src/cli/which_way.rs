@@ -174,7 +174,7 @@ impl WhichWay for Person {
 }
 
 /// Asks a question; an answer other than yes is the error `refused`.
-fn confirmed(question: &str, is_cancelled: &dyn Fn() -> bool, refused: &str) -> Result<(), String> {
+pub(super) fn confirmed(question: &str, is_cancelled: &dyn Fn() -> bool, refused: &str) -> Result<(), String> {
     let _ = tell(question);
     let answer = typed_line(is_cancelled).unwrap_or_default();
     match answer.trim().to_lowercase().as_str() {

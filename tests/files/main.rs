@@ -12,6 +12,7 @@ use palpate_testing::Bench;
 /// A recipe with every kind of step, which takes a tenth of a second: staircases of all units, a grid, random places, a rule.
 const RECIPE: &str = r#"
 name = "every"
+rig = "sim"
 
 [evaluate]
 solvers = ["pearson"]

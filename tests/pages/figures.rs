@@ -5,6 +5,7 @@ use serde_json::Value;
 
 const RECIPE: &str = r#"
 name = "small"
+rig = "sim"
 
 [[step]]
 phase = "characterisation"

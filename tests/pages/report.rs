@@ -31,7 +31,7 @@ force_mean_n = 0.1
 ";
 
 fn recipe(steps: &[&str]) -> String {
-    format!("name = \"small\"\n{}", steps.concat())
+    format!("name = \"small\"\nrig = \"sim\"\n{}", steps.concat())
 }
 
 /// A bench with a run of everything, called `all`.

@@ -10,11 +10,10 @@ fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
     for (sensor, simulate) in SENSORS {
         let bench = Bench::new();
         let told = bench.palpate_ends(0, &format!("init mine --from {sensor}")).out;
-        let check = format!("check recipe.toml --rig rig.toml{simulate}");
+        let check = format!("check recipe.toml{simulate}");
         assert!(told.contains(&format!("  palpate {check}\n")) && told.contains(&format!("runs/{sensor}\n")), "{told}");
         assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
-        let checked = bench
-            .palpate_ends(0, &check.replace("recipe.toml", "mine/recipe.toml").replace("rig.toml", "mine/rig.toml"));
+        let checked = bench.palpate_ends(0, &check.replace("recipe.toml", "mine/recipe.toml"));
         assert!(checked.err.is_empty(), "{}", checked.err);
         for file in ["recipe", "rig"] {
             let text = bench.read(&format!("mine/{file}.toml"));

@@ -36,7 +36,7 @@ fn version_and_manifest_name_the_commit_that_the_program_is_built_from() {
 fn check_prints_the_plan_and_leaves_nothing_behind() {
     let bench = Bench::with([("r.toml", SMALL)]);
     let told = bench.palpate_ends(0, "check r.toml --seed 3");
-    assert!(told.out.starts_with("plan small, seed 3\n"), "{}", told.out);
+    assert!(told.out.starts_with("rig sim.toml: simulated, named by the recipe\nplan small, seed 3\n"), "{}", told.out);
     assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
     assert!(!bench.has("runs"));
 }

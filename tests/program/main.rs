@@ -7,3 +7,4 @@ mod data;
 mod import;
 mod refusals;
 mod shipped;
+mod which_rig;

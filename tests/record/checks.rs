@@ -11,14 +11,14 @@ use palpate_testing::walks::{bench, in_virtual_time, plan};
 use palpate_testing::{Bench, shipped_text};
 
 /// Five presses: fewer than the rules within a run need to compare.
-const TINY: &str = "name = \"tiny\"\n[[step]]\nphase = \"calibration\"\n\
+const TINY: &str = "name = \"tiny\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\n\
                     list = { places_mm = [[0, 0], [2, 0], [0, 2], [2, 2]] }\nforce_n = 1.0\n\
                     [[step]]\nphase = \"test\"\nlist = { places_mm = [[1, 1]] }\nforce_n = 1.0\n\
                     [accept]\nlocation_mean_mm = 100.0\n";
 const TINY_PRESSES: u64 = 5;
 
 /// 13 by 8 presses, of which a check comes after the hundredth.
-const LONGER: &str = "name = \"longer\"\nchecks = \"between\"\n[[step]]\nphase = \"calibration\"\n\
+const LONGER: &str = "name = \"longer\"\nrig = \"sim\"\nchecks = \"between\"\n[[step]]\nphase = \"calibration\"\n\
                       cells = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], columns = 13, rows = 8 }\nforce_n = 1.0\n\
                       strategy = \"velocity\"\n";
 const BEFORE_CHECK: usize = 100;
@@ -100,7 +100,7 @@ fn a_check_reaches_a_place_whose_surface_is_higher_than_that_of_the_last_press()
 fn a_weak_press_is_no_reference() {
     let spec = bench("bench-fast");
     let weak = "name = \"weak\"\n[[step]]\nphase = \"test\"\nlist = { places_mm = [[-2, 0]] }\nforce_n = 0.2\n";
-    let plan = plan(&spec, &TINY.replacen("name = \"tiny\"\n", weak, 1), 1);
+    let plan = plan(&spec, &TINY.replacen("name = \"tiny\"\nrig = \"sim\"\n", weak, 1), 1);
     let made = checks(&whole(&spec, &plan));
     assert_eq!(made.iter().map(|check| check.reference).collect::<Vec<_>>(), [1]);
     assert_eq!(expected_checks(&plan, &spec)[0].place, plan.entries[1].place);
@@ -140,7 +140,7 @@ fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_
 #[test]
 fn no_check_comes_inside_a_characterisation_or_a_rest() {
     let spec = bench("bench-fast");
-    let recipe = "name = \"r\"\nchecks = \"between\"\n[[step]]\nphase = \"characterisation\"\nunits = \"all\"\n\
+    let recipe = "name = \"r\"\nrig = \"sim\"\nchecks = \"between\"\n[[step]]\nphase = \"characterisation\"\nunits = \"all\"\n\
                   staircase = { to_n = 1.0, step_n = 1.0, repeats = 20, rest_s = 300.0 }\n\
                   [[step]]\nphase = \"calibration\"\nunits = [1]\n\
                   staircase = { to_n = 1.0, step_n = 1.0, repeats = 20, rest_s = 300.0 }\n";

@@ -12,7 +12,8 @@ use std::thread;
 use std::time::Duration;
 
 /// A press that is held longer than the test takes.
-const HELD: &str = "name = \"held\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
+const HELD: &str =
+    "name = \"held\"\nrig = \"sim\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
 
 /// Longest wait for a connection of our own to be let in.
 const PATIENCE: Duration = Duration::from_secs(20);

@@ -17,7 +17,8 @@ const BEFORE: usize = 2;
 const PARKED_MM: f64 = 0.003;
 
 /// One press that takes some seconds.
-const HELD: &str = "name = \"held\"\n[press]\nhold_s = 30\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
+const HELD: &str =
+    "name = \"held\"\nrig = \"sim\"\n[press]\nhold_s = 30\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
 
 /// Counts the acknowledgements, and meddles with the run's folder after some.
 struct Meddler<'a> {

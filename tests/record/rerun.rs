@@ -141,7 +141,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
 fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_shows() {
     let sim = include_str!("../../rigs/sim.toml");
     let rig = exchanged(sim, "driver = \"esp301\"", "driver = \"grbl\"\nhome = \"by hand\"");
-    let recipe = "name = \"r\"\n[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
+    let recipe = "name = \"r\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
                   grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 2.0 }\n";
     for (shift_mm, goes_on) in [("0.0", true), ("0.1", true), ("0.5", false), ("-0.6", false)] {
         let bench = Bench::with([("r.toml", recipe), ("rig.toml", &rig)]);

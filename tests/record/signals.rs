@@ -3,10 +3,10 @@
 #![cfg(unix)]
 
 mod batch;
-mod terminal;
 
 use palpate_data::dataset::{Contact, Journal, Record};
 use palpate_testing::rows::{json, numbered, table};
+use palpate_testing::terminal::{Terminal, heed_hangups, signal, spawned, wait};
 use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
 use serde_json::Value;
 use std::fs::File;
@@ -14,7 +14,6 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
-use terminal::{Terminal, heed_hangups, signal, spawned, wait};
 
 /// What the recipe begins with.
 const STAIRCASES: u64 = 2;

@@ -17,7 +17,7 @@ fn test(count: usize) -> String {
 }
 
 fn recipe(parts: &[&str]) -> String {
-    format!("name = \"small\"\n{}", parts.concat())
+    format!("name = \"small\"\nrig = \"sim\"\n{}", parts.concat())
 }
 
 /// What `evaluate --json` says last: the verdict.

@@ -4,7 +4,7 @@
 //!
 //! - `console`: each line that begins with `$ ` is run by `sh` and must exit with 0, or as `exit=2` has it
 //! - `hardware`: the same for a reader, and not run here
-//! - `toml recipe` and `toml rig`: a whole file, checked with `palpate check`; `rig=NAME` names the rig of a recipe
+//! - `toml recipe` and `toml rig`: a whole file, checked with `palpate check`; `rig=NAME` names the rig of a recipe, otherwise `sim`
 //! - `file=NAME`: the block is that file for the blocks below it
 //!
 //! All blocks of a page are run in one folder, which has the files that a checkout has.
@@ -80,8 +80,8 @@ fn try_page(page: &str) -> Tried {
             bench.write(file, &block.text);
         }
         if block.has("recipe") {
-            let rig = block.option("rig").map_or_else(String::new, |rig| format!(" --rig {rig}"));
-            tried.failed.extend(run(&bench, &at, &format!("palpate check {file}{rig}"), "0"));
+            let rig = block.option("rig").unwrap_or("sim");
+            tried.failed.extend(run(&bench, &at, &format!("palpate check {file} --rig {rig}"), "0"));
             tried.files += 1;
         }
         if block.has("rig") {

@@ -16,6 +16,8 @@ pub mod rows;
 pub mod safety;
 pub mod served;
 pub mod skins;
+#[cfg(unix)]
+pub mod terminal;
 pub mod twins;
 pub mod walks;
 pub mod wire;
@@ -33,7 +35,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 /// A small recipe with every kind of step: 1 staircase of 5 levels, 4 points of a grid, 2 random ones.
-pub const SMALL: &str = r#"
+pub const SMALL: &str = r#"rig = "sim"
 name = "small"
 
 [press]
@@ -65,7 +67,7 @@ pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins)
 }
 
 /// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
-pub const LONG: &str = r#"
+pub const LONG: &str = r#"rig = "sim"
 name = "long"
 
 [[step]]

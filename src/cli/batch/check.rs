@@ -40,7 +40,7 @@ pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     MannerArgs::check_gain(&material.rig)?;
     material.check()?;
     let plan = material.plan(0, &material.rig, material.file.seed)?;
-    print(&described(&material, &plan))?;
+    print(&(material.chosen.line(&material.rig) + &described(&material, &plan)))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -2,8 +2,9 @@
 
 use super::super::exit::Failure;
 use super::super::recorded::read_run;
-use super::super::shipped::{self, BATCHES, RECIPES, RIGS, Shipped};
-use super::super::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, unread};
+use super::super::shipped::{self, BATCHES, RECIPES};
+use super::super::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, read_named_in, unread};
+use super::super::which_rig::{Chosen, THE_BATCH};
 use palpate_core::quantity::{Place, round};
 use palpate_data::acceptance::Rule;
 use palpate_data::dataset::calibration::calibration_of_run;
@@ -42,8 +43,8 @@ pub(super) struct Material {
     pub made_from: Vec<Fingerprint>,
     /// All texts, as the batch folder keeps them.
     pub texts: Vec<Text>,
-    rig_path: PathBuf,
-    rig_text: String,
+    /// How the rig was chosen.
+    pub chosen: Chosen,
     simulate: bool,
 }
 
@@ -67,8 +68,9 @@ impl Material {
         let file = batch::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
         let mut texts = vec![Text { name: BATCH.to_owned(), text }];
         let rig = read_rig(path, &file.rig, simulate);
+        let named = rig.as_ref().ok().map(|(chosen, _)| chosen);
         let recipes: Vec<Result<ReadRecipe, Failure>> =
-            file.recipes.iter().map(|recipe| read_recipe(path, recipe)).collect();
+            file.recipes.iter().map(|recipe| read_recipe(path, recipe, named)).collect();
         let accept = file.accept.as_ref().map(|accept| read_rule(path, accept)).transpose();
         let prior = file.prior.as_ref().map(|prior| read_prior(path, prior)).transpose();
         // all are reported at once
@@ -79,13 +81,13 @@ impl Material {
         let prior = prior.map_err(|why| failures.push(why)).ok();
         let last = failures.pop();
         failures.into_iter().for_each(|failure| _ = failure.report());
-        let ((rig_path, rig_text, rig), accept, prior) = match (last, rig, accept, prior) {
+        let ((chosen, rig), accept, prior) = match (last, rig, accept, prior) {
             (Some(last), ..) => return Err(last),
             (None, Some(rig), Some(accept), Some(prior)) => (rig, accept, prior),
             _ => unreachable!("what couldn't be read is a failure"),
         };
         let mut keep = |name: String, text: &str| texts.push(Text { name, text: text.to_owned() });
-        keep(RIG.to_owned(), &rig_text);
+        keep(RIG.to_owned(), &chosen.text);
         own_texts(&rig).iter().for_each(|(name, text)| keep(format!("rig-{name}"), text));
         for (number, recipe) in (1..).zip(&read) {
             keep(format!("recipe-{number}.toml"), &recipe.text);
@@ -93,7 +95,7 @@ impl Material {
         }
         accept.iter().for_each(|(_, text)| keep(ACCEPT.to_owned(), text));
         let rule = accept.map(|(rule, _)| rule).or_else(|| read.first().and_then(|first| first.recipe.rule().cloned()));
-        let stem = rig_path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let stem = chosen.path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         let bench = file.bench.clone().or(stem).unwrap_or_default();
         let (prior, made_from) = prior.map_or((None, Vec::new()), |(prior, made_from)| (Some(prior), made_from));
         let outputs = rig.array.layout.len();
@@ -102,17 +104,17 @@ impl Material {
                 format!("the rig's array has {outputs} outputs, the sensors of the prior {}", prior.outputs());
             return Err(no_prior(path, &problem, "name the rig and the full calibrations of one design"));
         }
-        Ok(Material { file, rig, bench, recipes: read, rule, prior, made_from, texts, rig_path, rig_text, simulate })
+        Ok(Material { file, rig, bench, recipes: read, rule, prior, made_from, texts, chosen, simulate })
     }
 
     /// Returns the rig with its frame moved to a nest; unchanged without a nest.
     pub(super) fn rig_at(&self, nest: Option<&Nest>) -> Result<NestRig, Failure> {
-        let Some(nest) = nest else { return Ok(NestRig { spec: self.rig.clone(), text: self.rig_text.clone() }) };
-        let moved = moved(&self.rig_text, &self.rig, nest);
-        let text = moved.map_err(|error| Failure::usage(miette::miette!("{}: {error}", self.rig_path.display())))?;
+        let Some(nest) = nest else { return Ok(NestRig { spec: self.rig.clone(), text: self.chosen.text.clone() }) };
+        let moved = moved(&self.chosen.text, &self.rig, nest);
+        let text = moved.map_err(|error| Failure::usage(miette::miette!("{}: {error}", self.chosen.path.display())))?;
         let own = own_texts(&self.rig);
         let beside = |name: &str| own.get(name).cloned().ok_or_else(|| io::ErrorKind::NotFound.into());
-        let name = format!("{} at the nest {}", self.rig_path.display(), nest.name);
+        let name = format!("{} at the nest {}", self.chosen.path.display(), nest.name);
         let spec = rig::parse(&name, &text, &beside).map_err(Failure::usage)?;
         Ok(NestRig { spec: as_asked(spec, self.simulate, self.file.seed)?, text })
     }
@@ -189,31 +191,20 @@ fn path_of(batch: &Path, name: &str) -> PathBuf {
     batch.parent().unwrap_or(Path::new("")).join(name)
 }
 
-/// Reads a text that a batch file names: a file relative to it, or a shipped file. A file has priority.
-fn text_of(batch: &Path, name: &str, shipped: &[Shipped], folder: &str) -> Result<(PathBuf, String), Failure> {
-    let path = path_of(batch, name);
-    let is_there = path.symlink_metadata().is_ok_and(|found| !found.is_dir());
-    // a path is never a shipped file: the same text would mean another file from another folder
-    let is_name = !name.contains(['/', '\\']);
-    if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| is_name && !is_there) {
-        return Ok((PathBuf::from(format!("{}.toml", shipped.name)), shipped.text.to_owned()));
+fn read_rig(batch: &Path, name: &str, simulate: bool) -> Result<(Chosen, RigSpec), Failure> {
+    let chosen = Chosen::of_batch(batch, name)?;
+    let spec = as_asked(chosen.read()?, simulate, 1)?;
+    Ok((chosen, spec))
+}
+
+/// Reads a recipe. `rig` is the one of the batch, if it could be read.
+fn read_recipe(batch: &Path, name: &str, rig: Option<&Chosen>) -> Result<ReadRecipe, Failure> {
+    let (path, text) = read_named_in(batch, name, RECIPES, "recipes", THE_BATCH)?;
+    let read = parse_recipe(&path, text, &|name: &str| bounded(&path.with_file_name(name)))?;
+    if let (Some(rig), Some(key)) = (rig, &read.recipe.rig) {
+        rig.check_same(&path, key)?;
     }
-    let help = || format!("the batch names it; give an existing file or a shipped one: {}", shipped::names(shipped));
-    let text = bounded(&path).map_err(|error| unread(&path, &error, &help()))?;
-    Ok((path, text))
-}
-
-fn read_rig(batch: &Path, name: &str, simulate: bool) -> Result<(PathBuf, String, RigSpec), Failure> {
-    let (path, text) = text_of(batch, name, RIGS, "rigs")?;
-    let beside = |name: &str| bounded(&path.with_file_name(name));
-    let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
-    let spec = as_asked(spec, simulate, 1)?;
-    Ok((path, text, spec))
-}
-
-fn read_recipe(batch: &Path, name: &str) -> Result<ReadRecipe, Failure> {
-    let (path, text) = text_of(batch, name, RECIPES, "recipes")?;
-    parse_recipe(&path, text, &|name: &str| bounded(&path.with_file_name(name)))
+    Ok(read)
 }
 
 fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {

@@ -56,6 +56,7 @@ pub(super) struct RunArgs {
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch, args.simulate)?;
     args.manner.check(&material.rig)?;
+    tell(&material.chosen.line(&material.rig))?;
     material.check()?;
     let operator = args.operator.clone().or_else(|| material.file.operator.clone());
     let path = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&material.file.name));

@@ -163,7 +163,7 @@ pub struct Begun {
 /// Bad input, or the folder can't be made.
 pub fn begin(words: Vec<OsString>) -> Result<Begun, Refusal> {
     let RunWords { args } = parsed(words)?;
-    let run::Begun { sources, plan, folder } = run::begin(&args)?;
+    let run::Begun { sources, plan, folder } = run::begin(&args, &|chosen, rig| chosen.confirm(rig, false))?;
     let manner = &args.session.manner;
     Ok(Begun { plan, rig: manner.confirm.of_absent(sources.rig), folder, pace: manner.pace })
 }
@@ -258,6 +258,13 @@ mod tests {
             missing.0 == 2 && missing.1.contains("no.toml") && missing.1.contains("\nhelp: give an"),
             "{missing:?}"
         );
+        // a real rig that no option names is confirmed by a person, and here is none
+        let folder = tempfile::tempdir().unwrap();
+        let recipe = folder.path().join("recipe.toml");
+        std::fs::write(&recipe, include_str!("../../../recipes/paper.toml")).unwrap();
+        std::fs::write(folder.path().join("rig.toml"), include_str!("../../../rigs/esp301.toml")).unwrap();
+        let real = refused(begin(words(&[recipe.to_str().unwrap()])).err());
+        assert!(real.0 == 2 && real.1.contains("no terminal") && real.1.contains("help: add --rig"), "{real:?}");
     }
 
     #[test]

@@ -47,6 +47,7 @@ keys! {
         name: Text, Refused, "name of the run folder", "\"paper\"";
         press: Table(&press::KEYS), Allowed, "settings of every press, unless a step overrides them";
         step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
+        rig: Text, Allowed, "the rig where no `--rig` is given: a file relative to the recipe, or a shipped rig", "\"rig.toml\"";
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
             "when the first place with a large force is pressed again, to check load cell and sensor: after the last press, also between presses, or never",
             "\"between\"";

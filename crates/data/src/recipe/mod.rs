@@ -43,6 +43,8 @@ pub struct Recipe {
     pub steps: Vec<Step>,
     /// Solvers that evaluate the run when it is done; empty: no evaluation.
     pub solvers: Vec<String>,
+    /// Rig that the recipe names: a file relative to it, or a shipped rig.
+    pub rig: Option<String>,
     /// When places are checked.
     pub checks: Checks,
     /// Acceptance rule; `None`: no verdict.
@@ -59,7 +61,7 @@ impl Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
         let (solvers, checks) = (Vec::new(), Checks::None);
-        Recipe { name, steps, solvers, checks, accept: None, presses_max: PRESSES_MAX, file, text }
+        Recipe { name, steps, solvers, rig: None, checks, accept: None, presses_max: PRESSES_MAX, file, text }
     }
 
     /// Returns the acceptance rule, once a file named in the recipe has been read.

@@ -35,6 +35,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         };
         let solvers = table.table(&root::evaluate).and_then(|table| table.words(&evaluate::solvers));
         let solvers: Vec<String> = solvers.unwrap_or_default().into_iter().map(str::to_owned).collect();
+        let rig = table.text(&root::rig).map(str::to_owned);
         let checks = table.word_or(&root::checks, &keys::CHECKS, Checks::default());
         let accept = read_accept(table);
         let tables = table.tables(&root::step);
@@ -58,7 +59,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
         let (checks, accept, presses_max) = (checks?, accept?, PRESSES_MAX);
-        Some(Recipe { name, steps: steps?, solvers, checks, accept, presses_max, file, text })
+        Some(Recipe { name, steps: steps?, solvers, rig, checks, accept, presses_max, file, text })
     })
 }
 

@@ -1,11 +1,11 @@
 //! A day: 30 sensors, typed by a person with a scanner. Two serial numbers are wrong, one is scanned twice, the program is killed in a
 //! run, and the array is unplugged in another. Nothing is lost, and nothing is judged twice.
 
-use super::super::terminal::{Terminal, signal, spawned, wait};
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
 use palpate_data::dataset::Status;
 use palpate_run::batch::Event;
 use palpate_testing::Bench;
+use palpate_testing::terminal::{Terminal, signal, spawned, wait};
 use std::collections::BTreeSet;
 use std::process::Child;
 

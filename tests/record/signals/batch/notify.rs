@@ -1,10 +1,10 @@
 //! `[notify]`: what a receiver gets, and that a dead, slow or missing one changes nothing of a batch.
 
-use super::super::terminal::{Terminal, signal, spawned, wait};
 use super::{bench, events, piped};
 use palpate_data::dataset::Status;
 use palpate_run::batch::Event;
 use palpate_testing::Bench;
+use palpate_testing::terminal::{Terminal, signal, spawned, wait};
 
 const RUN: &str = "batch run b.toml --out day";
 

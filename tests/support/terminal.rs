@@ -23,7 +23,7 @@ const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::CLOEXEC;
 const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::empty();
 
 /// The end where the person is. Programs are at the far one.
-pub(crate) struct Terminal {
+pub struct Terminal {
     near: File,
     far: String,
     /// What has been written on it and wasn't looked for yet.
@@ -32,7 +32,7 @@ pub(crate) struct Terminal {
 
 impl Terminal {
     /// A terminal that nobody is at.
-    pub(crate) fn open() -> Terminal {
+    pub fn open() -> Terminal {
         // programs don't inherit the near end: a terminal is closed only when nobody has it
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | CLOSED_IN_PROGRAMS).expect("a pseudo-terminal");
         fcntl_setfd(&near, FdFlags::CLOEXEC).expect("a flag");
@@ -49,12 +49,12 @@ impl Terminal {
     }
 
     /// For a program's standard input, output or error.
-    pub(crate) fn far(&self) -> File {
+    pub fn far(&self) -> File {
         OpenOptions::new().read(true).write(true).open(&self.far).expect("the far end opens")
     }
 
     /// Reads until some words have been written, forgets all up to there, and gives what came before them.
-    pub(crate) fn until(&mut self, words: &str) -> String {
+    pub fn until(&mut self, words: &str) -> String {
         loop {
             if let Some((before, behind)) = self.seen.split_once(words) {
                 let before = before.to_owned();
@@ -66,22 +66,22 @@ impl Terminal {
     }
 
     /// Reads until all programs have left, and gives what they said.
-    pub(crate) fn until_end(mut self) -> String {
+    pub fn until_end(mut self) -> String {
         while self.read() {}
         self.seen
     }
 
-    pub(crate) fn enter(&mut self) {
+    pub fn enter(&mut self) {
         self.line("");
     }
 
     /// Types a line, as a scanner does.
-    pub(crate) fn line(&mut self, text: &str) {
+    pub fn line(&mut self, text: &str) {
         self.near.write_all(format!("{text}\n").as_bytes()).expect("writes");
     }
 
     /// The person goes away.
-    pub(crate) fn close(self) {}
+    pub fn close(self) {}
 
     /// Whether there was something, before everybody left.
     fn read(&mut self) -> bool {
@@ -98,7 +98,7 @@ impl Terminal {
 
 /// Has programs that are started from here begin with hangups not ignored. Where `nohup` or a service started the tests, they are
 /// ignored, and every program inherits that; a signal that is caught here is nobody else's matter.
-pub(crate) fn heed_hangups() {
+pub fn heed_hangups() {
     let runtime = Builder::new_current_thread().enable_io().build().expect("a runtime");
     let _inside = runtime.enter();
     // it stays caught for as long as this process lives
@@ -106,18 +106,18 @@ pub(crate) fn heed_hangups() {
 }
 
 /// Starts a program.
-pub(crate) fn spawned(command: &mut Command) -> Child {
+pub fn spawned(command: &mut Command) -> Child {
     command.spawn().expect("the program starts")
 }
 
 /// Sends a signal: `INT`, `TERM`.
-pub(crate) fn signal(child: &Child, name: &str) {
+pub fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill").arg(format!("-{name}")).arg(child.id().to_string()).status();
     assert!(sent.expect("kill starts").success(), "kill -{name}");
 }
 
 /// How a program ends.
-pub(crate) fn wait(mut child: Child) -> Option<i32> {
+pub fn wait(mut child: Child) -> Option<i32> {
     let number = child.id();
     let (sender, receiver) = channel();
     // left behind if the program hangs
