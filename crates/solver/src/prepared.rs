@@ -5,6 +5,7 @@ use super::best::Tried;
 use super::blend::{Blend, MemberErrors};
 use super::broken::broken;
 use super::extra_trees::ExtraTrees;
+use super::field::Area;
 use super::fitted::Answering;
 use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
@@ -20,7 +21,7 @@ use super::{
     best,
 };
 use palpate_core::parallel::in_parallel;
-use palpate_core::quantity::ArrayLayout;
+use palpate_core::quantity::{ArrayLayout, Place};
 use std::ops::Range;
 use std::sync::OnceLock;
 
@@ -65,6 +66,11 @@ const PLACES_A_UNIT: usize = 10;
 
 /// Largest ratio of the residual of `physics` to that of the smooth map: standard deviations, geometric mean of all units.
 const UNEXPLAINED: f64 = 1.15;
+
+/// Least number of places inside the area on which methods are compared.
+const FEWEST_INSIDE: usize = 4;
+/// Largest residual of `physics`, as a fraction of a unit's output, with which it explains fewer places.
+const UNEXPLAINED_OF_FEW: f64 = 0.1;
 
 /// Ratio of the next method's error to that of `physics` from which `physics` leads although its residual is larger. With very
 /// few places the smooth map is poor, and its residual shows nothing.
@@ -154,7 +160,8 @@ impl<'a> Prepared<'a> {
         self.add_blend(&mut tried);
         let mut ranked = best::ranked(&tried);
         let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
-        let leader = best::leader(&ranked, may_lead);
+        let of_few = ranked.iter().position(|tried| tried.solver == PHYSICS).filter(|_| self.is_elastic_by_few());
+        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead));
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
@@ -219,6 +226,26 @@ impl<'a> Prepared<'a> {
         let ratios = physics.typical_sd().into_iter().zip(smooth.typical_sd());
         let logs: Vec<f64> = ratios.map(|(elastic, smooth)| (elastic / smooth).ln()).collect();
         logs.iter().sum::<f64>() / logs.len() as f64 <= UNEXPLAINED.ln()
+    }
+
+    /// Whether too few places are inside the area to compare methods on them, and `physics` explains most of the outputs. On a grid
+    /// of 3 x 3 only the middle is inside, and one place that is held out shows nothing about the method.
+    fn is_elastic_by_few(&self) -> bool {
+        let area = Area::around(self.calibration.points().map(|point| point.place));
+        let is_inside = |place: &Place| area.is_some_and(|area| area.has_inside(*place));
+        let places: Vec<Place> =
+            self.calibration.by_place().iter().map(|spot| self.calibration.point(spot[0]).place).collect();
+        if !self.is_candidate(PHYSICS) || places.iter().filter(|place| is_inside(place)).count() >= FEWEST_INSIDE {
+            return false;
+        }
+        let Ok(physics) = physics(&self.calibration, self.setting().layout) else { return false };
+        let rms = |unit: usize| {
+            let squares = self.calibration.points().map(|point| point.outputs[unit].powi(2));
+            (squares.sum::<f64>() / self.calibration.len() as f64).sqrt()
+        };
+        let ratios = physics.typical_sd().into_iter().enumerate().map(|(unit, sd)| (sd / rms(unit)).ln());
+        let share = (ratios.sum::<f64>() / self.calibration.units() as f64).exp();
+        share <= UNEXPLAINED_OF_FEW
     }
 
     /// Returns the trials of a method on all presses, each held out of the calibration.

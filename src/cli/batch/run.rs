@@ -56,8 +56,8 @@ pub(super) struct RunArgs {
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch, args.simulate)?;
     args.manner.check(&material.rig)?;
-    tell(&material.chosen.line(&material.rig))?;
     material.check()?;
+    tell(&material.chosen.line(&material.rig))?;
     let operator = args.operator.clone().or_else(|| material.file.operator.clone());
     let path = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&material.file.name));
     let version = env!("CARGO_PKG_VERSION").to_owned();
