@@ -1,25 +1,30 @@
-//! `palpate evaluate`: solves the test presses of a run, or of two plain tables, and prints the errors.
+//! `palpate evaluate`: solves the test presses of a run, of two plain tables, or held out of one, and prints the errors.
 
 use super::choices::RepeatabilityChoice;
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
+use super::holdout::HoldoutArgs;
 use super::method::{load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
-use super::summary::print;
-use super::tables::{characteristics_table, definitions, evaluation_table, filled, solvers_table};
+use super::summary::{print, tell};
+use super::tables::{
+    characteristics_table, cross_validated_table, definitions, evaluation_table, filled, solvers_table,
+};
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
 use miette::IntoDiagnostic as _;
+use palpate_core::quantity::ArrayLayout;
 use palpate_data::acceptance::Rule;
-use palpate_data::dataset::Evidence;
+use palpate_data::dataset::calibration::{CalibrateError, Selection};
 use palpate_data::dataset::characteristics::Staircases;
-use palpate_data::dataset::evaluate::{EvaluateError, Trial, is_to_evaluate};
+use palpate_data::dataset::evaluate::{self, EvaluateError, Trial, is_to_evaluate};
+use palpate_data::dataset::{Evidence, Holdout, Presses};
 use palpate_data::recipe::Phase;
 use palpate_report::report::is_beside_paper;
 use palpate_run::batch::ByDesign;
-use palpate_solver::{BEST, Evaluation, Fitted, SOLVERS, Solver as _};
+use palpate_solver::{BEST, Candidate, Evaluation, Fitted, SOLVERS, Solver as _};
 use serde::Serialize;
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Word that is used instead of a method's name for every method and the best.
@@ -31,6 +36,7 @@ Examples:
   palpate evaluate runs/paper --solver pearson --json
   palpate evaluate runs/paper --solver all
   palpate evaluate grid.csv random.csv --accept example/accept.toml
+  palpate evaluate grid.csv --holdout places 20% --seed 2 --save parts
 
 The files of example/ are written by `palpate init example --from example`.
 
@@ -39,15 +45,25 @@ calibration has no force_n, the method uses only the proportions of the
 outputs of each press, and evaluates only the location errors of the test.
 With --constant-load, every press then counts as 1 N.
 
+With --holdout, one table or the calibration of a run is split first. The method
+is chosen and fitted with the calibration part only. A grid keeps its outermost
+places in the calibration. The verdict is then not decided, unless the rule has
+`holdout = true`. The saved parts give the same errors:
+palpate evaluate parts/calibration.csv parts/test.csv. Add --columns
+parts/columns.toml if that file exists.
+
+Without test presses and --holdout, the errors are cross-validated: each press
+is solved by the method fitted without its place.
+
 The verdict uses the acceptance rule: [accept] of the run's recipe, or
 --accept FILE. Without a rule there is no verdict.
 Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
 
-/// Solve the test presses of a run, or of two tables, and print the errors
+/// Solve the test presses of a run, of two tables, or held out of one, and print the errors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct EvaluateArgs {
-    /// A run folder with calibration and test presses; or a table of calibration presses, followed by one of test presses
+    /// A run folder, or a table of calibration presses; a second table has test presses
     #[arg(value_name = "RUN", num_args = 0..=2)]
     run: Vec<PathBuf>,
     /// A table of calibration presses
@@ -72,6 +88,8 @@ pub(super) struct EvaluateArgs {
     #[arg(long)]
     definitions: bool,
     #[command(flatten)]
+    holdout: HoldoutArgs,
+    #[command(flatten)]
     columns: ColumnsArgs,
     #[command(flatten)]
     accept: AcceptArgs,
@@ -82,6 +100,12 @@ pub(super) struct EvaluateArgs {
 struct Failed<'a> {
     solver: &'a str,
     error: &'a str,
+}
+
+/// Errors of methods on a calibration without a test, as printed by `--json`.
+#[derive(Serialize)]
+struct CrossValidated {
+    cross_validated: Vec<Candidate>,
 }
 
 /// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
@@ -95,8 +119,13 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
         }
         [calibration, test, ..] => (None, Some(calibration), Some(test)),
     };
-    match (run, calibration, test) {
-        (Some(run), ..) => {
+    match (run, calibration, test, args.holdout.asked()?) {
+        (Some(source), _, _, Some(holdout)) => held_out(args, source, &holdout),
+        (None, .., Some(_)) => {
+            let help = "name one table or run: palpate evaluate grid.csv --holdout places 20%";
+            Err(Failure::usage(miette::miette!(help = help, "--holdout splits one table or run")))
+        }
+        (Some(run), ..) if run.is_dir() => {
             let (recorded, bench) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), &bench.layout);
             let rule = args.accept.rule_of([&recorded])?;
@@ -108,14 +137,31 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
                 .map(|table| if args.definitions { table + &definitions(args.repeatability.into()) } else { table });
             let trial = Trial::of_run(&presses, bench.placed());
             let is_only_characterised = characteristics.is_some() && !presses.presses.iter().any(is_to_evaluate);
-            let shown = Shown { is_only_characterised, is_beside_paper, characteristics };
+            let has_test = presses.presses.iter().any(|press| press.is_of(Phase::Test));
+            let is_untested = !has_test && presses.sound(Phase::Calibration).next().is_some();
+            let cross_validated = is_untested
+                .then(|| cross_validated(args, &presses, bench.placed(), rule.is_some()))
+                .transpose()?
+                .flatten();
+            let shown = Shown { is_only_characterised, is_beside_paper, characteristics, cross_validated };
             let design = match args.solver.as_str() {
                 BEST => ByDesign::of_runs(&[run]).map_err(Failure::usage)?,
                 _ => None,
             };
             report(args, trial, shown, rule.map(|rule| (rule, evidence)), design.as_ref())
         }
-        (None, Some(calibration), Some(test)) => {
+        (Some(table), ..) => {
+            let mapping = args.columns.mapping()?;
+            let presses = read_presses(table, &mapping, Phase::Calibration)?;
+            let (source_name, rule) = (presses.source.clone(), args.accept.rule()?);
+            let layout = mapping.layout_of(presses.channels);
+            let cross_validated = cross_validated(args, &presses, layout.as_ref(), rule.is_some())?;
+            let evidence = Evidence { presses: &presses, layout: None, runs: Vec::new(), u_place_mm: None };
+            let untested = CalibrateError::NoPresses { source_name, phase: Phase::Test.name(), flagged: 0 };
+            let shown = Shown { cross_validated, ..Shown::default() };
+            report(args, Err(untested.into()), shown, rule.map(|rule| (rule, evidence)), None)
+        }
+        (None, Some(calibration), Some(test), None) => {
             let mapping = args.columns.mapping()?;
             let (calibration, test) =
                 (read_presses(calibration, &mapping, Phase::Calibration)?, read_presses(test, &mapping, Phase::Test)?);
@@ -133,6 +179,48 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     }
 }
 
+/// Evaluates presses that are held out of one table or of the calibration of a run.
+fn held_out(args: &EvaluateArgs, source: &Path, holdout: &Holdout) -> Result<ExitCode, Failure> {
+    let on = |presses: &Presses, layout: Option<&ArrayLayout>, asked: Option<(Rule, Evidence<'_>)>| {
+        let split = args.holdout.split(holdout, presses, layout)?;
+        let trial = Trial::of_split(&split).map(|trial| trial.with_layout(layout));
+        report(args, trial, Shown::default(), asked, None)
+    };
+    if source.is_dir() {
+        let (recorded, bench) = read_run(source)?;
+        let all = recorded.presses();
+        Selection::of_phase(&all, Phase::Calibration).map_err(Failure::usage)?;
+        let mut presses = all.clone();
+        if let Some(of) = presses.keep(Phase::Calibration) {
+            let kept = presses.presses.len();
+            tell(&format!("note: {}: its {kept} calibration presses are used, of {of}\n", source.display()))?;
+        }
+        let (runs, layout, u_place_mm) = (vec![&recorded], Some(&bench.layout), bench.u_place_mm());
+        let evidence = Evidence { presses: &all, layout, runs, u_place_mm };
+        on(&presses, bench.placed(), args.accept.rule_of([&recorded])?.map(|rule| (rule, evidence)))
+    } else {
+        let mapping = args.columns.mapping()?;
+        let presses = read_presses(source, &mapping, Phase::Calibration)?;
+        let evidence = Evidence { presses: &presses, layout: None, runs: Vec::new(), u_place_mm: None };
+        let layout = mapping.layout_of(presses.channels);
+        on(&presses, layout.as_ref(), args.accept.rule()?.map(|rule| (rule, evidence)))
+    }
+}
+
+/// Returns the cross-validated errors of a calibration; `None` if there are none and a rule says what is missing.
+fn cross_validated(
+    args: &EvaluateArgs,
+    presses: &Presses,
+    layout: Option<&ArrayLayout>,
+    has_rule: bool,
+) -> Result<Option<Vec<Candidate>>, Failure> {
+    let solver = if args.solver == ALL { BEST } else { &args.solver };
+    match evaluate::cross_validated(presses, layout, load(args.constant_load), solver) {
+        Err(_) if has_rule => Ok(None),
+        found => found.map(Some).map_err(Failure::usage),
+    }
+}
+
 /// Result of each solver, or the reason why it has no evaluation.
 type Outcomes<'a> = Vec<(&'a str, Result<Evaluation, String>)>;
 
@@ -143,18 +231,22 @@ struct Shown {
     is_only_characterised: bool,
     is_beside_paper: bool,
     characteristics: Option<String>,
+    /// Errors on presses that were held out in turn, if there is no test.
+    cross_validated: Option<Vec<Candidate>>,
 }
 
 fn report(
     args: &EvaluateArgs,
     trial: Result<Trial<'_>, EvaluateError>,
-    Shown { is_only_characterised, is_beside_paper, characteristics }: Shown,
+    Shown { is_only_characterised, is_beside_paper, characteristics, cross_validated }: Shown,
     asked: Option<(Rule, Evidence<'_>)>,
     design: Option<&ByDesign>,
 ) -> Result<ExitCode, Failure> {
     let trial = match trial {
         // with a rule the verdict says what is missing
-        Err(why) if !is_only_characterised && asked.is_none() => return Err(Failure::usage(why)),
+        Err(why) if !is_only_characterised && asked.is_none() && cross_validated.is_none() => {
+            return Err(Failure::usage(why));
+        }
         trial => trial.map(|trial| trial.with_load(load(args.constant_load))),
     };
     let model = design.and_then(|design| design.model.as_ref());
@@ -169,11 +261,13 @@ fn report(
         None => evidence.judge(&rule, &trial, &known),
     });
     let text = if args.json {
-        let objects = outcomes.iter().map(json).collect::<Result<String, _>>()?;
+        let candidates =
+            cross_validated.map(|cross_validated| object(&CrossValidated { cross_validated })).transpose()?;
+        let objects = candidates.into_iter().map(Ok).chain(outcomes.iter().map(json)).collect::<Result<String, _>>()?;
         objects + &judgement.as_ref().map(object).transpose()?.unwrap_or_default()
     } else {
         let evaluated = match outcomes.as_slice() {
-            [] => None,
+            [] => cross_validated.as_deref().map(cross_validated_table),
             [(_, Ok(evaluation))] => Some(evaluation_table(std::slice::from_ref(evaluation), is_beside_paper)),
             outcomes => Some(solvers_table(outcomes, is_beside_paper)),
         };

@@ -197,6 +197,8 @@ fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instan
     for (number, (mut press, phase)) in presses.enumerate() {
         press.press = number as u64;
         press.phase = Some(phase);
+        // a time of another program isn't the time since the run's start; the order is kept
+        press.t_s = None;
         let contact = Contact { press: press.press, levels: vec![press], ..Contact::default() };
         folder.record(&Record::Contact(contact))?;
     }

@@ -22,6 +22,7 @@ mod exit;
 mod export;
 mod figure_files;
 mod fit;
+mod holdout;
 mod import;
 mod init;
 mod labels;

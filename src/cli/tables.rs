@@ -2,8 +2,9 @@
 //! see [`palpate_report::report::is_beside_paper`].
 
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
+use palpate_data::dataset::doubted_half_widths;
 use palpate_report::paper;
-use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Verdicts};
+use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Tie, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
@@ -141,7 +142,27 @@ pub(super) fn chosen(choice: &Choice) -> String {
     };
     let tried: Vec<String> =
         tried.iter().map(|(solver, error_mm)| format!("{solver} {}{NO_BREAK}mm", figures(*error_mm))).collect();
-    filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ")
+    let mut text = filled(&format!("chosen by cross-validation on the calibration: {}{why}", tried.join(", ")), "  ");
+    if let (false, Some(chosen)) = (choice.ties.is_empty(), choice.candidates.first()) {
+        let sigmas = |tie: &Tie| match tie.sigmas.is_finite() {
+            true => format!("{} (the errors differ by {:.1} standard errors)", tie.solver, tie.sigmas),
+            false => tie.solver.clone(),
+        };
+        let ties: Vec<String> = choice.ties.iter().map(sigmas).collect();
+        text += &filled(&format!("{} is nearly tied with {}", chosen.solver, ties.join(", ")), "  ");
+    }
+    text
+}
+
+/// Mean errors of methods on presses that were held out of the calibration in turn, for a calibration without a test.
+pub(super) fn cross_validated_table(candidates: &[Candidate]) -> String {
+    let number = |error: Option<f64>| error.map_or("-".to_owned(), figures);
+    let mut text = "no test presses: cross-validated errors of the calibration, mean\n".to_owned();
+    let _ = writeln!(text, "{:<22}{:>14}{:>10}", "", "location, mm", "force, N");
+    for Candidate { solver, location_error_mm, force_error_n } in candidates {
+        let _ = writeln!(text, "{solver:<22}{:>14}{:>10}", number(*location_error_mm), number(*force_error_n));
+    }
+    text + "each press was solved by the method fitted without the press's place\n"
 }
 
 /// Formats a number, not negative, in at most 6 characters.
@@ -290,6 +311,9 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
             .map(|counts| filled(&format!("verdicts of {solver} other than ok: {counts}"), "  "))
             .unwrap_or_default();
     }
+    for line in each().flat_map(doubted_half_widths) {
+        text += &filled(&line, "  ");
+    }
     text + &evaluations.iter().filter_map(|evaluation| evaluation.choice.as_ref()).map(chosen).collect::<String>()
 }
 
@@ -356,9 +380,17 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
             candidate("pearson", Some(123.46)),
             candidate("physics", None),
         ];
-        let untried = Choice { candidates: candidates[2..].to_vec() };
+        let untried = Choice { candidates: candidates[2..].to_vec(), ties: Vec::new() };
         assert_eq!(chosen(&untried), "chosen without cross-validation: too few presses\n");
-        let choice = Choice { candidates };
+        let ties = vec![Tie { solver: "pearson".to_owned(), sigmas: 1.25 }];
+        let tied = chosen(&Choice { candidates: candidates.clone(), ties });
+        assert!(
+            tied.ends_with(
+                "\ngaussian-process is nearly tied with pearson (the errors differ by 1.2 standard\n  errors)\n"
+            ),
+            "{tied}"
+        );
+        let choice = Choice { candidates, ties: Vec::new() };
         assert_eq!(
             chosen(&choice),
             "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm\n"

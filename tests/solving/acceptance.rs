@@ -69,6 +69,7 @@ fn verdict(decision: Decision, figure: Figure, limit: f64, reach: Option<f64>, s
         method: "best".to_owned(),
         calibration_presses_least: 0,
         test_presses_least: 1,
+        holdout: false,
         limits: vec![Limit { figure, limit, reach }],
         afterwards_by: None,
     };

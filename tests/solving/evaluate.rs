@@ -232,11 +232,95 @@ fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
 }
 
 #[test]
-fn a_run_without_test_presses_says_what_is_missing() {
+fn a_run_without_test_presses_has_cross_validated_errors() {
     let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
     bench.palpate_ends(0, "run r.toml --out run");
-    let told = bench.palpate_ends(2, "evaluate run");
-    assert!(told.running().contains("run: no valid test press"), "{}", told.err);
+    let told = bench.palpate_ends(0, "evaluate run --solver pearson");
+    assert!(told.out.starts_with("no test presses: cross-validated errors of the calibration"), "{}", told.out);
+    let objects = bench.palpate_ends(0, "evaluate run --solver pearson --json").json_lines();
+    assert_eq!(objects[0]["cross_validated"][0]["solver"], "pearson");
+    // a rule needs a test
+    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE)]);
+    let told = bench.palpate_ends(1, "evaluate a.csv --accept rule.toml");
+    assert!(told.out.contains("NOT DECIDED") && told.out.contains("a.csv: no valid test press"), "{}", told.out);
+}
+
+/// Largest mean location error of 100 mm.
+const RULE: &str = "location_mean_mm = 100.0\n";
+
+/// A table of a grid of `side` x `side` places, 1 mm apart, with noisy outputs of four units, and `passes` presses at each place.
+fn grid(side: usize, passes: usize) -> String {
+    let mut text = "x_mm,y_mm,force_n,out_1,out_2,out_3,out_4\n".to_owned();
+    for press in 0..passes * side * side {
+        let (x, y) = ((press % side) as f64, (press / side % side) as f64);
+        let force_n = 1.0 + 0.3 * (press as f64 * 0.7).sin();
+        let output = |unit: usize| {
+            let (off_x, off_y) = (x - (unit % 2 * side) as f64, y - (unit / 2 * side) as f64);
+            let noise = ((7 * press + 3 * unit) as f64 * 1.3).sin();
+            force_n * (-(off_x * off_x + off_y * off_y) / (side * side) as f64).exp() + 0.003 * noise
+        };
+        text += &format!("{x},{y},{force_n},{},{},{},{}\n", output(0), output(1), output(2), output(3));
+    }
+    text
+}
+
+#[test]
+fn saved_parts_give_the_figures_of_the_hold_out_to_the_last_bit() {
+    let columns = "[array]\nplaces_mm = [[0.0, 0.0], [7.0, 0.0], [0.0, 7.0], [7.0, 7.0]]\n";
+    let bench = Bench::with([("a.csv", grid(8, 3).as_str()), ("columns.toml", columns), ("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let figures = |words: &str| {
+        let mut object = bench.palpate_ends(0, words).json_lines().remove(0);
+        object.as_object_mut().expect("an object").remove("ns_per_solve");
+        object
+    };
+    let told = bench.palpate_ends(0, "evaluate a.csv --holdout time 20% --solver pearson");
+    assert!(told.err.contains("the order of the file"), "{}", told.err);
+    for (number, (source, solver, columns)) in [
+        ("a.csv --holdout places 20% --seed 3", "best", ""),
+        ("a.csv --holdout press 0.25", "surrogate", ""),
+        ("a.csv --holdout time 20% --columns columns.toml", "physics", "columns.toml"),
+        ("run --holdout places 30%", "pearson", "columns.toml"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let held_out = figures(&format!("evaluate {source} --solver {solver} --json --save parts{number}"));
+        let columns = if columns.is_empty() { String::new() } else { format!("--columns parts{number}/{columns}") };
+        let tables = format!("parts{number}/calibration.csv parts{number}/test.csv");
+        assert_eq!(held_out, figures(&format!("evaluate {tables} --solver {solver} --json {columns}")), "{source}");
+    }
+    let again = bench.palpate_ends(5, "evaluate a.csv --holdout places 20% --save parts0");
+    assert!(again.running().contains("name a folder without such files"), "{}", again.err);
+}
+
+#[test]
+fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
+    let permitted = format!("holdout = true\n{RULE}");
+    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE), ("permitted.toml", &permitted)]);
+    let words = "evaluate a.csv --solver pearson --holdout press 20%";
+    let told = bench.palpate_ends(1, &format!("{words} --accept rule.toml"));
+    assert!(told.out.contains("NOT DECIDED") && told.out.contains("holdout = true"), "{}", told.out);
+    assert!(told.err.contains("warning: ") && told.err.contains("are at places of the calibration"), "{}", told.err);
+    bench.palpate_ends(0, &format!("{words} --accept permitted.toml"));
+    let told = bench.palpate_ends(0, words);
+    assert!(told.out.contains("no verdict") && told.out.contains("location error, mean"), "{}", told.out);
+}
+
+#[test]
+fn what_cannot_be_held_out_is_refused() {
+    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("b.csv", CALIBRATION)]);
+    for (words, part) in [
+        ("a.csv --holdout rows 20%", "expected places, press or time"),
+        ("a.csv --holdout places 120%", "expected a share between 0 and 100 %"),
+        ("a.csv --holdout places x", "expected a share between 0 and 100 %"),
+        ("a.csv b.csv --holdout places 20%", "--holdout splits one table or run"),
+        ("a.csv --save parts", "--holdout"),
+        ("a.csv --holdout places 20% --same-place 0", "expected a distance"),
+    ] {
+        let told = bench.palpate_ends(2, &format!("evaluate {words}"));
+        assert!(told.running().contains(part), "{words}: {}", told.err);
+    }
 }
 
 /// The object that an evaluation with some more words comes to.

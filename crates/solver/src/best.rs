@@ -1,6 +1,6 @@
 //! Chooses the method with the smallest errors on held-out presses.
 
-use super::fitted::Candidate;
+use super::fitted::{Candidate, Tie};
 use super::heldout::HeldPress;
 use std::collections::BTreeMap;
 
@@ -16,6 +16,10 @@ pub(super) struct Tried {
 /// further. The second constant is the number of standard errors by which the difference must also exceed zero.
 const HOPELESS: f64 = 1.3;
 const HOPELESS_SIGMAS: f64 = 3.0;
+/// Number of standard errors below which the difference of two methods' errors is small, and the fraction of the error below which
+/// it always is.
+const TIE_SIGMAS: f64 = 2.0;
+const TIE_LEAD: f64 = 0.02;
 /// Largest ratio of two mean force errors that counts as an improvement. The second constant is the allowed factor for the
 /// location error.
 const FORCE_GAIN: f64 = 0.5;
@@ -108,6 +112,21 @@ pub(super) fn leader(ranked: &[&Tried], may_lead: impl FnMut(&usize) -> bool) ->
     (0..ranked.len()).find(|rank| *rank != first && is_near(rank) && halves(rank)).unwrap_or(first)
 }
 
+/// Returns the methods that are nearly as good as the first one, with the standard errors of the difference of their errors.
+pub(super) fn ties(ranked: &[&Tried]) -> Vec<Tie> {
+    let Some((first, others)) = ranked.split_first() else { return Vec::new() };
+    let is_whole = |other: &&&Tried| other.trials.len() == first.trials.len() && !other.location_errors().is_empty();
+    let tie = |other: &&Tried| Tie { solver: other.solver.to_owned(), sigmas: first.lead_sigmas(other).abs() };
+    let is_tie = |tie: &Tie, other: &&Tried| tie.sigmas < TIE_SIGMAS || (first.lead(other) - 1.0).abs() < TIE_LEAD;
+    others
+        .iter()
+        .filter(is_whole)
+        .map(|other| (tie(other), other))
+        .filter(|(tie, other)| is_tie(tie, other))
+        .map(|(tie, _)| tie)
+        .collect()
+}
+
 /// Returns for each method whether it should be tried on the other parts of the places, according to its trials on the first
 /// part. `counts` states whether others are compared with a method.
 pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
@@ -157,6 +176,21 @@ mod tests {
         assert_eq!(leader_of(tried("b", 0.109, 0.019)), 1);
         assert_eq!(leader_of(tried("b", 0.109, 0.021)), 0, "not half of the force error");
         assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
+    }
+
+    #[test]
+    fn methods_with_nearly_equal_errors_are_ties() {
+        let mut scattered = tried("b", 0.110, 0.040);
+        for (index, trial) in scattered.trials.iter_mut().enumerate() {
+            if let Ok(answer) = &mut trial.answer {
+                answer.place.y_mm += if index % 2 == 0 { 0.1 } else { -0.1 };
+            }
+        }
+        let (first, near, far) = (tried("a", 0.100, 0.040), tried("c", 0.101, 0.040), tried("d", 0.110, 0.040));
+        let names = |ranked: &[&Tried]| ties(ranked).into_iter().map(|tie| tie.solver).collect::<Vec<_>>();
+        assert_eq!(names(&[&first, &near, &scattered, &far]), ["c", "b"]);
+        assert_eq!(names(&[&first, &tried("e", f64::NAN, 0.0)]), [""; 0]);
+        assert_eq!(names(&[]), [""; 0]);
     }
 
     #[test]

@@ -41,6 +41,18 @@ impl Answering {
 pub struct Choice {
     /// Every method that was tried: the chosen one first, then the others by error.
     pub candidates: Vec<Candidate>,
+    /// Methods that are nearly as good as the chosen one. A sensor file doesn't keep them.
+    #[serde(skip)]
+    pub ties: Vec<Tie>,
+}
+
+/// A method with nearly the same location error as the chosen one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tie {
+    /// Name of the method.
+    pub solver: String,
+    /// Difference of both mean errors, in standard errors of this difference.
+    pub sigmas: f64,
 }
 
 /// A method that was tried on presses to which it hadn't been fitted.

@@ -112,7 +112,7 @@ pub use evaluation::{
 };
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
-pub use fitted::{Candidate, Choice, Fitted};
+pub use fitted::{Candidate, Choice, Fitted, Tie};
 pub use knn::NEIGHBOURS;
 pub(crate) use knn::PearsonKnn;
 pub use model::{Model, ModelError, Validity};

@@ -17,8 +17,8 @@ use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
 use super::threshold::Unexplained;
 use super::{
-    BEST, Broken, Calibration, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting, Whitened,
-    best,
+    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting,
+    Whitened, best,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -133,6 +133,18 @@ impl<'a> Prepared<'a> {
         Ok(if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) })
     }
 
+    /// Returns the mean errors of a method on held-out presses; for [`BEST`] those of all methods that were tried, the chosen one
+    /// first.
+    ///
+    /// # Errors
+    /// No method has that name, or the method can't be fitted to the calibration.
+    pub fn candidates(&self, name: &str) -> Result<Vec<Candidate>, FitError> {
+        match SOLVERS.into_iter().find(|solver| *solver == name) {
+            Some(solver) => Ok(vec![Tried { solver, trials: self.tried(solver)? }.candidate()]),
+            None => Ok(self.fit(name)?.choice().map(|choice| choice.candidates.clone()).unwrap_or_default()),
+        }
+    }
+
     fn fit_to_kept(&self, name: &str) -> Result<Fitted, FitError> {
         match name {
             BEST => self.best(),
@@ -164,8 +176,9 @@ impl<'a> Prepared<'a> {
         let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead));
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
+        let ties = best::ties(&ranked);
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
-        Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates }))
+        Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates, ties }))
     }
 
     /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may

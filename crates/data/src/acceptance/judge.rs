@@ -41,6 +41,8 @@ pub struct Measured {
     pub at_calibrated_places: usize,
     /// Whether the method assumes that every contact has the force of the calibration.
     pub constant_load: bool,
+    /// Whether the test was held out of the calibration's own table or run.
+    pub is_held_out: bool,
     /// Description of the run that isn't complete.
     pub incomplete: Option<String>,
     /// Description of the check that failed.
@@ -147,6 +149,7 @@ pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
     let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
     let verdict = match () {
         // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
+        () if measured.is_held_out && !rule.holdout => Verdict::NotDecided,
         () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => Verdict::NotDecided,
         () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
         () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
@@ -172,6 +175,7 @@ fn notes(measured: &Measured) -> Vec<String> {
         (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
         (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
         measured.cell_unchecked.then(|| "the load cell was not checked after the run".to_owned()),
+        measured.is_held_out.then(|| "the test presses were held out of the calibration's own presses".to_owned()),
         measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),
     ];
     all.into_iter().flatten().collect()
@@ -189,9 +193,11 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
         (twice > 0).then(|| format!("{twice} of {} test presses are identical to another one", measured.test_presses));
     let repeats = (repeated > 0)
         .then(|| format!("{repeated} of {} test presses are identical to calibration presses", measured.test_presses));
+    let held_out = "the rule requires a test of its own; with `holdout = true` it accepts presses that were held out";
     let all = [
         measured.incomplete.clone(),
         measured.doubtful.clone(),
+        (measured.is_held_out && !rule.holdout).then(|| held_out.to_owned()),
         repeats,
         twice,
         fewer("calibration", measured.calibration_presses, rule.calibration_presses_least).filter(|_| is_of_test),
@@ -387,6 +393,7 @@ mod tests {
             method: "best".to_owned(),
             calibration_presses_least: 10,
             test_presses_least: 2,
+            holdout: false,
             limits: limits.iter().map(|&(figure, limit, reach)| Limit { figure, limit, reach }).collect(),
             afterwards_by: None,
         }
@@ -408,6 +415,20 @@ mod tests {
     fn verdict(decision: Decision, limit: (Figure, f64, Option<f64>), measured: &Measured) -> (Verdict, String) {
         let judgement = judge(&rule(decision, &[limit]), measured);
         (judgement.verdict, judgement.all_reasons().collect::<Vec<_>>().join("; "))
+    }
+
+    #[test]
+    fn held_out_presses_decide_only_where_the_rule_says_so() {
+        let held_out = Measured { is_held_out: true, ..measured() };
+        for most_mm in [0.1, 0.9] {
+            let rule = rule(Decision::Simple, &[(Figure::LocationMean, most_mm, None)]);
+            let judged = judge(&rule, &held_out);
+            assert_eq!(judged.verdict, Verdict::NotDecided);
+            assert!(judged.reasons[0].contains("`holdout = true`"), "{:?}", judged.reasons);
+            let permitted = judge(&Rule { holdout: true, ..rule.clone() }, &held_out);
+            assert_eq!(permitted.verdict, judge(&rule, &measured()).verdict);
+            assert!(permitted.reasons.is_empty() && permitted.notes[0].contains("held out"), "{permitted:?}");
+        }
     }
 
     #[test]

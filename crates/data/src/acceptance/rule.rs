@@ -22,6 +22,8 @@ pub struct Rule {
     pub calibration_presses_least: usize,
     /// Smallest number of test presses that count.
     pub test_presses_least: usize,
+    /// Whether presses that were held out of the calibration's own table or run can be the test.
+    pub holdout: bool,
     /// The limits, at least one, in the order of [`Figure::ALL`].
     pub limits: Vec<Limit>,
     /// File that gave the rule after the run; `None` if the run's own recipe gave it.

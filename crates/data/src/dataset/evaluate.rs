@@ -2,14 +2,15 @@
 
 use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection, check_places};
 use super::check::cell_u_n;
-use super::{Press, Presses};
+use super::places::{SAME_PLACE_MM, same_places};
+use super::{Press, Presses, Split};
 use crate::acceptance::Measured;
 use crate::recipe::Phase;
 use miette::Diagnostic;
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{
-    Calibration, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting, Solver,
-    TestPress, Workspace, evaluate,
+    Calibration, Candidate, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting,
+    Solver, TestPress, Workspace, evaluate,
 };
 use std::collections::HashSet;
 use std::hint::black_box;
@@ -19,9 +20,6 @@ use std::time::{Duration, Instant};
 /// Time for which solves are repeated to measure the time of one solve. It is long compared with the clock's resolution, and
 /// short for a user who waits.
 const TIMED: Duration = Duration::from_millis(20);
-
-/// Distance below which two places are the same, mm.
-const SAME_PLACE_MM: f64 = 0.001;
 
 /// Reason why there is no evaluation; all reasons are exit code 2.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -75,6 +73,8 @@ pub struct Trial<'a> {
     force: &'static ForceColumn,
     /// Whether the presses are those of a run. A run's forces are compared with the set forces and with the load cell's.
     is_run: bool,
+    /// Whether the test was held out of the same table or run as the calibration.
+    is_held_out: bool,
     /// Data shared by all methods that are fitted to the calibration.
     prepared: OnceLock<Prepared<'a>>,
 }
@@ -88,7 +88,8 @@ impl<'a> Trial<'a> {
         let test = Selection::of_phase(presses, Phase::Test)?;
         let is_run = calibration.knows(&COMMANDED) && test.knows(&COMMANDED);
         let force = if is_run { &COMMANDED } else { &LOAD_CELL };
-        Ok(Trial { calibration, test, layout, load: ForceKnown::default(), force, is_run, prepared: OnceLock::new() })
+        let (load, is_held_out, prepared) = (ForceKnown::default(), false, OnceLock::new());
+        Ok(Trial { calibration, test, layout, load, force, is_run, is_held_out, prepared })
     }
 
     /// Takes a table for calibration and a table to solve. If one of them has no forces, only the location is evaluated.
@@ -104,8 +105,14 @@ impl<'a> Trial<'a> {
             load: ForceKnown::default(),
             force: &LOAD_CELL,
             is_run: false,
+            is_held_out: false,
             prepared,
         })
+    }
+
+    /// Takes the two parts of one table or run. What is fitted and chosen sees only the calibration.
+    pub fn of_split(split: &'a Split) -> Result<Self, EvaluateError> {
+        Ok(Trial { is_held_out: true, ..Trial::of_tables(&split.calibration, &split.test)? })
     }
 
     /// Sets the positions of the units, if they are known.
@@ -176,6 +183,7 @@ impl<'a> Trial<'a> {
             test_repeats_itself: self.test.iter().count() - tested.len(),
             at_calibrated_places: self.at_calibrated_places(),
             constant_load: matches!(self.load, ForceKnown::Constant),
+            is_held_out: self.is_held_out,
             test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
             broken_channels: self.prepared().ok().map(|prepared| prepared.broken().len()),
             flagged_presses: self.calibration.flagged + self.test.flagged,
@@ -195,9 +203,11 @@ impl<'a> Trial<'a> {
 
     /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].
     fn at_calibrated_places(&self) -> usize {
-        let grain = |place: Place| [place.x_mm, place.y_mm].map(|mm| (mm / SAME_PLACE_MM).round() as i64);
-        let calibrated: HashSet<[i64; 2]> = self.calibration.iter().map(|press| grain(press.place())).collect();
-        self.test.iter().filter(|press| calibrated.contains(&grain(press.place()))).count()
+        let places: Vec<Place> = self.calibration.iter().chain(self.test.iter()).map(Press::place).collect();
+        let groups = same_places(&places, SAME_PLACE_MM);
+        let (calibration, test) = groups.split_at(self.calibration.iter().count());
+        let calibrated: HashSet<usize> = calibration.iter().copied().collect();
+        test.iter().filter(|place| calibrated.contains(place)).count()
     }
 
     /// Returns the calibration, prepared once for all methods.
@@ -245,6 +255,30 @@ impl<'a> Trial<'a> {
     fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {
         self.test.to_solve(force, self.calibration.knows(force))
     }
+}
+
+/// Returns the mean errors of a method on presses that were held out of the calibration in turn; with [`BEST`](palpate_solver::BEST)
+/// those of every method that was tried, the chosen one first. A run uses the load cell's forces.
+pub fn cross_validated(
+    presses: &Presses,
+    layout: Option<&ArrayLayout>,
+    load: ForceKnown,
+    solver: &str,
+) -> Result<Vec<Candidate>, EvaluateError> {
+    let selection = match presses.presses.iter().any(|press| press.phase.is_some()) {
+        true => Selection::of_phase(presses, Phase::Calibration)?,
+        false => Selection::of_all(presses, Phase::Calibration)?,
+    };
+    let calibration = selection.calibration(&LOAD_CELL, load)?;
+    check_places(&presses.source, &calibration)?;
+    let unfit = |source| CalibrateError::Fit { source_name: presses.source.clone(), source };
+    let setting = Setting { load, ..Setting::of_layout(layout) };
+    let mut found =
+        Prepared::new(calibration, &setting).and_then(|prepared| prepared.candidates(solver)).map_err(unfit)?;
+    if !selection.knows(&LOAD_CELL) {
+        found.iter_mut().for_each(|candidate| candidate.force_error_n = None);
+    }
+    Ok(found)
 }
 
 /// Checks whether two tables can be from one array: both must have the same number of outputs.

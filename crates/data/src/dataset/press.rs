@@ -86,7 +86,7 @@ columns! {
     /// Depth below the surface touched in this press, mm; 0 in air.
     depth_mm: Option<f64>, Run, 5;
     /// Start of the window, s since the run's start.
-    t_s: Option<f64>, Run, 4;
+    t_s: Option<f64>, Optional, 4;
     /// Mean output of each channel in the window minus its output in air, in the array's unit.
     outputs: Vec<f64>, Needed, 7;
     /// Faults of the press; empty if there are none.

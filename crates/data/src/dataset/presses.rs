@@ -1,6 +1,6 @@
 //! Presses from either source: a run's journal, or an external table.
 
-use super::{Contact, Lookalike, Press};
+use super::{Contact, Lookalike, Press, output_name};
 use crate::recipe::Phase;
 
 /// Presses of one array, each with as many outputs as the array has channels.
@@ -49,16 +49,43 @@ impl Presses {
 
     /// Keeps the presses of one phase, if the table has presses of this phase and of others. Returns how many there were of all.
     pub fn keep(&mut self, phase: Phase) -> Option<usize> {
-        let (all, of_it) = (self.presses.len(), self.presses.iter().filter(|press| press.is_of(phase)).count());
-        if of_it == 0 || of_it == all {
+        let all = self.presses.len();
+        let of_it: Vec<usize> = (0..all).filter(|index| self.presses[*index].is_of(phase)).collect();
+        if of_it.is_empty() || of_it.len() == all {
             return None;
         }
-        if !self.lines.is_empty() {
-            let kept = self.presses.iter().zip(&self.lines).filter(|(press, _)| press.is_of(phase));
-            self.lines = kept.map(|(_, line)| *line).collect();
-        }
-        self.presses.retain(|press| press.is_of(phase));
+        *self = self.some(&of_it);
         Some(all)
+    }
+
+    /// Returns some of the presses, with their lines in the table.
+    pub(super) fn some(&self, which: &[usize]) -> Presses {
+        Presses {
+            presses: which.iter().map(|index| self.presses[*index].clone()).collect(),
+            lines: which.iter().filter_map(|index| self.lines.get(*index)).copied().collect(),
+            source: self.source.clone(),
+            unused: self.unused.clone(),
+            detected: self.detected.clone(),
+            ..*self
+        }
+    }
+
+    /// Returns the presses as the text of a table with what an evaluation uses. Every number is read back to the last bit.
+    pub fn to_csv(&self) -> String {
+        let has_forces = self.presses.iter().all(|press| press.force_n.is_some());
+        let is_flagged = self.presses.iter().any(Press::is_flagged);
+        let outputs: String = (1..=self.channels).map(|channel| format!(",{}", output_name(channel))).collect();
+        let (force, flags) = (if has_forces { ",force_n" } else { "" }, if is_flagged { ",flags" } else { "" });
+        let mut text = format!("x_mm,y_mm{force}{outputs}{flags}\n");
+        for press in &self.presses {
+            let force_n = press.force_n.filter(|_| has_forces);
+            let numbers = [press.x_mm, press.y_mm].into_iter().chain(force_n).chain(press.outputs.iter().copied());
+            text += &numbers.map(|number| number.to_string()).collect::<Vec<_>>().join(",");
+            text += if is_flagged { "," } else { "" };
+            text += press.flags.first().map_or("", |flag| flag.name());
+            text.push('\n');
+        }
+        text
     }
 
     /// Returns the position of a press, for messages.
@@ -83,8 +110,18 @@ impl Presses {
 
 #[cfg(test)]
 mod tests {
-    use super::super::evaluate::tests::{RUN, run};
+    use super::super::evaluate::tests::{RUN, run, table};
     use super::*;
+
+    #[test]
+    fn what_is_written_is_read_back_to_the_last_bit() {
+        let text = "x_mm,y_mm,force_n,out_1,out_2,flags\n0.1,-3e-7,0.30000000000000004,1e21,5e-324,\n1,2,3,4,5,bad\n";
+        let presses = table(text);
+        let again = table(&presses.to_csv());
+        assert_eq!((again.presses, again.channels), (presses.presses, presses.channels));
+        let silent = table("x_mm,y_mm,out_1\n1,2,3\n");
+        assert_eq!(silent.to_csv(), "x_mm,y_mm,out_1\n1,2,3\n");
+    }
 
     #[test]
     fn of_a_table_with_several_phases_one_is_kept_with_its_lines() {

@@ -1,6 +1,6 @@
 //! Reads external tables: plain CSV.
 //!
-//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, and `flags` (a row is flagged unless its cell
+//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, `t_s`, and `flags` (a row is flagged unless its cell
 //! is empty or 0). Columns may be in any order; unknown columns are ignored. A byte-order mark, either kind of line end, and
 //! comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the same
 //! presses as the run's journal. A [`Mapping`] reads tables with other names and units. The use of a table without `force_n` is

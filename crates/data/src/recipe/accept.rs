@@ -35,6 +35,8 @@ keys! {
             "smallest number of calibration presses, without flagged ones", "500";
         test_presses_least: Whole(1, PRESSES_CEILING as u64), or_whole(1),
             "smallest number of test presses, without flagged ones", "100";
+        holdout: Flag, or_flag(false),
+            "whether test presses that were held out of the calibration's own presses give a verdict", "true";
         location_mean_mm: Number(LENGTH), Allowed, "limit of the mean location error", "1.0";
         location_p95_mm: Number(LENGTH), Allowed, "limit of the 95th percentile of the location errors", "2.0";
         location_within: Table(&location_within::KEYS), Allowed, "limit of the share of presses with a small location error";
@@ -93,6 +95,7 @@ pub(super) fn read_rule(table: &Table) -> Option<Rule> {
     let (calibration, test) = (least(&accept::calibration_presses_least), least(&accept::test_presses_least));
     // a wrong limit has been reported; the others are read all the same
     let limits: Vec<Limit> = Figure::ALL.into_iter().filter_map(|figure| limit(table, figure)).collect();
+    let holdout = table.flag(&accept::holdout);
     let (known, keys) = (accept::KEYS.always, || Figure::ALL.map(Figure::key));
     if !known.iter().any(|key| keys().contains(&key.name) && table.has(key)) {
         let help = format!("add one of {}", keys().join(", "));
@@ -103,6 +106,7 @@ pub(super) fn read_rule(table: &Table) -> Option<Rule> {
         method: method?.to_owned(),
         calibration_presses_least: calibration?,
         test_presses_least: test?,
+        holdout: holdout?,
         limits,
         afterwards_by: None,
     })

@@ -6,7 +6,9 @@ use super::verdict;
 use super::{Judged, Subject};
 use crate::paper;
 use maud::{Markup, html};
+use palpate_data::dataset::doubted_half_widths;
 use palpate_solver::{BEST, Coverage, ErrorSummary, Evaluation, LeftOut};
+use std::collections::BTreeSet;
 
 /// Creates the first section of the page.
 pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
@@ -94,6 +96,7 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
             }
             "Stated half-width: the method's own estimate of its error; if it is right, 68 and 95 % of the errors are within it."
         }
+        @for line in evaluations.iter().flat_map(doubted_half_widths).collect::<BTreeSet<_>>() { p.note { "Warning: " (line) "." } }
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
             p.note { (evaluation.at_calibrated_places) " of the test presses are at places of the calibration." }
         }

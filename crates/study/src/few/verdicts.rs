@@ -124,6 +124,7 @@ fn by_rule(decision: Decision, limit_mm: f64, solver: &dyn Solver, test: &KnownR
         method: solver.name().to_owned(),
         calibration_presses_least: 1,
         test_presses_least: 1,
+        holdout: false,
         limits: vec![Limit { figure: Figure::LocationMean, limit: limit_mm, reach: None }],
         afterwards_by: None,
     };
