@@ -113,7 +113,7 @@ class Contact:
         """y of the contact, specimen frame, mm."""
     @property
     def force_n(self) -> float:
-        """Force of the contact, N."""
+        """Force of the contact, N; NaN if the calibration has no forces."""
     @property
     def sd_x_mm(self) -> float:
         """Standard deviation of x, mm."""
@@ -144,6 +144,15 @@ class Contact:
     @property
     def misfit(self) -> float:
         """Misfit between the reading and one contact; above 1: not a single contact."""
+    @property
+    def relative_force(self) -> float:
+        """Force relative to the typical press of a calibration without forces."""
+    @property
+    def half68_relative_force(self) -> float:
+        """Half-width that contains 68 % of the errors of the relative force."""
+    @property
+    def half95_relative_force(self) -> float:
+        """Half-width that contains 95 % of the errors of the relative force."""
     @property
     def verdict(self) -> _Verdict:
         """Whether the contact is credible."""

@@ -21,6 +21,9 @@ const ABOUT: [(&str, &str); NUMBERS.len()] = [
     ("mm", "x of another place that fits nearly as well."),
     ("mm", "y of another place that fits nearly as well."),
     ("", "Misfit between the reading and one contact; above 1: not a single contact."),
+    ("", "Force relative to the typical press of a calibration without forces."),
+    ("", "Half-width that contains 68 % of the errors of the relative force."),
+    ("", "Half-width that contains 95 % of the errors of the relative force."),
 ];
 
 /// The contact behind one reading. An unknown number is NaN.
@@ -30,7 +33,7 @@ pub struct Contact {
     x_mm: f64,
     /// y of the contact, specimen frame, mm.
     y_mm: f64,
-    /// Force of the contact, N.
+    /// Force of the contact, N; NaN if the calibration has no forces.
     force_n: f64,
     /// Standard deviation of x, mm.
     sd_x_mm: f64,
@@ -52,6 +55,12 @@ pub struct Contact {
     other_y_mm: f64,
     /// Misfit between the reading and one contact; above 1: not a single contact.
     misfit: f64,
+    /// Force relative to the typical press of a calibration without forces.
+    relative_force: f64,
+    /// Half-width that contains 68 % of the errors of the relative force.
+    half68_relative_force: f64,
+    /// Half-width that contains 95 % of the errors of the relative force.
+    half95_relative_force: f64,
     /// `ok`, `weak-signal`, `outside-area`, `not-one-contact`, `channel-fault`, or `unsolved`.
     verdict: &'static str,
     /// The output that contradicts the others, counted from 1, if the verdict is `channel-fault`.
@@ -62,9 +71,10 @@ pub struct Contact {
 
 impl Contact {
     /// Takes the answer to a reading.
-    pub fn of(solved: &Result<Solution, Unanswered>) -> Contact {
-        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved);
-        let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit] = rest;
+    pub fn of(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> Contact {
+        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved, forces_are_known);
+        let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
+        let [relative_force, half68_relative_force, half95_relative_force] = relative;
         Contact {
             x_mm,
             y_mm,
@@ -79,6 +89,9 @@ impl Contact {
             other_x_mm,
             other_y_mm,
             misfit,
+            relative_force,
+            half68_relative_force,
+            half95_relative_force,
             verdict: verdict(solved),
             unit: unit(solved),
             error: solved.as_ref().err().map(ToString::to_string),
@@ -89,8 +102,12 @@ impl Contact {
 #[pymethods]
 impl Contact {
     fn __repr__(&self) -> String {
-        let Contact { x_mm, y_mm, force_n, verdict, .. } = self;
-        format!("<palpate.Contact x {x_mm:.3} mm, y {y_mm:.3} mm, {force_n:.3} N, {verdict}>")
+        let Contact { x_mm, y_mm, force_n, relative_force, verdict, .. } = self;
+        let force = match relative_force.is_nan() {
+            true => format!("{force_n:.3} N"),
+            false => format!("relative force {relative_force:.3}"),
+        };
+        format!("<palpate.Contact x {x_mm:.3} mm, y {y_mm:.3} mm, {force}, {verdict}>")
     }
 }
 
@@ -122,8 +139,8 @@ impl Contacts {
     }
 
     /// Adds the answer to the next reading.
-    pub fn add(&mut self, solved: &Result<Solution, Unanswered>) {
-        self.numbers.iter_mut().zip(shown(solved)).for_each(|(column, number)| column.push(number));
+    pub fn add(&mut self, solved: &Result<Solution, Unanswered>, forces_are_known: bool) {
+        self.numbers.iter_mut().zip(shown(solved, forces_are_known)).for_each(|(column, number)| column.push(number));
         let (verdict, unit) = match solved.as_ref().map(|solution| solution.verdict) {
             Ok(Verdict::Ok) => (0, 0),
             Ok(Verdict::WeakSignal) => (1, 0),
@@ -165,8 +182,8 @@ impl Contacts {
     }
 }
 
-fn shown(solved: &Result<Solution, Unanswered>) -> [f64; NUMBERS.len()] {
-    solved.as_ref().map_or([f64::NAN; NUMBERS.len()], numbers)
+fn shown(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> [f64; NUMBERS.len()] {
+    solved.as_ref().map_or([f64::NAN; NUMBERS.len()], |solution| numbers(solution, forces_are_known))
 }
 
 fn verdict(solved: &Result<Solution, Unanswered>) -> &'static str {

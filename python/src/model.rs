@@ -201,7 +201,12 @@ fn solved<'py>(
     match readings.rows {
         None => {
             let mut contact = None;
-            py.detach(|| session(&mut |session| contact = Some(Contact::of(&session.solve(numbers)))));
+            py.detach(|| {
+                session(&mut |session| {
+                    let solved = session.solve(numbers);
+                    contact = Some(Contact::of(&solved, session.model().forces_are_known()));
+                });
+            });
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
@@ -209,7 +214,10 @@ fn solved<'py>(
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
                 session(&mut |session| {
-                    numbers.chunks_exact(units).for_each(|reading| contacts.add(&session.solve(reading)));
+                    for reading in numbers.chunks_exact(units) {
+                        let solved = session.solve(reading);
+                        contacts.add(&solved, session.model().forces_are_known());
+                    }
                 });
             });
             Ok(contacts.frame().into_pyobject(py)?.into_any())

@@ -49,7 +49,7 @@ pub(super) struct MethodArgs {
 
 /// What the forces of a calibration without forces are.
 pub(super) const FORCES_ARE_RELATIVE: &str =
-    "no force_n in the calibration: forces are relative to its typical press\n";
+    "no force_n in the calibration: relative_force is relative to its typical press\n";
 
 /// What a method is fitted to.
 pub(super) struct Source {

@@ -77,16 +77,42 @@ pub(super) fn noted_presses(
             "warning: {name}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)\n"
         )
     }));
+    notes.extend(other_units(&presses).into_iter().map(|note| format!("note: {name}: {note}\n")));
     let more = presses.unused.len().saturating_sub(LOOKALIKES_MAX);
     notes.extend((more > 0).then(|| format!("warning: and {more} more such columns\n")));
     Ok((presses, notes))
+}
+
+type Value = fn(&Press) -> f64;
+
+/// Span of an axis, mm, and force, N, above which another unit is likely.
+const SPAN_MOST_MM: f64 = 1000.0;
+const FORCE_MOST_N: f64 = 100.0;
+
+/// Returns a note with the factor for places and for forces that are probably in another unit.
+fn other_units(presses: &Presses) -> Vec<String> {
+    let ends = |of: Value| {
+        let values = presses.presses.iter().map(of);
+        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(value), most.max(value)))
+    };
+    let axes: [(&str, Value); 2] = [("x", |press| press.x_mm), ("y", |press| press.y_mm)];
+    let spans = axes.map(|(axis, of)| (axis, ends(of).1 - ends(of).0));
+    let wide = spans.into_iter().find(|(_, span_mm)| *span_mm > SPAN_MOST_MM).map(|(axis, span_mm)| {
+        format!("{axis} spans {span_mm:.0} mm: if places are in um, set x_mm = 0.001 in [scale] of a columns file")
+    });
+    let most_n = ends(|press| press.force_n.unwrap_or_default().abs()).1;
+    let strong = (most_n > FORCE_MOST_N).then(|| {
+        format!(
+            "forces are up to {most_n:.0} N: if they are in mN, set force_n = 0.001 in [scale] of a columns file; if in g, 0.00980665"
+        )
+    });
+    wide.into_iter().chain(strong).collect()
 }
 
 /// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
 pub(super) fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
     /// Ratio of two largest values from which they have different orders of magnitude.
     const OTHER_ORDER: f64 = 30.0;
-    type Value = fn(&Press) -> f64;
     let is_other = |presses: &Presses, phase| presses.presses.iter().all(|press| press.is_of(phase));
     if is_other(calibration, Phase::Test) || is_other(test, Phase::Calibration) {
         let (first, second) = (&calibration.source, &test.source);
@@ -124,4 +150,20 @@ fn difference(table: &Path) -> Option<String> {
     let problem = recorded.table_problem("presses.csv").ok().flatten()?;
     let (table, folder) = (table.display(), folder.display());
     Some(format!("warning: {table} {problem}; it is read as it is (name the folder {folder} to read the journal)\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_data::dataset::parse_table;
+
+    #[test]
+    fn places_and_forces_of_another_unit_get_a_note_with_the_factor() {
+        let notes = |text: &str| other_units(&parse_table("a.csv", text.as_bytes(), &Mapping::default()).unwrap());
+        let um = notes("x_mm,y_mm,force_n,out_1\n-6000,0,1,1\n6000,0,2,1\n");
+        assert!(um.len() == 1 && um[0].starts_with("x spans 12000 mm: ") && um[0].contains("x_mm = 0.001"), "{um:?}");
+        let mn = notes("x_mm,y_mm,force_n,out_1\n0,0,-1500,1\n1,0,2,1\n");
+        assert!(mn.len() == 1 && mn[0].contains("force_n = 0.001") && mn[0].contains("0.00980665"), "{mn:?}");
+        assert!(notes("x_mm,y_mm,out_1\n-60,5000,1\n60,5060,1\n").is_empty());
+    }
 }

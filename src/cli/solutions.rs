@@ -20,6 +20,7 @@ pub(super) struct Solutions<W: Write> {
     to: To<W>,
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
+    forces_are_known: bool,
 }
 
 enum To<W: Write> {
@@ -55,6 +56,13 @@ struct Line<'a> {
     other_x_mm: Option<f64>,
     other_y_mm: Option<f64>,
     misfit: Option<f64>,
+    /// Force relative to the typical press, and its half-widths. Only if the calibration has no forces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    relative_force: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half68_relative_force: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half95_relative_force: Option<Option<f64>>,
     verdict: &'static str,
     unit: Option<usize>,
     /// Why there is no contact.
@@ -63,18 +71,20 @@ struct Line<'a> {
 }
 
 impl<W: Write> Solutions<W> {
-    pub(super) fn new(to: W, json: bool, keep_going: bool) -> Self {
+    /// `forces_are_known` states whether forces are in newtons.
+    pub(super) fn new(to: W, json: bool, keep_going: bool, forces_are_known: bool) -> Self {
         let to = if json {
             To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
         } else {
             let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
             To::Csv { writer: Box::new(writer), labels: keep_going.then_some([true, true]) }
         };
-        Solutions { to, keep_going }
+        Solutions { to, keep_going, forces_are_known }
     }
 
     pub(super) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
-        let mut line = Line { line: self.keep_going.then_some(reading.line), ..Line::of(reading, solved) };
+        let of = Line::of(reading, solved, self.forces_are_known);
+        let mut line = Line { line: self.keep_going.then_some(reading.line), ..of };
         match &mut self.to {
             To::Csv { writer, labels } => {
                 let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
@@ -99,8 +109,8 @@ impl<W: Write> Solutions<W> {
     }
 }
 
-/// Columns of numbers in an answer, in their order.
-pub const NUMBERS: [&str; 13] = [
+/// Numbers of an answer, in their order. The last three are columns only if the calibration has no forces.
+pub const NUMBERS: [&str; 16] = [
     "x_mm",
     "y_mm",
     "force_n",
@@ -114,39 +124,53 @@ pub const NUMBERS: [&str; 13] = [
     "other_x_mm",
     "other_y_mm",
     "misfit",
+    "relative_force",
+    "half68_relative_force",
+    "half95_relative_force",
 ];
 
-/// Returns the numbers of an answer as they are printed, in the order of [`NUMBERS`]; NaN if a number is unknown.
-pub fn numbers(solution: &Solution) -> [f64; NUMBERS.len()] {
+/// Returns the numbers of an answer as they are printed, in the order of [`NUMBERS`]; NaN if a number is unknown. If the forces of
+/// the calibration are unknown, the solved force is relative.
+pub fn numbers(solution: &Solution, forces_are_known: bool) -> [f64; NUMBERS.len()] {
     let Solution { place, force_n, covariance, half_widths, other, misfit, .. } = solution;
     let sd = |of: fn(&Covariance) -> f64| covariance.as_ref().map_or(f64::NAN, of);
     let half = |of: fn(&HalfWidths) -> f64| half_widths.as_ref().map_or(f64::NAN, of);
     let other = |of: fn(&Place) -> f64| other.as_ref().map_or(f64::NAN, of);
+    let in_newtons = |number: f64| if forces_are_known { number } else { f64::NAN };
+    let relative = |number: f64| if forces_are_known { f64::NAN } else { number };
+    // the relative force of a method may be the length of the reading itself, which has no error of its own
+    let relative_half = |half: f64| relative(if round(half, DECIMALS) > 0.0 { half } else { f64::NAN });
+    let (half68_n, half95_n) = (half(|half| half.half68_n), half(|half| half.half95_n));
     let numbers = [
         place.x_mm,
         place.y_mm,
-        *force_n,
+        in_newtons(*force_n),
         sd(Covariance::x_mm),
         sd(Covariance::y_mm),
-        sd(Covariance::force_n),
+        in_newtons(sd(Covariance::force_n)),
         half(|half| half.half68_mm),
         half(|half| half.half95_mm),
-        half(|half| half.half68_n),
-        half(|half| half.half95_n),
+        in_newtons(half68_n),
+        in_newtons(half95_n),
         other(|place| place.x_mm),
         other(|place| place.y_mm),
         misfit.unwrap_or(f64::NAN),
+        relative(*force_n),
+        relative_half(half68_n),
+        relative_half(half95_n),
     ];
     numbers.map(|number| round(number, DECIMALS)).map(|number| if number.is_finite() { number } else { f64::NAN })
 }
 
 impl<'a> Line<'a> {
-    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>) -> Self {
+    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>, forces_are_known: bool) -> Self {
         let found = solved.as_ref().ok();
-        let numbers = found.map_or([f64::NAN; NUMBERS.len()], numbers);
+        let unknown = [f64::NAN; NUMBERS.len()];
+        let numbers = found.map_or(unknown, |solution| numbers(solution, forces_are_known));
         let known = numbers.map(|number| Some(number).filter(|number| number.is_finite()));
-        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, ..] = known;
-        let [.., half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit] = known;
+        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = known;
+        let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
+        let column = |number: Option<f64>| (!forces_are_known).then_some(number);
         Line {
             line: None,
             id: reading.id.as_ref(),
@@ -164,6 +188,9 @@ impl<'a> Line<'a> {
             other_x_mm,
             other_y_mm,
             misfit,
+            relative_force: column(relative[0]),
+            half68_relative_force: column(relative[1]),
+            half95_relative_force: column(relative[2]),
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
                 Verdict::ChannelFault(unit) => Some(unit + 1),
@@ -191,8 +218,17 @@ mod tests {
         r#""half68_mm":null,"half95_mm":null,"half68_n":null,"half95_n":null,"other_x_mm":null,"other_y_mm":null,"#;
 
     fn written(json: bool, keep_going: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
+        written_with(json, keep_going, true, lines)
+    }
+
+    fn written_with(
+        json: bool,
+        keep_going: bool,
+        forces_are_known: bool,
+        lines: &[(Reading, Result<Solution, SolveError>)],
+    ) -> String {
         let mut bytes = Vec::new();
-        let mut solutions = Solutions::new(&mut bytes, json, keep_going);
+        let mut solutions = Solutions::new(&mut bytes, json, keep_going, forces_are_known);
         lines.iter().for_each(|(reading, solved)| solutions.write(reading, solved).unwrap());
         solutions.flush().unwrap();
         drop(solutions);
@@ -252,6 +288,25 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
             + r#""verdict":"unsolved","unit":null,"error":"all outputs are equal: the reading correlates with no place"}"#
             + "\n";
         assert_eq!(written(true, false, &lines()), expected);
+    }
+
+    #[test]
+    fn forces_that_are_not_known_are_blank_and_relative_ones_have_columns_of_their_own() {
+        let mut lines = lines();
+        if let Ok(Solution { half_widths: Some(half), .. }) = &mut lines[0].1 {
+            half.half95_n = 4e-7;
+        }
+        let expected = "\
+id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n,half95_n,other_x_mm,other_y_mm,misfit,relative_force,half68_relative_force,half95_relative_force,verdict,unit
+\"a,b\",0.5,1.25,-2.0,,0.2,0.3,,0.4,0.8,,,3.0,4.0,0.5,1.0,0.1,,channel-fault,5
+,,1.25,-2.0,,,,,,,,,,,,1.0,,,not-one-contact,
+,,,,,,,,,,,,,,,,,,unsolved,
+";
+        assert_eq!(written_with(false, false, false, &lines), expected);
+        let objects = written_with(true, false, false, &lines);
+        assert!(objects.starts_with(r#"{"id":"a,b","t_s":0.5,"x_mm":1.25,"y_mm":-2.0,"force_n":null,"#), "{objects}");
+        let relative = r#""relative_force":1.0,"half68_relative_force":0.1,"half95_relative_force":null,"#;
+        assert!(objects.contains(relative) && objects.matches("relative_force\":null").count() == 6, "{objects}");
     }
 
     #[test]

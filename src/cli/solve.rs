@@ -35,7 +35,9 @@ other_x_mm and other_y_mm if another place fits nearly as well, misfit
 (above 1: not a single contact) and verdict: ok, weak-signal,
 outside-area, not-one-contact, channel-fault (unit: which output), or unsolved
 if the reading has no answer. With a table without force_n, only proportions are
-calibrated: force_n is then relative to its typical press.
+calibrated: force_n and its errors are then blank. relative_force is relative to
+the typical press of the table, with half68_relative_force and
+half95_relative_force, which are blank if the method has none.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are
@@ -108,7 +110,7 @@ pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
         reasons_are_told: !(args.quiet || args.json || args.keep_going),
         is_refused: |_| false,
     };
-    let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going);
+    let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going, model.forces_are_known());
     let mut answers = Answers::new(readings, Session::new(model));
     match stream.answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),

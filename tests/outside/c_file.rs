@@ -149,6 +149,21 @@ fn the_compiled_file_answers_as_the_library() {
 
 #[test]
 #[ignore = "needs a C compiler: cc"]
+fn a_force_that_is_not_known_is_nan() {
+    let folder = tempfile::tempdir().unwrap();
+    let (layout, calibration, readings) = skin(&scene_t(), 1.0, 20);
+    let points: Vec<CalibrationPoint<'_>> = calibration.points().collect();
+    let silent = Calibration::without_forces(&points).unwrap();
+    for method in ["pearson", "surrogate"] {
+        let model = Model::fit(method, silent.clone(), &Setting::of_layout(Some(&layout))).unwrap();
+        let answers = answers(folder.path(), &model, &readings);
+        assert!(answers.iter().all(|answer| answer.force_n.is_nan() && answer.place.x_mm.is_finite()), "{method}");
+        assert!(c_file(&model, "a test").unwrap().contains("contact->relative_force = "));
+    }
+}
+
+#[test]
+#[ignore = "needs a C compiler: cc"]
 fn what_is_no_contact_is_said_and_an_output_that_is_left_out_counts_for_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (layout, calibration, readings) = skin(&scene_t(), 1.0, 50);

@@ -268,7 +268,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
 
 #[test]
 fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
-    let note = "no force_n in the calibration: forces are relative to its typical press\n";
+    let note = "no force_n in the calibration: relative_force is relative to its typical press\n";
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
     let bench = Bench::with([("a.csv", silent.as_str())]);
     let words = "solve --calibration a.csv --solver pearson";
@@ -276,10 +276,18 @@ fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
     assert!(told.err.ends_with(note), "{}", told.err);
     // sqrt(1.10 and 1.18, 1.10 squared), by the length of each row
     let typical = ((1.10f64 + 1.18 + 1.10) / 3.0).sqrt();
-    let force: f64 = told.out.lines().nth(1).and_then(|line| line.split(',').nth(2)?.parse().ok()).expect("a force");
+    let header = told.out.lines().next().unwrap_or_default();
+    assert!(header.contains(",misfit,relative_force,half68_relative_force,half95_relative_force,"), "{header}");
+    let cells: Vec<&str> = told.out.lines().nth(1).expect("an answer").split(',').collect();
+    assert_eq!([cells[2], cells[5], cells[8], cells[9]], [""; 4], "no force in newtons");
+    let force: f64 = cells[13].parse().expect("a relative force");
     assert!((force - 2.0 * 1.10f64.sqrt() / typical).abs() < 1e-6, "{}", told.out);
+    let object = &solved_on(&bench, &format!("{words} --json"), "2,0.6,0.2\n", 0).json_lines()[0];
+    assert_eq!((&object["force_n"], &object["half95_n"]), (&Value::Null, &Value::Null));
+    assert!(object["relative_force"].as_f64().is_some_and(|found| (found - force).abs() < 1e-9), "{object}");
     let told = solved_on(&bench, &format!("{words} --constant-load"), "2,0.6,0.2\n", 0);
     assert!(!told.err.contains(note), "{}", told.err);
+    assert!(told.out.lines().nth(1).is_some_and(|line| line.split(',').nth(2) == Some("")), "{}", told.out);
     assert!(!solved("solve --calibration a.csv --solver pearson", "", 0).err.contains(note));
 }
 

@@ -69,6 +69,12 @@ impl Calibration {
         Ok(calibration)
     }
 
+    /// Returns the same calibration with forces that are only assumed. A force solved with it isn't in newtons.
+    #[must_use]
+    pub fn with_unknown_forces(self) -> Self {
+        Calibration { forces_known: false, ..self }
+    }
+
     /// Returns the number of units of the array.
     pub fn units(&self) -> usize {
         self.units

@@ -101,6 +101,11 @@ impl Model {
         &self.fitted
     }
 
+    /// Whether solved forces are in newtons. Otherwise they are relative to the typical press of the calibration.
+    pub fn forces_are_known(&self) -> bool {
+        self.validity.force_n.is_some()
+    }
+
     /// Returns the range in which the method is valid.
     pub fn validity(&self) -> &Validity {
         &self.validity

@@ -20,6 +20,8 @@ pub struct Tables {
     pub silence: Vec<f64>,
     /// Sum of squares of the outputs divided by their noise, below which a reading is a weak signal.
     pub no_contact: f64,
+    /// Whether forces are in newtons. Otherwise they are relative to the typical press of the calibration.
+    pub forces_are_known: bool,
     /// The method's own tables.
     pub kind: Kind,
 }
@@ -134,7 +136,8 @@ impl Model {
             }
         };
         let (method, outputs) = (fitted.name(), self.validity().units);
-        Some(Tables { method, outputs, kept, silence, no_contact, kind })
+        let forces_are_known = self.forces_are_known();
+        Some(Tables { method, outputs, kept, silence, no_contact, forces_are_known, kind })
     }
 }
 

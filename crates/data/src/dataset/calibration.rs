@@ -179,6 +179,9 @@ impl<'a> Selection<'a> {
         let points: Vec<CalibrationPoint<'_>> = self.iter().map(point).collect();
         let calibration = match load {
             ForceKnown::Unknown if !self.knows(force) => Calibration::without_forces(&points),
+            ForceKnown::Constant if !self.knows(force) => {
+                Calibration::new(&points).map(Calibration::with_unknown_forces)
+            }
             _ => Calibration::new(&points),
         };
         calibration.map_err(|source| {

@@ -1,10 +1,11 @@
 /* A contact. Places are in the specimen frame. */
 struct palpate_contact {
     float x_mm, y_mm; /* place */
-    float force_n;    /* force, along the inward normal */
+    float force_n;    /* force, along the inward normal; NAN if the calibration has no forces */
     float misfit;     /* 1 is the largest of a single contact; NAN if it is unknown */
     int verdict;      /* PALPATE_OK, ... */
     int unit;         /* the output that contradicts all others, from 1; 0 if there is none */
+    float relative_force; /* force, 1 is a typical press of a calibration without forces; else NAN */
 };
 
 enum {

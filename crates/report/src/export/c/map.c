@@ -345,7 +345,7 @@ int palpate_solve(const float *outputs, struct palpate_contact *contact)
     float used[USED], limit = MOST_CHI2;
     struct palpate_fit fit, other, without_one;
     int unit;
-    contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = NAN;
+    contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = contact->relative_force = NAN;
     contact->unit = 0;
     contact->verdict = PALPATE_UNSOLVED;
     if (!palpate_used(outputs, used) || !palpate_estimate(used, -1, &fit)) return contact->verdict;
@@ -373,7 +373,8 @@ int palpate_solve(const float *outputs, struct palpate_contact *contact)
     }
     contact->x_mm = fit.place[0];
     contact->y_mm = fit.place[1];
-    contact->force_n = fit.force_n;
+    if (FORCES_ARE_KNOWN) contact->force_n = fit.force_n;
+    else contact->relative_force = fit.force_n;
     contact->misfit = fit.chi2 / limit;
     return contact->verdict;
 }

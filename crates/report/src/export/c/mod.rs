@@ -135,6 +135,7 @@ impl File {
     fn common(&mut self, tables: &Tables, scale: f64) {
         let Tables { kept, silence, no_contact, .. } = tables;
         self.define("USED", kept.len());
+        self.define("FORCES_ARE_KNOWN", usize::from(tables.forces_are_known));
         self.number("SCALE", scale);
         self.integers("KEPT", kept);
         let silence = silence.iter().map(|variance| scale * scale * variance);

@@ -5,7 +5,7 @@ int palpate_solve(const float *outputs, struct palpate_contact *contact)
 {
     float used[USED], direction[USED], most = 0.0f, mean = 0.0f, length = 0.0f, least = INFINITY, force, softness;
     int unit, point, best = 0;
-    contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = NAN;
+    contact->x_mm = contact->y_mm = contact->force_n = contact->misfit = contact->relative_force = NAN;
     contact->unit = 0;
     contact->verdict = PALPATE_UNSOLVED;
     if (!palpate_used(outputs, used)) return contact->verdict;
@@ -36,7 +36,8 @@ int palpate_solve(const float *outputs, struct palpate_contact *contact)
     if (!isfinite(force)) return contact->verdict;
     contact->x_mm = PLACES[best][0];
     contact->y_mm = PLACES[best][1];
-    contact->force_n = force;
+    if (FORCES_ARE_KNOWN) contact->force_n = force;
+    else contact->relative_force = force;
     softness = 1.0f / force;
     if (isfinite(MOST_RESIDUE[0])) {
         contact->misfit = 0.5f * least / (MOST_RESIDUE[0] + MOST_RESIDUE[1] * softness * softness);
