@@ -118,7 +118,7 @@ impl Brief<'_> {
         let all: Vec<&Check> = if missed.is_empty() { judgement.checks.iter().collect() } else { missed };
         let is_named = all.len() <= LIMITS_MOST && (hidden > 0 || met < judgement.checks.len() || met <= 2);
         for check in all.iter().filter(|_| is_named) {
-            lines.extend(ranked(Rank::Verdict, &format!("  {}", compared(check)), "    "));
+            lines.extend(ranked(Rank::Verdict, &format!("  {}", check.compared()), "    "));
         }
         let rest = match (hidden, met) {
             (0, 0) => None,
@@ -147,22 +147,6 @@ fn farther(check: &Check) -> f64 {
     (value - check.limit).abs() / check.limit.abs().max(f64::MIN_POSITIVE)
 }
 
-/// A figure, its value and its limit.
-fn compared(check: &Check) -> String {
-    let unit = match check.kind.unit() {
-        "" => String::new(),
-        unit => format!(" {unit}"),
-    };
-    let (name, found, limit) =
-        (check.kind.full_name(check.reach), check.shown(check.value), check.shown(Some(check.limit)));
-    let bound = check.bound.map_or(String::new(), |bound| format!(" (95 % bound {})", check.shown(Some(bound))));
-    let reason = match (check.verdict, &check.reason) {
-        (Verdict::NotDecided, Some(reason)) => format!(": {reason}"),
-        _ => String::new(),
-    };
-    format!("{name} {found}{unit}{bound}, limit {limit}{unit}{reason}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -184,8 +168,9 @@ mod tests {
         judgement.reasons.clear();
         for (index, check) in judgement.checks.iter_mut().enumerate() {
             check.value = Some(0.6 + 0.1 * index as f64);
-            check.reason = None;
-            check.verdict = if index < missed { Verdict::NotAccepted } else { Verdict::Accepted };
+            let is_missed = index < missed;
+            check.reason = is_missed.then(|| "exceeds the limit".to_owned());
+            check.verdict = if is_missed { Verdict::NotAccepted } else { Verdict::Accepted };
         }
         judgement
     }
@@ -199,7 +184,7 @@ mod tests {
     #[test]
     fn of_many_missed_limits_the_farthest_eight_are_named_and_the_others_counted() {
         let text = brief(&judgement(10), 80);
-        assert_eq!(text.matches(", limit 0.5").count(), LIMITS_MOST, "{text}");
+        assert_eq!(text.matches(" exceeds the limit 0.5").count(), LIMITS_MOST, "{text}");
         assert!(text.contains("\n  and 2 more that aren't met, 4 within their limits\n"), "{text}");
         assert!(!text.contains("location error, mean 0.6") && text.contains("linearity, worst unit 1.5"), "{text}");
     }
@@ -208,7 +193,9 @@ mod tests {
     fn limits_that_are_missed_or_not_decided_are_named_and_the_met_ones_counted() {
         let text = brief(&judgement(1), 80);
         assert!(
-            text.contains("\n  location error, mean 0.600 mm, limit 0.500 mm\n  and 13 within their limits\n"),
+            text.contains(
+                "\n  location error, mean 0.600 mm exceeds the limit 0.500 mm\n  and 13 within their limits\n"
+            ),
             "{text}"
         );
         let text = brief(&judgement(0), 80);
@@ -216,7 +203,11 @@ mod tests {
         let mut unknown = judgement(1);
         (unknown.checks[0].value, unknown.checks[0].verdict) = (None, Verdict::NotDecided);
         unknown.checks[0].reason = Some("no test was evaluated".to_owned());
-        assert!(brief(&unknown, 80).contains("limit 0.500 mm: no test was evaluated\n"), "{}", brief(&unknown, 80));
+        assert!(
+            brief(&unknown, 80).contains("location error, mean: no test was evaluated\n"),
+            "{}",
+            brief(&unknown, 80)
+        );
     }
 
     #[test]
@@ -230,6 +221,10 @@ mod tests {
         let mut noted = judgement.clone();
         noted.notes = vec!["the load cell was not checked after the run".to_owned(); 12];
         let text = brief(&noted, 80);
-        assert_eq!((text.lines().count(), text.matches(", limit 0.5").count()), (LINES_MOST, LIMITS_MOST), "{text}");
+        assert_eq!(
+            (text.lines().count(), text.matches(" exceeds the limit 0.5").count()),
+            (LINES_MOST, LIMITS_MOST),
+            "{text}"
+        );
     }
 }

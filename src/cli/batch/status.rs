@@ -86,7 +86,7 @@ pub(super) fn described(state: &State) -> String {
             item.run.as_deref().unwrap_or_default()
         );
         let _ = writeln!(text, "{}", line.trim_end());
-        for remark in item.reason.iter().chain(&item.note) {
+        for remark in item.reason.iter().chain(&item.before()).chain(&item.note) {
             let _ = writeln!(text, "    {remark}");
         }
     }

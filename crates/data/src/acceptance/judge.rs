@@ -348,15 +348,32 @@ impl Judgement {
     /// Returns the reasons why the sensor isn't accepted: first the reasons that don't depend on the limits, then each limit that
     /// isn't satisfied. Also returns the warnings about satisfied limits.
     pub fn all_reasons(&self) -> impl Iterator<Item = String> {
-        let of_check = |check: &Check| {
-            let reason = check.reason.as_ref().or(check.warning.as_ref())?;
-            Some(format!("{}: {reason}", check.kind.full_name(check.reach)))
+        let of_check = |check: &Check| match (&check.reason, &check.warning) {
+            (Some(_), _) => Some(check.compared()),
+            (None, warning) => {
+                warning.as_ref().map(|warning| format!("{}: {warning}", check.kind.full_name(check.reach)))
+            }
         };
         self.reasons.iter().cloned().chain(self.checks.iter().filter_map(of_check))
     }
 }
 
 impl Check {
+    /// Returns the figure with its value, its bound and its limit, and the reason why it isn't accepted.
+    pub fn compared(&self) -> String {
+        let (name, unit) = (self.kind.full_name(self.reach), self.kind.unit());
+        let shown = |value: f64| format!("{} {unit}", self.shown(Some(value))).trim_end().to_owned();
+        let reason = self.reason.as_deref().unwrap_or_default();
+        let Some(value) = self.value.map(shown) else { return format!("{name}: {reason}") };
+        let bound = self.bound.map_or(String::new(), |bound| format!(" (95 % bound {})", shown(bound)));
+        let limit = shown(self.limit);
+        match self.verdict {
+            Verdict::NotAccepted => format!("{name} {value}{bound} {reason} {limit}"),
+            Verdict::NotDecided => format!("{name} {value}{bound}, limit {limit}: {reason}"),
+            Verdict::Accepted => format!("{name} {value}{bound}, limit {limit}"),
+        }
+    }
+
     /// Returns a value of the figure without its unit, with enough digits to distinguish the result from the limit.
     pub fn shown(&self, value: Option<f64>) -> String {
         let Some(value) = value else { return "-".to_owned() };
@@ -490,7 +507,8 @@ mod tests {
         assert_eq!(found, Verdict::NotDecided);
         assert_eq!(
             why,
-            "location error, mean: the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)"
+            "location error, mean 0.505 mm, limit 5.000 mm: the uncertainty of the positions isn't known (`certificate` in \
+             [stage] of the rig)"
         );
     }
 
@@ -527,6 +545,9 @@ mod tests {
         let judgement = judge(&rule(Decision::Simple, &limits), &measured());
         assert_eq!(judgement.verdict, Verdict::NotAccepted);
         let reasons: Vec<String> = judgement.all_reasons().collect();
-        assert_eq!(reasons, ["location error, mean: exceeds the limit", "force error, mean: no true force is known"]);
+        assert_eq!(
+            reasons,
+            ["location error, mean 0.505 mm exceeds the limit 0.400 mm", "force error, mean: no true force is known"]
+        );
     }
 }

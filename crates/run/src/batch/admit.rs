@@ -35,7 +35,11 @@ impl State {
             ));
         }
         let Some(item) = self.item(typed) else {
-            return Err(format!("{typed} isn't in this batch: check it, or add it with `palpate batch add`"));
+            let alike = self.spelled_alike(typed).map(|serial| format!("did you mean {serial}? Else "));
+            return Err(format!(
+                "{typed} isn't in this batch: {}check it, or add it with `palpate batch add`",
+                alike.unwrap_or_default()
+            ));
         };
         let again = format!("type `.repeat {typed}` to allow it again");
         match item.standing {
@@ -51,6 +55,27 @@ impl State {
         }
         Ok(if is_reference { Admitted::Reference } else { Admitted::Sensor })
     }
+
+    /// Returns the only sensor whose serial number differs from the typed one by nothing but case, separators and leading zeros.
+    fn spelled_alike(&self, typed: &str) -> Option<&str> {
+        let all = self.items.iter().chain(&self.reference).map(|item| item.serial.as_str());
+        let mut alike = all.filter(|serial| plain(serial) == plain(typed));
+        alike.next().filter(|_| alike.next().is_none())
+    }
+}
+
+/// Returns a serial number in lower case, without separators and without the zeros that begin its numbers.
+fn plain(serial: &str) -> String {
+    let mut plain = String::new();
+    let mut letters = serial.chars().filter(char::is_ascii_alphanumeric).peekable();
+    while let Some(letter) = letters.next() {
+        let begins = !plain.ends_with(|before: char| before.is_ascii_digit());
+        let has_more = letters.peek().is_some_and(char::is_ascii_digit);
+        if !(letter == '0' && begins && has_more) {
+            plain.push(letter.to_ascii_lowercase());
+        }
+    }
+    plain
 }
 
 #[cfg(test)]
@@ -86,7 +111,9 @@ mod tests {
             ("A-1", "A-1 was calibrated already (accepted): type `.repeat A-1` to allow it again"),
             ("A-2", "A-2 ended with a safety trip: find its cause, then type `.repeat A-2` to allow it again"),
             ("A-3", "A-3 is interrupted: type `.repeat A-3` to allow it again"),
-            ("a-4", "a-4 isn't in this batch: check it, or add it with `palpate batch add`"),
+            ("a-4", "a-4 isn't in this batch: did you mean A-4? Else check it, or add it with `palpate batch add`"),
+            ("A04", "A04 isn't in this batch: did you mean A-4? Else check it, or add it with `palpate batch add`"),
+            ("A-40", "A-40 isn't in this batch: check it, or add it with `palpate batch add`"),
             (
                 "A 4",
                 "not a serial number: expected 1 to 64 letters, digits, '-', '_' and '.', and no '.' at the beginning",

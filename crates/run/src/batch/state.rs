@@ -65,6 +65,21 @@ pub struct Item {
     /// Last note of a person.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
+    /// What became of it each time that it ended, the last `ENDS_MOST` in order. Always empty for the reference sensor.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ends: Vec<Standing>,
+}
+
+/// Largest number of a sensor's ends that are kept.
+const ENDS_MOST: usize = 20;
+
+impl Item {
+    /// Returns what became of the sensor before, the last time left out; `None` if it ended once at most.
+    pub fn before(&self) -> Option<String> {
+        let now = usize::from(self.ends.last() == Some(&self.standing));
+        let before: Vec<&str> = self.ends.iter().rev().skip(now).rev().map(|standing| standing.name()).collect();
+        (!before.is_empty()).then(|| format!("before: {}", before.join(", ")))
+    }
 }
 
 /// What became of a sensor.
@@ -233,6 +248,10 @@ impl State {
         let item = self.item_mut(&ended.serial)?;
         item.run = ended.runs.last().cloned().or(item.run.take());
         (item.minutes, item.reason) = (Some(ended.minutes), ended.reasons.first().cloned());
+        if !ended.reference {
+            item.ends.drain(..(item.ends.len() + 1).saturating_sub(ENDS_MOST));
+            item.ends.push(standing);
+        }
         self.mark(&ended.serial, &ended.at, standing)?;
         self.last = Some(ended.serial.clone());
         self.monitor.take_in(ended);

@@ -24,10 +24,10 @@ pub(super) fn key(standing: Standing) -> String {
     standing.name().replace(' ', "-")
 }
 
-/// Lists the sensors with another end than accepted, with the reasons. `None` if there are none.
+/// Lists the sensors that ended otherwise than accepted, now or before, with the reasons. `None` if there are none.
 pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Option<Markup> {
-    let is_listed =
-        |item: &&Item| !matches!(item.standing, Standing::Accepted | Standing::Calibrated | Standing::Waiting);
+    let is_expected = |end: &Standing| matches!(end, Standing::Accepted | Standing::Calibrated | Standing::Waiting);
+    let is_listed = |item: &&Item| !item.ends.iter().chain([&item.standing]).all(is_expected);
     let results = by_serial(history);
     let all: Vec<&Item> = history.state.items.iter().filter(is_listed).collect();
     let rest = all.len().saturating_sub(LISTED_MOST);
@@ -40,7 +40,7 @@ pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>
                         @let ended = results.get(item.serial.as_str()).copied();
                         tr {
                             th scope="row" { (linked(&item.serial, ended, links)) }
-                            td.words { (item.standing.name()) }
+                            td.words { (result(item)) }
                             td.words { (reasons(item, ended)) }
                         }
                     }
@@ -49,7 +49,15 @@ pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>
         }
         @if rest > 0 { p.note { (counted(rest, "further sensor")) " in the table of all sensors." } }
     };
-    (!all.is_empty()).then(|| under("Sensors that aren't accepted", &body))
+    (!all.is_empty()).then(|| under("Sensors that aren't accepted, or weren't at first", &body))
+}
+
+/// What became of a sensor, this time and the times before.
+fn result(item: &Item) -> Markup {
+    html! {
+        (item.standing.name())
+        @if let Some(before) = item.before() { " (" (before) ")" }
+    }
 }
 
 fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {
@@ -103,7 +111,7 @@ fn row(item: &Item, ended: Option<&Ended>, quantities: &[Limited], links: &dyn F
     html! {
         tr {
             th scope="row" { (linked(&item.serial, ended, links)) }
-            td.words { (item.standing.name()) }
+            td.words { (result(item)) }
             @for quantity in quantities { td { (figure(quantity)) } }
             td { (minutes.unwrap_or_else(none)) }
             td { (item.times) }
