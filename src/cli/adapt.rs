@@ -23,9 +23,7 @@ area, one near each unit if possible.
 The command prints the changes and two mean errors on the new presses: with the
 old calibration, and with the updated one (cross-validated). Gains and positions
 of single units change only where this lowers the second error by more than
-chance. The file's 68 % half-widths contain 68 % of these errors.
-
-Exit code: 0 written, 2 bad input, 5 the file could not be written.";
+chance. The file's 68 % half-widths contain 68 % of these errors.";
 
 /// Update an older calibration, or that of a similar sensor, with a few new presses
 #[derive(Debug, clap::Args)]

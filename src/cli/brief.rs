@@ -126,7 +126,7 @@ impl Brief<'_> {
             (0, met) => Some(format!("  and {met} within their limits")),
             (hidden, met) => Some(format!("  and {hidden} more that aren't met, {met} within their limits")),
         };
-        lines.extend(rest.map(|rest| (Rank::Verdict, rest)));
+        lines.extend(rest.iter().flat_map(|rest| ranked(Rank::Verdict, rest, "    ")));
         for note in &judgement.notes {
             lines.extend(ranked(Rank::Note, &format!("  {note}"), "    "));
         }
@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn of_many_missed_limits_the_farthest_eight_are_named_and_the_others_counted() {
         let text = brief(&judgement(10), 80);
-        assert_eq!(text.matches(" exceeds the limit 0.5").count(), LIMITS_MOST, "{text}");
+        assert_eq!(text.matches(" exceeds the limit ").count(), LIMITS_MOST, "{text}");
         assert!(text.contains("\n  and 2 more that aren't met, 4 within their limits\n"), "{text}");
         assert!(!text.contains("location error, mean 0.6") && text.contains("linearity, worst unit 1.5"), "{text}");
     }
@@ -222,7 +222,7 @@ mod tests {
         noted.notes = vec!["the load cell was not checked after the run".to_owned(); 12];
         let text = brief(&noted, 80);
         assert_eq!(
-            (text.lines().count(), text.matches(" exceeds the limit 0.5").count()),
+            (text.lines().count(), text.matches(" exceeds the limit ").count()),
             (LINES_MOST, LIMITS_MOST),
             "{text}"
         );

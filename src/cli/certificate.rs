@@ -21,8 +21,7 @@ The files of example/ are written by `palpate init example --from example`.
 
 Writes OUT.html, which prints on A4, and OUT.xml, a Digital Calibration
 Certificate of the PTB (schema 3.2.0, units in D-SI). It isn't signed: the SHA-256
-of the journals is on it. Exit code 0 once both are written, 2 where
-certificate.toml lacks required information.";
+of the journals is on it.";
 
 /// Write the calibration certificate of a sensor
 #[derive(Debug, clap::Args)]

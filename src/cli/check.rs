@@ -20,9 +20,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate check recipes/paper.toml
   palpate check recipes/test.toml --rig rigs/esp301.toml --seed 7
-  palpate check recipes/bench.toml --strategy guarded
-
-Exit code: 0 the recipe can be run, 2 it can't: each problem is reported with its line.";
+  palpate check recipes/bench.toml --strategy guarded";
 
 /// Assumed total time of an exchange on the links of a rig, s: a quick rig and a slow rig. The real time is measured when a run
 /// begins.

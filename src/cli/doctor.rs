@@ -27,9 +27,7 @@ adjusted only with --adjust.
 
 Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height.
 Then the load cell must show that it measures force: with --finger or a check weight. `palpate align` shows it too.
-A real rig isn't pressed; a simulated rig presses once.
-Exit code: 0 the rig can be used, 1 nothing has shown that the load cell measures force, 2 a bad rig file, 3 a device
-doesn't work, 4 the load cell can't be trusted.";
+A real rig isn't pressed; a simulated rig presses once.";
 
 /// What is reported if nothing has shown that the load cell measures force, and how to show it.
 const NOT_SHOWN: &str = "nothing has shown that the load cell measures force";

@@ -49,15 +49,14 @@ With --holdout, one table or the calibration of a run is split first. The method
 is chosen and fitted with the calibration part only. A grid keeps its outermost
 places in the calibration. The verdict is then not decided, unless the rule has
 `holdout = true`. The saved parts give the same errors:
-palpate evaluate parts/calibration.csv parts/test.csv. Add --columns
-parts/columns.toml if that file exists.
+palpate evaluate parts/calibration.csv parts/test.csv, with --columns if the
+folder has a columns file.
 
 Without test presses and --holdout, the errors are cross-validated: each press
 is solved by the method fitted without its place.
 
 The verdict uses the acceptance rule: [accept] of the run's recipe, or
---accept FILE. Without a rule there is no verdict.
-Exit code: 0 accepted or no rule, 1 not accepted or not decided, 2 bad input.";
+--accept FILE. Without a rule there is no verdict.";
 
 /// Solve the test presses of a run, of two tables, or held out of one, and print the errors
 #[derive(Debug, clap::Args)]
@@ -125,7 +124,7 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let help = "name one table or run: palpate evaluate grid.csv --holdout places 20%";
             Err(Failure::usage(miette::miette!(help = help, "--holdout splits one table or run")))
         }
-        (Some(run), ..) if run.is_dir() => {
+        (Some(run), ..) if run.is_dir() || !run.exists() => {
             let (recorded, bench) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), &bench.layout);
             let rule = args.accept.rule_of([&recorded])?;

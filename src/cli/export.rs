@@ -31,9 +31,7 @@ c: a sensor file of `palpate fit` as one C99 file, for a controller: tables and
 one function, single precision, no heap. Methods: pearson, pearson-lsq, surrogate,
 physics.
 
-Parquet, arrow, npz, mat and the lake need the feature `files`.
-
-Exit code: 0 written, 2 bad input, 5 a file could not be written.";
+Parquet, arrow, npz, mat and the lake need the feature `files`.";
 
 /// Write the tables of runs as files of other programs
 #[derive(Debug, clap::Args)]

@@ -20,9 +20,7 @@ the source, and the area and the forces that it is valid for. Its size is
 output can't be solved.
 
 Forces are those of the load cell. `evaluate` of a run uses the set forces, as the
-paper does, so its cross-validation errors differ slightly.
-
-Exit code: 0 written, 2 bad input, 5 the file could not be written.";
+paper does, so its cross-validation errors differ slightly.";
 
 /// Fit a method to a calibration and write the calibrated sensor to a file
 #[derive(Debug, clap::Args)]

@@ -28,9 +28,7 @@ Tables are CSV; with the feature `files` also .xlsx, .npz, .mat (v5) and .parque
 The run folder states that its presses were imported, with the SHA-256 of the
 tables and of the columns file; pages and certificates repeat it. A row with a
 blank cell or NaN is excluded when --columns is given. `palpate init --from tables`
-writes a columns file with comments; `palpate reference columns` lists its keys.
-
-Exit code: 0 imported, 2 bad input: nothing was written.";
+writes a columns file with comments; `palpate reference columns` lists its keys.";
 
 /// Make a run folder from tables of presses that another program recorded
 #[derive(Debug, clap::Args)]

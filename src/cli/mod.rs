@@ -22,6 +22,7 @@ mod exit;
 mod export;
 mod figure_files;
 mod fit;
+mod help;
 mod holdout;
 mod import;
 mod init;
@@ -59,7 +60,7 @@ mod withdraw;
 pub use provenance::built_from;
 
 use clap::error::ErrorKind;
-use clap::{CommandFactory, FromArgMatches as _, Parser, Subcommand};
+use clap::{FromArgMatches as _, Parser, Subcommand};
 use miette::MietteHandlerOpts;
 use std::io::{self, Write};
 use std::path::Path;
@@ -121,7 +122,7 @@ enum Command {
 /// built from.
 pub fn main(commit: Option<&'static str>) -> ExitCode {
     built_from(commit);
-    let matches = CommandLine::command().version(&*provenance::version().leak()).try_get_matches();
+    let matches = help::command().version(&*provenance::version().leak()).try_get_matches();
     let parsed = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let command = parsed.unwrap_or_else(|error| refuse(&error)).command;
     // a link, a path or an option is one word: it isn't broken at slashes or hyphens
@@ -170,7 +171,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
 /// Prints a usage error, or the requested help, and exits. For an unknown command it lists the known ones.
 fn refuse(error: &clap::Error) -> ! {
     if error.kind() == ErrorKind::InvalidSubcommand {
-        let root = CommandLine::command();
+        let root = help::command();
         let first = std::env::args().nth(1).unwrap_or_default();
         if Path::new(&first).exists() {
             let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");

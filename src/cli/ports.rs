@@ -23,7 +23,7 @@ pub(super) fn ports(_: &PortsArgs) -> Result<ExitCode, Failure> {
         .map_err(|error| Failure::usage(miette::miette!("can't list the serial ports of this system: {error}")))?;
     ports.sort_by(|a, b| a.port_name.cmp(&b.port_name));
     if ports.is_empty() {
-        summary::tell("no serial ports found found\n")?;
+        summary::tell("no serial ports found\n")?;
     }
     print(&ports.iter().map(line).collect::<String>())?;
     Ok(ExitCode::SUCCESS)

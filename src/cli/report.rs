@@ -32,9 +32,7 @@ The files of example/ are written by `palpate init example --from example`.
 All runs of a page must be of one sensor, with each phase in one run. The page is one
 self-contained file: it opens without a network and can be printed. --figures
 also saves each figure as an SVG file in light colours, and its numbers
-as a CSV file of the same name.
-Exit code: 0 accepted or no rule, 1 not accepted or not decided; --compare: 0 when
-the page is written.";
+as a CSV file of the same name.";
 
 /// Write a page about one run, or a comparison of many
 #[derive(Debug, clap::Args)]

@@ -1,9 +1,9 @@
 //! `palpate completions` and `palpate man`: the command line for shells and for `man`.
 
-use super::CommandLine;
 use super::exit::Failure;
+use super::help;
 use super::summary::print;
-use clap::{CommandFactory, ValueEnum};
+use clap::ValueEnum;
 use clap_complete::aot;
 use miette::{IntoDiagnostic, WrapErr};
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub(super) fn completions(args: &CompletionsArgs) -> Result<ExitCode, Failure> {
         Shell::Fish => aot::Shell::Fish,
     };
     let mut script = Vec::new();
-    aot::generate(shell, &mut CommandLine::command(), "palpate", &mut script);
+    aot::generate(shell, &mut help::command(), "palpate", &mut script);
     print(&String::from_utf8_lossy(&script))?;
     Ok(ExitCode::SUCCESS)
 }
@@ -69,5 +69,5 @@ pub(super) fn man(args: &ManArgs) -> Result<ExitCode, Failure> {
 
 fn pages(folder: &Path) -> io::Result<()> {
     fs::create_dir_all(folder)?;
-    clap_mangen::generate_to(CommandLine::command(), folder)
+    clap_mangen::generate_to(help::command(), folder)
 }

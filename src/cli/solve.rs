@@ -49,10 +49,7 @@ error asks once to calibrate the sensor again.
 An invalid line ends the program. With --keep-going, its answer is
 unsolved, with the line number and the problem (error), and the next line is
 solved. Every answer then has its line; CSV always has the columns line, id, t_s
-and error. An invalid header still ends the program.
-
-Exit code: 0 every line was answered, 2 bad input: the lines before it were
-answered.";
+and error. An invalid header still ends the program.";
 
 /// Read outputs of the array line by line and print the contact for each
 #[derive(Debug, clap::Args)]

@@ -1,9 +1,10 @@
 //! `palpate schema` and `palpate reference`: the allowed content of recipes, rigs and other texts, for editors and for people.
 
 use super::exit::Failure;
+use super::help;
 use super::summary::print;
+use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use clap::{CommandFactory, ValueEnum};
 use palpate_data::dataset::COLUMN_KEYS;
 use palpate_data::recipe;
 use palpate_document::{Keys, reference, schema};
@@ -175,7 +176,7 @@ pub(super) fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure>
 fn commands() -> String {
     let mut page = "# Commands\n\nEach section is the output of `palpate COMMAND --help`.\n".to_owned();
     // as wide as the help of a terminal of 80 columns
-    let mut all = super::CommandLine::command().term_width(80);
+    let mut all = help::command().term_width(80);
     all.build();
     let groups = all.get_subcommands_mut().filter(|command| command.get_name() != "help");
     for command in groups {

@@ -11,9 +11,7 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate verify runs/paper
-  palpate verify runs/calibrate --certificate A-017.xml
-
-Exit code 1 if a file has changed.";
+  palpate verify runs/calibrate --certificate A-017.xml";
 
 /// Compare a run's files with its journal and their SHA-256
 #[derive(Debug, clap::Args)]

@@ -15,9 +15,7 @@ Examples:
 
 Use this command after the program has crashed. It stops the stage, and moves z to the
 end away from the specimen. x and y don't move. The load cell is read if it answers, and
-a force that increases stops the stage.
-Exit code: 0 = z is at the end away from the specimen, 2 = invalid rig file,
-3 = the stage doesn't work, 4 = the force increased.";
+a force that increases stops the stage.";
 
 /// Move z away from the specimen, and do nothing else
 #[derive(Debug, clap::Args)]

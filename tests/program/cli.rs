@@ -96,7 +96,7 @@ fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() 
 #[test]
 fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "run r.toml --out run --seed 5 --sensor A-017");
+    let told = bench.palpate_ends(0, "run r.toml --out run --full --seed 5 --sensor A-017");
     let names: Vec<String> = bench.bytes("run").into_iter().map(|(name, _)| name).collect();
     let tables = ["calibration_matrix.csv", "characteristics.csv", "presses.csv", "scene.csv", "test_matrix.csv"];
     for name in tables.iter().chain(&["journal.log", "manifest.json", "recipe.toml", "rig.toml"]) {

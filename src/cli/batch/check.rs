@@ -19,9 +19,7 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate batch check batch
-  palpate batch check monday.toml --simulate
-
-Exit code: 0 the batch can be run, 2 it can't: each problem is reported with its line.";
+  palpate batch check monday.toml --simulate";
 
 /// Print what a batch would do with each sensor; nothing moves
 #[derive(Debug, clap::Args)]

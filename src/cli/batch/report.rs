@@ -15,8 +15,7 @@ Examples:
 
 The page is one self-contained file: it opens without a network and can be printed. It
 is made from the batch's journal; a batch can be looked at while it is in use. Pages
-and certificates of sensors are linked if they exist.
-Exit code: 0 when the page is written, with any verdicts.";
+and certificates of sensors are linked if they exist.";
 
 /// Name of the page in the batch folder, and of a comparison.
 const PAGE: &str = "report.html";

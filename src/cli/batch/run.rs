@@ -25,10 +25,7 @@ a dot is a command: .repeat [SERIAL], .skip SERIAL, .note TEXT, .status, .end.
 The same command continues a batch. Nothing is calibrated again unless .repeat or
 `palpate batch retry` allows it; the new run gets a folder of its own: SERIAL-2.
 
-Ctrl-C during a run finishes the press and pauses; a second one stops and ends.
-Exit code: 0 the batch was ended, or the input ended, with any verdicts; 2 invalid file
-or usage; 3 the stage couldn't be parked; 4 the same after a safety trip; 5 the record
-couldn't be written; 130 cancelled.";
+Ctrl-C during a run finishes the press and pauses; a second one stops and ends.";
 
 /// Calibrate the sensors of a batch, one after another
 #[derive(Debug, clap::Args)]

@@ -300,7 +300,7 @@ mod tests {
     /// A run of these steps.
     fn started(folder: &TempDir, steps: &str) -> Events {
         let recipe = folder.path().join("recipe.toml");
-        std::fs::write(&recipe, format!("name = \"r\"\n{steps}")).unwrap();
+        std::fs::write(&recipe, format!("name = \"r\"\nrig = \"sim\"\n{steps}")).unwrap();
         let words = [recipe.into_os_string(), OsString::from("--out"), folder.path().join("run").into_os_string()];
         Events::start(begin(words.to_vec()).ok().unwrap()).ok().unwrap()
     }

@@ -16,7 +16,7 @@ pub struct Truths<'a> {
     pub u_force_n: Option<f64>,
 }
 
-/// Returns the verdict about a sensor whose errors are zero and whose outputs are its forces.
+/// Returns the verdict about a sensor whose errors are zero and whose outputs are its forces, without values.
 pub fn foreseen(rule: &Rule, plan: &Plan, truths: &Truths) -> Judgement {
     let count = |phase: Phase| plan.entries.iter().filter(|entry| entry.phase == phase).count();
     let (calibration_presses, test_presses) = (count(Phase::Calibration), count(Phase::Test));
@@ -35,7 +35,11 @@ pub fn foreseen(rule: &Rule, plan: &Plan, truths: &Truths) -> Judgement {
         broken_channels: Some(0),
         ..Measured::default()
     };
-    judge(rule, &measured)
+    let mut judgement = judge(rule, &measured);
+    for check in &mut judgement.checks {
+        (check.value, check.bound) = (None, None); // of no real sensor
+    }
+    judgement
 }
 
 /// Returns the rows of all staircases of a plan, with each force as the output of every unit.
