@@ -60,6 +60,10 @@ pub(super) fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> 
     place(file, out)?;
     let kept = if file.card.keeps_presses { "" } else { ", without its presses" };
     let kb = file.card.bytes.div_ceil(1000);
-    print(&format!("{}: {}, {kb} kB{kept}\n", out.display(), file.card.method))?;
+    let path = out.display();
+    print(&format!(
+        "{path}: {}, {kb} kB{kept}\nnext: palpate solve --model {path} < readings.csv\n",
+        file.card.method
+    ))?;
     Ok(ExitCode::SUCCESS)
 }

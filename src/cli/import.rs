@@ -97,7 +97,9 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     if !bench.is_placed {
         tell("note: the positions of the units aren't known (`array` of the columns file)\n")?;
     }
-    print(&format!("{path}: {presses} presses of {outputs} outputs imported\n{ranges}"))?;
+    print(&format!(
+        "{path}: {presses} presses of {outputs} outputs imported\n{ranges}next: palpate evaluate {path}\n"
+    ))?;
     Ok(ExitCode::SUCCESS)
 }
 

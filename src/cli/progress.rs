@@ -10,7 +10,8 @@ use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Ask, Cancel, KnownWeight, Listener};
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
+use std::collections::BTreeSet;
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -40,6 +41,7 @@ pub(super) struct Progress<'a> {
     percent_told: u64,
     shown: Arc<Mutex<Shown>>,
     at_pause: Box<dyn Fn() + 'a>,
+    warned: Option<&'a RefCell<BTreeSet<String>>>,
     /// Weight that a person is asked for after the run.
     weight: Option<KnownWeight>,
 }
@@ -84,6 +86,7 @@ impl<'a> Progress<'a> {
             percent_told: 0,
             shown,
             at_pause,
+            warned: None,
             weight: None,
         }
     }
@@ -99,6 +102,11 @@ impl<'a> Progress<'a> {
     /// The same, with what is called at every pause.
     pub(super) fn pausing(self, at_pause: impl Fn() + 'a) -> Self {
         Progress { at_pause: Box::new(at_pause), ..self }
+    }
+
+    /// The same, with the warnings that were shown in earlier runs and aren't shown again.
+    pub(super) fn warned(self, warned: &'a RefCell<BTreeSet<String>>) -> Self {
+        Progress { warned: Some(warned), ..self }
     }
 
     /// What is called for every force.
@@ -138,7 +146,10 @@ impl Listener for Progress<'_> {
             let name = device.identity.split(" (").next().unwrap_or_default();
             self.line(&format!("{:<10} {name}", device.role));
             for warning in &device.warnings {
-                self.line(&format!("warning: {}: {warning}", device.role));
+                let line = format!("warning: {}: {warning}", device.role);
+                if self.warned.is_none_or(|warned| warned.borrow_mut().insert(line.clone())) {
+                    self.line(&line);
+                }
             }
         }
     }

@@ -13,6 +13,8 @@ use miette::IntoDiagnostic;
 use palpate_document::printable;
 use palpate_run::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
 use palpate_run::run::Cancel;
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 
@@ -41,6 +43,8 @@ pub(super) struct Desk {
     pub operator: Option<String>,
     /// Whether events are printed as JSON lines on standard output.
     pub json: bool,
+    /// Warnings about devices that were shown already.
+    pub warned: RefCell<BTreeSet<String>>,
     /// The program that gets events.
     pub notifier: Option<Notifier>,
 }
@@ -135,6 +139,7 @@ impl Desk {
             }
         }
         self.greet()?;
+        self.show(&format!("next: palpate batch report {}\n", self.folder.path().display()))?;
         Ok(ExitCode::SUCCESS)
     }
 

@@ -183,7 +183,7 @@ impl Desk {
             let mut folder = self.new_run(sensor, recipe, &plan, &name, manner)?;
             runs.push(name);
             let paused = || self.pauses(&sensor.placed.serial);
-            let mut progress = Progress::new(&plan, 0, false, self.cancel.clone()).pausing(paused);
+            let mut progress = Progress::new(&plan, 0, false, self.cancel.clone()).pausing(paused).warned(&self.warned);
             let (shown, spec) = (progress.gauge(), &sensor.rig.spec);
             let walked = walked(&plan, spec, &mut folder, manner.pace, &self.cancel, (&*shown, &mut progress));
             progress.end();

@@ -11,6 +11,7 @@ use super::desk::Desk;
 use super::material::Material;
 use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, RIG, Session, beginning};
 use palpate_run::rig::{Difference, differences};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -60,15 +61,19 @@ pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let version = env!("CARGO_PKG_VERSION").to_owned();
     let session = Session { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
     let cancel = heed(First::Pause, Some("stopping"))?;
+    let new = |folder: BatchFolder, material: Material| {
+        let warned = RefCell::default();
+        Desk { folder, material, cancel, operator, json: args.json, warned, notifier: None }
+    };
     let mut desk = if path.symlink_metadata().is_err() {
         let first = beginning(facts(&material)?, &material.texts, &material.file.serials, session);
         let folder = BatchFolder::create(&path, &material.file.name, &first).map_err(Failure::batch)?;
-        let desk = Desk { folder, material, cancel, operator, json: args.json, notifier: None };
+        let desk = new(folder, material);
         first.iter().try_for_each(|event| desk.publish(event))?;
         desk
     } else {
         let folder = BatchFolder::open(&path).map_err(Failure::batch)?;
-        let mut desk = Desk { folder, material, cancel, operator, json: args.json, notifier: None };
+        let mut desk = new(folder, material);
         go_on(&mut desk, session)?;
         desk
     };
