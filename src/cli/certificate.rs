@@ -32,7 +32,7 @@ pub(super) struct CertificateArgs {
     runs: Vec<PathBuf>,
     /// TOML file with laboratory, customer, item and procedure
     #[arg(long, value_name = "FILE")]
-    with: PathBuf,
+    with: Option<PathBuf>,
     /// Output path without extension [default: certificate in the first run's folder]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -49,7 +49,11 @@ pub(super) fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     let (html, xml) = (with_ending(&out, "html"), with_ending(&out, "xml"));
     check_free(&html)?;
     check_free(&xml)?;
-    let given = parse(&args.with.display().to_string(), &read(&args.with)?).map_err(Failure::usage)?;
+    let with = args.with.as_ref().ok_or_else(|| {
+        let help = "`palpate init FOLDER` writes a certificate.toml to fill in; then add --with certificate.toml";
+        Failure::usage(miette::miette!(help = help, "laboratory, customer, item and procedure aren't given"))
+    })?;
+    let given = parse(&with.display().to_string(), &read(with)?).map_err(Failure::usage)?;
     let runs = args.runs.iter().map(|run| read_run(run)).collect::<Result<Vec<_>, Failure>>()?;
     let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
     let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;

@@ -177,7 +177,8 @@ fn refuse(error: &clap::Error) -> ! {
             let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");
         }
         if shipped::RECIPES.iter().any(|recipe| recipe.name == first) {
-            let _ = writeln!(io::stderr(), "error: {first} is a recipe: palpate run {first}\n");
+            let _ = writeln!(io::stderr(), "error: {first} is a recipe: palpate run {first}");
+            exit(error.exit_code());
         }
         let within = root.find_subcommand(first).unwrap_or(&root);
         let names: Vec<&str> = within.get_subcommands().map(clap::Command::get_name).collect();

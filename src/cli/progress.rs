@@ -218,7 +218,11 @@ impl Listener for Progress<'_> {
                 "paused after {} of {} presses, stage parked: Enter continues, Ctrl-C ends",
                 self.done, self.planned
             ));
+            let before =
+                std::mem::replace(&mut *locked(&self.shown), Shown { phase: "PAUSED".to_owned(), ..Shown::default() });
             go_on_at_enter(&self.cancel);
+            *locked(&self.shown) = before;
+            self.bar.reset_eta(); // the pause isn't part of a press
         }
         is_attended
     }

@@ -102,7 +102,13 @@ struct Client {
 pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     let fits = Arc::new(Fits::new(told_sensor_file(&args.model, args.quiet)?));
     let cant = || format!("can't listen at {}", args.listen);
-    let listener = listen(args.listen).into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;
+    let listener = listen(args.listen).map_err(|error| {
+        let help = match error.kind() {
+            io::ErrorKind::AddrInUse => "another program listens there: choose another port with --listen",
+            _ => "choose an address of this computer, and a port from 1024 on",
+        };
+        Failure::usage(miette::miette!(help = help, "{}: {error}", cant()))
+    })?;
     let address = listener.local_addr().into_diagnostic().wrap_err_with(cant).map_err(Failure::usage)?;
     if !address.ip().is_loopback() {
         tell("warning: this address may be reached from other computers; there is no password\n")?;

@@ -16,13 +16,16 @@ enum Shell {
     Bash,
     Zsh,
     Fish,
+    #[value(name = "powershell")]
+    Pwsh,
 }
 
 const COMPLETIONS_EXAMPLES: &str = "\
 Examples:
   palpate completions bash > ~/.local/share/bash-completion/completions/palpate
   palpate completions zsh > ~/.zfunc/_palpate    # with fpath+=~/.zfunc
-  palpate completions fish > ~/.config/fish/completions/palpate.fish";
+  palpate completions fish > ~/.config/fish/completions/palpate.fish
+  palpate completions powershell >> $PROFILE";
 
 /// Print completions for a shell
 #[derive(Debug, clap::Args)]
@@ -38,6 +41,7 @@ pub(super) fn completions(args: &CompletionsArgs) -> Result<ExitCode, Failure> {
         Shell::Bash => aot::Shell::Bash,
         Shell::Zsh => aot::Shell::Zsh,
         Shell::Fish => aot::Shell::Fish,
+        Shell::Pwsh => aot::Shell::PowerShell,
     };
     let mut script = Vec::new();
     aot::generate(shell, &mut help::command(), "palpate", &mut script);

@@ -11,7 +11,7 @@ use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{Lines, Readings};
 use palpate_data::dataset::sensor_file::{Card, read_sensor_file};
 use palpate_solver::{Model, Session};
-use std::io;
+use std::io::{self, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -107,6 +107,9 @@ pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
         reasons_are_told: !(args.quiet || args.json || args.keep_going),
         is_refused: |_| false,
     };
+    if io::stdin().is_terminal() && !args.quiet {
+        tell("one reading a line; Ctrl-D ends\n")?;
+    }
     let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going, model.forces_are_known());
     let mut answers = Answers::new(readings, Session::new(model));
     match stream.answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions) {

@@ -201,7 +201,11 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
     if let Some(shipped) = shipped::named(shipped, folder, path) {
         return Ok(shipped.text.to_owned());
     }
-    let help = || format!("give an existing file or a shipped one: {}", shipped::names(shipped));
+    let inside = path.join(folder.trim_end_matches('s')).with_extension("toml");
+    let help = || match inside.is_file() {
+        true => format!("did you mean {}?", inside.display()),
+        false => format!("give an existing file or a shipped one: {}", shipped::names(shipped)),
+    };
     bounded(path).map_err(|error| unread(path, &error, &help()))
 }
 
@@ -229,10 +233,25 @@ pub(super) fn read_named_in(
 pub(super) fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
         io::ErrorKind::InvalidData if is_utf16(path) => "it is UTF-16: save it as UTF-8",
-        io::ErrorKind::InvalidData => "give a TOML file: this file isn't text",
+        io::ErrorKind::InvalidData => match not_utf8(path) {
+            Some(line) => {
+                let help = "save it as UTF-8";
+                return Failure::usage(miette::miette!(help = help, "{}:{line}: a letter isn't UTF-8", path.display()));
+            }
+            None => "give a TOML file: this file isn't text",
+        },
         _ => help,
     };
     Failure::usage(miette::miette!(help = help, "{}: {error}", path.display()))
+}
+
+/// Returns the line of the first byte that isn't UTF-8; `None` if the file isn't text at all.
+fn not_utf8(path: &Path) -> Option<usize> {
+    let mut bytes = Vec::new();
+    File::open(path).ok()?.take(TEXT_MAX_BYTES as u64).read_to_end(&mut bytes).ok()?;
+    let is_text = bytes.iter().all(|byte| *byte >= b' ' || byte.is_ascii_whitespace());
+    let valid = std::str::from_utf8(&bytes).err()?.valid_up_to();
+    is_text.then(|| 1 + bytes[..valid].iter().filter(|byte| **byte == b'\n').count())
 }
 
 /// Whether a file begins with the byte-order mark of UTF-16, as some Windows editors write it.

@@ -4,7 +4,6 @@ use super::brief::Brief;
 use super::exit::Failure;
 use super::tables::{WIDTH, characteristics_table, definitions, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
-use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::acceptance::Judgement;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases};
 use palpate_data::dataset::evaluate::Trial;
@@ -204,7 +203,8 @@ fn written(mut to: impl Write, text: &str) -> Result<(), Failure> {
     let text = if text.chars().all(is_shown) { text } else { &text.replace(|c| !is_shown(c), "\u{fffd}") };
     match to.write_all(text.as_bytes()).and_then(|()| to.flush()) {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-            Err(error).into_diagnostic().wrap_err("can't write the result").map_err(Failure::unwritten)
+            let help = "free disk space, or write the output to another place";
+            Err(Failure::unwritten(miette::miette!(help = help, "can't write the result: {error}")))
         }
         _ => Ok(()),
     }

@@ -121,19 +121,21 @@ impl Response {
         Ok(())
     }
 
-    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both. `None` if one of them shows
-    /// nothing.
+    /// Compares a contact with an earlier one at the same place. The limits cover the noise of both, and that of the pattern also the
+    /// scatter of the patterns so far. `None` if one of them shows nothing.
     pub fn compare(&self, before: &Felt, now: &Felt) -> Option<Changed> {
         if before.outputs.len() != now.outputs.len() {
             return None;
         }
+        // the scatter of the gains is left out: a load cell that changed during the run widens it
+        let scatter = self.differences(now).map_or(0.0, |known| known.pattern.1);
         let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
         let own = before.own(self.most).hypot(now.own(self.most)).hypot(nonlinear);
         let pairs = before.outputs.iter().zip(&now.outputs);
         let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
         let changed = Changed {
             gain: (now.gain() - before.gain(), most_off(own)),
-            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own)),
+            pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own.hypot(scatter))),
         };
         let all = [changed.gain.0, changed.gain.1, changed.pattern.0, changed.pattern.1];
         all.iter().all(|value| value.is_finite()).then_some(changed)

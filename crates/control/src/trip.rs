@@ -218,7 +218,9 @@ impl Rule {
                 "check the load cell with a known weight (`palpate doctor --check-weight-n`), and whether the array has moved or \
                  changed"
             }
-            Rule::StageSilent => "the motion ended without a command: check whether the stage's link is slow or broken",
+            Rule::StageSilent => {
+                "the stage still says that it moves, so long after its motion was due to end: check whether its link is slow or broken"
+            }
             Rule::NoContact => {
                 "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface"
             }

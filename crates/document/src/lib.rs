@@ -97,6 +97,7 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
         let place = error.span().unwrap_or(0..0);
         let is_twice = error.message() == "duplicate key";
         let heading = is_twice.then(|| heading_at(text, place.start)).flatten();
+        let plain = text.get(place.clone()).and_then(without_unit);
         let problem = match (decimal_comma(text, place.start), heading) {
             (Some((number, decimal)), _) => {
                 Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
@@ -110,7 +111,12 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
             (None, None) if is_twice && !seen.is_empty() => continue,
             // the errors after the first one mostly follow from it
             (None, None) if !is_twice && std::mem::replace(&mut is_broken, true) => continue,
-            (None, None) => Problem::new(place, format!("not valid TOML: {}", error.message())),
+            (None, None) if is_twice => key_twice(text, place),
+            (None, None) => match plain {
+                Some(number) => Problem::new(place, "a number is written without its unit")
+                    .help(format!("write {number} in the unit that ends the key's name")),
+                None => Problem::new(place, format!("not valid TOML: {}", error.message())),
+            },
         };
         collector.add(problem);
     }
@@ -151,6 +157,24 @@ fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: 
         Some(false) => problem.help(format!("put all its keys under one [{heading}]")),
         _ => problem.help(list),
     }
+}
+
+/// Returns the number of a value that is a number and a unit, such as `2.0 N`.
+fn without_unit(value: &str) -> Option<&str> {
+    let number = value.trim_end_matches(|c: char| c.is_ascii_alphabetic() || matches!(c, '%' | '/' | 'µ')).trim_end();
+    let is_number = number.parse::<f64>().is_ok_and(f64::is_finite);
+    (is_number && number.len() < value.trim_end().len()).then_some(number)
+}
+
+/// Returns the problem of a key that comes again in its table.
+fn key_twice(text: &str, place: Span) -> Problem {
+    let key = text.get(place.clone()).unwrap_or_default().to_owned();
+    let before = text.get(..place.start).unwrap_or_default();
+    let lines: Vec<&str> = before.lines().collect();
+    let is_it = |line: &str| line.split_once('=').is_some_and(|(name, _)| name.trim() == key);
+    let first = lines.iter().rposition(|line| is_it(line)).map(|index| format!(", after line {}", index + 1));
+    let told = format!("`{key}` is here a second time{}", first.unwrap_or_default());
+    Problem::new(place, told).help("delete one of the two lines")
 }
 
 /// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
@@ -314,7 +338,11 @@ mod tests {
         }
         let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
         assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
-        assert!(told("a = 1\na = 2\n")[0].ends_with("not valid TOML: duplicate key"));
+        assert_eq!(told("a = 1\n# b\na = 2\n"), ["t.toml:3:1: `a` is here a second time, after line 1"]);
+        for value in ["2.0 N", "2.0N", "-3 mm", "50 %"] {
+            assert_eq!(told(&format!("name = {value}\n")), ["t.toml:1:8: a number is written without its unit"]);
+        }
+        assert!(told("name = N\n")[0].contains("not valid TOML"));
     }
 
     #[test]

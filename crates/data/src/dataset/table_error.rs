@@ -24,7 +24,7 @@ pub enum TableError {
     Unreadable { file: String, source: io::Error },
     /// The table exceeds [`MAX_TABLE_BYTES`], [`MAX_ROW_BYTES`], [`MAX_ROWS`] or [`MAX_COLUMNS`].
     #[error("{file}{}: more than {limit} {what}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
-    #[diagnostic(help("remove columns that aren't needed, or average repeated presses first"))]
+    #[diagnostic(help("split the table, remove columns that aren't needed, or average repeated presses"))]
     TooLarge { file: String, line: Option<u64>, limit: u64, what: &'static str },
     /// A file of another program isn't what its extension states.
     #[error("{file}: {problem}")]
