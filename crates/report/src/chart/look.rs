@@ -55,6 +55,8 @@ pub enum Hue {
 pub enum Shape {
     /// Circle.
     Circle,
+    /// Small circle, for a background of many points.
+    Dot,
     /// Square.
     Square,
     /// Triangle, point up.
@@ -121,6 +123,7 @@ pub(super) fn write_marker(svg: &mut String, look: Look, (x, y): (f64, f64), siz
     };
     let drawn = match shape {
         Shape::Circle => format!("<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\"/>", 4.2 * size),
+        Shape::Dot => format!("<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\"/>", 0.6 * size),
         Shape::Square => polygon(&[(-3.8, -3.8), (3.8, -3.8), (3.8, 3.8), (-3.8, 3.8)]),
         Shape::Triangle => polygon(&[(0.0, -5.2), (4.8, 3.6), (-4.8, 3.6)]),
         Shape::Diamond => polygon(&[(0.0, -5.4), (5.4, 0.0), (0.0, 5.4), (-5.4, 0.0)]),

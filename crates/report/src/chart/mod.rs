@@ -183,14 +183,15 @@ impl Figure {
         let mut last_bottom = first_y;
         for (index, row) in rows.enumerate() {
             y += above_panel_px;
-            // a panel with none below it has the numbers of its axis to the right
-            let has_x = |column: usize| !is_shared || (index + 1) * columns + column >= self.panels.len();
-            for (column, panel) in row.iter().enumerate() {
+            // a panel with none below it or to its left has the numbers of its axis there
+            let is_drawn = |index: usize| self.panels.get(index).is_some_and(|panel| !panel.is_blank());
+            let has_x = |column: usize| !is_shared || !is_drawn((index + 1) * columns + column);
+            for (column, panel) in row.iter().enumerate().filter(|(_, panel)| !panel.is_blank()) {
                 let area = Area { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
                 let words = Words {
                     x: has_x(column),
                     x_label: !is_shared,
-                    y: column == 0 || !(has_rows || is_shared),
+                    y: column == 0 || !(has_rows || is_shared) || (is_shared && row[column - 1].is_blank()),
                     title_px,
                     size: if self.grid.is_some() { SMALL } else { 1.0 },
                 };

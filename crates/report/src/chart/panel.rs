@@ -36,6 +36,8 @@ pub enum Mark {
     Cells(ChartAxis, Vec<Cell>),
     /// Title above a panel.
     Title(String),
+    /// Nothing: the panel's space is left empty.
+    Blank,
     /// A line across the complete panel at an x, and a word next to the line.
     At(f64, String),
     /// A line across the complete panel at a y, and a word above the line.
@@ -105,6 +107,11 @@ pub(super) struct Words {
 }
 
 impl Panel {
+    /// Whether the panel's space is left empty.
+    pub(super) fn is_blank(&self) -> bool {
+        matches!(self.marks.as_slice(), [Mark::Blank])
+    }
+
     /// Space for the texts below the panel, px.
     pub(super) fn below_px(&self) -> f64 {
         let of_label = if self.x.label.is_empty() { NAME_LINE } else { 0.0 };
@@ -257,7 +264,7 @@ impl Panel {
                 let _ = writeln!(svg, "<path class=\"{} column\" d=\"{path}\"/>", hue.name());
             }
             Mark::Cells(axis, cells) => write_cells(svg, axis, cells, at),
-            Mark::Title(_) => {} // above the panel
+            Mark::Title(_) | Mark::Blank => {} // above the panel
             Mark::At(value, told) => {
                 let x = at((*value, self.y.range.0)).0;
                 write_stroke(svg, "rule", (x, area.y), (x, area.y + area.height));
@@ -280,15 +287,49 @@ impl Panel {
     }
 }
 
-/// Draws cells; those of one colour are in one path.
+/// Draws cells; those of one colour are in one path, and neighbours of one colour in a row are one rectangle.
 fn write_cells(svg: &mut String, axis: &ChartAxis, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
-    let mut paths = vec![String::new(); LEVELS];
-    for Cell { x, y, value } in cells.iter().filter(|cell| cell.value.is_finite()) {
+    let tenths = |px: f64| (10.0 * px).round() as i64;
+    let placed = |Cell { x, y, value }: &Cell| {
         let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
-        let level = Ramp::level(axis.share(*value));
-        let _ = write!(paths[level], "M{left:.1} {top:.1}H{right:.1}V{bottom:.1}H{left:.1}z");
+        (Ramp::level(axis.share(*value)), tenths(top), tenths(bottom), tenths(left), tenths(right))
+    };
+    let mut placed: Vec<_> = cells.iter().filter(|cell| cell.value.is_finite()).map(placed).collect();
+    placed.sort_unstable();
+    placed.dedup_by(|next, row| {
+        let is_next = (next.0, next.1, next.2) == (row.0, row.1, row.2) && (next.3 - row.4).abs() <= 1;
+        row.4 = if is_next { next.4 } else { row.4 };
+        is_next
+    });
+    let mut paths = vec![String::new(); LEVELS];
+    for (level, top, bottom, left, right) in placed {
+        let px = |tenths: i64| tenths as f64 / 10.0;
+        let (top, bottom, left, right) = (px(top), px(bottom), px(left), px(right));
+        let _ = write!(paths[level], "M{left} {top}H{right}V{bottom}H{left}z");
     }
     for (level, path) in paths.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
         let _ = writeln!(svg, "<path class=\"{}\" shape-rendering=\"crispEdges\" d=\"{path}\"/>", Ramp::class(level));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Figure, Grid};
+    use super::*;
+
+    #[test]
+    fn neighbours_of_one_colour_are_one_rectangle_and_a_blank_panel_leaves_its_numbers_to_the_next() {
+        let axis = |label: &str| ChartAxis::linear(label, (0.0, 3.0));
+        let cell = |x: f64, value: f64| Cell { x: (x, x + 1.0), y: (0.0, 3.0), value };
+        let row = vec![cell(0.0, 0.0), cell(1.0, 0.0), cell(2.0, 3.0)];
+        let drawn = Panel { x: axis("x"), y: axis("y"), marks: vec![Mark::Cells(axis("output, V"), row)] };
+        let blank = Panel { marks: vec![Mark::Blank], ..drawn.clone() };
+        let grid = Some(Grid { columns: 2, width_px: 440.0, shared: true });
+        let panels = vec![blank, drawn.clone(), drawn.clone(), drawn];
+        let svg = Figure { height_px: 100.0, panels, grid, ..Figure::default() }.inline();
+        assert_eq!(svg.matches("<rect class=\"axis\"").count(), 3 + 1, "three panels and the bar of colours");
+        let cells = svg.split(" d=\"").skip(1).take(2).map(|path| path.matches('M').count());
+        assert_eq!(cells.sum::<usize>(), 2, "{svg}");
+        assert_eq!(svg.matches(">3</text>").count(), 2 + 2 + 1, "left of two panels, below two, and at the bar: {svg}");
     }
 }

@@ -140,7 +140,7 @@ impl Marks<'_> {
                         self.row([title, "", "cell"], values);
                     }
                 }
-                Mark::Ring(_) | Mark::Title(_) | Mark::At(..) | Mark::Level(..) | Mark::Words(..) => {}
+                Mark::Ring(_) | Mark::Title(_) | Mark::Blank | Mark::At(..) | Mark::Level(..) | Mark::Words(..) => {}
             }
         }
     }
