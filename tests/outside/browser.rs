@@ -14,6 +14,15 @@ use std::process::{Command, Stdio};
 
 /// Widths of the window, px: a desk and a telephone.
 const WIDTHS: [u32; 2] = [1280, 390];
+/// A rule of which not every value can be judged.
+const GUARDED: &str = "\
+rule = \"guarded\"
+location_mean_mm = 1.0
+location_p95_mm = 1.5
+force_mean_n = 0.1
+";
+/// Height of a first screen at the first of these widths, px.
+const FIRST_SCREEN_PX: u64 = 800;
 /// Browsers that take the same words, by name.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 /// What looks at a page.
@@ -27,6 +36,8 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
     let paper = shipped("recipes/paper.toml");
     bench.palpate_ends(0, &format!("run {} --out paper", paper.display()));
     bench.palpate_ends(0, "report paper --out paper.html");
+    bench.write("guarded.toml", GUARDED);
+    bench.palpate_ends(1, "report paper --accept guarded.toml --out guarded.html");
     for seed in 1..=12 {
         bench.write("small.toml", SMALL);
         let sensor =
@@ -53,12 +64,21 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
     bench.palpate_ends(0, "batch report --compare june july --out months.html");
 
     let mut wrong: Vec<String> = Vec::new();
-    for page in ["paper", "magnetic", "fifteen", "small", "batch", "tripped", "june", "july", "months"] {
+    for page in ["paper", "guarded", "magnetic", "fifteen", "small", "batch", "tripped", "june", "july", "months"] {
         let path = bench.path(&format!("{page}.html"));
         for width in WIDTHS {
             let seen = browser.look(&path, width);
             assert_eq!(seen.width, u64::from(width), "{page}: the window");
             assert!(seen.texts > 20, "{page} at {width}: {} texts", seen.texts);
+            if ["paper", "magnetic", "fifteen", "small", "guarded"].contains(&page) {
+                assert!(
+                    seen.first > 0 && (width < 1000 || page == "guarded" || seen.first <= FIRST_SCREEN_PX),
+                    "{page}: {} px",
+                    seen.first
+                );
+                assert!(seen.scrolled.is_empty(), "{page} at {width} px: {:?}", seen.scrolled);
+                println!("{page} at {width} px: errors and places end at {} px", seen.first);
+            }
             let found = seen.problems.iter().chain(&seen.console);
             wrong.extend(found.map(|problem| format!("{page} at {width} px: {problem}")));
             let [light, dark] = [false, true].map(|is_dark| {
@@ -67,6 +87,7 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
             });
             assert!(light != dark, "{page} at {width}: dark is as light");
         }
+        browser.print(&path, page);
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     println!("screenshots: {}", browser.album.display());
@@ -116,10 +137,9 @@ fn a_page_whose_labels_overlap_is_found_out() {
         let (before, _) = page.split_once(&format!(">{label}</text>")).expect("a label");
         before.rsplit_once("<text ").expect("an element").1.to_owned()
     };
-    let moved =
-        exchanged(&page, &format!("{}>unit 1,", places("unit 1,")), &format!("{}>unit 1,", places("channel 1")));
+    let moved = exchanged(&page, &format!("{}>unit 1<", places("unit 1")), &format!("{}>unit 1<", places("unit 2")));
     let found = problems(&moved);
-    let is_of_both = |problem: &String| problem.contains("\"unit 1,\"") && problem.contains("\"channel 1\"");
+    let is_of_both = |problem: &String| problem.contains("\"unit 1\"") && problem.contains("\"unit 2\"");
     assert!(found.iter().any(|problem| problem.starts_with("over each other") && is_of_both(problem)), "{found:?}");
     let small = exchanged(&page, ".word{font-size:11.5px}", ".word{font-size:6px}");
     let found = problems(&small);
@@ -165,6 +185,10 @@ struct Seen {
     width: u64,
     height: u64,
     texts: u64,
+    /// Lower end of the errors and the places, px.
+    first: u64,
+    /// Beginnings of the parts in which a table is moved sideways.
+    scrolled: Vec<String>,
     problems: Vec<String>,
     console: Vec<String>,
 }
@@ -203,14 +227,30 @@ impl Browser {
         let looked = looked.unwrap_or_else(|| panic!("the page wasn't looked at:\n{err}"));
         let looked = looked.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
         let looked: Value = serde_json::from_str(&looked).unwrap_or_else(|error| panic!("{error}: {looked}"));
-        let problems = looked["problems"].as_array().expect("a list");
+        let list = |key: &str| -> Vec<String> {
+            let items = looked[key].as_array().expect("a list");
+            items.iter().map(|item| item.as_str().unwrap_or_default().to_owned()).collect()
+        };
         Seen {
             width: looked["width"].as_u64().expect("a width"),
             height: looked["height"].as_u64().expect("a height"),
             texts: looked["texts"].as_u64().expect("a count"),
-            problems: problems.iter().map(|problem| problem.as_str().unwrap_or_default().to_owned()).collect(),
+            first: looked["first"].as_u64().expect("a height"),
+            scrolled: list("scrolled"),
+            problems: list("problems"),
             console: err.lines().filter(|line| line.contains(":CONSOLE")).map(str::to_owned).collect(),
         }
+    }
+
+    /// Prints a page. It is on A4.
+    fn print(&self, page: &Path, name: &str) {
+        let printed = self.album.join(format!("{name}.pdf"));
+        let mut word = OsString::from("--print-to-pdf=");
+        word.push(&printed);
+        self.run(page, (1280, 800), &["--no-pdf-header-footer".into(), word]);
+        let bytes = fs::read(&printed).expect("a printed page");
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(text.contains("/MediaBox [0 0 594.95") || text.contains("/MediaBox [0 0 595"), "{name}: not A4");
     }
 
     /// Keeps a picture of a page.

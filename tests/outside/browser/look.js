@@ -23,8 +23,8 @@
   }
   for (const { text, rect, parent, svg } of pieces) {
     const frame = svg ? svg.getBoundingClientRect() : { left: 0, right: width, top: 0, bottom: Infinity };
-    // a wide table is moved sideways in its own frame
-    const isMoved = !svg && parent.closest(".wide");
+    // a wide table or figure is moved sideways in its own frame, where a shadow shows that there is more
+    const isMoved = parent.closest(".wide");
     const top = svg ? rect.top : 0;
     const isCut = rect.left < frame.left - 1 || rect.right > frame.right + 1 || top < frame.top - 1 ||
       (svg && rect.bottom > frame.bottom + 1);
@@ -48,5 +48,17 @@
     return [...marks].every((mark) => { const box = mark.getBBox(); return box.width + box.height === 0; });
   });
   if (empty.length) problems.push(`${empty.length} figures show nothing`);
-  parent.postMessage(JSON.stringify({ width, height: document.documentElement.scrollHeight, texts: pieces.length, problems }), "*");
+  for (const element of document.querySelectorAll("main, section, .verdict, .first, .figures, figure, p, th, td")) {
+    if (element.scrollWidth > element.clientWidth + 1 && !element.closest(".wide") && element.clientWidth > 0) {
+      problems.push(`wider than its place: ${told(element.textContent)}`);
+    }
+  }
+  const moved = [...document.querySelectorAll(".wide")].filter((wide) => wide.scrollWidth > wide.clientWidth + 1);
+  for (const wide of moved) {
+    if (!getComputedStyle(wide).backgroundImage.includes("gradient")) problems.push(`nothing shows that it scrolls: ${told(wide.textContent)}`);
+  }
+  const scrolled = moved.filter((wide) => wide.querySelector("table")).map((wide) => wide.closest("section, .verdict").textContent.slice(0, 40));
+  const bottoms = [...document.querySelectorAll(".first table, .first figure")].map((part) => part.getBoundingClientRect().bottom);
+  const first = Math.ceil(Math.max(0, ...bottoms));
+  parent.postMessage(JSON.stringify({ width, height: document.documentElement.scrollHeight, texts: pieces.length, first, scrolled, problems }), "*");
 })();
