@@ -33,9 +33,9 @@ fn bench() -> Bench {
 fn every_figure_is_saved_with_its_numbers() {
     let bench = bench();
     let told = bench.palpate_ends(0, "report all --figures figures").out;
-    assert!(told.ends_with("\nfigures: 13 figures, each as SVG and CSV\n"), "{told}");
+    assert!(told.ends_with("\nfigures: 14 figures, each as SVG and CSV\n"), "{told}");
     let page = bench.read("all/report.html");
-    assert_eq!(page.matches("<svg ").count(), 13);
+    assert_eq!(page.matches("<svg ").count(), 14);
     let files = bench.bytes("figures");
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     let stems = [
@@ -43,6 +43,7 @@ fn every_figure_is_saved_with_its_numbers() {
         "errors-against-force",
         "expected-location-error",
         "force-errors",
+        "layout",
         "location-errors",
         "locations-best",
         "locations-pearson",

@@ -6,6 +6,7 @@ mod certificate;
 mod curves;
 mod figures;
 mod report;
+mod sensor;
 mod sensors;
 mod study;
 mod validation;

@@ -118,7 +118,6 @@ fn a_page_needs_nothing_else_and_is_the_same_twice() {
         "Errors of the test presses",
         "Characteristics of each unit",
         "Output of each unit, by load and by place",
-        "True and predicted places",
         "Distribution of the errors",
         "Errors against the force and against the distance from the edge",
         "Expected location error",
@@ -131,7 +130,11 @@ fn a_page_needs_nothing_else_and_is_the_same_twice() {
     for other in ["Figure ", "Table ", "paper"] {
         assert!(!page.contains(other), "{other} is in the page");
     }
-    assert_eq!(figures(&page).len(), 13, "two of the units, two of places, errors, dependences, one map, four records");
+    assert_eq!(
+        figures(&page).len(),
+        14,
+        "two of places, three of the units, errors, dependences, one map, four records"
+    );
     bench.palpate_ends(0, "report all --out again.html");
     assert_eq!(bench.read("again.html"), page);
     bench.palpate_ends(0, "verify all");
@@ -146,7 +149,7 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
     }
     bench.palpate_ends(0, "report characterise calibrate test --out page.html");
     let page = bench.read("page.html");
-    assert_eq!(figures(&page).len(), 13);
+    assert_eq!(figures(&page).len(), 14);
     assert!(page.contains("Sensor A-7") && page.contains("A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
     let told = bench.palpate_ends(2, "report all test --same-sensor --out other.html").running();
     assert!(told.contains("all and test both have test presses"), "{told}");
@@ -164,8 +167,8 @@ fn a_part_of_a_run_has_the_page_of_that_part() {
     let bench = Bench::new();
     for (name, steps, has, lacks) in [
         ("characterise", vec![CHARACTERISE], "Output of each unit against the force", "Errors of the test presses"),
-        ("calibrate", vec![CALIBRATE], "Output of each unit for 1 N at each place", "True and predicted"),
-        ("test", vec![TEST], "Force control", "True and predicted"),
+        ("calibrate", vec![CALIBRATE], "Output of each unit for 1 N at each place", "Places by"),
+        ("test", vec![TEST], "Force control", "Places by"),
     ] {
         bench.write("one.toml", &recipe(&steps));
         bench.palpate_ends(0, &format!("run one.toml --out {name}"));

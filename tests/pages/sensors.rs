@@ -10,7 +10,7 @@ use std::path::Path;
 #[test]
 fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
     let bench = skins();
-    for (skin, outputs, quick) in [("magnetic", 16, "best"), ("fifteen", 15, "surrogate")] {
+    for (skin, channels, quick) in [("magnetic", &[""][..], "best"), ("fifteen", &["-1", "-2", "-3"], "surrogate")] {
         bench.palpate_ends(0, &format!("report {skin} --figures {skin}-figures"));
         let page = bench.read(&format!("{skin}/report.html"));
         for word in ["paper", "Sensors 2018", "Table 1", "Figure 8", "Figure 9", "Figure 10"] {
@@ -20,9 +20,12 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
         for volt in [" V<", ", V<", "V/N", " V;", " V,"] {
             assert!(!page.contains(volt), "{skin}: {volt}");
         }
-        let table = bench.read(&format!("{skin}-figures/output-by-place.csv"));
-        assert!(table.starts_with("panel,x_mm,y_mm,output_ut\n"), "{}", &table[..60]);
-        assert_eq!(table.lines().count(), 1 + 361 * outputs, "{skin}");
+        let units = if channels.len() > 1 { 5 } else { 16 };
+        for channel in channels {
+            let table = bench.read(&format!("{skin}-figures/output-by-place{channel}.csv"));
+            assert!(table.starts_with("panel,x_mm,y_mm,output_ut\n"), "{}", &table[..60]);
+            assert_eq!(table.lines().count(), 1 + 361 * units, "{skin}");
+        }
         // `all` takes long, and has the lines of all methods for a few presses too: see below
         let solvers: &[&str] = if campaign::is_quick() { &[quick] } else { &["best", "all"] };
         for solver in solvers {

@@ -1,5 +1,6 @@
 //! Common parts of all pages: document, tables, figures, and numbers as computed.
 
+use super::figures::WIDTH_PX;
 use super::numbers::Numbers;
 use crate::chart::{Figure, Ramp, STYLE};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -95,7 +96,7 @@ pub(super) fn clock(time: &str) -> String {
     format!("{} {zone}", second.replace('T', " ")).trim_end().to_owned()
 }
 
-/// Returns the mark for an unknown value.
+/// Returns the mark for a value that doesn't exist.
 pub(super) fn none() -> Markup {
     html! { "-" }
 }
@@ -130,15 +131,21 @@ impl Drawn {
     }
 
     fn markup(&self) -> Markup {
-        let Figure { title, subtitle, notes, .. } = &self.figure;
+        let Figure { title, subtitle, notes, grid, .. } = &self.figure;
+        let broad_px = grid.map(|grid| grid.width_px).filter(|px| *px > WIDTH_PX);
         html! {
-            figure {
+            figure.broad[broad_px.is_some()] style=[broad_px.map(|px| format!("--width:{px}px"))] {
                 figcaption { strong { (title) } (subtitle) }
-                (PreEscaped(self.figure.inline()))
+                div.wide[broad_px.is_some()] { (PreEscaped(self.figure.inline())) }
                 @for note in notes { p.note { (note) } }
             }
         }
     }
+}
+
+/// Returns figures, next to each other where there is room.
+pub(super) fn figures_of(drawn: &[Drawn]) -> Markup {
+    html! { @if !drawn.is_empty() { div.figures { @for drawn in drawn { (drawn.markup()) } } } }
 }
 
 /// Converts to lower-case letters and digits, with hyphens for other characters.
@@ -163,11 +170,7 @@ impl Section {
 
     /// Creates a section with words and figures under a heading.
     pub fn new(title: &str, before: &Markup, figures: Vec<Drawn>) -> Section {
-        let body = html! {
-            (before)
-            // side by side where there is room
-            @if !figures.is_empty() { div.figures { @for drawn in &figures { (drawn.markup()) } } }
-        };
+        let body = html! { (before) (figures_of(&figures)) };
         Section { markup: section(title, &body), figures }
     }
 }

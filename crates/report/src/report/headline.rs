@@ -1,30 +1,48 @@
-//! States whether the sensor is accepted, and its errors; next to the paper's errors if these are shown.
+//! Errors of the sensor, next to the paper's errors if these are shown, and the places found.
 
 use super::beside_paper::CITATION;
-use super::frame::{none, number, percent, section as framed, table, words};
-use super::verdict;
+use super::figures;
+use super::frame::{Section, figures_of, none, number, percent, section as framed, table, words};
 use super::{Judged, Subject};
 use crate::paper;
 use maud::{Markup, html};
 use palpate_data::dataset::doubted_half_widths;
-use palpate_solver::{BEST, Coverage, ErrorSummary, Evaluation, LeftOut};
+use palpate_solver::{BEST, Candidate, Coverage, ErrorSummary, Evaluation, LeftOut};
 use std::collections::BTreeSet;
 
-/// Creates the first section of the page.
-pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Markup> {
+/// Creates the table of the errors, and the figures of the places next to it; `None` without an evaluation.
+pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Section> {
+    let evaluations = &judged.evaluations;
     let is_beside_paper = subject.is_beside_paper();
-    Some(html! {
-        (verdict::section(subject, judged))
-        @if !judged.evaluations.is_empty() {
-            (framed("Errors of the test presses", &numbers(&judged.evaluations, is_beside_paper)))
-        }
+    let places = figures::locations(judged);
+    let body = html! {
+        div.first { (numbers(evaluations, is_beside_paper)) (figures_of(&places)) }
+        (notes(evaluations, is_beside_paper))
         @if is_beside_paper { p.note { "Paper: " cite { (CITATION) } "." } }
-    })
+    };
+    let markup = framed("Errors of the test presses", &body);
+    (!evaluations.is_empty()).then_some(Section { markup, figures: places })
+}
+
+/// Creates the table of the cross-validated errors; `None` if there is a test.
+pub(super) fn cross_validated(judged: &Judged) -> Option<Markup> {
+    let cell =
+        |key: String, value: Option<f64>, digits| value.map_or_else(none, |value| number(&key, value, digits, ""));
+    let row = |Candidate { solver, location_error_mm, force_error_n }: &Candidate| {
+        let location = cell(format!("{solver}.location_error_mm"), *location_error_mm, 3);
+        vec![words(solver), location, cell(format!("{solver}.force_error_n"), *force_error_n, 4)]
+    };
+    let head = ["method", "location error, mean, mm", "force error, mean, N"].map(words);
+    let body = html! {
+        (table(&head, &judged.cross_validated.iter().map(row).collect::<Vec<_>>()))
+        p.note { "No test presses. Each calibration press was solved by the method fitted without the press's place." }
+    };
+    (!judged.cross_validated.is_empty()).then(|| framed("Cross-validated errors of the calibration", &body))
 }
 
 type Cell<'a> = &'a dyn Fn(&str, &Evaluation) -> Option<Markup>;
 
-/// Returns the numbers of each method, with the paper's numbers first where they are comparable.
+/// Returns the table of each method's numbers, with the paper's numbers first where they are comparable.
 fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
     let name = |evaluation: &Evaluation| match evaluation.choice {
         Some(_) => format!("{BEST}: {}", evaluation.solver),
@@ -72,8 +90,7 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
             Some(percent(&format!("{key}.within.both"), e.within.both?))
         }),
     ];
-    let has_load_cell = evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some());
-    if has_load_cell {
+    if has_load_cell(evaluations) {
         let by_load_cell = row("force error, mean, by the load cell", blank(), &|key, e| {
             Some(number(&format!("{key}.force_error_load_cell_n.mean"), e.force_error_load_cell_n?.mean, 4, " N"))
         });
@@ -84,17 +101,25 @@ fn numbers(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
             |key: &str, e: &Evaluation| Some(percent(&format!("{key}.coverage.{name}"), part(e.coverage.as_ref()?)?));
         rows.push(row(label, blank(), &cell));
     }
-    rows.push(row("verdict of the method not ok", blank(), &|_, e| {
+    rows.push(row("presses that the method itself doubted", blank(), &|_, e| {
         Some(words(e.verdicts.doubts().map(|(count, _)| count).iter().sum::<usize>()))
     }));
+    table(&head, &rows)
+}
+
+fn has_load_cell(evaluations: &[Evaluation]) -> bool {
+    evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some())
+}
+
+/// Returns the notes below the table.
+fn notes(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
     html! {
-        (table(&head, &rows))
         p.note {
-            @if has_load_cell {
+            @if has_load_cell(evaluations) {
                 "Force errors are against the commanded force" @if is_beside_paper { ", as in the paper" }
                 "; in the row by the load cell, calibration and test use its forces. "
             }
-            "Stated half-width: the method's own estimate of its error; if it is right, 68 and 95 % of the errors are within it."
+            "Stated error: the method's own estimate of its error; if it is right, 68 and 95 % of the errors are inside it."
         }
         @for line in evaluations.iter().flat_map(doubted_half_widths).collect::<BTreeSet<_>>() { p.note { "Warning: " (line) "." } }
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
@@ -113,10 +138,10 @@ const AFTER_FORCE_ERRORS: usize = 9;
 /// evaluation, and the function.
 type Share = fn(&Coverage) -> Option<f64>;
 const COVERAGES: [(&str, &str, Share); 4] = [
-    ("location within the stated half-width of 68 %", "location_68", |c| c.location_68),
-    ("location within the stated half-width of 95 %", "location_95", |c| c.location_95),
-    ("force within the stated half-width of 68 %", "force_68", |c| c.force_68),
-    ("force within the stated half-width of 95 %", "force_95", |c| c.force_95),
+    ("location inside its stated 68 % error", "location_68", |c| c.location_68),
+    ("location inside its stated 95 % error", "location_95", |c| c.location_95),
+    ("force inside its stated 68 % error", "force_68", |c| c.force_68),
+    ("force inside its stated 95 % error", "force_95", |c| c.force_95),
 ];
 
 /// Returns the note about excluded presses. Flagged presses are excluded for all methods; presses without an answer are excluded

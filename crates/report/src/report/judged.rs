@@ -3,10 +3,10 @@
 use super::Subject;
 use palpate_core::parallel::in_parallel;
 use palpate_data::acceptance::{Judgement, Rule};
-use palpate_data::dataset::evaluate::{EvaluateError, Trial};
+use palpate_data::dataset::evaluate::{EvaluateError, Trial, cross_validated};
 use palpate_data::recipe::Phase;
 use palpate_run::batch::ByDesign;
-use palpate_solver::{BEST, Evaluation, Fitted, Model, SOLVERS, Solver};
+use palpate_solver::{BEST, Candidate, Evaluation, Fitted, ForceKnown, Model, SOLVERS, Solver};
 
 /// The paper's own method.
 pub(super) const PAPERS: &str = SOLVERS[0];
@@ -18,6 +18,8 @@ pub struct Judged {
     pub evaluations: Vec<Evaluation>,
     /// A method that knows its expected error.
     pub expecting: Option<Fitted>,
+    /// Mean errors of methods on presses that were held out of the calibration in turn, if there is no test.
+    pub cross_validated: Vec<Candidate>,
     /// Reason why there is no evaluation, or only one.
     pub why_not: Option<String>,
     /// Standard uncertainty of the test's forces, N; `None` if it is unknown.
@@ -44,10 +46,14 @@ impl Judged {
             Some(design) => design.judge(rule, &subject.evidence(), &trial, &evaluations),
             None => subject.evidence().judge(rule, &trial, &evaluations),
         });
+        let is_untested = !subject.presses.presses.iter().any(|press| press.is_of(Phase::Test));
+        let cross_validated =
+            || cross_validated(&subject.presses, subject.placed(), ForceKnown::default(), second).ok();
+        let cross_validated = is_untested.then(cross_validated).flatten().unwrap_or_default();
         let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
         let of_design = design.and_then(|design| design.model).filter(|_| trial.is_ok()).map(Model::into_fitted);
         let expecting = of_design.or(expecting);
-        Judged { evaluations, expecting, why_not, u_force_n, judgement }
+        Judged { evaluations, expecting, cross_validated, why_not, u_force_n, judgement }
     }
 
     /// Returns the evaluation on which the verdict is based; without a rule, that of the best method.

@@ -1,7 +1,7 @@
 //! Pages about runs. Each is one self-contained HTML file that needs no network and no script.
 //!
-//! [`page`] is about one [`Subject`]: a sensor with all its recorded data. Verdict and tables come first, then the figures. After
-//! these come the control of the force and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
+//! [`page`] is about one [`Subject`]: a sensor with all its recorded data. The verdict comes first, then the errors with the places
+//! found. After these come tables and figures, the control of the force, and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
 //! [`batch_page`] is about a batch, and [`batches_page`] compares batches.
 //! Every number of an evaluation is in a `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure
 //! can be saved with its numbers ([`Drawn`]). The paper is cited only if its numbers are shown next to this program's
@@ -37,10 +37,11 @@ use maud::html;
 /// Creates a page about one sensor. Nothing in it depends on the time or the machine, so the same runs give the same bytes.
 pub fn page(subject: &Subject, judged: &Judged) -> Page {
     let sections = [
-        headline::section(subject, judged).map(Section::from),
+        Some(verdict::section(subject, judged).into()),
+        headline::section(subject, judged),
+        headline::cross_validated(judged).map(Section::from),
         table_1::section(subject).map(Section::from),
         figures::units(subject),
-        figures::locations(judged),
         figures::distributions(judged),
         figures::dependences(subject, judged),
         figures::expected(subject, judged),

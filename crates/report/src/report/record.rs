@@ -27,42 +27,13 @@ const PHASES: [(Phase, Hue, Shape); 3] = [
 /// Largest number of points that are drawn for a phase. If there are more, every nth point is drawn.
 const MOST_POINTS: usize = 1000;
 
-/// Creates a row for each phase, and a row for every press.
+/// Creates a table of the phases, and figures of every press.
 pub(super) fn section(subject: &Subject) -> Option<Section> {
     let (held, times) = (held(&subject.runs), times_s(&subject.runs));
     if held.is_empty() {
         return None;
     }
-    let cell = |value: Option<f64>, digits: usize| value.map_or_else(none, |value| number("", value, digits, ""));
-    let head = [
-        "phase",
-        "levels held",
-        "error in the window, mean, mN",
-        "95th percentile",
-        "largest",
-        "largest force above the set force, mN",
-        "time a press, median, s",
-    ];
-    let rows: Vec<Vec<Markup>> = PHASES
-        .iter()
-        .filter_map(|(phase, ..)| {
-            let of_it: Vec<&Controlled> = held.iter().filter(|held| held.phase == *phase).collect();
-            let errors: Vec<f64> = of_it.iter().map(|held| held.error_mn.abs()).collect();
-            let error = ErrorSummary::of(&errors)?;
-            let over_mn = of_it.iter().filter_map(|held| held.over_mn).reduce(f64::max);
-            let time =
-                ErrorSummary::of(&times.iter().filter(|(its, ..)| its == phase).map(|t| t.2).collect::<Vec<_>>());
-            Some(vec![
-                words(phase.name()),
-                words(of_it.len()),
-                cell(Some(error.mean), 1),
-                cell(Some(error.p95), 1),
-                cell(Some(error.max), 1),
-                cell(over_mn, 1),
-                cell(time.map(|time| time.median), 2),
-            ])
-        })
-        .collect();
+    let (head, rows) = quantities(&held, &times);
     let errors: Vec<(Phase, f64, f64)> = held.iter().map(|held| (held.phase, held.press, held.error_mn)).collect();
     let overshoots: Vec<(Phase, f64, f64)> =
         held.iter().filter_map(|held| Some((held.phase, held.press, held.over_mn?))).collect();
@@ -70,13 +41,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     let drawn = [
         ("press-force-errors", "Force in the window minus the set force", "force error, mN", &errors, true),
         ("press-overshoots", "Largest true force minus the set force", "overshoot, mN", &overshoots, true),
-        (
-            "press-zero-drift",
-            "Load cell in air after a press, minus its reading before the first",
-            "zero drift, mN",
-            &drifts,
-            true,
-        ),
+        ("press-zero-drift", "Drift of the load cell's zero", "zero drift, mN", &drifts, true),
         ("press-times", "Time of each press", "time, s", &times, false),
     ];
     let drawn: Vec<Drawn> = drawn
@@ -86,11 +51,50 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         })
         .collect();
     let before = html! {
-        (table(&head.map(words), &rows))
-        p.note { "Error: the load cell's mean in the window minus the set force. The largest force is the true one, which only a "
-            "simulated run knows; negative: it stayed below the set force. Zero drift: forces count from the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged presses are included." }
+        (table(&head, &rows))
+        p.note { "Force error: the load cell's mean in the window minus the set force. On loading it is negative by intention, except "
+            "with the strategy map: the force is increased from below and stops about four standard deviations of a measured force "
+            "short, so that the true force does not exceed the set force. A sensor that relaxes loses some more force until the window." }
+        p.note { "The true force is known only in a simulated run; negative: it stayed below the set force. Zero drift: forces count from "
+            "the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged "
+            "presses are included." }
     };
     Some(Section::new("Force control", &before, drawn))
+}
+
+/// Returns a column for each phase, and a row for each quantity.
+fn quantities(held: &[Controlled], times: &[(Phase, f64, f64)]) -> (Vec<Markup>, Vec<Vec<Markup>>) {
+    let mut head = vec![words("")];
+    let names = [
+        "levels held",
+        "force error, mean, mN",
+        "size of the force error, 95th percentile, mN",
+        "size of the force error, largest, mN",
+        "largest true force minus the set force, mN",
+        "time of a press, median, s",
+    ];
+    let mut rows: Vec<Vec<Markup>> = names.iter().map(|name| vec![words(name)]).collect();
+    for (phase, ..) in PHASES {
+        let of_it: Vec<&Controlled> = held.iter().filter(|held| held.phase == phase).collect();
+        let sizes: Vec<f64> = of_it.iter().map(|held| held.error_mn.abs()).collect();
+        let Some(size) = ErrorSummary::of(&sizes) else { continue };
+        let mean_mn = of_it.iter().map(|held| held.error_mn).sum::<f64>() / of_it.len() as f64;
+        let over_mn = of_it.iter().filter_map(|held| held.over_mn).reduce(f64::max);
+        let time =
+            ErrorSummary::of(&times.iter().filter(|time| time.0 == phase).map(|time| time.2).collect::<Vec<_>>());
+        let cell = |value: Option<f64>, digits: usize| value.map_or_else(none, |value| number("", value, digits, ""));
+        let cells = [
+            words(of_it.len()),
+            cell(Some(mean_mn), 1),
+            cell(Some(size.p95), 1),
+            cell(Some(size.max), 1),
+            cell(over_mn, 1),
+            cell(time.map(|time| time.median), 2),
+        ];
+        head.push(words(phase.name()));
+        rows.iter_mut().zip(cells).for_each(|(row, cell)| row.push(cell));
+    }
+    (head, rows)
 }
 
 fn held(runs: &[Recorded]) -> Vec<Controlled> {

@@ -12,6 +12,10 @@ use palpate_solver::ErrorSummary;
 const DEFINITIONS: [(Repeatability, &str); 3] =
     [(Repeatability::ThreeSd, "3 sd"), (Repeatability::Range, "range"), (Repeatability::T95, "t95")];
 
+/// Largest number of rows of a table without a fold. The second constant is the number of rows above the fold.
+const LISTED_MOST: usize = 12;
+const WORST: usize = 6;
+
 type Value = fn(&UnitCharacteristics) -> Option<f64>;
 type Interval = fn(&UnitCharacteristics) -> Option<(f64, f64)>;
 
@@ -49,9 +53,12 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
             (one("Hysteresis", papers(2), &hysteresis))
             (one("Linearity and zero return", None, &others))
         }
-        @for (definition, name) in DEFINITIONS { p.note { strong { "Repeatability, " (name) } ": " (definition.definition()) "." } }
-        @for term in terms::COMMON { p.note { strong { (capital(term.name)) } ": " (term.definition) "." } }
-        p.note { (terms::SOURCES) }
+        details {
+            summary { "definitions" }
+            @for (definition, name) in DEFINITIONS { p.note { strong { "Repeatability, " (name) } ": " (definition.definition()) "." } }
+            @for term in terms::COMMON { p.note { strong { (capital(term.name)) } ": " (term.definition) "." } }
+            p.note { (terms::SOURCES) }
+        }
         @if staircases.left_out > 0 { p.note { "Excluded: " (staircases.left_out) " flagged levels." } }
     };
     Some(framed("Characteristics of each unit", &body))
@@ -84,7 +91,8 @@ fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
             .chain(cells)
             .collect()
     };
-    let mut rows: Vec<Vec<Markup>> = told.iter().map(row).collect();
+    let (shown, folded) = worst(&told, |&unit| ours(unit, &columns[0]));
+    let mut rows: Vec<Vec<Markup>> = shown.iter().map(row).collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {
         ErrorSummary::of(&values.flatten().collect::<Vec<f64>>()).map(|sum| sum.mean)
     };
@@ -93,5 +101,25 @@ fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
     rows.push([words("mean")].into_iter().chain(papers_mean).chain(means).collect());
     let names = papers.iter().map(|_| "paper").chain(columns.iter().map(|column| column.name));
     let head: Vec<Markup> = ["unit"].into_iter().chain(names).map(words).collect();
-    html! { div { strong { (title) } (table(&head, &rows)) } }
+    let others: Vec<Vec<Markup>> = folded.iter().map(row).collect();
+    html! {
+        div {
+            strong { (title) }
+            (table(&head, &rows))
+            @if !others.is_empty() {
+                p.note { "The " (shown.len()) " largest of " (told.len()) ", and the mean of all." }
+                details { summary { "the other " (others.len()) } (table(&head, &others)) }
+            }
+        }
+    }
+}
+
+/// Splits a long list into the units with the largest values and the others, each in their order.
+fn worst(units: &[usize], value: impl Fn(&usize) -> Option<f64>) -> (Vec<usize>, Vec<usize>) {
+    if units.len() <= LISTED_MOST {
+        return (units.to_vec(), Vec::new());
+    }
+    let mut by_value: Vec<usize> = units.to_vec();
+    by_value.sort_by(|a, b| value(b).unwrap_or_default().total_cmp(&value(a).unwrap_or_default()));
+    units.iter().partition(|unit| by_value[..WORST].contains(unit))
 }

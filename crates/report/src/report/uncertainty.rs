@@ -1,7 +1,7 @@
 //! Uncertainty of the forces: the uncertainty budget over all presses.
 
 use super::Subject;
-use super::frame::{none, number, section as framed, table, words};
+use super::frame::{number, section as framed, table, words};
 use maud::{Markup, html};
 use palpate_control::Budget;
 use palpate_core::quantity::COVERAGE;
@@ -27,37 +27,33 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
     if budgets.is_empty() {
         return None;
     }
-    let shown = |values: &[f64]| match values {
-        [] => [none(), none()],
-        values => {
-            let mean_square = values.iter().map(|n| n * n).sum::<f64>() / values.len() as f64;
-            let most = values.iter().copied().fold(0.0, f64::max);
-            [mean_square.sqrt(), most].map(|n| number("", 1000.0 * n, 2, ""))
+    let row = |name: &str, known: &str, values: Vec<f64>| {
+        let name = html! { (name) br; small { (known) } };
+        let most = values.iter().copied().reduce(f64::max);
+        let mean_square = values.iter().map(|n| n * n).sum::<f64>() / values.len() as f64;
+        let cell = |n: f64| number("", 1000.0 * n, 2, "");
+        match most {
+            Some(most) => vec![name, cell(mean_square.sqrt()), cell(most)],
+            None => vec![name, words("not known"), words("")],
         }
     };
-    let row = |name: String, known: &str, values: &[f64]| {
-        let [typical, most] = shown(values);
-        vec![words(name), words(known), typical, most]
-    };
-    let mut rows: Vec<Vec<Markup>> = PARTS
-        .iter()
-        .map(|(name, known, of)| row((*name).to_owned(), known, &budgets.iter().filter_map(of).collect::<Vec<_>>()))
-        .collect();
     let combined: Vec<f64> = budgets.iter().filter_map(Budget::u_n).collect();
-    let expanded: Vec<f64> = combined.iter().map(|n| COVERAGE * n).collect();
-    rows.push(row("combined, u".to_owned(), "root of the sum of squares", &combined));
-    rows.push(row(format!("expanded, U (k = {COVERAGE})"), "", &expanded));
-    let head = ["source", "how it is known", "standard uncertainty, root mean square, mN", "largest, mN"];
-    let is_known = !combined.is_empty();
+    let expanded = combined.iter().map(|n| COVERAGE * n).collect();
+    let unknown = combined
+        .is_empty()
+        .then_some("the load cell was not checked with a known weight, and the rig file has no certificate of it");
+    let parts = PARTS.iter().map(|(name, known, of)| row(name, known, budgets.iter().filter_map(of).collect()));
+    let whole = [
+        row("combined, u", unknown.unwrap_or("root of the sum of squares"), combined),
+        row(&format!("expanded, U (k = {COVERAGE})"), unknown.map_or("k times u", |_| "as above"), expanded),
+    ];
+    let head = ["source", "root mean square, mN", "largest, mN"];
     let body = html! {
-        (table(&head.map(words), &rows))
+        (table(&head.map(words), &parts.chain(whole).collect::<Vec<_>>()))
         p.note {
             "After the GUM (JCGM 100): the parts of the standard uncertainty of each force in contact, and their root of the sum of squares, "
             "column u_force_n. "
-            @if !is_known {
-                "The rig file has neither a certificate of the load cell nor a check with a known weight: the error of its forces in "
-                "newtons is unknown, so no combined uncertainty is stated. palpate doctor --check-weight-n checks it."
-            }
+            @if unknown.is_some() { "palpate doctor --check-weight-n N checks the load cell." }
         }
     };
     Some(framed("Uncertainty of the force", &body))

@@ -10,27 +10,36 @@ use palpate_data::dataset::Status;
 pub(super) fn section(subject: &Subject, judged: &Judged) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
     let class = match (broken, judged.judgement.as_ref().map(|judgement| judgement.verdict)) {
-        (Some(_), _) | (None, Some(Verdict::NotAccepted)) => "verdict bad",
-        (None, Some(Verdict::Accepted)) => "verdict good",
-        (None, Some(Verdict::NotDecided) | None) => "verdict",
+        (Some(_), _) | (None, Some(Verdict::NotAccepted)) => "sides verdict bad",
+        (None, Some(Verdict::Accepted)) => "sides verdict good",
+        (None, Some(Verdict::NotDecided) | None) => "sides verdict",
     };
     html! {
         div class=(class) {
-            @if let Some(run) = broken {
-                strong { (run.name()) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
-                    (run.manifest.facts.presses_planned) " presses" }
-                @match (&run.manifest.trip, &run.manifest.failure) {
-                    // of a trip the failure says the same
-                    (Some(trip), _) => p { (trip) }
-                    (None, Some(failure)) => p { (failure) }
-                    (None, None) => {}
+            div {
+                @if let Some(run) = broken {
+                    strong { (run.name()) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
+                        (run.manifest.facts.presses_planned) " presses" }
+                    @match (&run.manifest.trip, &run.manifest.failure) {
+                        // of a trip the failure says the same
+                        (Some(trip), _) => p { (trip) }
+                        (None, Some(failure)) => p { (failure) }
+                        (None, None) => {}
+                    }
+                }
+                @match &judged.judgement {
+                    Some(judgement) => (by_rule(judgement)),
+                    None => (without_rule(judged)),
+                }
+                @if let Some(why) = &judged.why_not { p { (why) } }
+            }
+            @if let Some(judgement) = &judged.judgement {
+                (checks(judgement))
+                div.reasons {
+                    @for note in &judgement.notes { p.note { (capital(note)) "." } }
+                    @for reason in judgement.all_reasons() { p.note { (capital(&reason)) "." } }
                 }
             }
-            @match &judged.judgement {
-                Some(judgement) => (by_rule(judgement)),
-                None => (without_rule(judged)),
-            }
-            @if let Some(why) = &judged.why_not { p { (why) } }
         }
     }
 }
@@ -49,15 +58,31 @@ fn without_rule(judged: &Judged) -> Markup {
 }
 
 fn by_rule(judgement: &Judgement) -> Markup {
-    let Judgement { verdict, method, calibration_presses, test_presses, checks, .. } = judgement;
-    let is_guarded = judgement.rule == Decision::Guarded.word();
-    let meaning = match verdict {
-        _ if is_guarded => {
-            "Guarded rule: the one-sided 95 % bound of each figure must be within its limit, so that about 5 % of \
-                            sensors at a limit are accepted at most."
+    let Judgement { verdict, method, calibration_presses, test_presses, .. } = judgement;
+    let meaning = match is_guarded(judgement) {
+        true => {
+            "Guarded rule: the one-sided 95 % bound of each value must be within its limit. A sensor exactly at a limit passes at \
+             most about 1 time in 20."
         }
-        _ => "Simple rule: each figure must be within its limit; about half of the sensors at a limit are accepted.",
+        false => {
+            "Simple rule: each value must be within its limit. A sensor exactly at a limit passes about half of the time."
+        }
     };
+    html! {
+        strong { (capital(verdict.told())) }
+        p { (meaning) " Judged by the method " (method) ", on " (calibration_presses) " calibration and " (test_presses) " test presses."
+            @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
+        }
+    }
+}
+
+fn is_guarded(judgement: &Judgement) -> bool {
+    judgement.rule == Decision::Guarded.word()
+}
+
+/// Returns the table of the checked figures.
+fn checks(judgement: &Judgement) -> Markup {
+    let is_guarded = is_guarded(judgement);
     let mut head = vec![words(""), words("found")];
     head.extend(is_guarded.then(|| words("95 % bound")));
     head.extend(["limit", "n", ""].map(words));
@@ -67,15 +92,7 @@ fn by_rule(judgement: &Judgement) -> Markup {
         cells.extend([value(check, Some(check.limit)), words(check.n), words(check.verdict.told())]);
         cells
     };
-    html! {
-        strong { (capital(verdict.told())) }
-        p { (meaning) " Judged by the method " (method) ", on " (calibration_presses) " calibration and " (test_presses) " test presses."
-            @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
-        }
-        (table(&head, &checks.iter().map(row).collect::<Vec<_>>()))
-        @for note in &judgement.notes { p.note { (capital(note)) "." } }
-        @for reason in judgement.all_reasons() { p.note { (capital(&reason)) "." } }
-    }
+    table(&head, &judgement.checks.iter().map(row).collect::<Vec<_>>())
 }
 
 /// Returns a value of a checked figure with its unit.

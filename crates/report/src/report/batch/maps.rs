@@ -2,7 +2,7 @@
 
 use super::complete;
 use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Shape};
-use crate::report::figures::{Axes, WIDTH_PX, cell, half_cell_mm};
+use crate::report::figures::{Axes, SQUARE_PX, WIDTH_PX, cell, half_cell_mm};
 use crate::report::frame::{Drawn, Section, counted, number, table, words};
 use maud::{Markup, html};
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -103,7 +103,7 @@ fn drawn(outputs: &Outputs, spreads: &[Spread], places: &[Place]) -> Vec<Drawn> 
     let figure = |title: &str, subtitle: String, marks: Vec<Mark>| Figure {
         title: title.to_owned(),
         subtitle,
-        height_px: axes.height_px(1),
+        height_px: axes.height_px(SQUARE_PX),
         panels: vec![axes.panel(marks)],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         ..Figure::default()

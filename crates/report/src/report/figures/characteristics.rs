@@ -1,88 +1,80 @@
-//! Readings of each unit as a function of its load, during loading and unloading, for every repeat.
+//! Readings of each unit as a function of its load, during loading and unloading, for every repeat and channel.
 
-use super::WIDTH_PX;
-use super::map::as_placed;
-use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use super::arrangement::MOST_UNITS;
+use super::{arranged, left_out, title};
+use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
 use crate::report::Subject;
 use crate::report::frame::Drawn;
 use palpate_control::Branch;
 use palpate_data::dataset::characteristics::{HeldLevel, Level, Staircases, by_series};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-/// Largest number of units that are drawn. If there are more, the first are drawn.
-const MOST_UNITS: usize = 25;
+/// Colours of the channels of a unit, in their order.
+const CHANNELS: [Hue; 6] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Purple, Hue::Red, Hue::Teal];
+/// Colours of the branches of a unit with one channel.
+const BRANCHES: [Hue; 2] = [Hue::Blue, Hue::Orange];
+/// Width of a panel, px, where there is room; its largest height, and its height as a fraction of its width.
+const PANEL_PX: f64 = 100.0;
+const HIGHEST_PX: f64 = 104.0;
+const HEIGHT: f64 = 0.9;
 
-const LOADING: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
-const UNLOADING: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None };
-
-/// Largest number of panels in a row.
-const MOST_COLUMNS: usize = 5;
-
-/// Draws a panel for each unit.
+/// Draws a panel for each unit, with a line for each of its channels and branches.
 pub(super) fn characteristics(subject: &Subject) -> Option<Drawn> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
-    let pressed: Vec<(usize, &[HeldLevel])> = staircases
-        .readings
-        .iter()
-        .enumerate()
-        .filter(|(_, readings)| !readings.is_empty())
-        .map(|(unit, readings)| (unit, readings.as_slice()))
-        .collect();
-    if pressed.is_empty() {
-        return None;
-    }
+    let is_pressed = |unit: &Range<usize>| staircases.readings[unit.clone()].iter().any(|held| !held.is_empty());
+    let pressed: Vec<Range<usize>> = subject.layout().units().filter(is_pressed).collect();
     let drawn = &pressed[..pressed.len().min(MOST_UNITS)];
-    let all = || drawn.iter().flat_map(|(_, readings)| *readings);
+    let channels = drawn.iter().map(Range::len).max()?;
+    let all = || drawn.iter().flat_map(|unit| staircases.readings[unit.clone()].iter().flatten());
     let most_n = all().map(|reading| reading.force_n).fold(0.0, f64::max);
     let (least, most) = all().fold((0.0f64, 0.0f64), |(l, m), reading| (l.min(reading.output), m.max(reading.output)));
     let room = 0.06 * (most - least).max(f64::MIN_POSITIVE);
-    let is_every_unit = drawn.iter().enumerate().all(|(index, (unit, _))| index == *unit);
-    let placed = as_placed(subject, drawn.len()).filter(|(_, columns)| is_every_unit && *columns <= MOST_COLUMNS);
-    let (order, columns) = placed.unwrap_or_else(|| {
-        let columns = (drawn.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize;
-        ((0..drawn.len()).collect(), columns)
-    });
-    let panel = |(unit, readings): &(usize, &[HeldLevel])| {
-        let of = |branch: Branch| -> Vec<(f64, f64)> {
-            readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect()
+    let curves = |(channel, output): (usize, usize)| {
+        let readings = &staircases.readings[output];
+        let of_branch = move |(branch, look): (Branch, Look)| {
+            let points = readings.iter().filter(|r| r.branch == branch).map(|r| (r.force_n, r.output)).collect();
+            // a line for each place and top force: their outputs aren't one curve
+            let lines = by_series(readings)
+                .into_iter()
+                .map(move |held| Mark::Curve(Look { shape: None, ..look }, means(&held, branch)));
+            lines.chain([Mark::Curve(Look { line: Line::None, ..look }, points)]).collect::<Vec<Mark>>()
         };
-        // a line for each place and top force: their outputs aren't one curve
-        let series = by_series(readings);
-        let lines = [(Branch::Loading, line(LOADING, Line::Solid)), (Branch::Unloading, line(UNLOADING, Line::Dashed))];
-        let curve = |(branch, look): (Branch, Look)| {
-            series.iter().map(move |held| Mark::Curve(look, means(held, branch))).collect::<Vec<Mark>>()
-        };
-        let points = [Mark::Curve(LOADING, of(Branch::Loading)), Mark::Curve(UNLOADING, of(Branch::Unloading))];
-        let title = Mark::Title(subject.layout().name(*unit));
-        Panel {
-            x: ChartAxis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
-            y: ChartAxis::linear(&format!("output, {}", subject.unit()), (least - room, most + room)),
-            marks: lines.into_iter().flat_map(curve).chain(points).chain([title]).collect(),
-        }
+        looks(channel, channels).into_iter().flat_map(of_branch)
     };
-    let left_out = pressed.len() - drawn.len();
+    let panel = |index: usize| Panel {
+        x: ChartAxis::linear("force, N", (0.0, 1.06 * most_n.max(f64::MIN_POSITIVE))),
+        y: ChartAxis::linear(&format!("output, {}", subject.unit()), (least - room, most + room)),
+        marks: drawn[index].clone().enumerate().flat_map(curves).chain([title(subject, &drawn[index])]).collect(),
+    };
+    let arrangement = arranged(subject, drawn);
+    let (grid, panel_px) = arrangement.grid(PANEL_PX);
+    let entry = |channel: usize| {
+        let of = if channels > 1 { format!("channel {}, ", channel + 1) } else { String::new() };
+        let names = ["loading", "unloading"].map(|branch| format!("{of}{branch}"));
+        looks(channel, channels).into_iter().zip(names).map(|((_, look), name)| (look, name)).collect()
+    };
     let figure = Figure {
         title: "Output of each unit against the force".to_owned(),
         subtitle: "every level of every staircase, and a line through the means at each place; force by the load cell"
             .to_owned(),
-        height_px: if columns > 3 { 60.0 } else { 104.0 },
-        panels: order.into_iter().map(|index| panel(&drawn[index])).collect(),
-        grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
-        legend: vec![vec![
-            (line(LOADING, Line::Solid), "loading".to_owned()),
-            (line(UNLOADING, Line::Dashed), "unloading".to_owned()),
-        ]],
-        notes: if left_out > 0 {
-            vec![format!("{left_out} more outputs aren't shown; their values are in the table.")]
-        } else {
-            Vec::new()
-        },
+        height_px: (HEIGHT * panel_px).min(HIGHEST_PX),
+        panels: arrangement.panels(panel),
+        grid: Some(grid),
+        legend: (0..channels).map(entry).collect(),
+        notes: left_out(pressed.len() - drawn.len()),
     };
     Some(Drawn::plain(figure))
 }
 
-fn line(look: Look, line: Line) -> Look {
-    Look { line, ..look }
+/// Returns the look of each branch of a channel. With several channels the colour is the channel's.
+fn looks(channel: usize, channels: usize) -> [(Branch, Look); 2] {
+    let [loading, unloading] = if channels > 1 { [CHANNELS[channel % CHANNELS.len()]; 2] } else { BRANCHES };
+    let look = |hue: Hue, shape: Shape, line: Line| Look { hue, shape: Some(shape), filled: false, line };
+    [
+        (Branch::Loading, look(loading, Shape::Circle, Line::Solid)),
+        (Branch::Unloading, look(unloading, Shape::Square, Line::Dashed)),
+    ]
 }
 
 /// Returns the mean force and output of each level of a branch.

@@ -104,7 +104,7 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
     let figure = Figure {
         title: format!("{}s", capital(kind.name)),
         subtitle: format!("above: share of the presses in each {width} {}; below: share up to an error", unit(kind)),
-        height_px: 170.0,
+        height_px: 150.0,
         panels: vec![panel("share of the presses, %", most, counted), panel("cumulative share, %", 100.0, summed)],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         legend,
@@ -133,10 +133,8 @@ pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section>
         let legend = methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: Line::Solid, ..look }, name(e))]);
         let figure = Figure {
             title: title.to_owned(),
-            subtitle: format!(
-                "a mark for each press; bars: means over parts of the axis with {FEWEST} presses or more{outside}"
-            ),
-            height_px: 200.0,
+            subtitle: format!("a mark for each press; bars: mean of each part with {FEWEST} or more presses{outside}"),
+            height_px: 160.0,
             panels,
             grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
             legend: legend.collect(),

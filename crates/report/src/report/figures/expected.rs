@@ -1,7 +1,7 @@
 //! Expected error of a method at each place, from the calibration's knowledge of the array and its noise.
 
-use super::WIDTH_PX;
 use super::map::Axes;
+use super::{SQUARE_PX, WIDTH_PX};
 use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Scale};
 use crate::report::frame::{Drawn, Section};
 use crate::report::{Judged, Subject};
@@ -52,8 +52,8 @@ pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let axes = Axes::around(least, most, if is_line { half_x } else { 0.0 });
     let mean = errors.iter().map(|(_, mm)| mm).sum::<f64>() / errors.len() as f64;
     let mut notes = vec![
-        "The Cramér-Rao bound for the map fitted to the calibration, with that map's own error: the smallest mean error of an \
-         unbiased method with this map and noise."
+        "The smallest error that any unbiased method can reach here: the Cramér-Rao bound, with the map fitted to the calibration \
+         and its noise."
             .to_owned(),
     ];
     if largest > MOST_RATIO * best {
@@ -62,7 +62,7 @@ pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let figure = Figure {
         title: format!("Expected location error at {force_n} N"),
         subtitle: format!("by {}, at the median force of the test; mean over the area {mean:.3} mm", solver.name()),
-        height_px: axes.height_px(1),
+        height_px: axes.height_px(SQUARE_PX),
         panels: vec![axes.panel(vec![Mark::Cells(colours, cells)])],
         grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
         notes,

@@ -1,12 +1,11 @@
 //! True places of presses, and the places found by each method.
 
 use super::map::Axes;
-use super::{WIDTH_PX, methods, name, stem};
+use super::{NARROW_PX, NARROW_SQUARE_PX, methods, name, stem};
 use crate::chart::{Figure, Grid, Hue, Line, Look, Mark, Shape};
 use crate::report::Judged;
-use crate::report::frame::{Drawn, Section};
+use crate::report::frame::Drawn;
 use crate::report::numbers::{Numbers, Value};
-use maud::html;
 use palpate_core::quantity::Place;
 use palpate_solver::{Evaluation, PressError};
 
@@ -18,13 +17,13 @@ const ROOM_MM: f64 = 0.5;
 const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
 
 /// Draws a map for each method, all over the same area.
-pub(crate) fn locations(judged: &Judged) -> Option<Section> {
+pub(crate) fn locations(judged: &Judged) -> Vec<Drawn> {
     let shown = || judged.evaluations.iter().flat_map(presses);
     let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);
     let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));
-    let axes = Axes::around(corner(f64::min)?, corner(f64::max)?, ROOM_MM);
-    let drawn = methods(&judged.evaluations).map(|(look, evaluation)| one(look, evaluation, &axes)).collect();
-    Section::of_figures("True and predicted places", &html! {}, drawn)
+    let Some((least, most)) = corner(f64::min).zip(corner(f64::max)) else { return Vec::new() };
+    let axes = Axes::around(least, most, ROOM_MM);
+    methods(&judged.evaluations).map(|(look, evaluation)| one(look, evaluation, &axes)).collect()
 }
 
 /// Returns n if every nth press is drawn.
@@ -49,10 +48,10 @@ fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
     let notes = if one_in > 1 { vec![format!("One press in {one_in} is shown.")] } else { Vec::new() };
     let figure = Figure {
         title: format!("Places by {}", name(evaluation)),
-        subtitle: format!("{} test presses, each true place joined to the predicted one", evaluation.points),
-        height_px: axes.height_px(1),
+        subtitle: "each true place joined to the predicted one".to_owned(),
+        height_px: axes.height_px(NARROW_SQUARE_PX),
         panels: vec![axes.panel(marks)],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
+        grid: Some(Grid { columns: 1, width_px: NARROW_PX, shared: false }),
         legend: vec![vec![(TRUE, "true".to_owned()), (predicted, "predicted".to_owned())]],
         notes,
     };

@@ -1,68 +1,66 @@
 //! Calibration matrix: readings of each unit for the same load at each place.
 
-use super::WIDTH_PX;
-use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Panel, SHARED_GAP_PX};
+use super::arrangement::MOST_UNITS;
+use super::{arranged, left_out, title};
+use crate::chart::{Cell, ChartAxis, Figure, Mark, Panel};
 use crate::report::Subject;
 use crate::report::frame::{Drawn, counted};
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::Press;
 use palpate_data::recipe::Phase;
-use std::cmp::Ordering;
+use std::ops::Range;
 
-/// Largest number of units that are drawn. If there are more, the first are drawn.
-const MOST_UNITS: usize = 16;
 /// Largest number of presses that are drawn for each unit. If there are more, every nth press is drawn.
 const MOST_PRESSES: usize = 2500;
+/// Largest number of cells in all maps. If there are more, the first units are drawn.
+const MOST_CELLS: usize = 60_000;
+/// Width of a panel, px, where there is room.
+const PANEL_PX: f64 = 70.0;
 
-/// Draws a map for each unit.
-pub(super) fn matrix(subject: &Subject) -> Option<Drawn> {
+/// Draws a map for each unit; with several channels a figure for each of them.
+pub(super) fn matrices(subject: &Subject) -> Vec<Drawn> {
+    let units: Vec<Range<usize>> = subject.layout().units().collect();
+    let channels = units.iter().map(Range::len).max().unwrap_or(0);
+    (0..channels).filter_map(|channel| matrix(subject, &units, (channels > 1).then_some(channel))).collect()
+}
+
+/// Draws the maps of a channel, or of the only one.
+fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> Option<Drawn> {
     let (least, most) = subject.area()?;
     let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
     let places: Vec<Place> = drawn.iter().map(|row| row.place()).collect();
-    let units = subject.presses.channels.min(MOST_UNITS);
+    let most_units = MOST_CELLS / (drawn.len() * subject.presses.channels / units.len().max(1)).max(1);
+    let (index, all) = (channel.unwrap_or(0), units.len());
+    let units = &units[..all.min(MOST_UNITS).min(most_units.max(1))];
+    let outputs: Vec<Option<usize>> = units.iter().map(|unit| unit.clone().nth(index)).collect();
     let load = Load::of(&presses);
-    let outputs = || drawn.iter().flat_map(|row| row.outputs[..units].iter().map(|output| load.share(row, *output)));
-    let (quietest, loudest) = (outputs().reduce(f64::min)?, outputs().reduce(f64::max)?);
-    // the channels of a unit are beside each other
-    let channels = subject.layout().units().map(|unit| unit.len()).max().unwrap_or(1);
-    let (order, columns) = match as_placed(subject, units) {
-        Some(rows) => rows,
-        None if channels > 1 => ((0..units).collect(), channels.min(4)),
-        None => ((0..units).collect(), (units as f64).sqrt().ceil().max(1.0) as usize),
-    };
+    let shares =
+        || outputs.iter().flatten().flat_map(|unit| drawn.iter().map(|row| load.share(row, row.outputs[*unit])));
+    let (quietest, loudest) = (shares().reduce(f64::min)?, shares().reduce(f64::max)?);
     let half_mm = half_cell_mm(&places);
     let axes = Axes::around(least, most, half_mm);
     let colours = ChartAxis::linear(&load.label(subject.unit()), (quietest, loudest));
     let panel = |unit: usize| {
-        let cells = drawn.iter().map(|row| cell(row.place(), half_mm, load.share(row, row.outputs[unit]))).collect();
-        axes.panel(vec![Mark::Cells(colours.clone(), cells), Mark::Title(subject.layout().name(unit))])
+        let cells = |output: usize| {
+            drawn.iter().map(move |row| cell(row.place(), half_mm, load.share(row, row.outputs[output])))
+        };
+        let cells = outputs[unit].into_iter().flat_map(cells).collect();
+        axes.panel(vec![Mark::Cells(colours.clone(), cells), title(subject, &units[unit])])
     };
-    let left_out = subject.presses.channels - units;
+    let arrangement = arranged(subject, units);
+    let (grid, panel_px) = arrangement.grid(PANEL_PX);
     let figure = Figure {
-        title: load.title(),
+        title: load.title(channel),
         subtitle: format!("{}; one scale for all", load.told(presses.len())),
-        height_px: axes.height_px(columns),
-        panels: order.into_iter().map(panel).collect(),
-        grid: Some(Grid { columns, width_px: WIDTH_PX, shared: true }),
-        notes: if left_out > 0 { vec![format!("{left_out} more outputs are not shown.")] } else { Vec::new() },
+        height_px: axes.height_px(panel_px),
+        panels: arrangement.panels(panel),
+        grid: Some(grid),
+        notes: left_out(all - units.len()),
         ..Figure::default()
     };
-    Some(Drawn::plain(figure))
-}
-
-/// The order in which panels of the first units are where the units are: rows from the largest y down, each from the smallest x; and
-/// how many columns they make. None where units have several channels, or rows differ in length.
-pub(super) fn as_placed(subject: &Subject, units: usize) -> Option<(Vec<usize>, usize)> {
-    let layout = subject.placed()?;
-    let places = layout.places().get(..units)?;
-    let mut order: Vec<usize> = (0..units).collect();
-    let key = |unit: &usize| (-places[*unit].y_mm, places[*unit].x_mm);
-    order.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
-    let rows = || order.chunk_by(|a, b| (places[*a].y_mm - places[*b].y_mm).abs() < SAME_MM);
-    let columns = rows().next()?.len();
-    let is_grid = rows().all(|row| row.len() == columns) && (0..units).all(|unit| layout.unit(unit) == unit);
-    is_grid.then_some((order, columns))
+    let of_channel = channel.map(|channel| format!("-{}", channel + 1)).unwrap_or_default();
+    Some(Drawn::plain(figure).named(&format!("output-by-place{of_channel}")))
 }
 
 /// Load of a calibration's presses, N.
@@ -99,11 +97,12 @@ impl Load {
         }
     }
 
-    fn title(self) -> String {
+    fn title(self, channel: Option<usize>) -> String {
+        let of = channel.map(|channel| format!("of channel {} ", channel + 1)).unwrap_or_default();
         match self {
-            Load::One(0.0) => "Output of each unit at each place".to_owned(),
-            Load::One(force_n) => format!("Output of each unit for {force_n} N at each place"),
-            Load::Many(..) => "Output of each unit over the force, at each place".to_owned(),
+            Load::One(0.0) => format!("Output {of}of each unit at each place"),
+            Load::One(force_n) => format!("Output {of}of each unit for {force_n} N at each place"),
+            Load::Many(..) => format!("Output {of}of each unit over the force, at each place"),
         }
     }
 
@@ -146,10 +145,8 @@ impl Axes {
         Panel { x: ChartAxis::linear("x, mm", self.x), y: ChartAxis::linear("y, mm", self.y), marks }
     }
 
-    /// Returns the height of a panel for equal scales, with `columns` panels side by side, px.
-    pub(crate) fn height_px(&self, columns: usize) -> f64 {
-        let beside_px = SHARED_GAP_PX * (columns as f64 - 1.0);
-        let width_px = (super::SQUARE_PX - beside_px) / columns as f64;
+    /// Returns the height of a panel of this width for equal scales, px.
+    pub(crate) fn height_px(&self, width_px: f64) -> f64 {
         width_px * (self.y.1 - self.y.0) / (self.x.1 - self.x.0)
     }
 }

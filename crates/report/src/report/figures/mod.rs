@@ -1,8 +1,10 @@
 //! Figures of a sensor. Each part draws some figures, or none if there are no data.
 
+mod arrangement;
 mod characteristics;
 mod errors;
 mod expected;
+mod layout;
 mod locations;
 mod map;
 mod size;
@@ -11,20 +13,38 @@ pub(super) use errors::{dependences, distributions};
 pub(super) use expected::expected;
 pub(super) use locations::locations;
 pub(super) use map::{Axes, cell, half_cell_mm};
-pub(super) use size::{SQUARE_PX, WIDTH_PX};
+pub(super) use size::{NARROW_PX, NARROW_SQUARE_PX, SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
-use super::frame::{Drawn, Section};
-use crate::chart::{Hue, Line, Look, Shape};
+use super::frame::{Section, counted};
+use crate::chart::{Hue, Line, Look, Mark, Shape};
+use arrangement::Arrangement;
 use maud::html;
+use palpate_core::quantity::ArrayLayout;
 use palpate_solver::Evaluation;
+use std::ops::Range;
 
 /// Draws the readings of each unit: under load, during loading and unloading, and in the calibration at every place.
 pub(super) fn units(subject: &Subject) -> Option<Section> {
     let of_load = characteristics::characteristics(subject).map(|drawn| drawn.named("output-against-load"));
-    let of_place = map::matrix(subject).map(|drawn| drawn.named("output-by-place"));
-    let drawn: Vec<Drawn> = [of_load, of_place].into_iter().flatten().collect();
+    let drawn = [layout::layout(subject), of_load].into_iter().flatten().chain(map::matrices(subject)).collect();
     Section::of_figures("Output of each unit, by load and by place", &html! {}, drawn)
+}
+
+/// Arranges units, given by their outputs, like the array.
+fn arranged(subject: &Subject, units: &[Range<usize>]) -> Arrangement {
+    let places = |layout: &ArrayLayout| units.iter().map(|unit| layout.places()[unit.start]).collect();
+    Arrangement::of(subject.placed().map(places), units.len())
+}
+
+/// Returns the title of a unit's panel.
+fn title(subject: &Subject, unit: &Range<usize>) -> Mark {
+    Mark::Title(format!("unit {}", subject.layout().unit(unit.start) + 1))
+}
+
+/// Returns the note about units that aren't drawn.
+fn left_out(units: usize) -> Vec<String> {
+    if units > 0 { vec![format!("Not shown: {}.", counted(units, "more unit"))] } else { Vec::new() }
 }
 
 /// Colours and marks of the methods: first the method that takes the calibration point with the highest correlation, then the
