@@ -219,7 +219,7 @@ impl Rule {
                  changed"
             }
             Rule::StageSilent => {
-                "the stage still says that it moves, so long after its motion was due to end: check whether its link is slow or broken"
+                "the stage still reports that it moves, so long after its motion was due to end: check whether its link is slow or broken"
             }
             Rule::NoContact => {
                 "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface"
