@@ -14,6 +14,7 @@ mod check;
 mod check_weight;
 mod choices;
 mod columns;
+mod demo;
 mod doctor;
 mod drivers;
 mod emulate;
@@ -69,6 +70,7 @@ use textwrap::{WordSeparator, WordSplitter};
 
 const EXAMPLES: &str = "\
 Examples:
+  palpate demo
   palpate check recipes/paper.toml
   palpate run recipes/paper.toml
   palpate doctor rigs/esp301.toml
@@ -88,6 +90,7 @@ struct CommandLine {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::DemoArgs),
     Check(check::CheckArgs),
     Run(run::RunArgs),
     Resume(resume::ResumeArgs),
@@ -136,6 +139,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
     let outcome = match &command {
+        Command::Demo(args) => demo::demo(args),
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
         Command::Resume(args) => resume::resume(args),

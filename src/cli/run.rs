@@ -42,7 +42,7 @@ pub(super) struct RunArgs {
     labels: LabelArgs,
     /// Output folder [default: runs/NAME, runs/NAME-2, ...]
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
     /// Print the plan, like `palpate check`; nothing moves
     #[arg(long)]
     dry_run: bool,
@@ -60,17 +60,23 @@ pub(super) struct Begun {
     pub folder: RunFolder,
 }
 
-/// Makes the run's folder and walks its plan.
+/// Prints the plan, or makes the run's folder and walks the plan.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if args.dry_run {
         return check_recipe(&args.recipe, &args.rig);
     }
+    recorded(args).map(|(_, code)| code)
+}
+
+/// Makes the run's folder and walks its plan. Returns the folder and the exit code.
+pub(super) fn recorded(args: &RunArgs) -> Result<(RunFolder, ExitCode), Failure> {
     let show = if args.session.json { tell } else { print };
     let Begun { sources, plan, mut folder } = begin(args, &|chosen, rig| {
         show(&chosen.line(rig))?;
         chosen.confirm(rig, is_attended())
     })?;
-    carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)
+    let code = carry_out(&plan, &sources.rig, &mut folder, &sources.recipe, &args.session)?;
+    Ok((folder, code))
 }
 
 /// Makes the run's folder, once `confirm` agrees to the rig.

@@ -38,6 +38,9 @@ pub(super) struct SessionArgs {
     pub evaluate: EvaluateChoice,
     #[command(flatten)]
     pub manner: MannerArgs,
+    /// Whether the report follows without a command.
+    #[arg(skip)]
+    pub is_reported: bool,
 }
 
 /// How a rig is driven and its data are kept.
@@ -125,7 +128,9 @@ pub(super) fn carry_out(
     notify(Event::Ended(ended));
     let width = summary::width(io::stdout()).clamp(WIDTHS.0, WIDTHS.1);
     let text = if args.full { results.text() } else { results.brief(room, width) };
-    show(&(text + &format!("next: palpate report {}\n", folder.path().display())))?;
+    let next =
+        if args.is_reported { String::new() } else { format!("next: palpate report {}\n", folder.path().display()) };
+    show(&(text + &next))?;
     let is_doubtful = folder.manifest().check_failed.is_some();
     Ok(if is_doubtful { ExitCode::from(NOT_ACCEPTED) } else { verdict_code(results.judgement.as_ref()) })
 }

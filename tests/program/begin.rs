@@ -1,6 +1,33 @@
-//! The first steps of a new user: `init`, schemas, completions and man pages.
+//! The first steps of a new user: `demo`, `init`, schemas, completions and man pages.
 
-use palpate_testing::{Bench, SMALL, shipped, shipped_text};
+use palpate_testing::{Bench, SMALL, Told, shipped, shipped_text};
+
+#[cfg(target_os = "linux")]
+#[test]
+fn demo_runs_the_papers_recipe_and_opens_its_page() {
+    use std::{fs, os::unix::fs::PermissionsExt as _};
+
+    // no file of this name is taken for the recipe, and a browser that fails is no error
+    let bench = Bench::with([("paper", SMALL), ("xdg-open", "#!/bin/sh\necho \"$@\" > opened\nexit 3\n")]);
+    fs::set_permissions(bench.path("xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", bench.path(".").display(), std::env::var("PATH").unwrap());
+    let told = Told::from(bench.command("demo").env("PATH", path).output().unwrap());
+    assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
+    for part in ["\ncomplete: 770 of 770 presses, runs/paper\n", "\nACCEPTED", "runs/paper/report.html: "] {
+        assert!(told.out.contains(part), "{part}: {}", told.out);
+    }
+    assert!(told.out.lines().count() <= 20 && !told.out.contains("palpate report"), "{}", told.out);
+    assert!(bench.read("runs/paper/report.html").starts_with("<!DOCTYPE html>"));
+    assert_eq!(bench.read("opened"), "runs/paper/report.html\n");
+    assert!(told.running().contains("note: the page wasn't opened: xdg-open: exit status: 3"), "{}", told.err);
+}
+
+#[test]
+fn demo_overwrites_nothing() {
+    let bench = Bench::with([("mine", "")]);
+    let told = bench.palpate_ends(2, "demo --out mine --no-open");
+    assert!(told.running().contains("mine already exists"), "{}", told.err);
+}
 
 const SENSORS: [(&str, &str); 4] =
     [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];
@@ -112,7 +139,7 @@ fn an_unknown_command_is_refused_with_the_known_ones() {
     let told = bench.palpate_ends(2, "calibrate paper");
     assert!(told.err.contains("calibrate is a recipe: palpate run calibrate"), "{}", told.err);
     for (words, known) in
-        [("frobnicate", "\ncommands: check, run,"), ("study frob", "\ncommands: control, speed-accuracy,")]
+        [("frobnicate", "\ncommands: demo, check, run,"), ("study frob", "\ncommands: control, speed-accuracy,")]
     {
         let told = bench.palpate_ends(2, words);
         assert!(told.err.contains(known), "{}", told.err);
