@@ -26,14 +26,17 @@ NUMBERS = [
     "other_x_mm",
     "other_y_mm",
     "misfit",
+    "relative_force",
+    "half68_relative_force",
+    "half95_relative_force",
 ]
 
 
 @pytest.fixture(scope="session")
 def program():
-    """The program, to compare with."""
+    """The program, to compare with: that of PALPATE_PROGRAM, or the one of the dev profile."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    path = target / "debug" / "palpate"
+    path = Path(os.environ.get("PALPATE_PROGRAM", target / "debug" / "palpate"))
     if not path.exists():
         pytest.skip(f"{path} isn't built")
     return path
@@ -61,7 +64,7 @@ def readings():
 
 @pytest.fixture(scope="session")
 def solve_by_program(program):
-    """Answers of `palpate solve`, as a dict of columns."""
+    """Answers of `palpate solve`, as a dict of columns. A column that isn't printed is blank."""
 
     def solve(sensor_file, readings):
         header = ",".join(f"out_{output + 1}" for output in range(readings.shape[1]))
@@ -69,7 +72,7 @@ def solve_by_program(program):
         command = [program, "solve", "--model", sensor_file, "--keep-going", "--quiet"]
         done = subprocess.run(command, input="\n".join([header, *rows]) + "\n", capture_output=True, text=True, check=True)
         answers = list(csv.DictReader(io.StringIO(done.stdout)))
-        return {name: [answer[name] for answer in answers] for name in answers[0]}
+        return {name: [answer.get(name, "") for answer in answers] for name in [*answers[0], *NUMBERS]}
 
     return solve
 

@@ -41,6 +41,19 @@ def test_single_readings_have_the_bits_of_the_program(model, readings, solve_by_
         assert (contact.error or "") == expected["error"][row]
 
 
+def test_without_forces_the_force_is_relative(readings, solve_by_program, tmp_path):
+    rows = [row.split(",") for row in (EXAMPLE / "calibration.csv").read_text().splitlines()]
+    kept = [column for column, name in enumerate(rows[0]) if name in ("x_mm", "y_mm") or name.startswith("out_")]
+    (tmp_path / "grid.csv").write_text("".join(",".join(row[column] for column in kept) + "\n" for row in rows))
+    with pytest.warns(UserWarning, match="no force_n in the calibration"):
+        model = palpate.fit(tmp_path / "grid.csv", "surrogate")
+    model.save(tmp_path / "a.palpate")
+    solved, expected = model.solve(readings), solve_by_program(tmp_path / "a.palpate", readings)
+    for name in NUMBERS:
+        assert all(map(same, solved[name], expected[name])), name
+    assert np.isnan(solved.force_n).all() and np.isfinite(solved.relative_force).any()
+
+
 def test_each_call_of_a_model_is_a_session_of_its_own(model, readings):
     dead = readings[40:].copy()
     dead[:, 4] = 3.0
