@@ -32,8 +32,8 @@ Examples:
   palpate demo
   palpate demo --out first --no-open
 
-It is `palpate run paper` and `palpate report`. No device is needed.
-Exit code: that of the run. A page that can't be opened is only a note.";
+It is `palpate run paper` and `palpate report`. No device is needed. A page that
+can't be opened is only a note.";
 
 /// Run the paper's recipe on the simulated rig and open its page in the browser
 #[derive(Debug, clap::Args)]

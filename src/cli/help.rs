@@ -6,7 +6,7 @@ use textwrap::{Options, WordSeparator, WordSplitter, fill};
 
 /// Tasks, and their commands.
 const GROUPS: [(&str, &[&str]); 6] = [
-    ("Press a sensor", &["check", "run", "resume"]),
+    ("Press a sensor", &["demo", "check", "run", "resume"]),
     (
         "Judge what was recorded",
         &["evaluate", "report", "certificate", "study", "import", "export", "verify", "rebuild"],
@@ -23,7 +23,8 @@ const MOVES: &str = "2 bad input, and nothing moved; 3 a device failed, 4 a safe
                      130 cancelled, and the stage is parked";
 
 /// Commands, what 0 and 1 mean, and the other exit codes. A command of commands has one line for all that have no line of their own.
-const CODES: [(&str, &str, &str); 34] = [
+const CODES: [(&str, &str, &str); 35] = [
+    ("demo", "0 run, reported and accepted; 1 not accepted or not decided", MOVES),
     ("check", "0 the recipe can be run", "2 it can't: each problem is reported with its line"),
     ("run", "0 complete, and accepted if there is a rule; 1 not accepted, not decided, or a check failed", MOVES),
     ("resume", "0 complete, and accepted if there is a rule; 1 not accepted, not decided, or a check failed", MOVES),
