@@ -155,7 +155,7 @@ mod tests {
             assert!(help.matches("Exit code").count() == 1 && help.ends_with('.'), "{path}: {help}");
         }
         let help = command.term_width(WIDTH).render_help().to_string();
-        assert!(help.contains("Press a sensor:\n  check       Print what a recipe would do"), "{help}");
+        assert!(help.contains("Press a sensor:\n  demo        Run the paper"), "{help}");
         assert!(help.lines().all(|line| line.chars().count() <= WIDTH), "{help}");
     }
 }

@@ -65,7 +65,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
     let bench = Bench::with([("a.csv", CALIBRATION)]);
     let told = bench.palpate("fit a.csv --out sensor.palpate");
     assert_eq!(told.code, Some(0), "{}", told.err);
-    assert!(told.out.starts_with("sensor.palpate: ") && told.out.ends_with(" kB\n"), "{}", told.out);
+    assert!(told.out.starts_with("sensor.palpate: ") && told.out.contains(" kB\nnext: palpate solve "), "{}", told.out);
     assert!(told.err.contains("chosen by cross-validation"), "{}", told.err);
     let by_file = solved(&bench, "--model sensor.palpate", 0);
     assert_eq!(by_file.out, solved(&bench, "--calibration a.csv", 0).out);

@@ -97,7 +97,7 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
         let place = error.span().unwrap_or(0..0);
         let is_twice = error.message() == "duplicate key";
         let heading = is_twice.then(|| heading_at(text, place.start)).flatten();
-        let plain = text.get(place.clone()).and_then(without_unit);
+        let unit = value_with_unit(text, place.start);
         let problem = match (decimal_comma(text, place.start), heading) {
             (Some((number, decimal)), _) => {
                 Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
@@ -112,8 +112,8 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
             // the errors after the first one mostly follow from it
             (None, None) if !is_twice && std::mem::replace(&mut is_broken, true) => continue,
             (None, None) if is_twice => key_twice(text, place),
-            (None, None) => match plain {
-                Some(number) => Problem::new(place, "a number is written without its unit")
+            (None, None) => match unit {
+                Some((value, number)) => Problem::new(value, "a number is written without its unit")
                     .help(format!("write {number} in the unit that ends the key's name")),
                 None => Problem::new(place, format!("not valid TOML: {}", error.message())),
             },
@@ -159,11 +159,15 @@ fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: 
     }
 }
 
-/// Returns the number of a value that is a number and a unit, such as `2.0 N`.
-fn without_unit(value: &str) -> Option<&str> {
+/// Returns the value of the line with this byte if it is a number and a unit, such as `2.0 N`, and the number alone.
+fn value_with_unit(text: &str, at: usize) -> Option<(Span, &str)> {
+    let line_start = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+    let line = text[line_start..].lines().next()?.split('#').next()?;
+    let value = line.split_once('=')?.1.trim();
     let number = value.trim_end_matches(|c: char| c.is_ascii_alphabetic() || matches!(c, '%' | '/' | 'µ')).trim_end();
     let is_number = number.parse::<f64>().is_ok_and(f64::is_finite);
-    (is_number && number.len() < value.trim_end().len()).then_some(number)
+    let start = line_start + line.find(value)?;
+    (is_number && number.len() < value.len()).then(|| (start..start + value.len(), number))
 }
 
 /// Returns the problem of a key that comes again in its table.
