@@ -19,6 +19,8 @@ const SCALE_LEAST: f64 = 0.3;
 /// Limit of a difference, in sd, and least limit as a fraction. A smaller difference can be the specimen's.
 const SIGMAS: f64 = 6.0;
 const LEAST: f64 = 0.25;
+/// The same for a difference from an earlier press at the same place. Sound runs of the campaigns reach 6 %.
+const LEAST_AGAIN: f64 = 0.15;
 
 /// Smoothness of a field of values over a specimen.
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +68,11 @@ impl Misses {
 /// Largest difference between a value and its prediction with this standard deviation, both as logarithms or as fractions.
 pub(super) fn most_off(sigma: f64) -> f64 {
     (SIGMAS * sigma).max(LEAST)
+}
+
+/// Largest difference between two values at the same place, both as logarithms or as fractions.
+pub(super) fn most_changed(sigma: f64) -> f64 {
+    (SIGMAS * sigma).max(LEAST_AGAIN)
 }
 
 /// Indices of the nearest places, nearest first.

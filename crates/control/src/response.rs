@@ -1,7 +1,7 @@
 //! Outputs for each newton, compared with those of the presses around. The array is a second measurement of each contact: a load
 //! cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or the pattern of the outputs.
 
-use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, remember, weights};
+use super::neighbours::{Field, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
 use super::trip::{Rule, Trip};
 use palpate_core::quantity::Place;
 
@@ -134,7 +134,7 @@ impl Response {
         let pairs = before.outputs.iter().zip(&now.outputs);
         let pattern = pairs.map(|(before_v, now_v)| now_v / now.length() - before_v / before.length());
         let changed = Changed {
-            gain: (now.gain() - before.gain(), most_off(own)),
+            gain: (now.gain() - before.gain(), most_changed(own)),
             pattern: (pattern.map(|off| off * off).sum::<f64>().sqrt(), most_off(own.hypot(scatter))),
         };
         let all = [changed.gain.0, changed.gain.1, changed.pattern.0, changed.pattern.1];

@@ -1,7 +1,7 @@
 //! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
-use super::neighbours::{Field, LEARNED, Misses, most_off, nearest, remember, weights};
+use super::neighbours::{Field, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
 use palpate_core::quantity::Place;
 
 /// Least number of presses for a comparison.
@@ -65,7 +65,7 @@ impl Sunk {
         let sunk = Sunk {
             depth: (softness(now) / softness(before)).ln(),
             force: (shape.force_n(now.1 / softness(before)) / now.0).ln(),
-            limit: most_off((WAY_MM / before.1).hypot(WAY_MM / now.1)),
+            limit: most_changed((WAY_MM / before.1).hypot(WAY_MM / now.1)),
         };
         [sunk.depth, sunk.force, sunk.limit].iter().all(|value| value.is_finite()).then_some(sunk)
     }
