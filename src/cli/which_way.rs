@@ -94,9 +94,15 @@ impl WhichWay for Person {
     fn announce(&self, stage: &Identity, way_mm: f64, search: HomeSearch) -> Result<(), String> {
         let Identity { identity, link, .. } = stage;
         if !self.is_attended {
+            let clear = match search {
+                HomeSearch::Toward if !self.clear => {
+                    ", and --confirmed clear if nothing is in the way of z to its home"
+                }
+                _ => "",
+            };
             return Err(format!(
                 "the direction of z isn't confirmed on this stage ({identity} at {link}), and there is no terminal to ask at: \
-                 nothing was moved. Run `palpate doctor` at a terminal once, or add --confirmed down if `frame.down` is right"
+                 nothing was moved. Run `palpate doctor` at a terminal once, or add --confirmed down if `frame.down` is right{clear}"
             ));
         }
         let way = match search {
