@@ -491,20 +491,21 @@ pub fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>)
 
 /// Adds a value as help if the text is clearly a misspelling of this value: at most 2 edits, fewer than for any other value, and
 /// the same first letter. A value determines the meaning of the data. So for any other text the message only lists the values.
-fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
+fn with_typo<'k>(problem: Problem, text: &str, known: &[&'k str]) -> Problem {
     /// Largest number of letters that are changed, added or left out.
     const EDITS: usize = 2;
     let text = text.to_lowercase();
-    let typo = |value: &&str| {
+    let typo = |value: &&'k str| {
         let edits = strsim::damerau_levenshtein(&text, value);
         let is_typo = edits <= EDITS && edits < value.len().div_ceil(2) && text.chars().next() == value.chars().next();
-        is_typo.then(|| (edits, value.to_string()))
+        is_typo.then_some((edits, *value))
     };
-    let mut typos: Vec<(usize, String)> = known.iter().filter_map(typo).collect();
-    typos.sort();
+    let mut typos: Vec<(usize, &str)> = known.iter().filter_map(typo).collect();
+    typos.sort_unstable();
     match typos.as_slice() {
-        [(_, value)] => problem.help(format!("did you mean `{value}`?")),
-        [(edits, value), (others, _), ..] if edits < others => problem.help(format!("did you mean `{value}`?")),
+        [(edits, value), others @ ..] if others.iter().all(|(more, _)| more > edits) => {
+            problem.help(format!("did you mean `{value}`?"))
+        }
         _ => problem,
     }
 }

@@ -76,8 +76,11 @@ const ENDS_MOST: usize = 20;
 impl Item {
     /// Returns what became of the sensor before, the last time left out; `None` if it ended once at most.
     pub fn before(&self) -> Option<String> {
-        let now = usize::from(self.ends.last() == Some(&self.standing));
-        let before: Vec<&str> = self.ends.iter().rev().skip(now).rev().map(|standing| standing.name()).collect();
+        let before = match self.ends.split_last() {
+            Some((last, before)) if *last == self.standing => before,
+            _ => &self.ends,
+        };
+        let before: Vec<&str> = before.iter().map(|standing| standing.name()).collect();
         (!before.is_empty()).then(|| format!("before: {}", before.join(", ")))
     }
 }
