@@ -3,10 +3,12 @@
 use super::exit::Failure;
 use super::fit::write;
 use super::method::{MethodArgs, Source, fitted_to, tell_left_out};
-use super::summary::{print, tell};
+use super::output::OutputArgs;
+use super::summary::tell;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
 use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors, Solver as _};
+use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -40,6 +42,8 @@ pub(super) struct AdaptArgs {
     out: PathBuf,
     #[command(flatten)]
     method: MethodArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Changes the old presses, fits, and writes the file.
@@ -54,10 +58,18 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
         .map_err(Failure::usage)?;
     tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
     tell_left_out(&old.path, adapted.model.fitted())?;
-    print(&told(&adapted, old.is_relative || new.is_relative))?;
+    let is_relative = old.is_relative || new.is_relative;
+    let text = told(&adapted, is_relative);
+    let HeldOut { presses, before, after } = adapted.held_out;
+    let errors = |errors: MeanErrors| json!({ "location_mm": errors.location_mm, "force_n": (!is_relative).then_some(errors.force_n) });
+    let (before, after, units) = (errors(before), errors(after), adapted.change.units.clone());
     let made_from = vec![old.fingerprint()?, new.fingerprint()?];
     let file = SensorFile::new(adapted.model, new.sensor, made_from).map_err(Failure::usage)?;
-    write(&file, &args.out)
+    let (written, file) = write(&file, &args.out)?;
+    let content =
+        json!({ "file": file, "presses": presses, "mean_error_before": before, "mean_error": after, "units": units });
+    args.output.print(&(text + &written), &content)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Describes the change of the sensor, and the errors at the new presses. Without forces, force errors are omitted.

@@ -1,17 +1,18 @@
 //! `palpate align`.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::progress::Progress;
 use super::rig_file::{check_text, replace};
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
-use super::summary::print;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::Frame;
 use palpate_core::quantity::round;
 use palpate_run::run::{AlignError, Alignment, align, align_plan};
 use palpate_solver::Placement;
+use serde_json::{Value, json};
 use std::process::ExitCode;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
@@ -34,6 +35,8 @@ pub(super) struct AlignArgs {
     /// Print the result, and write nothing
     #[arg(long)]
     dry_run: bool,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Least uncertainty of the origin that is written, mm.
@@ -63,16 +66,16 @@ pub(super) fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
                 .unwrap_err(),
         ),
     })?;
-    print(&described(&found))?;
     let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
     check_text(file, &written)?;
     if args.dry_run || invented {
         let why = if args.dry_run { "--dry-run" } else { "a simulated frame doesn't apply to a real rig" };
-        print(&format!("\nnot written ({why})\n"))?;
+        args.output.print(&format!("{}\nnot written ({why})\n", described(&found)), &object(&found, false))?;
         return Ok(ExitCode::SUCCESS);
     }
     replace(file, &text, &written)?;
-    print(&format!("\nwritten: [frame] of {}\n", file.display()))?;
+    let text = format!("{}\nwritten: [frame] of {}\n", described(&found), file.display());
+    args.output.print(&text, &object(&found, true))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -110,6 +113,22 @@ fn described(found: &Alignment) -> String {
         tilt.per_x,
         tilt.per_y
     )
+}
+
+fn object(found: &Alignment, is_written: bool) -> Value {
+    let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses, .. } = found;
+    json!({
+        "presses": presses, "is_written": is_written,
+        "origin_mm": { "x": frame.origin.x_mm, "y": frame.origin.y_mm }, "u_origin_mm": placement.origin_sigma_mm,
+        "rotation_deg": frame.rotation_deg, "u_rotation_deg": placement.rotation_sigma_deg,
+        "surface_mm": { "z": frame.surface_z_mm, "uncertainty": frame.uncertainty_mm },
+        "tilt_mm_per_mm": { "x": frame.tilt.per_x, "y": frame.tilt.per_y }, "u_tilt_mm_per_mm": found.tilt_sigma,
+        "moved": {
+            "x_mm": placement.origin.x_mm, "y_mm": placement.origin.y_mm,
+            "rotation_deg": placement.rotation_deg, "surface_mm": surface_mm,
+        },
+        "misfit_mm": placement.misfit_mm, "rise_mm": tilt_mm, "u_touch_mm": touch_sigma_mm,
+    })
 }
 
 /// Returns the rig's text with the frame that was found. Everything else, including comments, is unchanged.

@@ -1,13 +1,14 @@
 //! `palpate certificate`: writes the calibration certificate of a sensor, as a page and as a Digital Calibration Certificate.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::recorded::read_run;
 use super::report::{judged, write};
 use super::sources::read;
-use super::summary::print;
 use super::tables::filled;
 use super::verdict::AcceptArgs;
 use palpate_report::report::certificate::{Certificate, parse};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -41,6 +42,8 @@ pub(super) struct CertificateArgs {
     same_sensor: bool,
     #[command(flatten)]
     accept: AcceptArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Writes both documents.
@@ -60,7 +63,9 @@ pub(super) fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     // the one that programs read first: the page says the same
     write(&xml, &certificate.xml())?;
     write(&html, &certificate.html())?;
-    print(&format!("{}{}\n{}\n", filled(&certificate.told(), "  "), html.display(), xml.display()))?;
+    let text = format!("{}{}\n{}\n", filled(&certificate.told(), "  "), html.display(), xml.display());
+    let content = json!({ "result": certificate.told(), "files": [html, xml], "verdict": judged.judgement.as_ref().map(|judgement| judgement.verdict) });
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,8 +1,9 @@
 //! `palpate check`.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::sources::{RigArgs, Sources};
-use super::summary::{duration, print, tell};
+use super::summary::{duration, tell};
 use super::tables::filled;
 use palpate_control::{LEARNED, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Tilt, round};
@@ -11,6 +12,7 @@ use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
+use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -37,22 +39,31 @@ pub(super) struct CheckArgs {
     recipe: PathBuf,
     #[command(flatten)]
     rig: RigArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Checks and prints the plan.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
-    check_recipe(&args.recipe, &args.rig)
+    check_recipe(&args.recipe, &args.rig, args.output)
 }
 
 /// The same for `palpate run --dry-run`.
-pub(super) fn check_recipe(recipe: &Path, rig: &RigArgs) -> Result<ExitCode, Failure> {
+pub(super) fn check_recipe(recipe: &Path, rig: &RigArgs, output: OutputArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(recipe, rig)?;
     let plan = sources.plan(rig.seed)?;
-    print(&(sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig)))?;
-    for warning in warnings(&sources.recipe, &plan, &sources.rig) {
+    let warnings = warnings(&sources.recipe, &plan, &sources.rig);
+    let notes = notes(&sources.recipe, &plan, &sources.rig);
+    let text = sources.chosen.line(&sources.rig) + &described(&plan, &sources.rig);
+    let content = json!({
+        "rig": sources.chosen.path, "is_simulated": sources.rig.is_simulated(), "plan": object(&plan, &sources.rig),
+        "warnings": warnings, "notes": notes,
+    });
+    output.print(&text, &content)?;
+    for warning in warnings {
         tell(&filled(&format!("warning: {warning}"), "  "))?;
     }
-    for note in notes(&sources.recipe, &plan, &sources.rig) {
+    for note in notes {
         tell(&filled(&format!("note: {note}"), "  "))?;
     }
     Ok(ExitCode::SUCCESS)
@@ -174,6 +185,31 @@ fn of_steps(plan: &Plan, rig: &RigSpec) -> Vec<String> {
     warnings
 }
 
+/// Returns a plan as an object: its presses by phase, their time, and their extent.
+pub(super) fn object(plan: &Plan, rig: &RigSpec) -> Value {
+    let phases = parts(plan).map(|(phase, part)| {
+        json!({ "phase": phase.name(), "presses": part.len(), "levels": levels(&part), "estimated_s": estimated_s(&part, rig) })
+    });
+    let checks = expected_checks(plan, rig);
+    let [x, y] = plan.envelope();
+    json!({
+        "name": plan.name, "seed": plan.seed, "phases": phases.collect::<Vec<Value>>(), "presses": plan.entries.len(),
+        "checks": checks.len(), "estimated_s": estimated_s(&plan.entries, rig) + estimated_s(&checks, rig),
+        "x_mm": [x.min, x.max], "y_mm": [y.min, y.max], "force_most_n": plan.most_n(), "force_limit_n": rig.limits.force_n,
+    })
+}
+
+/// Returns the phases that a plan has, each with its presses.
+fn parts(plan: &Plan) -> impl Iterator<Item = (Phase, Vec<Entry>)> {
+    let part = |phase| plan.entries.iter().filter(|entry| entry.phase == phase).cloned().collect();
+    let all = [Phase::Teach, Phase::Characterisation, Phase::Calibration, Phase::Test];
+    all.into_iter().map(move |phase| (phase, part(phase))).filter(|(_, part): &(Phase, Vec<Entry>)| !part.is_empty())
+}
+
+fn levels(entries: &[Entry]) -> usize {
+    entries.iter().map(|entry| entry.task.levels.len()).sum()
+}
+
 fn described(plan: &Plan, rig: &RigSpec) -> String {
     let mut text = String::new();
     let [x, y] = plan.envelope();
@@ -181,11 +217,8 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     // writing to a string can't fail
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
     let _ = writeln!(text, "  {:<18}{:>8}{:>8}   estimated", "phase", "presses", "levels");
-    for phase in [Phase::Teach, Phase::Characterisation, Phase::Calibration, Phase::Test] {
-        let part: Vec<Entry> = plan.entries.iter().filter(|entry| entry.phase == phase).cloned().collect();
-        if !part.is_empty() {
-            let _ = writeln!(text, "{}", counted(phase.name(), &part, rig));
-        }
+    for (phase, part) in parts(plan) {
+        let _ = writeln!(text, "{}", row(phase.name(), &part, estimated_s(&part, rig)));
     }
     let checks = expected_checks(plan, rig);
     let all_s = estimated_s(&plan.entries, rig) + estimated_s(&checks, rig);
@@ -313,13 +346,8 @@ fn permitted(rig: &RigSpec) -> String {
 }
 
 /// Returns one line of the plan: the number of presses and levels, and their expected time.
-fn counted(name: &str, entries: &[Entry], rig: &RigSpec) -> String {
-    row(name, entries, estimated_s(entries, rig))
-}
-
 fn row(name: &str, entries: &[Entry], seconds: f64) -> String {
-    let levels: usize = entries.iter().map(|entry| entry.task.levels.len()).sum();
-    format!("  {name:<18}{:>8}{levels:>8}   {}", entries.len(), duration(seconds))
+    format!("  {name:<18}{:>8}{:>8}   {}", entries.len(), levels(entries), duration(seconds))
 }
 
 /// Describes the checks, whose time is in the line before; nothing if there are none.

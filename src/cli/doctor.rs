@@ -2,6 +2,7 @@
 
 use super::check_weight::{WeightArgs, WeightTold, ask, concluded};
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
@@ -59,9 +60,8 @@ const SLOW_MM_S: f64 = 1.0;
 pub(super) struct DoctorArgs {
     #[command(flatten)]
     rig: OneRigArgs,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArgs,
     #[command(flatten)]
     weight: WeightArgs,
     /// Ask for a finger on the tip, which shows that the load cell measures force
@@ -87,15 +87,8 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
     let advice = advice(&found, &spec);
-    if args.json {
-        let line = serde_json::to_string(&json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.told)))
-            .into_diagnostic()
-            .map_err(Failure::usage)?;
-        print(&format!("{line}\n"))?;
-    } else {
-        print(&described(&found, &spec, &advice))?;
-        weighed.iter().try_for_each(|weighed| print(&weighed.text))?;
-    }
+    let text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
+    args.output.print(&text, &json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.told)))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
     match (failed, found.air, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),

@@ -1,8 +1,10 @@
 //! `palpate drivers`: the families of devices that a rig may name.
 
 use super::exit::Failure;
-use super::summary::{beside, print};
+use super::output::OutputArgs;
+use super::summary::beside;
 use palpate_run::rig::{FAMILIES, Family, Links};
+use serde_json::{Value, json};
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -18,32 +20,45 @@ const INDENT: usize = 12;
 /// List the device families that a rig can use
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct DriversArgs {}
+pub(super) struct DriversArgs {
+    #[command(flatten)]
+    output: OutputArgs,
+}
 
 /// Lists the families, a paragraph each.
-pub(super) fn drivers(_: &DriversArgs) -> Result<ExitCode, Failure> {
-    print(&FAMILIES.map(paragraph).join("\n"))?;
+pub(super) fn drivers(args: &DriversArgs) -> Result<ExitCode, Failure> {
+    args.output.print(&FAMILIES.map(paragraph).join("\n"), &json!({ "drivers": FAMILIES.map(object) }))?;
     Ok(ExitCode::SUCCESS)
 }
 
 fn paragraph(family: &Family) -> String {
+    let (roles, link) = roles_and_link(family);
+    beside(family.name, INDENT, family.meaning)
+        + &beside("  roles", INDENT, &roles.join(", "))
+        + &beside("  link", INDENT, link)
+        + &beside("  simulated", INDENT, family.simulated)
+}
+
+fn object(family: &Family) -> Value {
+    let (roles, link) = roles_and_link(family);
+    let Family { name, meaning, simulated, .. } = family;
+    json!({ "name": name, "meaning": meaning, "roles": roles, "link": link, "simulated": simulated })
+}
+
+/// Returns the roles of a family, and its kind of link, which is the same in all roles.
+fn roles_and_link(family: &Family) -> (Vec<&'static str>, &'static str) {
     let roles = [
-        family.stage.as_ref().map(|role| ("stage", role.words, role.links)),
-        family.load_cell.as_ref().map(|role| ("load_cell", role.words, role.links)),
-        family.array.as_ref().map(|role| ("array", role.words, role.links)),
+        family.stage.as_ref().map(|role| ("stage", role.links)),
+        family.load_cell.as_ref().map(|role| ("load_cell", role.links)),
+        family.array.as_ref().map(|role| ("array", role.links)),
     ];
-    let roles: Vec<_> = roles.into_iter().flatten().collect();
-    let names: Vec<&str> = roles.iter().map(|(role, ..)| *role).collect();
-    // a family has the same kind of link in all its roles
-    let links = roles.first().map_or("", |(.., links)| match links {
+    let (names, links): (Vec<&str>, Vec<Links>) = roles.into_iter().flatten().unzip();
+    let link = links.first().map_or("", |links| match links {
         Links::Stream => "serial port or TCP",
         Links::Daqmx => "NI's library",
         Links::Program => "the program itself",
     });
-    beside(family.name, INDENT, family.meaning)
-        + &beside("  roles", INDENT, &names.join(", "))
-        + &beside("  link", INDENT, links)
-        + &beside("  simulated", INDENT, family.simulated)
+    (names, link)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! `palpate emulate`.
 
 use super::exit::Failure;
+use super::output::json_line;
 use super::signals::{First, heed};
 use super::sources::read_rig;
 use super::summary::print;
@@ -98,8 +99,7 @@ async fn serve(args: &EmulateArgs, spec: &RigSpec) -> Result<ExitCode, Failure> 
         let listen = at.map(|at| listening[at].1.address());
         if args.json {
             let offer = Offer { device: role, protocol: device.protocol, listen };
-            let line = serde_json::to_string(&offer).into_diagnostic().map_err(Failure::usage)?;
-            print(&format!("{line}\n"))?;
+            print(&json_line(&offer)?)?;
         } else {
             let listen = listen.unwrap_or("no socket: available only within a simulated run");
             print(&format!("{role:<12}{:<14}{listen}\n", device.protocol))?;

@@ -5,13 +5,14 @@ use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::holdout::HoldoutArgs;
 use super::method::{load, solvers};
+use super::output::json_line;
 use super::recorded::{read_presses, read_run, warn_of_units};
+use super::stdin::is_stdin;
 use super::summary::{print, tell};
 use super::tables::{
     characteristics_table, cross_validated_table, definitions, evaluation_table, filled, solvers_table,
 };
 use super::verdict::{AcceptArgs, NO_RULE, verdict_code, verdict_table};
-use miette::IntoDiagnostic as _;
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::acceptance::Rule;
 use palpate_data::dataset::calibration::{CalibrateError, Selection};
@@ -124,7 +125,7 @@ pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
             let help = "name one table or run: palpate evaluate grid.csv --holdout places 20%";
             Err(Failure::usage(miette::miette!(help = help, "--holdout splits one table or run")))
         }
-        (Some(run), ..) if run.is_dir() || !run.exists() => {
+        (Some(run), ..) if run.is_dir() || !(run.exists() || is_stdin(run)) => {
             let (recorded, bench) = read_run(run)?;
             let (presses, layout) = (recorded.presses(), &bench.layout);
             let rule = args.accept.rule_of([&recorded])?;
@@ -261,9 +262,9 @@ fn report(
     });
     let text = if args.json {
         let candidates =
-            cross_validated.map(|cross_validated| object(&CrossValidated { cross_validated })).transpose()?;
+            cross_validated.map(|cross_validated| json_line(&CrossValidated { cross_validated })).transpose()?;
         let objects = candidates.into_iter().map(Ok).chain(outcomes.iter().map(json)).collect::<Result<String, _>>()?;
-        objects + &judgement.as_ref().map(object).transpose()?.unwrap_or_default()
+        objects + &judgement.as_ref().map(json_line).transpose()?.unwrap_or_default()
     } else {
         let evaluated = match outcomes.as_slice() {
             [] => cross_validated.as_deref().map(cross_validated_table),
@@ -310,13 +311,9 @@ fn outcomes<'a>(args: &'a EvaluateArgs, trial: &Trial<'_>) -> Result<Outcomes<'a
 /// Returns one line of `--json`.
 fn json((solver, outcome): &(&str, Result<Evaluation, String>)) -> Result<String, Failure> {
     match outcome {
-        Ok(evaluation) => object(evaluation),
-        Err(error) => object(&Failed { solver, error }),
+        Ok(evaluation) => json_line(evaluation),
+        Err(error) => json_line(&Failed { solver, error }),
     }
-}
-
-fn object(value: &impl Serialize) -> Result<String, Failure> {
-    Ok(serde_json::to_string(value).into_diagnostic().map_err(Failure::usage)? + "\n")
 }
 
 #[cfg(test)]

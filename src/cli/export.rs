@@ -2,12 +2,13 @@
 
 use super::choices::ExportChoice;
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::recorded::read_run;
-use super::summary::print;
 use super::verdict::AcceptArgs;
 use palpate_data::dataset::sensor_file::read_sensor_file;
 use palpate_data::dataset::{DatasetError, files, make_folder};
 use palpate_report::export::{self, Format, frame};
+use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -54,12 +55,14 @@ pub(super) struct ExportArgs {
     lake: Option<PathBuf>,
     #[command(flatten)]
     accept: AcceptArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Writes the files of all runs, or none.
 pub(super) fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
     match (&args.model, &args.lake, args.format.map(Format::from)) {
-        (Some(model), _, Some(Format::C)) => as_c(model, args.out.as_deref()),
+        (Some(model), _, Some(Format::C)) => as_c(model, args),
         (Some(_), ..) => Err(Failure::usage(miette::miette!(help = C, "a sensor file has no other format than c"))),
         (None, _, Some(Format::C)) => Err(Failure::usage(miette::miette!(help = C, "C needs a fitted sensor"))),
         (None, Some(lake), _) => into_lake(lake, args),
@@ -70,15 +73,16 @@ pub(super) fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
 const C: &str = "palpate export --model sensor.palpate --format c --out sensor.c";
 
 /// Writes the C file of a sensor file.
-fn as_c(model: &Path, out: Option<&Path>) -> Result<ExitCode, Failure> {
-    let out = out.map_or_else(|| model.with_extension("c"), Path::to_owned);
+fn as_c(model: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
+    let out = args.out.clone().unwrap_or_else(|| model.with_extension("c"));
     check_free(&out)?;
     let (card, fitted) = read_sensor_file(model).map_err(Failure::usage)?;
     let name = model.file_name().unwrap_or_default().to_string_lossy();
     let title = card.sensor.map_or_else(|| name.into_owned(), |sensor| format!("sensor {sensor}"));
     let text = export::c_file(&fitted, &title).map_err(Failure::usage)?;
     files::place(&out, &text).map_err(|why| unwritten(DatasetError::io("writing", &out)(why)))?;
-    print(&format!("{}: {:.0} kB\n", out.display(), text.len() as f64 / 1000.0))?;
+    let line = format!("{}: {:.0} kB\n", out.display(), text.len() as f64 / 1000.0);
+    args.output.print(&line, &json!({ "written": out }))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -98,7 +102,7 @@ fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
             let _ = fs::remove_file(&draft); // the first error is the one to report
         }
         written?;
-        print(&format!("{}\n", out.display()))?;
+        args.output.print(&format!("{}\n", out.display()), &json!({ "written": out }))?;
         return Ok(ExitCode::SUCCESS);
     }
     let mut failed = None;
@@ -121,7 +125,7 @@ fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
         (Err(error), None) => return Err(unwritten(error)),
         (Ok(_), None) => {}
     }
-    print(&format!("{}\n", out.display()))?;
+    args.output.print(&format!("{}\n", out.display()), &json!({ "written": out }))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -145,6 +149,7 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
         error => Failure::usage(error),
     };
     let mut lake = Lake::open(folder).map_err(failed)?;
+    let (mut text, mut added) = (String::new(), Vec::new());
     for run in &args.runs {
         let mut staged = lake.stage(run).map_err(failed)?;
         match args.accept.rule_of([staged.run()])? {
@@ -155,8 +160,10 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
             ))?,
         }
         let told = lake.publish(staged).map_err(failed)?;
-        print(&format!("{}: {told}\n", run.display()))?;
+        text += &format!("{}: {told}\n", run.display());
+        added.push(json!({ "run": run, "result": told.to_string() }));
     }
+    args.output.print(&text, &json!({ "lake": folder, "runs": added }))?;
     Ok(ExitCode::SUCCESS)
 }
 

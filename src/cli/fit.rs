@@ -2,8 +2,9 @@
 
 use super::exit::Failure;
 use super::method::{MethodArgs, Source, tell_left_out};
-use super::summary::print;
-use palpate_data::dataset::sensor_file::{SensorFile, SensorFileError, check_replaceable};
+use super::output::OutputArgs;
+use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -33,6 +34,8 @@ pub(super) struct FitArgs {
     out: PathBuf,
     #[command(flatten)]
     method: MethodArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Fits, and writes the file.
@@ -44,7 +47,9 @@ pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     tell_left_out(&source.path, model.fitted())?;
     let made_from = vec![source.fingerprint()?];
     let file = SensorFile::new(model, source.sensor, made_from).map_err(Failure::usage)?;
-    write(&file, &args.out)
+    let (text, content) = write(&file, &args.out)?;
+    args.output.print(&text, &content)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Writes a sensor file.
@@ -55,15 +60,12 @@ pub(super) fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Writes a sensor file, and prints its content.
-pub(super) fn write(file: &SensorFile, out: &Path) -> Result<ExitCode, Failure> {
+/// Writes a sensor file, and returns what is in it, as text and as an object.
+pub(super) fn write(file: &SensorFile, out: &Path) -> Result<(String, Value), Failure> {
     place(file, out)?;
-    let kept = if file.card.keeps_presses { "" } else { ", without its presses" };
-    let kb = file.card.bytes.div_ceil(1000);
-    let path = out.display();
-    print(&format!(
-        "{path}: {}, {kb} kB{kept}\nnext: palpate solve --model {path} < readings.csv\n",
-        file.card.method
-    ))?;
-    Ok(ExitCode::SUCCESS)
+    let Card { method, bytes, keeps_presses, .. } = &file.card;
+    let kept = if *keeps_presses { "" } else { ", without its presses" };
+    let (path, kb) = (out.display(), bytes.div_ceil(1000));
+    let text = format!("{path}: {method}, {kb} kB{kept}\nnext: palpate solve --model {path} < readings.csv\n");
+    Ok((text, json!({ "file": out, "method": method, "bytes": bytes, "keeps_presses": keeps_presses })))
 }

@@ -3,16 +3,20 @@
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::labels::LabelArgs;
+use super::output::OutputArgs;
 use super::provenance::{now, session};
 use super::recorded::{read_presses, warn_of_units};
-use super::summary::{print, tell};
+use super::stdin;
+use super::summary::tell;
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{
     Contact, DatasetError, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses,
-    Record, RunFacts, RunFolder, Status, source_fingerprint,
+    Record, RunFacts, RunFolder, Status,
 };
 use palpate_data::recipe::Phase;
 use palpate_run::rig::Bench;
+use serde::Serialize;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -46,6 +50,8 @@ pub(super) struct ImportArgs {
     /// Output folder [default: runs/NAME, runs/NAME-2, ...]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Reads the tables completely, then creates the folder.
@@ -65,7 +71,7 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     }
     let imported = Imported {
         tables: given()
-            .map(|(path, _)| source_fingerprint(path).map_err(Failure::dataset))
+            .map(|(path, _)| stdin::fingerprint(path).map_err(Failure::dataset))
             .collect::<Result<_, _>>()?,
         columns: columns.as_ref().map(|columns| Fingerprint::of(&file_name(&columns.name), columns.text.as_bytes())),
         outputs: outputs as u64,
@@ -76,7 +82,7 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
         measured: mapping.measured.clone(),
     };
     check_forces(&tables)?;
-    let ranges: String = tables.iter().map(|(table, phase)| ranges_of(table, *phase)).collect();
+    let ranges: Vec<Ranges> = tables.iter().map(|(table, phase)| Ranges::of(table, *phase)).collect();
     let presses: usize = tables.iter().map(|(table, _)| table.presses.len()).sum();
     let facts = RunFacts {
         recipe: name_of(&args.calibration),
@@ -97,9 +103,13 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     if !bench.is_placed {
         tell("note: the positions of the units aren't known (`array` of the columns file)\n")?;
     }
-    print(&format!(
-        "{path}: {presses} presses of {outputs} outputs imported\n{ranges}next: palpate evaluate {path}\n"
-    ))?;
+    let lines: String = ranges.iter().map(Ranges::line).collect();
+    let text =
+        format!("{path}: {presses} presses of {outputs} outputs imported\n{lines}next: palpate evaluate {path}\n");
+    let content = json!({
+        "run": path, "presses": presses, "outputs": outputs, "positions_known": bench.is_placed, "ranges": ranges,
+    });
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -167,16 +177,31 @@ fn outside(bench: &Bench, tables: &[(Presses, Phase)]) -> Option<String> {
     })
 }
 
-/// Returns a line with the ranges of a table's presses, in which a wrong column or unit is visible.
-fn ranges_of(table: &Presses, phase: Phase) -> String {
-    let range = |of: fn(&Press) -> Option<f64>| {
-        let values = || table.presses.iter().filter_map(of);
-        let ends = values().reduce(f64::min).zip(values().reduce(f64::max));
-        ends.map(|(least, most)| format!("{} to {}", round(least, 3), round(most, 3)))
-    };
-    let [x, y] = [range(|press| Some(press.x_mm)), range(|press| Some(press.y_mm))].map(Option::unwrap_or_default);
-    let force = range(|press| press.force_n).map_or(", no forces".to_owned(), |force| format!(", force {force} N"));
-    format!("  {:<12} x {x} mm, y {y} mm{force}\n", phase.name())
+/// Smallest and largest values of a table's presses, in which a wrong column or unit is visible.
+#[derive(Serialize)]
+struct Ranges {
+    phase: &'static str,
+    x_mm: Option<(f64, f64)>,
+    y_mm: Option<(f64, f64)>,
+    force_n: Option<(f64, f64)>,
+}
+
+impl Ranges {
+    fn of(table: &Presses, phase: Phase) -> Ranges {
+        let range = |of: fn(&Press) -> Option<f64>| {
+            let values = || table.presses.iter().filter_map(of);
+            values().reduce(f64::min).zip(values().reduce(f64::max))
+        };
+        let [x_mm, y_mm] = [range(|press| Some(press.x_mm)), range(|press| Some(press.y_mm))];
+        Ranges { phase: phase.name(), x_mm, y_mm, force_n: range(|press| press.force_n) }
+    }
+
+    fn line(&self) -> String {
+        let shown = |(least, most): (f64, f64)| format!("{} to {}", round(least, 3), round(most, 3));
+        let [x, y] = [self.x_mm, self.y_mm].map(|range| range.map(shown).unwrap_or_default());
+        let force = self.force_n.map_or(", no forces".to_owned(), |range| format!(", force {} N", shown(range)));
+        format!("  {:<12} x {x} mm, y {y} mm{force}\n", self.phase)
+    }
 }
 
 /// Returns the name of a run from its table, without folder, extension, and characters that a path can't have.

@@ -3,6 +3,7 @@
 use super::columns::ColumnsArgs;
 use super::exit::Failure;
 use super::recorded::{noted_presses, noted_run};
+use super::stdin;
 use super::summary::tell;
 use super::tables::chosen;
 use clap::builder::PossibleValuesParser;
@@ -10,7 +11,7 @@ use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
 use palpate_data::dataset::sensor_file::{is_sensor_file, read_sensor_file};
-use palpate_data::dataset::{Fingerprint, Manifest, Mapping, Status, source_fingerprint};
+use palpate_data::dataset::{Fingerprint, Manifest, Mapping, Status};
 use palpate_data::recipe::Phase;
 use palpate_solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
 use std::path::{Path, PathBuf};
@@ -116,7 +117,7 @@ impl Source {
 
     /// The journal or the file by its content.
     pub(super) fn fingerprint(&self) -> Result<Fingerprint, Failure> {
-        source_fingerprint(&self.path).map_err(Failure::dataset)
+        stdin::fingerprint(&self.path).map_err(Failure::dataset)
     }
 }
 

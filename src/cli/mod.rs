@@ -30,6 +30,7 @@ mod init;
 mod labels;
 mod method;
 mod notify;
+mod output;
 mod ports;
 mod progress;
 mod provenance;
@@ -47,6 +48,7 @@ mod signals;
 mod solutions;
 mod solve;
 mod sources;
+mod stdin;
 mod stream;
 mod study;
 mod summary;
@@ -138,7 +140,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     };
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
-    let outcome = match &command {
+    let outcome = stdin::check(&command).and_then(|()| match &command {
         Command::Demo(args) => demo::demo(args),
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
@@ -168,7 +170,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
         Command::Reference(args) => texts::print_reference(args),
         Command::Completions(args) => shell::completions(args),
         Command::Man(args) => shell::man(args),
-    };
+    });
     outcome.unwrap_or_else(|failure| failure.report())
 }
 

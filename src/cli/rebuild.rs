@@ -1,10 +1,11 @@
 //! `palpate rebuild`.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::provenance::now;
 use super::recorded::bench_of;
-use super::summary;
 use palpate_data::dataset::{Accepted, RunFolder, Texts};
+use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -31,6 +32,8 @@ pub(super) struct RebuildArgs {
     /// Continue with this journal, although the manifest describes another one
     #[arg(long)]
     accept_journal: bool,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Writes every view of the journal.
@@ -41,12 +44,9 @@ pub(super) fn rebuild(args: &RebuildArgs) -> Result<ExitCode, Failure> {
     let mut folder = RunFolder::open_accepting(&args.run, &layout, accept, now()).map_err(Failure::dataset)?;
     folder.rebuild().map_err(Failure::dataset)?;
     let manifest = folder.manifest();
-    summary::print(&format!(
-        "{}: {} of {} presses, {} files regenerated or checked\n",
-        args.run.display(),
-        manifest.presses_done,
-        manifest.facts.presses_planned,
-        manifest.files.len()
-    ))?;
+    let (done, planned, files) = (manifest.presses_done, manifest.facts.presses_planned, manifest.files.len());
+    let text = format!("{}: {done} of {planned} presses, {files} files regenerated or checked\n", args.run.display());
+    let content = json!({ "run": args.run, "presses_done": done, "presses_planned": planned, "files": files });
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }

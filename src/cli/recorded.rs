@@ -2,8 +2,9 @@
 
 use super::exit::Failure;
 use super::sources::parse_rig;
+use super::stdin;
 use super::summary::tell;
-use palpate_data::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts, read_table};
+use palpate_data::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts};
 use palpate_data::recipe::Phase;
 use palpate_report::export::{self, BenchError};
 use palpate_run::rig::{Bench, RigSpec};
@@ -62,7 +63,7 @@ pub(super) fn noted_presses(
     mapping: &Mapping,
     phase: Option<Phase>,
 ) -> Result<(Presses, Vec<String>), Failure> {
-    let mut presses = read_table(table, mapping).map_err(Failure::usage)?;
+    let mut presses = stdin::table(table, mapping).map_err(Failure::usage)?;
     let name = table.display();
     let mut notes: Vec<String> = difference(table).into_iter().collect();
     if let Some(phase) = phase

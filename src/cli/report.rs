@@ -3,8 +3,9 @@
 use super::exit::Failure;
 use super::figure_files::FigureFiles;
 use super::method::solvers;
+use super::output::OutputArgs;
 use super::recorded::read_run;
-use super::summary::{print, tell};
+use super::summary::tell;
 use super::verdict::{AcceptArgs, rule_of, verdict_code};
 use palpate_data::acceptance::Verdict;
 use palpate_data::dataset::{Recorded, check_run, files};
@@ -14,6 +15,7 @@ use palpate_report::report::{
 use palpate_run::batch::ByDesign;
 use palpate_run::rig::Bench;
 use palpate_solver::{BEST, Evaluation};
+use serde_json::{Value, json};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -58,6 +60,8 @@ pub(super) struct ReportArgs {
     /// The method shown in addition to pearson in a comparison; best is the slowest
     #[arg(long, value_name = "NAME", default_value = "surrogate", requires = "compare", value_parser = solvers([BEST]))]
     solver: String,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Writes the page, and prints a line with its results. The exit code is the verdict's; that of a comparison is 0.
@@ -66,18 +70,19 @@ pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     let out = args.out.clone().unwrap_or_else(default);
     check_free(&out)?;
     let runs: Vec<(Recorded, Bench)> = args.runs.iter().map(|run| read_run(run)).collect::<Result<_, Failure>>()?;
-    let (page, told, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
+    let (page, told, result, code) = if args.compare { compare(args, runs)? } else { one(args, runs)? };
     // before anything is written
     let files = args.figures.as_deref().map(|folder| FigureFiles::new(folder, &page.figures)).transpose()?;
     write(&out, &page.html)?;
-    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0))?;
+    let mut text = format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0);
     if let Some(files) = files {
-        print(&files.write()?)?;
+        text += &files.write()?;
     }
+    args.output.print(&text, &json!({ "page": out, "figures": args.figures, "result": result }))?;
     Ok(code)
 }
 
-fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, ExitCode), Failure> {
+fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, Value, ExitCode), Failure> {
     for (run, _) in runs.iter().filter(|(run, _)| run.contacts.is_empty()) {
         let newer = newest_after(&run.path).map(|newer| format!("; a newer run is {}", newer.display()));
         tell(&format!("note: {} has no presses{}\n", run.path.display(), newer.unwrap_or_default()))?;
@@ -90,7 +95,13 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String,
         format!(", {:.3} mm{force} by {solver}", location_error_mm.mean)
     });
     let told = format!("{}: {verdict}{errors}", subject.title());
-    Ok((page(&subject, &judged), told, verdict_code(judged.judgement.as_ref())))
+    let decisive = judged.decisive();
+    let result = json!({
+        "sensor": subject.title(), "verdict": judged.judgement.as_ref().map(|judgement| judgement.verdict), "solver": decisive.map(|evaluation| &evaluation.solver),
+        "location_error_mm": decisive.map(|evaluation| evaluation.location_error_mm.mean),
+        "force_error_n": decisive.and_then(|evaluation| evaluation.force_error_n).map(|error| error.mean),
+    });
+    Ok((page(&subject, &judged), told, result, verdict_code(judged.judgement.as_ref())))
 }
 
 /// Returns the last of the runs that were made after this one under the same name: `paper-2` and `paper-3` after `paper`.
@@ -118,7 +129,7 @@ pub(super) fn judged(
     Ok((subject, judged))
 }
 
-fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, ExitCode), Failure> {
+fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String, Value, ExitCode), Failure> {
     let named = args.accept.rule()?;
     let to_compare = |(run, bench): (Recorded, Bench)| {
         let rule = if named.is_some() { named.clone() } else { rule_of(&run)? };
@@ -134,7 +145,9 @@ fn compare(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, Str
         .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", Verdict::told)))
         .collect();
     let told = format!("{} compared{told}", counted(compared.len(), "run"));
-    Ok((comparison(&compared, &args.solver), told, ExitCode::SUCCESS))
+    let verdicts: Vec<Option<Verdict>> = compared.iter().map(Compared::verdict).collect();
+    let result = json!({ "runs": args.runs, "verdicts": verdicts });
+    Ok((comparison(&compared, &args.solver), told, result, ExitCode::SUCCESS))
 }
 
 /// Checks that the path is free, or contains a page of this program of the same kind, which may be replaced. No other file is

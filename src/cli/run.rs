@@ -3,6 +3,7 @@
 use super::check::check_recipe;
 use super::exit::Failure;
 use super::labels::LabelArgs;
+use super::output::OutputArgs;
 use super::provenance::session;
 use super::session::{SessionArgs, carry_out};
 use super::signals::is_attended;
@@ -63,7 +64,7 @@ pub(super) struct Begun {
 /// Prints the plan, or makes the run's folder and walks the plan.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if args.dry_run {
-        return check_recipe(&args.recipe, &args.rig);
+        return check_recipe(&args.recipe, &args.rig, OutputArgs { json: args.session.json });
     }
     recorded(args).map(|(_, code)| code)
 }

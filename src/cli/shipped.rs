@@ -1,7 +1,9 @@
 //! Recipes, rigs and batches that come with the program, and `palpate list`, which names them.
 
 use super::exit::Failure;
-use super::summary::{beside, print};
+use super::output::OutputArgs;
+use super::summary::beside;
+use serde_json::{Value, json};
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -61,16 +63,22 @@ the same recipe. If a file exists at that path, it is used instead.";
 /// List the recipes, rigs and batches shipped with the program
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct ListArgs {}
+pub(super) struct ListArgs {
+    #[command(flatten)]
+    output: OutputArgs,
+}
 
 /// Lists them, a paragraph each.
-pub(super) fn list(_: &ListArgs) -> Result<ExitCode, Failure> {
-    print(&format!(
+pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
+    let text = format!(
         "recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}\nbatches: palpate batch run NAME\n{}",
         listed(RECIPES),
         listed(RIGS),
         listed(BATCHES)
-    ))?;
+    );
+    let objects = |shipped: &[Shipped]| shipped.iter().map(Shipped::object).collect::<Vec<Value>>();
+    let content = json!({ "recipes": objects(RECIPES), "rigs": objects(RIGS), "batches": objects(BATCHES) });
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -82,6 +90,10 @@ fn listed(shipped: &[Shipped]) -> String {
 const COLUMNS: usize = 16;
 
 impl Shipped {
+    fn object(&self) -> Value {
+        json!({ "name": self.name, "about": self.about() })
+    }
+
     /// Returns the first sentence of the file's first comment.
     fn about(&self) -> String {
         let comment = self.text.lines().map_while(|line| line.strip_prefix('#'));

@@ -2,6 +2,7 @@
 
 use super::exit::Failure;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
+use super::stdin;
 use super::which_rig::Chosen;
 use super::which_way::ConfirmArgs;
 use palpate_control::Strategy;
@@ -261,10 +262,10 @@ fn is_utf16(path: &Path) -> bool {
     is_read && matches!(mark, [0xFF, 0xFE] | [0xFE, 0xFF])
 }
 
-/// Reads a text file of at most the length that a recipe or a rig may have.
+/// Reads a text file of at most the length that a recipe or a rig may have; `-` is standard input.
 pub(super) fn bounded(path: &Path) -> io::Result<String> {
     let mut text = String::new();
-    File::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
+    stdin::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
 }
 

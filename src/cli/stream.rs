@@ -31,7 +31,7 @@ impl Stream<'_> {
         lines: &mut Lines<impl Read>,
         solutions: &mut Solutions<impl Write>,
     ) -> io::Result<Result<(), ReadingError>> {
-        let mut reasons = HashSet::new();
+        let (mut reasons, mut is_empty) = (HashSet::new(), true);
         let end = loop {
             let answer = match lines.read_next() {
                 Ok(Some(line)) if (self.is_refused)(line) => break Ok(()),
@@ -42,6 +42,7 @@ impl Stream<'_> {
             match answer {
                 Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !self.keep_going => break Err(error),
                 Ok(Some(answer)) => {
+                    is_empty = false;
                     solutions.write(answer.reading, &answer.solved)?;
                     self.tell(&answer, &mut reasons)?;
                 }
@@ -53,6 +54,9 @@ impl Stream<'_> {
             }
         };
         solutions.flush()?;
+        if is_empty && end.is_ok() && self.reasons_are_told {
+            say(&format!("{}: no reading", self.source))?;
+        }
         Ok(end)
     }
 

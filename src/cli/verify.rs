@@ -1,10 +1,11 @@
 //! `palpate verify`.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::recorded::bench_of;
 use super::sources::read;
-use super::summary;
-use palpate_data::dataset::{DatasetError, JournalError, Loss, Texts, journal_sha256, verify};
+use palpate_data::dataset::{DatasetError, JournalError, Loss, Texts, Verified, journal_sha256, verify};
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -22,6 +23,8 @@ pub(super) struct VerifyArgs {
     /// Also compare the journal with the SHA-256 on this certificate
     #[arg(long, value_name = "FILE")]
     certificate: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Reports each file that has changed since it was written.
@@ -43,20 +46,39 @@ pub(super) fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
         let what = |loss: &Loss| if loss.lost.is_empty() { "its journal was exchanged" } else { "presses were lost" };
         let losses = |loss: &Loss| format!("{}: {}, accepted {}\n", args.run.display(), what(loss), loss.accepted);
         let losses: String = verified.losses.iter().map(losses).collect();
-        summary::print(&format!("{}: {whole}{state}\n{losses}", args.run.display()))?;
-        if let Some(certificate) = &args.certificate {
-            check_certificate(&args.run, certificate)?;
+        let mut text = format!("{}: {whole}{state}\n{losses}", args.run.display());
+        let checked = args.certificate.as_ref().map(|certificate| check_certificate(&args.run, certificate));
+        if let Some(Ok(line)) = &checked {
+            text += line;
         }
-        return Ok(ExitCode::SUCCESS);
+        let content = object(&args.run, &verified, checked.as_ref().map(Result::is_ok));
+        args.output.print(&text, &content)?;
+        return checked.map_or(Ok(ExitCode::SUCCESS), |checked| checked.map(|_| ExitCode::SUCCESS));
     }
-    let help = "`palpate rebuild` regenerates tables and manifest. Restore a damaged journal from a copy. The journal has the \
-                original of a changed recipe or rig: move the changed file away, and `palpate rebuild` writes it again";
+    args.output.print("", &object(&args.run, &verified, None))?;
+    let help = match verified.damaged_at {
+        Some(offset) => format!(
+            "restore the journal from a copy. Without a copy, the records before byte {offset} can be kept: copy the run folder, cut \
+             its journal there (`truncate --size {offset} journal.log`), and use `palpate rebuild --accept-loss`"
+        ),
+        None => "`palpate rebuild` regenerates tables and manifest. The journal has the original of a changed recipe or rig: move the \
+                 changed file away, and `palpate rebuild` writes it again"
+            .to_owned(),
+    };
     let problems = verified.problems.join("\n");
     Err(Failure::not_accepted(miette::miette!(help = help, "{}: {whole}, but\n{problems}", args.run.display())))
 }
 
-/// Checks that a certificate is based on the present journal of this run.
-fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
+fn object(run: &Path, verified: &Verified, certificate_matches: Option<bool>) -> Value {
+    let Verified { records, sound, has_ended, is_under_way, losses, problems, damaged_at } = verified;
+    json!({
+        "run": run, "records": records, "files_unchanged": sound, "has_ended": has_ended, "is_in_progress": is_under_way,
+        "losses": losses, "problems": problems, "damaged_at": damaged_at, "certificate_matches": certificate_matches,
+    })
+}
+
+/// Checks that a certificate is based on the present journal of this run, and returns a line that states it.
+fn check_certificate(run: &Path, certificate: &Path) -> Result<String, Failure> {
     let sha256 = journal_sha256(run).map_err(Failure::dataset)?;
     let text = read(certificate)?;
     let stated = [("SHA-256 ", "</dcc:content>"), ("<code>", "</code>")].map(|(before, after)| {
@@ -80,7 +102,5 @@ fn check_certificate(run: &Path, certificate: &Path) -> Result<(), Failure> {
         0 => String::new(),
         others => format!(", and of {others} others"),
     };
-    summary::print(&format!(
-        "{file} states the SHA-256 of this journal{others}\n  {sha256}; nothing else on it was checked\n"
-    ))
+    Ok(format!("{file} states the SHA-256 of this journal{others}\n  {sha256}; nothing else on it was checked\n"))
 }

@@ -1,11 +1,12 @@
 //! `palpate withdraw`.
 
 use super::exit::Failure;
+use super::output::OutputArgs;
 use super::session::runtime;
 use super::signals::{First, heed};
 use super::sources::OneRigArgs;
-use super::summary::print;
 use palpate_run::run::{Withdrawn, withdraw};
+use serde_json::json;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
@@ -23,6 +24,8 @@ a force that increases stops the stage.";
 pub(super) struct WithdrawArgs {
     #[command(flatten)]
     rig: OneRigArgs,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Withdraws, and prints the position of z.
@@ -31,10 +34,12 @@ pub(super) fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
     let cancel = heed(First::Stop, Some("stopping"))?;
     let withdrawn = runtime(spec.is_simulated())?.block_on(withdraw(&spec, args.rig.seed, &cancel));
     let Withdrawn { z_mm, load_cell } = withdrawn.map_err(Failure::halted)?;
+    let content = json!({ "z_mm": z_mm, "load_cell_unread": load_cell });
     let read = match load_cell {
         None => "the load cell was read on the way".to_owned(),
         Some(why) => format!("the load cell was not read: {why}"),
     };
-    print(&format!("z is at {z_mm:.3} mm of the stage, away from the specimen; {read}\n"))?;
+    let text = format!("z is at {z_mm:.3} mm of the stage, away from the specimen; {read}\n");
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -177,7 +177,8 @@ impl<'d> Table<'d> {
                 if !known.contains(&text) {
                     let tables = key.inner().map(tables_told).unwrap_or_default();
                     let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, listed(known));
-                    self.complain(with_typo(Problem::new(value.span(), told), text, known));
+                    let problem = Problem::new(value.span(), told).help(format!("`{}`: {}", key.name, key.meaning));
+                    self.complain(with_typo(problem, text, known));
                 }
                 text
             }

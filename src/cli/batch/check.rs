@@ -1,8 +1,10 @@
 //! `palpate batch check`.
 
+use super::super::check::object;
 use super::super::exit::Failure;
+use super::super::output::OutputArgs;
 use super::super::session::MannerArgs;
-use super::super::summary::{duration, print};
+use super::super::summary::duration;
 use super::super::tables::filled;
 use super::material::{Material, calibrated};
 use palpate_core::quantity::Place;
@@ -12,6 +14,7 @@ use palpate_run::batch::{Chance, DRAWS, Test, chance};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use palpate_solver::Prior;
+use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -30,6 +33,8 @@ pub(super) struct CheckArgs {
     /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     simulate: bool,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
@@ -38,11 +43,21 @@ pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     MannerArgs::check_gain(&material.rig)?;
     material.check()?;
     let plan = material.plan(0, &material.rig, material.file.seed)?;
-    print(&(material.chosen.line(&material.rig) + &described(&material, &plan)))?;
+    let (file, chance) = (&material.file, chance_of(&material, &plan));
+    let content = json!({
+        "name": file.name, "design": file.design, "bench": material.bench, "sensors": file.serials,
+        "nests": file.nests.iter().map(|nest| &nest.name).collect::<Vec<_>>(), "warm_up_s": file.warm_up_s,
+        "plan": object(&plan, &material.rig),
+        "chance": chance.as_ref().and_then(|chance| chance.as_ref().ok()).map(|chance| json!({
+            "accepted": chance.accepted, "not_accepted": chance.not_accepted, "not_decided": chance.not_decided,
+        })),
+    });
+    let text = material.chosen.line(&material.rig) + &described(&material, &plan, chance);
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn described(material: &Material, plan: &Plan) -> String {
+fn described(material: &Material, plan: &Plan, chance: Option<Result<Chance, &'static str>>) -> String {
     let (file, rig) = (&material.file, &material.rig);
     let mut text = format!("batch {}, design {}, bench {}\n", file.name, file.design, material.bench);
     // writing to a string can't fail
@@ -84,7 +99,7 @@ fn described(material: &Material, plan: &Plan) -> String {
     for recipe in &material.recipes[1..] {
         let _ = writeln!(text, "  more presses, if the result needs them: {}", recipe.recipe.name);
     }
-    text += &chance_text(material, rig, plan);
+    text += &chance_text(material.rule.as_ref(), chance);
     text
 }
 
@@ -121,18 +136,23 @@ fn presses(plan: &Plan, phase: Phase) -> usize {
     plan.entries.iter().filter(|entry| entry.phase == phase).count()
 }
 
-/// Describes the chance that a typical sensor is decided.
-fn chance_text(material: &Material, rig: &RigSpec, plan: &Plan) -> String {
-    let Some(rule) = &material.rule else {
-        return "no verdict: no acceptance rule (`accept` of the batch, or [accept] of the recipe)\n".to_owned();
-    };
+/// Returns the chance that a typical sensor is decided, or the key that is missing; `None` without a rule.
+fn chance_of(material: &Material, plan: &Plan) -> Option<Result<Chance, &'static str>> {
+    let (rule, rig) = (material.rule.as_ref()?, &material.rig);
     let test = Test {
         calibration_presses: presses(plan, Phase::Calibration),
         test_presses: presses(plan, Phase::Test),
         u_place_mm: rig.u_place_mm(),
         u_force_n: rig.load_cell.standard_uncertainty_n(mean_n(plan)),
     };
-    match chance(rule, &test, &material.file.typical) {
+    Some(chance(rule, &test, &material.file.typical))
+}
+
+fn chance_text(rule: Option<&Rule>, chance: Option<Result<Chance, &'static str>>) -> String {
+    let Some((rule, chance)) = rule.zip(chance) else {
+        return "no verdict: no acceptance rule (`accept` of the batch, or [accept] of the recipe)\n".to_owned();
+    };
+    match chance {
         Err(key) => format!(
             "{} rule; the chance that a typical sensor is NOT DECIDED can't be\n  computed: state `{key}` in `typical`\n",
             rule.decision.word()

@@ -1,10 +1,11 @@
 //! `palpate batch report`: writes a page about a batch, or about several batches side by side.
 
 use super::super::exit::Failure;
+use super::super::output::OutputArgs;
 use super::super::report::{check_free, write};
-use super::super::summary::print;
 use palpate_report::report::{Link, batch_page, batches_page, counted};
 use palpate_run::batch::{Ended, History, Standing};
+use serde_json::json;
 use std::path::{Component, Path, PathBuf};
 use std::process::ExitCode;
 
@@ -37,6 +38,8 @@ pub(super) struct ReportArgs {
     /// Output file [default: report.html in the batch folder, or comparison.html]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Writes the page and reports in a line what is in it.
@@ -61,7 +64,8 @@ pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
         _ => (batches_page(&histories), format!("{} compared", counted(histories.len(), "batch"))),
     };
     write(&out, &page.html)?;
-    print(&format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0))?;
+    let text = format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0);
+    args.output.print(&text, &json!({ "page": out, "result": told }))?;
     Ok(ExitCode::SUCCESS)
 }
 

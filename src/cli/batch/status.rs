@@ -1,8 +1,7 @@
 //! `palpate batch status`.
 
 use super::super::exit::Failure;
-use super::super::summary::print;
-use miette::IntoDiagnostic;
+use super::super::output::OutputArgs;
 use palpate_run::batch::{Item, Standing, State, read_state};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -23,18 +22,13 @@ A batch can be looked at while it is in use.";
 pub(super) struct StatusArgs {
     /// The batch folder
     batch: PathBuf,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: OutputArgs,
 }
 
 /// Prints the state that follows from the batch's journal.
 pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
     let state = read_state(&args.batch).map_err(Failure::batch)?;
-    if !args.json {
-        print(&described(&state))?;
-        return Ok(ExitCode::SUCCESS);
-    }
     let counts = Standing::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
     let told = Told {
         name: &state.facts.name,
@@ -47,8 +41,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
         alarms: state.alarms,
         sensors: &state.items,
     };
-    let line = serde_json::to_string(&told).into_diagnostic().map_err(Failure::usage)?;
-    print(&format!("{line}\n"))?;
+    args.output.print(&described(&state), &told)?;
     Ok(ExitCode::SUCCESS)
 }
 

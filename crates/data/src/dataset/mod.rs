@@ -82,7 +82,7 @@ pub use session::{
 pub use stated::doubted_half_widths;
 pub use table::{parse_table, read_table};
 pub(crate) use table_error::MAX_COLUMNS;
-pub use table_error::TableError;
+pub use table_error::{MAX_TABLE_BYTES, TableError};
 pub use verify::{Verified, verify};
 pub use views::Characteristic;
 pub use views::{CHARACTERISTIC_COLUMNS, TABLES};

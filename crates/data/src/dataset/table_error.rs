@@ -6,7 +6,7 @@ use std::io;
 
 /// Size of the largest table that is read, bytes: about 100 000 presses of 500 units, far beyond any run. Only numbers are kept
 /// in memory, which are mostly smaller than the text.
-pub(crate) const MAX_TABLE_BYTES: u64 = 512 << 20;
+pub const MAX_TABLE_BYTES: u64 = 512 << 20;
 /// Longest row of a table, bytes: a kilobyte for each of the columns. A file without line ends is refused here.
 pub(crate) const MAX_ROW_BYTES: u64 = 4 << 20;
 /// Largest number of rows of a table. A stage that presses every three seconds needs a month for this number.

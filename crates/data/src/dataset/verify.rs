@@ -30,6 +30,8 @@ pub struct Verified {
     pub is_under_way: bool,
     /// Losses and other journals that a person accepted.
     pub losses: Vec<Loss>,
+    /// Position of the first damaged record of the journal, bytes.
+    pub damaged_at: Option<u64>,
     /// Descriptions of what differs from the written run.
     pub problems: Vec<String>,
 }
@@ -45,7 +47,8 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     let mut verified = Verified::default();
     let known = match Known::read(path, layout.map(ArrayLayout::len)) {
         Ok((known, _)) => known,
-        Err(DatasetError::Journal(error @ JournalError::Damaged { .. })) => {
+        Err(DatasetError::Journal(error @ JournalError::Damaged { offset, .. })) => {
+            verified.damaged_at = Some(offset);
             verified.records =
                 Journal::<Record>::records(&path.join(JOURNAL))?.take_while(Result::is_ok).count() as u64;
             verified.problems.push(format!("{error}; the {} records before it are sound", verified.records));

@@ -193,7 +193,7 @@ keys! {
             "tilt of the surface, at most 5 degrees, measured by `palpate align`; depth and force are corrected by its cosine; without it, level";
         u_origin_mm: Number(UNCERTAIN), Allowed,
             "standard uncertainty of each coordinate of the origin, measured by `palpate align`", "0.02";
-        down: Word(&words(&DOWN)), Refused, "direction of z that leads into the specimen", "\"-z\"";
+        down: Word(&words(&DOWN)), Refused, "direction of z that leads into the specimen: -z if a smaller z is deeper", "\"-z\"";
     }
 }
 

@@ -1,0 +1,26 @@
+//! How a command prints its result: as text, or as one JSON object.
+
+use super::exit::Failure;
+use super::summary::print;
+use miette::IntoDiagnostic as _;
+use serde::Serialize;
+
+/// Form of the result.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct OutputArgs {
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl OutputArgs {
+    /// Prints the text, or the same content as one line of JSON.
+    pub(super) fn print(self, text: &str, content: &impl Serialize) -> Result<(), Failure> {
+        if self.json { print(&json_line(content)?) } else { print(text) }
+    }
+}
+
+/// Returns a line with one JSON object.
+pub(super) fn json_line(content: &impl Serialize) -> Result<String, Failure> {
+    Ok(serde_json::to_string(content).into_diagnostic().map_err(Failure::usage)? + "\n")
+}
