@@ -12,7 +12,7 @@ use palpate_core::quantity::Frame;
 use palpate_core::quantity::round;
 use palpate_run::run::{AlignError, Alignment, align, align_plan};
 use palpate_solver::Placement;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::process::ExitCode;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
 
@@ -115,7 +115,7 @@ fn described(found: &Alignment) -> String {
     )
 }
 
-fn object(found: &Alignment, is_written: bool) -> Value {
+fn object(found: &Alignment, is_written: bool) -> serde_json::Value {
     let Alignment { frame, placement, surface_mm, tilt_mm, touch_sigma_mm, presses, .. } = found;
     json!({
         "presses": presses, "is_written": is_written,

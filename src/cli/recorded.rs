@@ -64,7 +64,7 @@ pub(super) fn noted_presses(
     phase: Option<Phase>,
 ) -> Result<(Presses, Vec<String>), Failure> {
     let mut presses = stdin::table(table, mapping).map_err(Failure::usage)?;
-    let name = table.display();
+    let name = presses.source.clone();
     let mut notes: Vec<String> = difference(table).into_iter().collect();
     if let Some(phase) = phase
         && let Some(all) = presses.keep(phase)

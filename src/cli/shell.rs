@@ -2,8 +2,10 @@
 
 use super::exit::Failure;
 use super::help;
+use super::shipped::{BATCHES, RECIPES, RIGS, Shipped};
 use super::summary::print;
-use clap::ValueEnum;
+use clap::builder::PossibleValuesParser;
+use clap::{Command, ValueEnum};
 use clap_complete::aot;
 use miette::{IntoDiagnostic, WrapErr};
 use std::path::{Path, PathBuf};
@@ -44,9 +46,57 @@ pub(super) fn completions(args: &CompletionsArgs) -> Result<ExitCode, Failure> {
         Shell::Pwsh => aot::Shell::PowerShell,
     };
     let mut script = Vec::new();
-    aot::generate(shell, &mut help::command(), "palpate", &mut script);
-    print(&String::from_utf8_lossy(&script))?;
+    let mut command = with_shipped(help::command());
+    aot::generate(shell, &mut command, "palpate", &mut script);
+    let script = or_files(String::from_utf8_lossy(&script).into_owned());
+    let more = if matches!(args.shell, Shell::Fish) { fish_arguments(&command, "") } else { String::new() };
+    print(&(script + &more))?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Arguments that name a shipped file: where they are defined, and the files.
+const SHIPPED: [(&str, &[Shipped]); 3] = [("recipe", RECIPES), ("rig", RIGS), ("batch_file", BATCHES)];
+
+/// Adds the names of shipped files to the arguments that can be such a name.
+fn with_shipped(command: Command) -> Command {
+    let named = command.mut_args(|arg| match SHIPPED.iter().find(|(id, _)| arg.get_id() == id) {
+        Some((_, shipped)) => arg.value_parser(PossibleValuesParser::new(shipped.iter().map(|shipped| shipped.name))),
+        None => arg,
+    });
+    named.mut_subcommands(with_shipped)
+}
+
+/// Offers files too where a script offers shipped names. Bash does this where no name fits.
+fn or_files(mut script: String) -> String {
+    for (_, shipped) in SHIPPED {
+        let names: Vec<&str> = shipped.iter().map(|shipped| shipped.name).collect();
+        let zsh = names.join(" ");
+        script = script.replace(
+            &format!(":({zsh})'"),
+            &format!(":{{_alternative \"names:name:({zsh})\" \"files:file:_files\"}}'"),
+        );
+        let fish = names.iter().map(|name| format!("{name}\\t''")).collect::<Vec<_>>().join("\n");
+        script = script.replace(&format!("-r -f -a \"{fish}\""), &format!("-r -F -a \"{fish}\""));
+    }
+    script
+}
+
+/// Lines for the arguments of commands, which the generator leaves out for fish.
+fn fish_arguments(command: &Command, before: &str) -> String {
+    let of = |sub: &Command| {
+        let name = sub.get_name();
+        let condition = match before {
+            "" => format!("__fish_palpate_using_subcommand {name}"),
+            _ => format!("__fish_palpate_using_subcommand {before}; and __fish_seen_subcommand_from {name}"),
+        };
+        let shipped = sub.get_positionals().find_map(|arg| SHIPPED.iter().find(|(id, _)| arg.get_id() == id));
+        let own = shipped.map(|(_, shipped)| {
+            let names: Vec<&str> = shipped.iter().map(|shipped| shipped.name).collect();
+            format!("complete -c palpate -n \"{condition}\" -a \"{}\"\n", names.join(" "))
+        });
+        own.unwrap_or_default() + &fish_arguments(sub, name)
+    };
+    command.get_subcommands().map(of).collect()
 }
 
 const MAN_EXAMPLES: &str = "\

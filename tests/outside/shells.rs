@@ -21,6 +21,39 @@ fn completions_load_in_fish() {
     loads("fish", "source");
 }
 
+#[test]
+#[ignore = "needs bash and fish"]
+fn completions_offer_shipped_recipes_and_rigs() {
+    let bench = Bench::new();
+    for shell in ["bash", "fish"] {
+        bench.write(shell, &bench.palpate_ends(0, &format!("completions {shell}")).out);
+    }
+    let bash = |words: &str| {
+        let count = words.split(' ').count() - 1;
+        let typed =
+            format!("COMP_WORDS=({words}''); COMP_CWORD={count}; _palpate palpate '' ''; echo ${{COMPREPLY[@]}}");
+        run("bash", &bench, &format!(". ./bash; {typed}"))
+    };
+    let fish = |words: &str| run("fish", &bench, &format!("source ./fish; complete -C '{words}'"));
+    for (words, name) in [
+        ("palpate run ", "characterise"),
+        ("palpate run paper --rig ", "bench-esp301"),
+        ("palpate doctor ", "esp301"),
+        ("palpate batch run ", "batch"),
+    ] {
+        for offered in [bash(words), fish(words)] {
+            assert!(offered.split_whitespace().any(|word| word == name), "{words}: {offered}");
+        }
+    }
+}
+
+/// What a shell prints.
+fn run(shell: &str, bench: &Bench, script: &str) -> String {
+    let mut command = Command::new(shell);
+    let output = there(command.args(["-c", script]).current_dir(bench.path(".")), shell);
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
 /// Loads the completions by these words of the shell, which must take them without a word.
 fn loads(shell: &str, load: &str) {
     let bench = Bench::new();

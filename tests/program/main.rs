@@ -5,6 +5,7 @@ mod book;
 mod cli;
 mod data;
 mod import;
+mod output;
 mod refusals;
 mod shipped;
 mod which_rig;

@@ -142,6 +142,13 @@ impl Bench {
         self.command(words).output().expect("the program starts").into()
     }
 
+    /// The same, with a text as standard input.
+    pub fn palpate_reads(&self, words: &str, input: &str) -> Told {
+        self.write("standard-input", input);
+        let input = fs::File::open(self.path("standard-input")).expect("what was written");
+        self.command(words).stdin(input).output().expect("the program starts").into()
+    }
+
     /// The same, and it must end as said.
     pub fn palpate_ends(&self, code: i32, words: &str) -> Told {
         let told = self.palpate(words);

@@ -11,7 +11,6 @@ use palpate_core::quantity::Place;
 use palpate_data::acceptance::{Decision, Rule};
 use palpate_data::recipe::{Phase, Plan};
 use palpate_run::batch::{Chance, DRAWS, Test, chance};
-use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
 use palpate_solver::Prior;
 use serde_json::json;
@@ -29,7 +28,8 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub(super) struct CheckArgs {
     /// The batch file
-    batch: PathBuf,
+    #[arg(value_name = "BATCH")]
+    batch_file: PathBuf,
     /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     simulate: bool,
@@ -39,7 +39,7 @@ pub(super) struct CheckArgs {
 
 /// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
-    let material = Material::read(&args.batch, args.simulate)?;
+    let material = Material::read(&args.batch_file, args.simulate)?;
     MannerArgs::check_gain(&material.rig)?;
     material.check()?;
     let plan = material.plan(0, &material.rig, material.file.seed)?;

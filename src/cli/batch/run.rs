@@ -33,7 +33,8 @@ Ctrl-C during a run finishes the press and pauses; a second one stops and ends."
 #[command(after_help = EXAMPLES)]
 pub(super) struct RunArgs {
     /// The batch file
-    batch: PathBuf,
+    #[arg(value_name = "BATCH")]
+    batch_file: PathBuf,
     /// Simulate: replace the rig's links by emulators, in virtual time
     #[arg(long)]
     simulate: bool,
@@ -52,7 +53,7 @@ pub(super) struct RunArgs {
 
 /// Creates the batch's folder or continues it, and calibrates the sensors that are typed.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
-    let material = Material::read(&args.batch, args.simulate)?;
+    let material = Material::read(&args.batch_file, args.simulate)?;
     args.manner.check(&material.rig)?;
     material.check()?;
     tell(&material.chosen.line(&material.rig))?;
