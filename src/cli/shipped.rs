@@ -51,6 +51,13 @@ pub(super) fn names(shipped: &[Shipped]) -> String {
     shipped.iter().map(|shipped| shipped.name).collect::<Vec<_>>().join(", ")
 }
 
+/// The shipped file of which a path is a misspelling.
+pub(super) fn nearest(shipped: &[Shipped], path: &Path) -> Option<&'static str> {
+    let name = path.to_str()?.trim_end_matches(".toml");
+    let names: Vec<&'static str> = shipped.iter().map(|shipped| shipped.name).collect();
+    palpate_document::misspelt(name, &names)
+}
+
 const EXAMPLES: &str = "\
 Examples:
   palpate list

@@ -203,9 +203,12 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
         return Ok(shipped.text.to_owned());
     }
     let inside = path.join(folder.trim_end_matches('s')).with_extension("toml");
-    let help = || match inside.is_file() {
-        true => format!("did you mean {}?", inside.display()),
-        false => format!("give an existing file or a shipped one: {}", shipped::names(shipped)),
+    let help = || match (inside.is_file(), shipped::nearest(shipped, path)) {
+        (true, _) => format!("did you mean {}?", inside.display()),
+        (false, nearest) => {
+            let nearest = nearest.map(|nearest| format!("did you mean {nearest}? Or ")).unwrap_or_default();
+            format!("{nearest}give an existing file or a shipped one: {}", shipped::names(shipped))
+        }
     };
     bounded(path).map_err(|error| unread(path, &error, &help()))
 }

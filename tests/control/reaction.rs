@@ -9,7 +9,7 @@ use palpate_run::run::{Cancel, Halt, Listener, Walk, walk_on};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{Fault, FaultKind, Scene};
 use palpate_testing::walks::{in_virtual_time, plan};
-use palpate_testing::{exchanged, shipped_text};
+use palpate_testing::{campaign, exchanged, shipped_text};
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -28,7 +28,7 @@ force_n = 1.0
 const LEAP_N: f64 = 50.0;
 
 /// Runs of each rig; the fault comes at another moment of the presses in each.
-const RUNS: usize = 60;
+const RUNS: (usize, usize) = (12, 60);
 
 /// When something was on a wire.
 #[derive(Default)]
@@ -102,8 +102,9 @@ fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_i
         let mut from_force_ms = Vec::new();
         let mut longest = Duration::ZERO;
         let presses_s = presses_s(&spec);
-        for run in 0..RUNS {
-            let share = (run as f64 + 0.5) / RUNS as f64;
+        let runs = campaign::size(RUNS.0, RUNS.1);
+        for run in 0..runs {
+            let share = (run as f64 + 0.5) / runs as f64;
             let from_s = presses_s.start + share * (presses_s.end - presses_s.start);
             let (heard, origin) = tripped(&spec, from_s, words);
             let (Some(over), Some(stopped)) = (heard.over, heard.stop) else {

@@ -29,10 +29,10 @@ fn completions_offer_shipped_recipes_and_rigs() {
         bench.write(shell, &bench.palpate_ends(0, &format!("completions {shell}")).out);
     }
     let bash = |words: &str| {
-        let count = words.split(' ').count() - 1;
-        let typed =
-            format!("COMP_WORDS=({words}''); COMP_CWORD={count}; _palpate palpate '' ''; echo ${{COMPREPLY[@]}}");
-        run("bash", &bench, &format!(". ./bash; {typed}"))
+        let before: Vec<&str> = words.split_whitespace().collect();
+        let (count, previous) = (before.len(), before.last().copied().unwrap_or_default());
+        let typed = format!("COMP_WORDS=({words}''); COMP_CWORD={count}; _palpate palpate '' '{previous}'");
+        run("bash", &bench, &format!(". ./bash; {typed}; echo ${{COMPREPLY[@]}}"))
     };
     let fish = |words: &str| run("fish", &bench, &format!("source ./fish; complete -C '{words}'"));
     for (words, name) in [

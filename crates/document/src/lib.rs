@@ -25,7 +25,7 @@ pub use problem::{PROBLEMS_MAX, Problem, Problems};
 pub use reference::reference;
 pub use schema::schema;
 pub use table::{Span, Table};
-pub use table::{all, optional, with_nearest};
+pub use table::{all, misspelt, optional, with_nearest};
 
 use problem::Collector;
 use toml::Spanned;
@@ -115,12 +115,24 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
             (None, None) => match unit {
                 Some((value, number)) => Problem::new(value, "a number is written without its unit")
                     .help(format!("write {number} in the unit that ends the key's name")),
-                None => Problem::new(place, format!("not valid TOML: {}", error.message())),
+                None => {
+                    let problem = Problem::new(place, format!("not valid TOML: {}", error.message()));
+                    if is_of_brackets(error.message()) {
+                        problem.help("check that each bracket is closed")
+                    } else {
+                        problem
+                    }
+                }
             },
         };
         collector.add(problem);
     }
     Err(collector.into_problems(name, text))
+}
+
+/// Whether an error in a list or an inline table may come from a bracket that isn't closed.
+fn is_of_brackets(message: &str) -> bool {
+    ["array", "inline table", "`]`", "`}`"].iter().any(|word| message.contains(word))
 }
 
 /// Returns the name in the heading `[name]` or `[[name]]` at this byte, and whether its brackets are double.

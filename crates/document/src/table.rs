@@ -93,7 +93,13 @@ impl<'d> Table<'d> {
         let there = self.has(key);
         if !there {
             let told = format!("`{}` is missing{}: {expected}", key.name, self.place());
-            self.complain(Problem::new(self.span(), told));
+            let problem = Problem::new(self.span(), told);
+            let is_shown = !key.example.is_empty();
+            self.complain(if is_shown {
+                problem.help(format!("for example {} = {}", key.name, key.example))
+            } else {
+                problem
+            });
         }
         there
     }
@@ -372,7 +378,8 @@ impl<'d> Table<'d> {
             Some(n) if bounds.admit(n) => Some(n),
             Some(n) => {
                 let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit());
-                self.fail(value, told.trim_end().to_owned())
+                self.complain(Problem::new(value.span(), told.trim_end()).help(format!("`{name}`: {}", key.meaning)));
+                None
             }
             None => self.fail(value, format!("`{name}` is too large a number")),
         }
@@ -382,9 +389,12 @@ impl<'d> Table<'d> {
         let kind = value.get_ref().type_str();
         let article = if kind.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
         let problem = Problem::new(value.span(), format!("`{}` is {article} {kind}, expected {expected}", key.name));
-        let helped = expected.contains(" in ") && value.get_ref().is_str();
+        let text = value.get_ref().as_str().map(str::trim);
+        let is_quoted = text.is_some_and(|text| text.starts_with(['{', '[']) || text.parse::<f64>().is_ok());
+        let helped = expected.contains(" in ") && text.is_some();
         let is_one_table = expected == TABLES && value.get_ref().is_table();
         self.complain(match (helped, is_one_table) {
+            _ if is_quoted => problem.help("remove the quotes"),
             (true, _) => problem.help("the unit is in the key's name: write only the number"),
             _ if value.get_ref().is_datetime() => problem.help("write it in quotes: \"2026-05-04\""),
             (_, true) => problem.help(format!("write [[{}]] with double brackets, also for a single one", key.name)),
@@ -490,9 +500,17 @@ pub fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>)
     }
 }
 
-/// Adds a value as help if the text is clearly a misspelling of this value: at most 2 edits, fewer than for any other value, and
-/// the same first letter. A value determines the meaning of the data. So for any other text the message only lists the values.
-fn with_typo<'k>(problem: Problem, text: &str, known: &[&'k str]) -> Problem {
+/// Adds a value as help if the text is a misspelling of this value. A value determines the meaning of the data. So for any other text the message only lists the values.
+fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
+    match misspelt(text, known) {
+        Some(value) => problem.help(format!("did you mean `{value}`?")),
+        None => problem,
+    }
+}
+
+/// Returns the value of which a text is clearly a misspelling: at most 2 edits, fewer than for any other value, and the same first
+/// letter.
+pub fn misspelt<'k>(text: &str, known: &[&'k str]) -> Option<&'k str> {
     /// Largest number of letters that are changed, added or left out.
     const EDITS: usize = 2;
     let text = text.to_lowercase();
@@ -504,10 +522,8 @@ fn with_typo<'k>(problem: Problem, text: &str, known: &[&'k str]) -> Problem {
     let mut typos: Vec<(usize, &str)> = known.iter().filter_map(typo).collect();
     typos.sort_unstable();
     match typos.as_slice() {
-        [(edits, value), others @ ..] if others.iter().all(|(more, _)| more > edits) => {
-            problem.help(format!("did you mean `{value}`?"))
-        }
-        _ => problem,
+        [(edits, value), others @ ..] if others.iter().all(|(more, _)| more > edits) => Some(value),
+        _ => None,
     }
 }
 

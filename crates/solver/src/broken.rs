@@ -45,8 +45,8 @@ const FEWEST_CLIPPED: usize = 4;
 /// Least number of places at which a working unit reads different values.
 const FEWEST_PLACES: usize = 4;
 
-/// Returns the units of a calibration that are dead or saturated.
-pub(super) fn broken(calibration: &Calibration) -> Vec<Broken> {
+/// Returns the units that are dead or saturated in some presses: a calibration, or a calibration with its test.
+pub fn broken(calibration: &Calibration) -> Vec<Broken> {
     if calibration.by_place().len() < FEWEST_PLACES {
         return Vec::new();
     }

@@ -104,7 +104,7 @@ mod workspace;
 pub use adapt::{Change, Extent, UnitChange};
 pub use adapted::AdaptError;
 pub use adapted::{Adapted, HeldOut, MeanErrors};
-pub use broken::{Broken, Fault};
+pub use broken::{Broken, Fault, broken};
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,

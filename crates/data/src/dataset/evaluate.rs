@@ -9,8 +9,8 @@ use crate::recipe::Phase;
 use miette::Diagnostic;
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{
-    Calibration, Candidate, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown, Prepared, Setting,
-    Solver, TestPress, Workspace, evaluate,
+    Calibration, CalibrationPoint, Candidate, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown,
+    Prepared, Setting, Solver, TestPress, Workspace, broken, evaluate,
 };
 use std::collections::HashSet;
 use std::hint::black_box;
@@ -169,7 +169,7 @@ impl<'a> Trial<'a> {
         self.by(self.force, &self.prepare(self.force, false)?, solver).map(|(evaluation, _)| evaluation)
     }
 
-    /// Returns the quantities that an acceptance rule uses. Dead or saturated channels are those that no method uses.
+    /// Returns the quantities that an acceptance rule uses.
     pub fn counted(&self) -> Measured {
         let bits = |press: &Press| -> Vec<u64> {
             [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
@@ -185,7 +185,7 @@ impl<'a> Trial<'a> {
             constant_load: matches!(self.load, ForceKnown::Constant),
             is_held_out: self.is_held_out,
             test_repeats_calibration: self.test.iter().filter(|press| calibrated.contains(&bits(press))).count(),
-            broken_channels: self.prepared().ok().map(|prepared| prepared.broken().len()),
+            broken_channels: self.broken_channels(),
             flagged_presses: self.calibration.flagged + self.test.flagged,
             ..Measured::default()
         }
@@ -199,6 +199,17 @@ impl<'a> Trial<'a> {
         let all: Option<Vec<f64>> = self.test.iter().map(u_n).collect();
         let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
         ErrorSummary::of(&all?).map(|summary| summary.mean)
+    }
+
+    /// Number of channels that are dead or saturated in the calibration, or in calibration and test together: nine presses can't show
+    /// that an output has a largest value. `None` without a calibration.
+    fn broken_channels(&self) -> Option<usize> {
+        let point = |press: &'a Press| CalibrationPoint { place: press.place(), force_n: 1.0, outputs: &press.outputs };
+        let all: Vec<CalibrationPoint<'_>> = self.calibration.iter().chain(self.test.iter()).map(point).collect();
+        let in_all = Calibration::new(&all).map(|all| broken(&all)).unwrap_or_default();
+        let units: HashSet<usize> =
+            self.prepared().ok()?.broken().iter().chain(&in_all).map(|broken| broken.unit).collect();
+        Some(units.len())
     }
 
     /// Number of test presses at places that the calibration has pressed too, within [`SAME_PLACE_MM`].

@@ -91,7 +91,11 @@ impl Header<'_> {
         if let Some(number) = number {
             let is_there = |number| self.optional(&output_name(number)).is_some();
             if (1..=self.names.len()).any(|later| later > number && is_there(later)) {
-                return "number the outputs without a gap, in all tables and readings of this sensor".to_owned();
+                let alike = |name: &&str| name.to_lowercase().replace(['_', ' ', '-'], "") == format!("out{number}");
+                return match self.names.iter().find(alike) {
+                    Some(name) => format!("the header has `{}`: rename it to `{column}`", quoted(name)),
+                    None => "number the outputs without a gap, in all tables and readings of this sensor".to_owned(),
+                };
             }
             if let Some((first, last)) = self.series() {
                 let (first, last) = (quoted(first), quoted(last));

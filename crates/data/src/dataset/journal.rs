@@ -80,7 +80,9 @@ pub struct Records<R = Record> {
 pub enum JournalError {
     /// A record differs from what was written.
     #[error("{}: the record at byte {offset} is damaged: {problem}", path.display())]
-    #[diagnostic(help("restore the journal from a copy; nothing was changed"))]
+    #[diagnostic(help(
+        "restore the journal from a copy; `palpate verify` reports what can be kept without one; nothing was changed"
+    ))]
     Damaged {
         /// The journal.
         path: PathBuf,

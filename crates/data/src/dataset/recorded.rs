@@ -5,6 +5,7 @@ use super::journal::JOURNAL;
 use super::known::{Known, check_run};
 use super::lock::is_held;
 use super::loss::lost;
+use super::manifest::MANIFEST;
 use super::press::{csv_header, csv_line};
 use super::table_error::MAX_TABLE_BYTES;
 use super::views::PRESSES;
@@ -135,6 +136,9 @@ impl Recorded {
             warnings.push(format!(
                 "{path}: {PRESSES} {problem}; the journal was read (`palpate rebuild` regenerates the table)"
             ));
+        }
+        if let Err(error @ DatasetError::Manifest { .. }) = Manifest::read(&self.path.join(MANIFEST)) {
+            warnings.push(format!("{error}; the journal was read (`palpate rebuild` regenerates the manifest)"));
         }
         for text in self.manifest.texts() {
             if let Some(problem) =

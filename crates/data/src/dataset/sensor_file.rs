@@ -70,6 +70,7 @@ pub struct LeftOutUnit {
 pub enum SensorFileError {
     /// The operating system reported an error.
     #[error("{doing} {}: {why}", path.display())]
+    #[diagnostic(help("name a file that can be read and written, such as sensor.palpate"))]
     Io {
         /// Operation that failed.
         doing: &'static str,

@@ -39,9 +39,10 @@ pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError>
         return parse_table(&file, text.as_bytes(), &formats::mapping(kind, mapping));
     }
     let file = path.display().to_string();
-    if is_sensor_file(path) {
-        let problem = "this is a sensor file, not a table of presses".to_owned();
-        return Err(TableError::Malformed { file, problem });
+    let is_toml = path.extension().is_some_and(|extension| extension == "toml");
+    if is_toml || is_sensor_file(path) {
+        let kind = if is_toml { "a TOML file" } else { "a sensor file" };
+        return Err(TableError::OtherKind { file, kind });
     }
     match File::open(path) {
         Ok(input) => parse_table(&file, input, mapping).map_err(|error| match (error, formats::unread(path)) {
@@ -485,7 +486,7 @@ mod tests {
             ("x_mm,y_mm,out_1\r\n1,2,3\r\n1,2,inf\r\n", "a.csv, line 3, column `out_1`: expected a finite number"),
             ("x_mm,y_mm,out_1\n\n1,2,1e999\n", "a.csv, line 3, column `out_1`: expected a finite number"),
             ("x_mm,y_mm,out_1\n1,two,3\n", "a.csv, line 2, column `y_mm`: expected a finite number, found `two`"),
-            ("x_mm,y_mm,out_1\n,2,3\n", "a.csv, line 2, column `x_mm`: expected a finite number, found ``"),
+            ("x_mm,y_mm,out_1\n,2,3\n", "a.csv, line 2, column `x_mm`: expected a finite number, found a blank cell"),
             ("x_mm,y_mm,force_n,out_1\n1,2,NaN,3\n", "a.csv, line 2, column `force_n`: expected a finite number"),
             ("x_mm,y_mm,out_1\n1,2,3\n1,2\n", "a.csv, line 3: 2 cells where the header has 3 (up to column `y_mm`)"),
             ("x_mm,y_mm,out_1\r\n1,2,3,4\r\n", "a.csv, line 2: 4 cells where the header has 3 (up to column `out_1`)"),

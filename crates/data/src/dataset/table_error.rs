@@ -30,6 +30,10 @@ pub enum TableError {
     #[error("{file}: {problem}")]
     #[diagnostic(help("save the table again, or save it as CSV"))]
     Malformed { file: String, problem: String },
+    /// The file is of another kind.
+    #[error("{file}: this is {kind}, not a table of presses")]
+    #[diagnostic(help("give a table with the columns x_mm, y_mm, out_1, out_2, ..., or a run folder"))]
+    OtherKind { file: String, kind: &'static str },
     /// This program was built without the reader of the file.
     #[error("{file}: reading .{extension} needs the feature `files`, which this program was built without")]
     #[diagnostic(help(
@@ -90,9 +94,21 @@ pub enum TableError {
     #[diagnostic(help("export the table with one decimal mark and without thousands separators"))]
     TwoDecimalMarks { file: String, point: u64, comma: u64 },
     /// A cell isn't valid for its column.
-    #[error("{file}, line {line}, column `{column}`: expected {expected}, found `{found}`")]
-    #[diagnostic(help("correct the cell, or remove the row"))]
+    #[error("{file}, line {line}, column `{column}`: expected {expected}, found {}", found_in(found))]
+    #[diagnostic(help("{}", advice_about(found)))]
     Cell { file: String, line: u64, column: String, expected: &'static str, found: String },
+}
+
+/// Describes the content of a cell.
+fn found_in(cell: &str) -> String {
+    if cell.is_empty() { "a blank cell".to_owned() } else { format!("`{cell}`") }
+}
+
+fn advice_about(cell: &str) -> &'static str {
+    match cell {
+        "" => "fill the cell, or remove the row; with --columns, rows with a blank cell are excluded",
+        _ => "correct the cell, or remove the row",
+    }
 }
 
 /// Largest number of a cell's characters in a message.
