@@ -224,7 +224,9 @@ fn check_table(table: Result<Presses, TableError>, path: &Path, input: &[u8]) {
                 |outputs: &[f64]| outputs.len() == table.channels && outputs.iter().all(|output| output.is_finite());
             assert!(table.presses.iter().all(|press| sound(&press.outputs) && press.x_mm.is_finite()));
         }
-        Err(error @ (TableError::TooLarge { line: None, .. } | TableError::NoRows { .. })) => {
+        Err(
+            error @ (TableError::TooLarge { line: None, .. } | TableError::Empty { .. } | TableError::NoRows { .. }),
+        ) => {
             assert!(error.to_string().starts_with(&path.display().to_string()), "{error}");
         }
         Err(error) => check_line(&error.to_string(), &path.display().to_string(), input),

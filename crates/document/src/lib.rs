@@ -113,8 +113,8 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
             (None, None) if !is_twice && std::mem::replace(&mut is_broken, true) => continue,
             (None, None) if is_twice => key_twice(text, place),
             (None, None) => match unit {
-                Some((value, number)) => Problem::new(value, "a number is written without its unit")
-                    .help(format!("write {number} in the unit that ends the key's name")),
+                Some((value, number)) => Problem::new(value, "a number with a unit: only the number is allowed")
+                    .help(format!("write {number}, converted to the unit at the end of the key's name")),
                 None => {
                     let problem = Problem::new(place, format!("not valid TOML: {}", error.message()));
                     if is_of_brackets(error.message()) {
@@ -356,7 +356,10 @@ mod tests {
         assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
         assert_eq!(told("a = 1\n# b\na = 2\n"), ["t.toml:3:1: `a` is here a second time, after line 1"]);
         for value in ["2.0 N", "2.0N", "-3 mm", "50 %"] {
-            assert_eq!(told(&format!("name = {value}\n")), ["t.toml:1:8: a number is written without its unit"]);
+            assert_eq!(
+                told(&format!("name = {value}\n")),
+                ["t.toml:1:8: a number with a unit: only the number is allowed"]
+            );
         }
         assert!(told("name = N\n")[0].contains("not valid TOML"));
     }

@@ -91,7 +91,8 @@ impl<'d> Table<'d> {
     /// Requires a key in the same way; `expected` describes its value.
     pub fn require_as(&self, key: &Key, expected: &str) -> bool {
         let there = self.has(key);
-        if !there {
+        // a misspelt key is one problem, which names the right one
+        if !there && !self.is_misspelt(key) {
             let told = format!("`{}` is missing{}: {expected}", key.name, self.place());
             let problem = Problem::new(self.span(), told);
             let is_shown = !key.example.is_empty();
@@ -296,6 +297,13 @@ impl<'d> Table<'d> {
         }
     }
 
+    /// Whether a key of the table is unknown and most similar to this one.
+    fn is_misspelt(&self, key: &Key) -> bool {
+        let known: Vec<&str> = self.keys.all().map(|key| key.name).collect();
+        let names = self.table.keys().map(|key| key.get_ref().as_ref());
+        names.filter(|name| !known.contains(name)).any(|name| nearest(name, &known) == Some(key.name))
+    }
+
     fn place(&self) -> String {
         if self.path.is_empty() { String::new() } else { format!(" in `{}`", self.path) }
     }
@@ -391,7 +399,8 @@ impl<'d> Table<'d> {
         let problem = Problem::new(value.span(), format!("`{}` is {article} {kind}, expected {expected}", key.name));
         let text = value.get_ref().as_str().map(str::trim);
         let is_quoted = text.is_some_and(|text| text.starts_with(['{', '[']) || text.parse::<f64>().is_ok());
-        let helped = expected.contains(" in ") && text.is_some();
+        let helped =
+            expected.contains(" in ") && text.is_some_and(|text| text.starts_with(|c: char| c.is_ascii_digit()));
         let is_one_table = expected == TABLES && value.get_ref().is_table();
         self.complain(match (helped, is_one_table) {
             _ if is_quoted => problem.help("remove the quotes"),
@@ -529,18 +538,27 @@ pub fn misspelt<'k>(text: &str, known: &[&'k str]) -> Option<&'k str> {
 
 /// Adds the most similar known name as help. If no name is similar and there is no other help, adds the list of names.
 pub fn with_nearest(problem: Problem, name: &str, known: &[&str]) -> Problem {
-    let name = name.to_lowercase();
-    let score = |candidate: &&&str| strsim::jaro_winkler(&name, candidate);
-    let nearest = known.iter().max_by(|a, b| score(a).total_cmp(&score(b)));
-    match nearest {
-        Some(nearest) if score(&nearest) >= SIMILAR => {
-            let convert =
-                if differ_in_unit(&name, nearest) { " Convert the number: the unit is in the key's name" } else { "" };
+    match nearest(name, known) {
+        Some(nearest) => {
+            let convert = if differ_in_unit(&name.to_lowercase(), nearest) {
+                " Convert the number: the unit is in the key's name"
+            } else {
+                ""
+            };
             problem.help(format!("did you mean `{nearest}`?{convert}"))
         }
-        Some(_) if problem.help.is_none() => problem.help(format!("allowed keys: {}", known.join(", "))),
-        _ => problem,
+        None if problem.help.is_none() && !known.is_empty() => {
+            problem.help(format!("allowed keys: {}", known.join(", ")))
+        }
+        None => problem,
     }
+}
+
+/// Returns the most similar known name, if one is similar.
+fn nearest<'k>(name: &str, known: &[&'k str]) -> Option<&'k str> {
+    let name = name.to_lowercase();
+    let scored = known.iter().map(|known| (strsim::jaro_winkler(&name, known), *known));
+    scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(score, _)| *score >= SIMILAR).map(|(_, known)| known)
 }
 
 /// Units at the end of a name that a person may write.

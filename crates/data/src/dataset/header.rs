@@ -21,7 +21,7 @@ impl Header<'_> {
         let is_repeated =
             |(index, name): &(usize, &str)| !name.is_empty() && names.iter().take(*index).any(|n| n == *name);
         if names.iter().all(str::is_empty) {
-            return Err(TableError::NoRows { file: self.file.to_owned() });
+            return Err(TableError::Empty { file: self.file.to_owned() });
         }
         if names.len() > MAX_COLUMNS {
             return Err(TableError::TooLarge {

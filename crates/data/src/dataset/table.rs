@@ -443,7 +443,7 @@ mod tests {
         assert!(refused.starts_with("a.csv, line 6, column `x_mm`: expected a finite number"), "{refused}");
         let table = plain(text.trim_end_matches("#4,5,6\n")).unwrap();
         assert_eq!((table.presses.len(), table.at(0)), (1, "a.csv, line 5".to_owned()));
-        assert!(matches!(plain("# only this\n").unwrap_err(), TableError::NoRows { .. }));
+        assert!(matches!(plain("# only this\n").unwrap_err(), TableError::Empty { .. }));
     }
 
     #[test]
@@ -511,8 +511,8 @@ mod tests {
             ("x_mm,y_mm,out_1,out_3\n1,2,3,4\n", "column `out_2` is missing; number the outputs without a gap"),
             ("x_mm,y_mm,out_0,out_1\n1,2,3,4\n", "invalid output column `out_0`; use out_1, out_2"),
             ("x_mm,y_mm,out_1\n", "a.csv: the table has no rows"),
-            ("", "a.csv: the table has no rows"),
-            ("\n\n", "a.csv: the table has no rows"),
+            ("", "a.csv: there is no header and no row"),
+            ("\n\n", "a.csv: there is no header and no row"),
         ] {
             let refusal = refusal(text);
             assert!(refusal.contains(expected), "{text:?} gives: {refusal}");

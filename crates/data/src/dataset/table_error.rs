@@ -48,6 +48,10 @@ pub enum TableError {
     #[error("{file}: the table has no rows")]
     #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row"))]
     NoRows { file: String },
+    /// The file has no bytes, or only blank lines and comments.
+    #[error("{file}: there is no header and no row")]
+    #[diagnostic(help("expected a header (x_mm, y_mm, out_1, ...) and at least one row"))]
+    Empty { file: String },
     /// No row has a value in every column that is read.
     #[error("{file}: none of its {rows} rows has a value in every column (line {line}: none in column `{column}`)")]
     #[diagnostic(help("leave the column out of `outputs`, or correct the cells"))]

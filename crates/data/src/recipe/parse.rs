@@ -357,11 +357,7 @@ mod tests {
                 "r.toml:4:63: `spacing_mm` 0.7 doesn't divide the 12 mm of `x_mm`",
             ),
             ("spacing_mm = 0.5", "spacing_mm = 0", "r.toml:4:63: `spacing_mm` is 0, must be over 0, at most 1000 mm"),
-            (
-                "spacing_mm = 0.5",
-                "spacing = 0.5",
-                "r.toml:4:8: `spacing_mm` is missing in `step.grid`: a number in mm, over 0, at most 1000",
-            ),
+            ("spacing_mm = 0.5", "spacing = 0.5", "r.toml:4:50: unknown key `spacing` in `step.grid`"),
             ("[-6.0, 6.0], y", "[6.0, -6.0], y", "r.toml:4:17: `x_mm` has its first number above the second: 6 to -6"),
             ("force_n = 1.0", "force_n = nan", "r.toml:5:11: `force_n` is not a finite number"),
             (

@@ -251,7 +251,6 @@ mod tests {
         assert_eq!(
             Profile::parse("mine.toml", &text).unwrap_err().lines(),
             [
-                "mine.toml:1:1: `unit_id` is missing: a whole number, 0 to 255",
                 "mine.toml:5:1: unknown key `unit`",
                 "mine.toml:10:8: `type` is \"i23\", expected one of u16, i16, u32, i32, f32, f64",
                 "mine.toml:17:22: `saturated_bits` is 19, must be 0 to 15",

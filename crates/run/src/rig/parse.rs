@@ -26,7 +26,8 @@ use palpate_sim::scene::SKIN_CHANNELS_MAX;
 pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems> {
     if document::has_key(text, "step") && !document::has_key(text, root::stage.name) {
         let problem = Problem::new(0..0, "this is a recipe, not a rig");
-        let problem = problem.help("give the recipe first, and the rig with --rig");
+        let problem =
+            problem.help("give a rig file: `palpate init` writes one, and `palpate list` names the shipped ones");
         return Err(Problems::new(file, text, vec![problem]));
     }
     document::read(file, text, &root::KEYS, |table| {
