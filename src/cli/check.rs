@@ -141,7 +141,7 @@ fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
             .filter(is_told)
             .filter_map(|check| Some(format!("{}: {}", check.kind.full_name(check.reach), check.reason.as_ref()?)));
         let reasons = judgement.reasons.iter().filter(|_| has_test).cloned().chain(of_checks);
-        notes.extend(reasons.map(|reason| format!("the acceptance rule can't be decided by this plan: {reason}")));
+        notes.extend(reasons.map(|reason| format!("this plan can't give a verdict: {reason}")));
     }
     notes
 }
@@ -335,8 +335,9 @@ fn permitted(rig: &RigSpec) -> String {
     let [fast, slow] = EXCHANGES_S.map(|exchanges_s| speed(exchanges_s).min(rig.stage.speed_mm_s));
     format!(
         "  a move ends at most {:.3} mm beyond the earliest contact ({} N at {} N/mm),\n  \
-         before the first touch: beyond the depth measured to be free,\n  \
-         and approaches at no more than {slow:.2} to {fast:.2} mm/s (links of {:.0} to {:.0} ms)",
+         before the first touch beyond the depth that was measured to be free\n  \
+         fastest approach: {slow:.2} mm/s if an exchange with the devices takes {:.0} ms,\n  \
+         {fast:.2} mm/s if it takes {:.0} ms",
         limits.force_n / limits.stiffness_n_mm,
         limits.force_n,
         limits.stiffness_n_mm,

@@ -25,10 +25,10 @@ pub enum RepeatabilityChoice {
 /// Events that an acknowledged press survives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum DurabilityChoice {
-    /// A power cut, because the press is flushed to the disk before the next one begins.
+    /// A power cut: each press is on the disk before the next one begins.
     #[default]
     Full,
-    /// The end of the program, but not a power cut.
+    /// A crash of the program, but not a power cut.
     Fast,
 }
 

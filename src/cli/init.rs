@@ -26,7 +26,7 @@ pub(super) struct InitArgs {
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
 
-    /// What you begin with: the sensor nearest to yours, tables, or the book's example
+    /// Template: the sensor most similar to yours, tables, or the example of the book
     #[arg(long, value_name = "START", default_value = "paper")]
     from: Start,
 }

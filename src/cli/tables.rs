@@ -75,8 +75,8 @@ pub(super) fn evaluation_rows(evaluations: &[&Evaluation], is_beside_paper: bool
             let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
             shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
         };
-        row(Detail::All, "in half68_mm, half95_mm", "", &|e| both(e, |c| [c.location_68, c.location_95]));
-        row(Detail::All, "in half68_n, half95_n", "", &|e| both(e, |c| [c.force_68, c.force_95]));
+        row(Detail::All, "in its 68, 95 % half-width", "", &|e| both(e, |c| [c.location_68, c.location_95]));
+        row(Detail::All, "  of the force", "", &|e| both(e, |c| [c.force_68, c.force_95]));
     }
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
         row(Detail::All, "time a solve", "", &|e| {
@@ -138,7 +138,7 @@ pub(super) fn chosen(choice: &Choice) -> String {
     let why = if smaller.is_empty() {
         String::new()
     } else {
-        format!(" (not chosen, because its lead is small: {})", smaller.join(", "))
+        format!(" ({}: ahead by too little to be chosen)", smaller.join(", "))
     };
     let tried: Vec<String> =
         tried.iter().map(|(solver, error_mm)| format!("{solver} {}{NO_BREAK}mm", figures(*error_mm))).collect();

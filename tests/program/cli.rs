@@ -62,8 +62,8 @@ fn check_warns_of_what_is_probably_not_meant() {
             "note: test forces reach 1.855 N, but the calibration has up to 1 N: stronger contacts are answered less exactly, or \
              with `not-one-contact`. Calibrate with 1.855 N, or give the forces to `palpate fit` and `solve`, such as --forces-n 0.1 1.855",
         ),
-        ("guarded.toml", "can't be decided by this plan: force error, mean: 2 test presses; its 95 % bound needs 59"),
-        ("guarded.toml", "can't be decided by this plan: hysteresis, worst unit: 8 units have no value"),
+        ("guarded.toml", "this plan can't give a verdict: force error, mean: 2 test presses; its 95 % bound needs 59"),
+        ("guarded.toml", "this plan can't give a verdict: hysteresis, worst unit: 8 units have no value"),
         ("slow.toml", "warning: a press takes over 100 s: `hold_s` and `sample_s` are in seconds"),
         ("no-test.toml", "warning: the recipe has an acceptance rule, but no step with `phase = \"test\"`"),
     ] {

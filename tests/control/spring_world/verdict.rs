@@ -25,7 +25,7 @@ const AIR_N: f64 = 0.05;
 /// Words by which the program's output names the force that is left, or says that nothing knows it.
 const NAMES_FORCE: [&str; 6] = ["remain", "can't be known", "isn't known", "still presses", "is left on", "may press"];
 
-const OF_THE_START: &str = "the error of its forces isn't known";
+const OF_THE_START: &str = "its forces may be wrong";
 
 /// A run and what it broke.
 #[derive(Debug)]

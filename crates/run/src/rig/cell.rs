@@ -8,8 +8,8 @@ use palpate_link::device::{DeviceError, Identity, LoadCell};
 use std::time::Duration;
 
 /// Statement about a cell with unknown gain.
-pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight, so the error of its forces isn't known (`palpate \
-                       doctor --check-weight-n N` checks it)";
+pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a known weight: its forces may be wrong (`palpate doctor \
+                                --check-weight-n N` checks it)";
 
 /// A load cell whose readings are divided by the gain stated in the rig.
 pub struct AdjustedCell {
