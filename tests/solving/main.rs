@@ -2,6 +2,7 @@
 
 mod acceptance;
 mod adapt;
+mod choice;
 mod evaluate;
 mod golden;
 mod missing;

@@ -1,0 +1,255 @@
+//! How well `best` chooses among the methods: six families of simulated skins, and two published ones where `PALPATE_DATA` names them.
+//! `PALPATE_TESTS=full cargo test --release --test solving choice:: -- --nocapture`. `PALPATE_SETS=DIR` writes the sets as tables, for
+//! a comparison with other programs.
+
+use palpate_core::mechanics::Medium;
+use palpate_core::parallel::in_parallel;
+use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
+use palpate_solver::{
+    BEST, Calibration, CalibrationPoint, Prepared, SOLVERS, Setting, Solver as _, Verdict, Workspace,
+};
+use palpate_testing::campaign;
+use rand::RngExt;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+/// A press: place, force, outputs.
+struct Press {
+    place: Place,
+    force_n: f64,
+    outputs: Vec<f64>,
+}
+
+/// Presses to calibrate with, and presses to test with.
+struct Set {
+    family: &'static str,
+    seed: u64,
+    calibration: Vec<Press>,
+    test: Vec<Press>,
+    layout: Option<ArrayLayout>,
+    forces_known: bool,
+}
+
+/// A kind of skin, and its calibration.
+#[derive(Clone, Copy)]
+struct Family {
+    name: &'static str,
+    /// What its electronics make of the outputs of an elastic skin, in place; the number of columns is 4.
+    read: fn(&mut [f64]),
+    gain_spread_percent: f64,
+    /// Places a side, and presses at each.
+    side: usize,
+    repeats: usize,
+    /// Forces of the calibration, N.
+    force_n: (f64, f64),
+}
+
+const COLUMNS: usize = 4;
+const PITCH_MM: f64 = 4.5;
+const HALF_MM: f64 = 8.0;
+const TESTS: usize = 400;
+const SEEDS: usize = 10;
+
+const FAMILIES: [Family; 6] = [
+    Family { name: "gains", read: |_| {}, gain_spread_percent: 60.0, side: 13, repeats: 1, force_n: (1.0, 1.0) },
+    Family { name: "saturation", read: saturate, gain_spread_percent: 20.0, side: 15, repeats: 1, force_n: (0.2, 1.0) },
+    Family { name: "crosstalk", read: mix, gain_spread_percent: 20.0, side: 13, repeats: 1, force_n: (1.0, 1.0) },
+    Family { name: "dead zones", read: deaden, gain_spread_percent: 20.0, side: 15, repeats: 1, force_n: (0.3, 1.0) },
+    Family { name: "coarse grid", read: |_| {}, gain_spread_percent: 20.0, side: 7, repeats: 1, force_n: (1.0, 1.0) },
+    Family { name: "repeats", read: saturate, gain_spread_percent: 20.0, side: 9, repeats: 5, force_n: (0.3, 1.0) },
+];
+
+fn saturate(outputs: &mut [f64]) {
+    outputs.iter_mut().for_each(|output| *output = 0.4 * (*output / 0.4).tanh());
+}
+
+fn mix(outputs: &mut [f64]) {
+    let own = outputs.to_vec();
+    for (unit, output) in outputs.iter_mut().enumerate() {
+        let is_beside = |other: &usize| {
+            (unit % COLUMNS).abs_diff(other % COLUMNS) + (unit / COLUMNS).abs_diff(other / COLUMNS) == 1
+        };
+        *output += 0.3 * (0..own.len()).filter(is_beside).map(|other| own[other]).sum::<f64>();
+    }
+}
+
+fn deaden(outputs: &mut [f64]) {
+    outputs.iter_mut().for_each(|output| *output = (*output - 0.08).max(0.0));
+}
+
+impl Family {
+    fn set(&self, seed: u64) -> Set {
+        let layout = ArrayLayout::grid(COLUMNS, COLUMNS, PITCH_MM);
+        let spec = SkinSpec {
+            elastomer: Some(Elastomer { depth_mm: 4.0, medium: Medium::BondedLayer { poisson_ratio: 0.49 } }),
+            indenter_radius_mm: 0.5,
+            taxels: Taxels {
+                radius_mm: 1.0,
+                gain_spread_percent: self.gain_spread_percent,
+                place_spread_mm: 0.2,
+                depth_spread_percent: 5.0,
+                ..Taxels::default()
+            },
+            noise: Some(TaxelNoise {
+                repeatability_percent: vec![2.0; COLUMNS * COLUMNS],
+                of: NoiseOf::FullScale,
+                floor: 0.0,
+            }),
+            ..SkinSpec::default()
+        };
+        let mut skin = Skin::new(&spec, &layout, 1.0, seed);
+        let mut rng = stream(seed, 1, self.name);
+        let mut press = |place: Place, force_n: f64, rng: &mut Stream| {
+            skin.draw_contact(rng);
+            let mut outputs = vec![0.0; skin.len()];
+            skin.outputs(force_n, place, &mut outputs);
+            (self.read)(&mut outputs);
+            Press { place, force_n, outputs }
+        };
+        let at = |index: usize| HALF_MM * (2.0 * index as f64 / (self.side - 1) as f64 - 1.0);
+        let mut calibration = Vec::new();
+        for index in (0..self.side * self.side).flat_map(|index| vec![index; self.repeats]) {
+            let force_n = rng.random_range(self.force_n.0..=self.force_n.1);
+            calibration.push(press(Place::new(at(index % self.side), at(index / self.side)), force_n, &mut rng));
+        }
+        let mut test = Vec::new();
+        for _ in 0..TESTS {
+            let mut anywhere = || rng.random_range(-HALF_MM..=HALF_MM);
+            let place = Place::new(anywhere(), anywhere());
+            let force_n = rng.random_range(0.3..=1.0);
+            test.push(press(place, force_n, &mut rng));
+        }
+        Set { family: self.name, seed, calibration, test, layout: Some(layout), forces_known: true }
+    }
+}
+
+/// What a method made of a set.
+struct Made {
+    solver: String,
+    chosen: String,
+    errors_mm: Vec<f64>,
+    flagged: f64,
+    within: [f64; 2],
+}
+
+impl Made {
+    fn mean_mm(&self) -> f64 {
+        self.errors_mm.iter().sum::<f64>() / self.errors_mm.len() as f64
+    }
+
+    /// Mean error of every second test press, from the first or from the second on.
+    fn half_mm(&self, first: usize) -> f64 {
+        let half: Vec<f64> = self.errors_mm.iter().skip(first).step_by(2).copied().collect();
+        half.iter().sum::<f64>() / half.len() as f64
+    }
+}
+
+impl Set {
+    fn solve(&self) -> Vec<Made> {
+        let points: Vec<CalibrationPoint<'_>> = self
+            .calibration
+            .iter()
+            .map(|press| CalibrationPoint { place: press.place, force_n: press.force_n, outputs: &press.outputs })
+            .collect();
+        let calibration = match self.forces_known {
+            true => Calibration::new(&points),
+            false => Calibration::without_forces(&points),
+        };
+        let setting = Setting::of_layout(self.layout.as_ref());
+        let prepared = Prepared::new(calibration.expect("a calibration"), &setting).expect("a sound calibration");
+        let mut made = Vec::new();
+        for solver in [&[BEST], &SOLVERS[..]].concat() {
+            let Ok(fitted) = prepared.fit(solver) else { continue };
+            let mut workspace = Workspace::default();
+            let mut one = Made {
+                solver: solver.to_owned(),
+                chosen: fitted.name().to_owned(),
+                errors_mm: Vec::new(),
+                flagged: 0.0,
+                within: [0.0; 2],
+            };
+            for press in &self.test {
+                let Ok(solution) = fitted.solve(&press.outputs, &mut workspace) else { continue };
+                let off_mm = solution.place.distance_mm(press.place);
+                one.errors_mm.push(off_mm);
+                let each = 1.0 / self.test.len() as f64;
+                one.flagged += if solution.verdict == Verdict::Ok { 0.0 } else { each };
+                if let Some(half) = solution.half_widths {
+                    one.within[0] += if off_mm <= half.half68_mm { each } else { 0.0 };
+                    one.within[1] += if off_mm <= half.half95_mm { each } else { 0.0 };
+                }
+            }
+            made.push(one);
+        }
+        made
+    }
+
+    fn save(&self, folder: &Path) {
+        let folder = folder.join(format!("{}-{}", self.family.replace(' ', "-"), self.seed));
+        fs::create_dir_all(&folder).expect("a folder");
+        for (name, presses) in [("calibration.csv", &self.calibration), ("test.csv", &self.test)] {
+            let columns: Vec<String> = (1..=presses[0].outputs.len()).map(|unit| format!("out_{unit}")).collect();
+            let mut text = format!("x_mm,y_mm,force_n,{}\n", columns.join(","));
+            for Press { place, force_n, outputs } in presses {
+                let outputs: Vec<String> = outputs.iter().map(f64::to_string).collect();
+                let _ = writeln!(text, "{},{},{force_n},{}", place.x_mm, place.y_mm, outputs.join(","));
+            }
+            fs::write(folder.join(name), text).expect("a table");
+        }
+    }
+}
+
+/// Loss of `best` against the method that is best on the other half of the test, mean of both halves.
+fn loss(made: &[Made]) -> f64 {
+    let best = &made[0];
+    let of_half = |chosen_on: usize, scored_on: usize| {
+        let oracle = made[1..].iter().min_by(|a, b| a.half_mm(chosen_on).total_cmp(&b.half_mm(chosen_on)));
+        best.half_mm(scored_on) / oracle.expect("a method").half_mm(scored_on) - 1.0
+    };
+    0.5 * (of_half(0, 1) + of_half(1, 0))
+}
+
+#[test]
+fn best_loses_little_against_the_best_method_of_each_family() {
+    let seeds = campaign::size(1, SEEDS) as u64;
+    let families = &FAMILIES[..campaign::size(1, FAMILIES.len())];
+    let sets: Vec<(Family, u64)> =
+        families.iter().flat_map(|family| (0..seeds).map(move |seed| (*family, seed))).collect();
+    let save = std::env::var_os("PALPATE_SETS");
+    let made = in_parallel(&sets, |(family, seed)| {
+        let set = family.set(*seed);
+        if let Some(folder) = &save {
+            set.save(Path::new(folder));
+        }
+        set.solve()
+    });
+    let mut losses = Vec::new();
+    for family in families {
+        let of_family: Vec<&Vec<Made>> =
+            sets.iter().zip(&made).filter(|((of, _), _)| of.name == family.name).map(|(_, made)| made).collect();
+        let lost: Vec<f64> = of_family.iter().map(|made| loss(made)).collect();
+        let mean = lost.iter().sum::<f64>() / lost.len() as f64;
+        println!("{}: best loses {:.1} % in the mean", family.name, 100.0 * mean);
+        for made in &of_family {
+            let best = &made[0];
+            let methods: Vec<String> = made[1..]
+                .iter()
+                .map(|made| format!("{} {:.4} ({:.1}%)", made.solver, made.mean_mm(), 100.0 * made.flagged))
+                .collect();
+            println!(
+                "  best {} {:.4} mm, flagged {:.1} %, within {:.2} {:.2}; {}",
+                best.chosen,
+                best.mean_mm(),
+                100.0 * best.flagged,
+                best.within[0],
+                best.within[1],
+                methods.join(", ")
+            );
+        }
+        losses.push(mean);
+    }
+    let all = losses.iter().sum::<f64>() / losses.len() as f64;
+    println!("all families: best loses {:.2} %", 100.0 * all);
+}
