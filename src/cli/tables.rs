@@ -75,7 +75,7 @@ pub(super) fn evaluation_rows(evaluations: &[&Evaluation], is_beside_paper: bool
             let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
             shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
         };
-        row(Detail::All, "in its 68, 95 % half-width", "", &|e| both(e, |c| [c.location_68, c.location_95]));
+        row(Detail::All, "inside stated 68, 95 %", "", &|e| both(e, |c| [c.location_68, c.location_95]));
         row(Detail::All, "  of the force", "", &|e| both(e, |c| [c.force_68, c.force_95]));
     }
     if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {

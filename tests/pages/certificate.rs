@@ -71,7 +71,7 @@ fn what_no_run_knows_must_be_given_and_nothing_is_written_without_it() {
     let told = refused(&exchanged(&given, "country = \"DK\"", "country = \"Denmark\""), "run");
     assert!(told.contains("expected two upper-case letters"), "{told}");
     let told = refused(&given.replace("[procedure]", "[procedur]"), "run");
-    assert!(told.contains("`procedure` is missing") && told.contains("did you mean `procedure`?"), "{told}");
+    assert!(told.contains("unknown key `procedur`") && told.contains("did you mean `procedure`?"), "{told}");
     let without =
         given.split("[[responsible]]").next().unwrap().to_owned() + "[item]" + given.split("[item]").nth(1).unwrap();
     assert!(refused(&without, "run").contains("`responsible` is missing"));

@@ -202,7 +202,7 @@ fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
         assert_refused(&broken, TEST, &[&["a.csv"], parts].concat());
         assert_refused(CALIBRATION, &broken, &[&["b.csv"], parts].concat());
     }
-    assert_refused("", TEST, &["a.csv", "no rows"]);
+    assert_refused("", TEST, &["a.csv", "no header and no row"]);
     let none = Bench::with([("b.csv", TEST)]).palpate_ends(2, WORDS);
     assert!(none.running().contains("a.csv: can't be read"), "{}", none.err);
 }

@@ -145,7 +145,7 @@ pub const RIG_TWINS: [Twin; 8] = [
         from: "[limits]",
         to: "[limit]",
         refused_by: Schema,
-        parts: &["`limits` is missing", "unknown key `limit`", "did you mean `limits`?"],
+        parts: &["unknown key `limit`", "did you mean `limits`?"],
     },
     Twin {
         from: "force_n = 2.0",
