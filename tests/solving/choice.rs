@@ -129,6 +129,7 @@ impl Family {
 struct Made {
     solver: String,
     chosen: String,
+    candidates: Vec<(String, f64)>,
     errors_mm: Vec<f64>,
     flagged: f64,
     within: [f64; 2],
@@ -166,6 +167,16 @@ impl Set {
             let mut one = Made {
                 solver: solver.to_owned(),
                 chosen: fitted.name().to_owned(),
+                candidates: fitted
+                    .choice()
+                    .map(|choice| {
+                        choice
+                            .candidates
+                            .iter()
+                            .map(|c| (c.solver.clone(), c.location_error_mm.unwrap_or(f64::NAN)))
+                            .collect()
+                    })
+                    .unwrap_or_default(),
                 errors_mm: Vec::new(),
                 flagged: 0.0,
                 within: [0.0; 2],
@@ -252,4 +263,48 @@ fn best_loses_little_against_the_best_method_of_each_family() {
     }
     let all = losses.iter().sum::<f64>() / losses.len() as f64;
     println!("all families: best loses {:.2} %", 100.0 * all);
+}
+
+/// The paper's scene T with so many places a side: the better of `physics` and `surrogate`, and what `best` chose.
+#[test]
+fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
+    let seeds: Vec<u64> = (0..campaign::size(1, 20) as u64).collect();
+    for side in [7, 25] {
+        let made = in_parallel(&seeds, |&seed| {
+            let layout = ArrayLayout::grid(3, 3, 4.5);
+            let mut skin = Skin::new(&palpate_testing::skins::scene_t(), &layout, 2.0, seed);
+            let mut rng = stream(seed, 1, "scene T");
+            let mut press = |place: Place, force_n: f64, rng: &mut Stream| {
+                skin.draw_contact(rng);
+                let mut outputs = vec![0.0; skin.len()];
+                skin.outputs(force_n, place, &mut outputs);
+                Press { place, force_n, outputs }
+            };
+            let at = |index: usize| -6.0 + 12.0 * index as f64 / (side - 1) as f64;
+            let calibration =
+                (0..side * side).map(|i| press(Place::new(at(i % side), at(i / side)), 1.0, &mut rng)).collect();
+            let test = (0..500)
+                .map(|_| {
+                    let place = Place::new(rng.random_range(-6.0..=6.0), rng.random_range(-6.0..=6.0));
+                    let force_n = rng.random_range(0.1..=1.0);
+                    press(place, force_n, &mut rng)
+                })
+                .collect();
+            Set { family: "T", seed, calibration, test, layout: Some(layout), forces_known: true }.solve()
+        });
+        let mean = |solver: &str| {
+            let all: Vec<f64> =
+                made.iter().map(|made| made.iter().find(|made| made.solver == solver).unwrap().mean_mm()).collect();
+            all.iter().sum::<f64>() / all.len() as f64
+        };
+        println!(
+            "{side}: best {:.4}, physics {:.4}, surrogate {:.4}",
+            mean("best"),
+            mean("physics"),
+            mean("surrogate")
+        );
+        for made in &made {
+            println!("  {} {:?}", made[0].chosen, made[0].candidates);
+        }
+    }
 }

@@ -165,7 +165,7 @@ impl<'a> Prepared<'a> {
         let first = |&solver: &&'static str| Tried { solver, trials: self.first_trials(solver).unwrap_or_default() };
         let mut tried = in_parallel(&names, first);
         // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
-        let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
+        let hopeful = best::hopeful(&tried, self.calibration.forces_are_known(), |tried| tried.solver != PHYSICS);
         let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
         let trials = in_parallel(&on, |&method| self.tried(names[method]).unwrap_or_default());
         on.into_iter().zip(trials).for_each(|(method, trials)| tried[method].trials = trials);
@@ -173,7 +173,7 @@ impl<'a> Prepared<'a> {
         let mut ranked = best::ranked(&tried);
         let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
         let of_few = ranked.iter().position(|tried| tried.solver == PHYSICS).filter(|_| self.is_elastic_by_few());
-        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead));
+        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, self.calibration.forces_are_known(), may_lead));
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let ties = best::ties(&ranked);
