@@ -114,6 +114,12 @@ impl Response {
         (self.noise.variance(unit, 0.0) * (1.0 - share * share).max(0.0)).sqrt()
     }
 
+    /// Mean leverage of the calibration's presses, each predicted by the others.
+    pub(crate) fn mean_leverage(&self) -> f64 {
+        let all = || self.held.iter().flat_map(|held| &held.residuals);
+        all().map(|residual| residual.leverage).sum::<f64>() / all().count().max(1) as f64
+    }
+
     /// Returns the noise of each unit under the calibration's force: a standard deviation, as the root mean square over the
     /// calibration's presses.
     pub(crate) fn typical_sd(&self) -> Vec<f64> {
