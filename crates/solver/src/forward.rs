@@ -124,8 +124,7 @@ impl Forward {
     pub(crate) fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();
-        // where noise is all that contacts leave, held-out ones leave more only as the map without them is worse
-        if let Some(most) = upper(residues, setting.false_alarms).filter(|_| !self.limits.is_noise) {
+        if let Some(most) = upper(residues, setting.false_alarms) {
             let limit = self.limits.one_contact.max(most);
             self.limits.without_a_unit *= limit / self.limits.one_contact;
             self.limits.one_contact = limit;
