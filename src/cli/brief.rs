@@ -10,6 +10,8 @@ use palpate_solver::Evaluation;
 pub(super) const LINES_MOST: usize = 20;
 /// Most limits that are named one by one.
 const LIMITS_MOST: usize = 8;
+/// Most limits that are named one by one where all are met.
+const NAMED_MOST: usize = 4;
 
 /// What is printed, and for which width of the terminal, columns.
 pub(super) struct Brief<'a> {
@@ -116,7 +118,7 @@ impl Brief<'_> {
             missed.truncate(LIMITS_MOST);
         }
         let all: Vec<&Check> = if missed.is_empty() { judgement.checks.iter().collect() } else { missed };
-        let is_named = all.len() <= LIMITS_MOST && (hidden > 0 || met < judgement.checks.len() || met <= 2);
+        let is_named = all.len() <= LIMITS_MOST && (hidden > 0 || met < judgement.checks.len() || met <= NAMED_MOST);
         for check in all.iter().filter(|_| is_named) {
             lines.extend(ranked(Rank::Verdict, &format!("  {}", check.compared()), "    "));
         }

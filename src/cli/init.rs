@@ -36,7 +36,7 @@ pub(super) struct InitArgs {
 enum Start {
     /// 3 x 3 taxels under a soft cover, as in the paper, simulated
     Paper,
-    /// 4 x 4 magnetometers with three axes
+    /// 4 x 4 magnetometers with three axes, 5 mm apart
     Magnetic,
     /// 4 x 4 barometers
     Barometer,

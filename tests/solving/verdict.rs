@@ -132,8 +132,8 @@ fn a_guarded_rule_decides_nothing_on_one_press_or_without_the_benchs_uncertainty
     let reason = |verdict: &Value, check: usize| verdict["checks"][check]["reason"].as_str().unwrap().to_owned();
     let one = verdict(1, "--rig known.toml", 1);
     assert_eq!(one["verdict"], "not-decided");
-    assert_eq!(reason(&one, 0), "1 test presses; its 95 % bound needs 59");
-    assert_eq!(reason(&one, 1), "1 test presses; its 95 % bound needs 59");
+    assert_eq!(reason(&one, 0), "1 test presses; its 95 % bound needs 59 (a simple rule needs no bound)");
+    assert_eq!(reason(&one, 1), "1 test presses; its 95 % bound needs 59 (a simple rule needs no bound)");
     assert!(one["checks"][0]["bound"].is_null() && one["checks"][2]["bound"].is_number(), "{one}");
     let enough = verdict(60, "--rig known.toml", 0);
     for check in enough["checks"].as_array().unwrap() {

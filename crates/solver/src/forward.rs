@@ -65,9 +65,6 @@ pub(super) struct Limits {
     pub known: f64,
     /// Factor by which sums of squares exceed those of noise alone.
     excess: f64,
-    /// Whether the residuals of the map on its own calibration are only noise. Needed only before the map is written to a file.
-    #[serde(skip)]
-    is_noise: bool,
 }
 
 /// Distance in sd for the broken-unit test of unexplained readings. A unit looks broken if its reading is this close to silence,
@@ -104,7 +101,6 @@ impl Forward {
             inside: chi2_quantile(1, 2.0 * rate),
             known: response.known_leverage,
             excess: (one_contact / left(units)).max(1.0),
-            is_noise: unexplained.is_noise(),
         };
         Forward {
             widths: None,

@@ -296,7 +296,9 @@ fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, S
         return Err("no test was evaluated".to_owned());
     }
     let truth = errors.u_truth.map(|u| NORMAL_95 * u).ok_or_else(|| unknown_truth(limit.figure));
-    let fewer = |least: usize| format!("{n} test presses; its {:.0} % bound needs {least}", 100.0 * CONFIDENCE);
+    let fewer = |least: usize| {
+        format!("{n} test presses; its {:.0} % bound needs {least} (a simple rule needs no bound)", 100.0 * CONFIDENCE)
+    };
     match limit.figure {
         Figure::LocationMean | Figure::ForceMean => {
             if unsolved > 0 {

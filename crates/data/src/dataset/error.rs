@@ -61,7 +61,9 @@ pub enum DatasetError {
     },
     /// The folder to be created already exists.
     #[error("{} already exists", path.display())]
-    #[diagnostic(help("choose another --out; palpate never changes an existing folder"))]
+    #[diagnostic(help(
+        "choose another --out: no existing folder is changed. To judge a run again, use `palpate evaluate RUN --accept FILE`"
+    ))]
     Exists {
         /// The folder.
         path: PathBuf,

@@ -110,7 +110,12 @@ mod tests {
     #[test]
     fn few_presses_unknown_places_and_units_without_a_staircase_are_reasons() {
         let few = reasons("\"all\"", 50, "rule = \"guarded\"\nlocation_p95_mm = 1.0", Some(0.01));
-        assert_eq!(few, ["location error, 95th percentile: 50 test presses; its 95 % bound needs 59"]);
+        assert_eq!(
+            few,
+            [
+                "location error, 95th percentile: 50 test presses; its 95 % bound needs 59 (a simple rule needs no bound)"
+            ]
+        );
         let unknown = reasons("\"all\"", 60, "rule = \"guarded\"\nlocation_mean_mm = 1.0", None);
         assert!(unknown[0].contains("the uncertainty of the positions isn't known"), "{unknown:?}");
         let some = reasons("[1, 5]", 60, "hysteresis_percent = 5.0", None);

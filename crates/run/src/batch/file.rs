@@ -332,7 +332,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
                  no '.' at the beginning",
             ),
             ("digits = 2", "digits = 10", "b.toml:6:59: `digits` is 10, must be 1 to 9"),
-            ("serials =", "serial =", "b.toml:1:1: `serials` is missing: a table with `prefix`, `first`, `last`"),
+            ("serials =", "serial =", "b.toml:6:1: unknown key `serial`"),
             (
                 "{ prefix = \"A-\", first = 9, last = 11, digits = 2 }",
                 "[\"a\", \"b\", \"A\"]",

@@ -366,11 +366,7 @@ mod tests {
                 "stiffness_n_mm = -2.0",
                 "`stiffness_n_mm` is -2, must be over 0, at most 100000 N/mm",
             ),
-            (
-                "stiffness_n_mm = 2.0",
-                "stifness_n_mm = 2.0",
-                "`stiffness_n_mm` is missing in `limits`: a number in N/mm, over 0, at most 100000",
-            ),
+            ("stiffness_n_mm = 2.0", "stifness_n_mm = 2.0", "unknown key `stifness_n_mm` in `limits`"),
             ("{ modbus = \"labjack-t7\" }", "\"labjack-t7\"", "`driver` is a string, expected a table"),
             ("{ modbus = \"labjack-t7\" }", "3", "`driver` is an integer, expected a table"),
             ("\"esp301\"", "3", "`driver` is an integer, expected a table"),

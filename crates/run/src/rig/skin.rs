@@ -228,10 +228,7 @@ mod tests {
             (changed(", 3.97]", "]"), vec!["39:41: `repeatability_percent` has 8 values for 9 units"]),
             (
                 changed("repeatability_percent", "repeatabilty_percent"),
-                vec![
-                    "39:15: `repeatability_percent` is missing in `scene.taxel_noise`: a list with one % per unit",
-                    "39:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`",
-                ],
+                vec!["39:17: unknown key `repeatabilty_percent` in `scene.taxel_noise`"],
             ),
             (
                 with("converter = { bits = 0 }"),
