@@ -55,7 +55,7 @@ const MOST_PRESSES: usize = 5000;
 
 /// Number of coordinates that are tried at each split. If there are fewer, all are tried. If there are very many, twice the
 /// square root of their number is tried.
-const TRIED_COORDINATES: usize = 10;
+const TRIED_COORDINATES: usize = 32;
 
 /// Least spread of the trees that counts, mm.
 const LEAST_SPREAD_MM: f64 = 1e-4;

@@ -7,7 +7,6 @@ use super::{Calibration, FitError, Locate, Located, Setting, SolveError, Workspa
 use palpate_core::quantity::{Place, stream};
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
-use std::ops::Range;
 
 /// Calibration press, scaled to another force, and solved by a method that was fitted without this press' place.
 #[derive(Clone)]
@@ -37,8 +36,12 @@ pub(super) struct Folds<'a> {
     area: Option<Area>,
 }
 
-/// Number of parts into which the places of a calibration are divided. One part at a time is held out.
-pub(super) const FOLDS: usize = 5;
+/// Number of parts into which the places of a calibration are divided. One part at a time is held out. Of few places fewer are held
+/// out at once, because a map without a fifth of them is much worse.
+const FOLDS: usize = 5;
+const FOLDS_OF_FEW: usize = 10;
+/// Number of places below which they are few.
+const FEW_PLACES: usize = 150;
 
 /// Least number of places for which some can be held out.
 const FEWEST_PLACES: usize = 9;
@@ -57,11 +60,17 @@ impl<'a> Folds<'a> {
             return None;
         }
         shuffle(&mut spots, &mut stream(0, 0, "held-out presses"));
-        let part = |fold: usize| spots.iter().skip(fold).step_by(FOLDS).flatten().copied().collect();
-        let parts = (0..FOLDS).map(part).collect();
+        let folds = if spots.len() < FEW_PLACES { FOLDS_OF_FEW.min(spots.len()) } else { FOLDS };
+        let part = |fold: usize| spots.iter().skip(fold).step_by(folds).flatten().copied().collect();
+        let parts = (0..folds).map(part).collect();
         let inner = Area::around(calibration.points().map(|point| point.place));
         let area = inner.filter(|area| calibration.points().any(|point| area.has_inside(point.place)));
         Some(Folds { calibration, response, parts, shares: setting.shares(calibration), area })
+    }
+
+    /// Number of parts.
+    pub(crate) fn count(&self) -> usize {
+        self.parts.len()
     }
 
     /// Tries a method on some of the parts, with the force unknown to the method. Held-out presses are rescaled to the expected
@@ -71,7 +80,7 @@ impl<'a> Folds<'a> {
     /// The method can't be fitted to the other parts.
     pub(crate) fn trials(
         &self,
-        folds: Range<usize>,
+        folds: impl Iterator<Item = usize>,
         fit: impl Fn(&Calibration) -> Result<Method, FitError>,
     ) -> Result<Vec<HeldPress>, FitError> {
         let (least, most) = self.shares;
@@ -82,11 +91,11 @@ impl<'a> Folds<'a> {
         let mut reading = vec![0.0; self.calibration.units()];
         for fold in folds {
             let mut rng = stream(0, fold as u64, "noise of held-out presses");
-            let others = (0..FOLDS).filter(|part| *part != fold).flat_map(|part| &self.parts[part]);
+            let others = (0..self.count()).filter(|part| *part != fold).flat_map(|part| &self.parts[part]);
             let method = fit(&self.calibration.subset(&others.copied().collect::<Vec<_>>()))?;
             let held = &self.parts[fold];
             // of many presses some, from everywhere
-            let every = held.len().div_ceil(MOST_TRIALS / FOLDS / forces).max(1);
+            let every = held.len().div_ceil(MOST_TRIALS / self.count() / forces).max(1);
             for (index, &press) in held.iter().step_by(every).enumerate() {
                 let point = self.calibration.point(press);
                 for part in 0..forces {

@@ -9,7 +9,7 @@ use super::field::Area;
 use super::fitted::Answering;
 use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
-use super::heldout::{FOLDS, Folds, HeldPress};
+use super::heldout::{Folds, HeldPress};
 use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
 use super::pattern_map::{Correlations, PatternMap};
 use super::physics::physics;
@@ -22,7 +22,7 @@ use super::{
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::{ArrayLayout, Place};
-use std::ops::Range;
+use std::ops::RangeBounds;
 use std::sync::OnceLock;
 
 /// A calibration, and other data about its array.
@@ -274,14 +274,14 @@ impl<'a> Prepared<'a> {
             return Ok(Blend::trials([&self.tried(one)?, &self.tried(other)?]));
         }
         let mut trials = self.first_trials(name)?;
-        let others = || self.try_on(1..FOLDS, name);
+        let others = || self.try_on(1.., name);
         trials.extend_from_slice(self.trials_of(name)?.others.get_or_init(others).as_ref().map_err(Clone::clone)?);
         Ok(trials)
     }
 
     /// Returns the trials on the first part of the presses.
     fn first_trials(&self, name: &str) -> Result<Vec<HeldPress>, FitError> {
-        self.trials_of(name)?.first.get_or_init(|| self.try_on(0..1, name)).clone()
+        self.trials_of(name)?.first.get_or_init(|| self.try_on(..1, name)).clone()
     }
 
     fn trials_of(&self, name: &str) -> Result<&Trials, FitError> {
@@ -289,9 +289,12 @@ impl<'a> Prepared<'a> {
         Ok(&self.trials[index.ok_or_else(|| FitError::UnknownSolver { name: name.to_owned() })?])
     }
 
-    fn try_on(&self, folds: Range<usize>, name: &str) -> Result<Vec<HeldPress>, FitError> {
+    fn try_on(&self, folds: impl RangeBounds<usize>, name: &str) -> Result<Vec<HeldPress>, FitError> {
         match Folds::of(&self.calibration, &self.setting(), self.response()?) {
-            Some(parts) => parts.trials(folds, |part| self.fit_to(part, name)),
+            Some(parts) => {
+                let folds = (0..parts.count()).filter(|fold| folds.contains(fold));
+                parts.trials(folds, |part| self.fit_to(part, name))
+            }
             None => Ok(Vec::new()),
         }
     }
