@@ -1,4 +1,4 @@
-//! How well `best` chooses among the methods: six families of simulated skins, and two published ones where `PALPATE_DATA` names them.
+//! How well `best` chooses among the methods on six families of simulated skins.
 //! `PALPATE_TESTS=full cargo test --release --test solving choice:: -- --nocapture`. `PALPATE_SETS=DIR` writes the sets as tables, for
 //! a comparison with other programs.
 
@@ -28,8 +28,7 @@ struct Set {
     seed: u64,
     calibration: Vec<Press>,
     test: Vec<Press>,
-    layout: Option<ArrayLayout>,
-    forces_known: bool,
+    layout: ArrayLayout,
 }
 
 /// A kind of skin, and its calibration.
@@ -45,6 +44,10 @@ struct Family {
     /// Forces of the calibration, N.
     force_n: (f64, f64),
 }
+
+/// Largest loss of `best` against the method that is best on the other half of the test: mean of all families, and of one.
+const LOSS_MOST: f64 = 0.02;
+const LOSS_OF_FAMILY_MOST: f64 = 0.06;
 
 const COLUMNS: usize = 4;
 const PITCH_MM: f64 = 4.5;
@@ -79,6 +82,14 @@ fn deaden(outputs: &mut [f64]) {
     outputs.iter_mut().for_each(|output| *output = (*output - 0.08).max(0.0));
 }
 
+/// A contact of its own with a skin.
+fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut Stream) -> Press {
+    skin.draw_contact(rng);
+    let mut outputs = vec![0.0; skin.len()];
+    skin.outputs(force_n, place, &mut outputs);
+    Press { place, force_n, outputs }
+}
+
 impl Family {
     fn set(&self, seed: u64) -> Set {
         let layout = ArrayLayout::grid(COLUMNS, COLUMNS, PITCH_MM);
@@ -102,11 +113,9 @@ impl Family {
         let mut skin = Skin::new(&spec, &layout, 1.0, seed);
         let mut rng = stream(seed, 1, self.name);
         let mut press = |place: Place, force_n: f64, rng: &mut Stream| {
-            skin.draw_contact(rng);
-            let mut outputs = vec![0.0; skin.len()];
-            skin.outputs(force_n, place, &mut outputs);
-            (self.read)(&mut outputs);
-            Press { place, force_n, outputs }
+            let mut press = pressed(&mut skin, place, force_n, rng);
+            (self.read)(&mut press.outputs);
+            press
         };
         let at = |index: usize| HALF_MM * (2.0 * index as f64 / (self.side - 1) as f64 - 1.0);
         let mut calibration = Vec::new();
@@ -121,7 +130,7 @@ impl Family {
             let force_n = rng.random_range(0.3..=1.0);
             test.push(press(place, force_n, &mut rng));
         }
-        Set { family: self.name, seed, calibration, test, layout: Some(layout), forces_known: true }
+        Set { family: self.name, seed, calibration, test, layout }
     }
 }
 
@@ -129,7 +138,6 @@ impl Family {
 struct Made {
     solver: String,
     chosen: String,
-    candidates: Vec<(String, f64)>,
     errors_mm: Vec<f64>,
     flagged: f64,
     within: [f64; 2],
@@ -154,12 +162,8 @@ impl Set {
             .iter()
             .map(|press| CalibrationPoint { place: press.place, force_n: press.force_n, outputs: &press.outputs })
             .collect();
-        let calibration = match self.forces_known {
-            true => Calibration::new(&points),
-            false => Calibration::without_forces(&points),
-        };
-        let setting = Setting::of_layout(self.layout.as_ref());
-        let prepared = Prepared::new(calibration.expect("a calibration"), &setting).expect("a sound calibration");
+        let calibration = Calibration::new(&points).expect("a calibration");
+        let prepared = Prepared::new(calibration, &Setting::of_layout(Some(&self.layout))).expect("a sound one");
         let mut made = Vec::new();
         for solver in [&[BEST], &SOLVERS[..]].concat() {
             let Ok(fitted) = prepared.fit(solver) else { continue };
@@ -167,16 +171,6 @@ impl Set {
             let mut one = Made {
                 solver: solver.to_owned(),
                 chosen: fitted.name().to_owned(),
-                candidates: fitted
-                    .choice()
-                    .map(|choice| {
-                        choice
-                            .candidates
-                            .iter()
-                            .map(|c| (c.solver.clone(), c.location_error_mm.unwrap_or(f64::NAN)))
-                            .collect()
-                    })
-                    .unwrap_or_default(),
                 errors_mm: Vec::new(),
                 flagged: 0.0,
                 within: [0.0; 2],
@@ -263,23 +257,19 @@ fn best_loses_little_against_the_best_method_of_each_family() {
     }
     let all = losses.iter().sum::<f64>() / losses.len() as f64;
     println!("all families: best loses {:.2} %", 100.0 * all);
+    assert!(all <= LOSS_MOST && losses.iter().all(|loss| *loss <= LOSS_OF_FAMILY_MOST), "{losses:?}");
 }
 
 /// The paper's scene T with so many places a side: the better of `physics` and `surrogate`, and what `best` chose.
 #[test]
 fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
     let seeds: Vec<u64> = (0..campaign::size(1, 20) as u64).collect();
-    for side in [7, 25] {
+    for (side, most) in [(7, 1.05), (25, 1.02)].into_iter().take(campaign::size(1, 2)) {
         let made = in_parallel(&seeds, |&seed| {
             let layout = ArrayLayout::grid(3, 3, 4.5);
             let mut skin = Skin::new(&palpate_testing::skins::scene_t(), &layout, 2.0, seed);
             let mut rng = stream(seed, 1, "scene T");
-            let mut press = |place: Place, force_n: f64, rng: &mut Stream| {
-                skin.draw_contact(rng);
-                let mut outputs = vec![0.0; skin.len()];
-                skin.outputs(force_n, place, &mut outputs);
-                Press { place, force_n, outputs }
-            };
+            let mut press = |place: Place, force_n: f64, rng: &mut Stream| pressed(&mut skin, place, force_n, rng);
             let at = |index: usize| -6.0 + 12.0 * index as f64 / (side - 1) as f64;
             let calibration =
                 (0..side * side).map(|i| press(Place::new(at(i % side), at(i / side)), 1.0, &mut rng)).collect();
@@ -290,21 +280,15 @@ fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
                     press(place, force_n, &mut rng)
                 })
                 .collect();
-            Set { family: "T", seed, calibration, test, layout: Some(layout), forces_known: true }.solve()
+            Set { family: "T", seed, calibration, test, layout }.solve()
         });
         let mean = |solver: &str| {
             let all: Vec<f64> =
                 made.iter().map(|made| made.iter().find(|made| made.solver == solver).unwrap().mean_mm()).collect();
             all.iter().sum::<f64>() / all.len() as f64
         };
-        println!(
-            "{side}: best {:.4}, physics {:.4}, surrogate {:.4}",
-            mean("best"),
-            mean("physics"),
-            mean("surrogate")
-        );
-        for made in &made {
-            println!("  {} {:?}", made[0].chosen, made[0].candidates);
-        }
+        let [best, physics, surrogate] = ["best", "physics", "surrogate"].map(mean);
+        println!("{side} x {side} places: best {best:.4} mm, physics {physics:.4} mm, surrogate {surrogate:.4} mm");
+        assert!(best <= most * physics.min(surrogate), "{best} mm");
     }
 }

@@ -7,7 +7,7 @@ use super::broken::broken;
 use super::extra_trees::ExtraTrees;
 use super::field::Area;
 use super::fitted::Answering;
-use super::forward::{Forward, MapKind};
+use super::forward::{Forward, KNOWN_LEVERAGE, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{Folds, HeldPress};
 use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
@@ -60,10 +60,6 @@ const REGRESSIONS: [&str; 3] = [PROCESS, PATTERN_MAP, EXTRA_TREES];
 
 /// Largest mean location error that counts as small, as a fraction of the area's longer side.
 const LITTLE_OF_AREA: f64 = 0.05;
-
-/// Largest leverage of a smooth map that explains the calibration with which `physics` isn't tried. The error of a predicted output is
-/// then at most 6 % larger than with a map that is known exactly, and few methods can be better by that.
-const KNOWN_LEVERAGE: f64 = 0.12;
 
 /// Least number of places for each unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
