@@ -17,7 +17,7 @@ Examples:
 The file holds the fitted method. `solve --model` gives the same answers as
 `solve --calibration`, bit for bit, without fitting. Its first two lines are text:
 the source, and the area and the forces that it is valid for. Its size is
-32 MB at most. If the presses don't fit into it, readings with a missing
+128 MB at most. If the presses don't fit into it, readings with a missing
 output can't be solved.
 
 Forces are those of the load cell. `evaluate` of a run uses the set forces, as the

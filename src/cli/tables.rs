@@ -151,8 +151,18 @@ pub(super) fn chosen(choice: &Choice) -> String {
         let ties: Vec<String> = choice.ties.iter().map(sigmas).collect();
         text += &filled(&format!("{} is nearly tied with {}", chosen.solver, ties.join(", ")), "  ");
     }
+    if let Some(mean_mm) = choice.mean_place_error_mm.filter(|mean_mm| *chosen_mm > LITTLE_LEARNED * mean_mm) {
+        let mean_mm = figures(mean_mm);
+        let warning = format!(
+            "warning: an answer that is always the mean place has {mean_mm}{NO_BREAK}mm: these outputs hardly show places"
+        );
+        text += &filled(&warning, "  ");
+    }
     text
 }
+
+/// Fraction of the error of an answer that is always the mean place, above which a method has learned little.
+const LITTLE_LEARNED: f64 = 0.75;
 
 /// Mean errors of methods on presses that were held out of the calibration in turn, for a calibration without a test.
 pub(super) fn cross_validated_table(candidates: &[Candidate]) -> String {
@@ -380,17 +390,20 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
             candidate("pearson", Some(123.46)),
             candidate("physics", None),
         ];
-        let untried = Choice { candidates: candidates[2..].to_vec(), ties: Vec::new() };
+        let untried = Choice { candidates: candidates[2..].to_vec(), ties: Vec::new(), mean_place_error_mm: None };
         assert_eq!(chosen(&untried), "chosen without cross-validation: too few presses\n");
         let ties = vec![Tie { solver: "pearson".to_owned(), sigmas: 1.25 }];
-        let tied = chosen(&Choice { candidates: candidates.clone(), ties });
+        let tied = chosen(&Choice { candidates: candidates.clone(), ties, mean_place_error_mm: Some(4.0) });
         assert!(
             tied.ends_with(
                 "\ngaussian-process is nearly tied with pearson (the errors differ by 1.2 standard\n  errors)\n"
             ),
             "{tied}"
         );
-        let choice = Choice { candidates, ties: Vec::new() };
+        let lost =
+            chosen(&Choice { candidates: candidates.clone(), ties: Vec::new(), mean_place_error_mm: Some(0.13) });
+        assert!(lost.contains("\nwarning: an answer that is always the mean place has 0.130 mm"), "{lost}");
+        let choice = Choice { candidates, ties: Vec::new(), mean_place_error_mm: Some(4.0) };
         assert_eq!(
             chosen(&choice),
             "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm\n"

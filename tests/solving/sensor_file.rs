@@ -145,7 +145,7 @@ fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
 
 #[test]
 fn presses_that_find_no_room_are_left_out() {
-    let rows: Vec<Vec<f64>> = (0..36 * 90)
+    let rows: Vec<Vec<f64>> = (0..36 * 9)
         .map(|press| {
             let (x_mm, y_mm) = ((press % 6) as f64, (press / 6 % 6) as f64);
             let unit = |unit: usize| {
@@ -157,8 +157,8 @@ fn presses_that_find_no_room_are_left_out() {
         .collect();
     let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
     let model = Model::fit("whitened", calibration, &Setting::default()).unwrap();
-    let file = palpate_data::dataset::sensor_file::SensorFile::new(model, None, Vec::new()).unwrap();
-    assert!(!file.card.keeps_presses && file.card.bytes < 32 << 20, "{:?}", file.card);
+    let file = palpate_data::dataset::sensor_file::SensorFile::within(3 << 20, model, None, Vec::new()).unwrap();
+    assert!(!file.card.keeps_presses && file.card.bytes < 3 << 20, "{:?}", file.card);
     let bench = Bench::with([]);
     file.write(&bench.path("large.palpate")).unwrap();
     let (_, model) = palpate_data::dataset::sensor_file::read_sensor_file(&bench.path("large.palpate")).unwrap();

@@ -2,6 +2,7 @@
 
 use super::fitted::{Candidate, Tie};
 use super::heldout::HeldPress;
+use palpate_core::quantity::Place;
 use std::collections::BTreeMap;
 
 /// Method and its trials.
@@ -43,6 +44,14 @@ impl Tried {
     pub(crate) fn halves_the_force_error_of(&self, other: &Tried) -> bool {
         let of = |tried: &Tried| tried.candidate().force_error_n;
         of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
+    }
+
+    /// Mean distance of the trials' places from their mean, mm: the error of an answer that is always the mean place.
+    pub(crate) fn mean_place_error_mm(&self) -> Option<f64> {
+        let places = || self.inside().map(|trial| trial.place);
+        let of = |coordinate: fn(Place) -> f64| mean(&places().map(coordinate).collect::<Vec<f64>>());
+        let middle = Place::new(of(|place| place.x_mm)?, of(|place| place.y_mm)?);
+        mean(&places().map(|place| place.distance_mm(middle)).collect::<Vec<f64>>())
     }
 
     fn location_errors(&self) -> Vec<f64> {
@@ -154,7 +163,6 @@ fn mean(values: &[f64]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::{Located, SolveError};
-    use palpate_core::quantity::Place;
 
     /// A method whose answers are all off by so much.
     fn tried(solver: &'static str, location_error_mm: f64, force_error_n: f64) -> Tried {

@@ -44,6 +44,9 @@ pub struct Choice {
     /// Methods that are nearly as good as the chosen one. A sensor file doesn't keep them.
     #[serde(skip)]
     pub ties: Vec<Tie>,
+    /// Mean location error of an answer that is always the mean place, mm, on the same presses. A sensor file doesn't keep it.
+    #[serde(skip)]
+    pub mean_place_error_mm: Option<f64>,
 }
 
 /// A method with nearly the same location error as the chosen one.

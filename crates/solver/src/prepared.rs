@@ -180,7 +180,9 @@ impl<'a> Prepared<'a> {
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let ties = best::ties(&ranked);
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
-        Ok(self.answering(chosen.solver, &chosen.trials)?.chosen(Choice { candidates, ties }))
+        let mean_place_error_mm = chosen.mean_place_error_mm();
+        let fitted = self.answering(chosen.solver, &chosen.trials)?;
+        Ok(fitted.chosen(Choice { candidates, ties, mean_place_error_mm }))
     }
 
     /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may

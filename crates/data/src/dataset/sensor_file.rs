@@ -21,7 +21,7 @@ pub const MARK: &str = "palpate sensor 1";
 const KIND: &str = "palpate sensor ";
 
 /// Largest size of a model in a file, bytes.
-pub(crate) const MOST_BYTES: usize = 32 << 20;
+pub(crate) const MOST_BYTES: usize = 128 << 20;
 
 /// Largest size of a card, bytes.
 const CARD_MOST_BYTES: usize = 64 << 10;
@@ -138,13 +138,26 @@ impl SensorFile {
     /// # Errors
     /// The file is too large even without presses.
     pub fn new(model: Model, sensor: Option<String>, made_from: Vec<Fingerprint>) -> Result<Self, SensorFileError> {
+        SensorFile::within(MOST_BYTES, model, sensor, made_from)
+    }
+
+    /// Prepares the same file with a smaller largest size of the model, bytes.
+    ///
+    /// # Errors
+    /// The same as for [`new`](Self::new).
+    pub fn within(
+        most_bytes: usize,
+        model: Model,
+        sensor: Option<String>,
+        made_from: Vec<Fingerprint>,
+    ) -> Result<Self, SensorFileError> {
         let mut model = model;
         let mut bytes = model.to_bytes()?;
-        if bytes.len() > MOST_BYTES {
+        if bytes.len() > most_bytes {
             model = model.without_calibration();
             bytes = model.to_bytes()?;
         }
-        if bytes.len() > MOST_BYTES {
+        if bytes.len() > most_bytes {
             return Err(SensorFileError::TooLarge { bytes: bytes.len() });
         }
         let setting = model.setting();
