@@ -44,6 +44,7 @@ pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     let source = Source::read(&args.calibration, &args.method)?;
     let model = args.method.fit(&source)?;
     args.method.tell(&source, &model)?;
+    args.method.tell_constant_load(&source, &model)?;
     tell_left_out(&source.path, model.fitted())?;
     let made_from = vec![source.fingerprint()?];
     let file = SensorFile::new(model, source.sensor, made_from).map_err(Failure::usage)?;

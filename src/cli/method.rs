@@ -5,7 +5,7 @@ use super::exit::Failure;
 use super::recorded::{noted_presses, noted_run};
 use super::stdin;
 use super::summary::tell;
-use super::tables::chosen;
+use super::tables::{chosen, filled};
 use clap::builder::PossibleValuesParser;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::ArrayLayout;
@@ -13,7 +13,10 @@ use palpate_data::dataset::calibration::{calibration_of_run, calibration_of_tabl
 use palpate_data::dataset::sensor_file::{is_sensor_file, read_sensor_file};
 use palpate_data::dataset::{Fingerprint, Manifest, Mapping, Status};
 use palpate_data::recipe::Phase;
-use palpate_solver::{BEST, Broken, Calibration, Fitted, ForceKnown, Model, SOLVERS, Setting, Solver as _, Validity};
+use palpate_solver::{
+    BEST, Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, Prepared, SOLVERS, Setting, Solver as _,
+    Validity,
+};
 use std::path::{Path, PathBuf};
 
 /// Every name a method can be asked for by, with some more.
@@ -47,6 +50,9 @@ pub(super) struct MethodArgs {
     #[command(flatten)]
     columns: ColumnsArgs,
 }
+
+/// Ratio of two errors below which the gain is worth a note.
+const LESS: f64 = 0.9;
 
 /// What the forces of a calibration without forces are.
 pub(super) const FORCES_ARE_RELATIVE: &str =
@@ -165,6 +171,36 @@ impl MethodArgs {
             tell(FORCES_ARE_RELATIVE)?;
         }
         Ok(())
+    }
+
+    /// For a calibration without forces, prints what `--constant-load` would gain, by the same method on held-out presses.
+    pub(super) fn tell_constant_load(&self, source: &Source, model: &Model) -> Result<(), Failure> {
+        if !source.is_relative || self.constant_load {
+            return Ok(());
+        }
+        let setting = self.setting(source)?;
+        let error_mm = |calibration: Calibration, load: ForceKnown| {
+            let prepared = Prepared::new(calibration, &Setting { load, ..setting }).ok()?;
+            prepared.candidates(model.fitted().name()).ok()?.first()?.location_error_mm
+        };
+        let points: Vec<_> =
+            source.calibration.points().map(|point| CalibrationPoint { force_n: 1.0, ..point }).collect();
+        let alike = Calibration::new(&points).ok().map(Calibration::with_unknown_forces);
+        let constant_mm = alike.and_then(|alike| error_mm(alike, ForceKnown::Constant));
+        let Some((any_mm, constant_mm)) = error_mm(source.calibration.clone(), ForceKnown::Unknown).zip(constant_mm)
+        else {
+            return Ok(());
+        };
+        if constant_mm > LESS * any_mm {
+            return Ok(());
+        }
+        tell(&filled(
+            &format!(
+                "note: if every contact presses as hard as the calibration, --constant-load lowers the error on held-out presses from \
+                 {any_mm:.3} to {constant_mm:.3} mm; with other forces it is larger"
+            ),
+            "  ",
+        ))
     }
 
     fn forces_n(&self) -> Result<Option<(f64, f64)>, Failure> {

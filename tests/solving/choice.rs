@@ -9,7 +9,7 @@ use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels}
 use palpate_solver::{
     BEST, Calibration, CalibrationPoint, Prepared, SOLVERS, Setting, Solver as _, Verdict, Workspace,
 };
-use palpate_testing::campaign;
+use palpate_testing::{Bench, campaign};
 use rand::RngExt;
 use std::fmt::Write as _;
 use std::fs;
@@ -291,4 +291,22 @@ fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
         println!("{side} x {side} places: best {best:.4} mm, physics {physics:.4} mm, surrogate {surrogate:.4} mm");
         assert!(best <= most * physics.min(surrogate), "{best} mm");
     }
+}
+
+#[test]
+fn fit_reports_what_a_constant_load_would_gain() {
+    let bench = Bench::new();
+    FAMILIES[0].set(0).save(&bench.path("."));
+    let table = bench.read("gains-0/calibration.csv");
+    let without_force = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        [&cells[..2], &cells[3..]].concat().join(",") + "\n"
+    };
+    bench.write("relative.csv", &table.lines().map(without_force).collect::<String>());
+    let reported = |table: &str| {
+        let told = bench.palpate_ends(0, &format!("fit {table} --solver surrogate --out s.palpate")).running();
+        told.contains("--constant-load lowers the error on held-out presses from")
+    };
+    assert!(reported("relative.csv"), "one load, and the amplitude shows the place");
+    assert!(!reported("gains-0/calibration.csv"), "forces are known");
 }
