@@ -2,9 +2,9 @@
 
 use super::exit::Failure;
 use super::output::OutputArgs;
-use super::summary::beside;
+use super::summary::{beside, print};
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// A file that comes with the program.
@@ -61,22 +61,33 @@ pub(super) fn nearest(shipped: &[Shipped], path: &Path) -> Option<&'static str> 
 const EXAMPLES: &str = "\
 Examples:
   palpate list
+  palpate list rigs/esp301 > my-rig.toml
   palpate check paper
   palpate run paper --rig bench-fast
 
 Names work in any folder: paper, paper.toml and recipes/paper.toml are
 the same recipe. If a file exists at that path, it is used instead.";
 
-/// List the recipes, rigs and batches shipped with the program
+/// List the recipes, rigs and batches shipped with the program, or print one of them
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct ListArgs {
+    /// The file to print: rigs/esp301, recipes/bench, batches/batch
+    #[arg(value_name = "FOLDER/NAME")]
+    file: Option<PathBuf>,
     #[command(flatten)]
     output: OutputArgs,
 }
 
-/// Lists them, a paragraph each.
+/// The folders of all.
+const FOLDERS: [(&str, &[Shipped]); 3] = [("recipes", RECIPES), ("rigs", RIGS), ("batches", BATCHES)];
+
+/// Lists them, a paragraph each, or prints the text of one.
 pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
+    if let Some(file) = &args.file {
+        print(text_of(file)?)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let text = format!(
         "recipes: palpate run NAME\n{}\nrigs: --rig NAME\n{}\nbatches: palpate batch run NAME\n{}",
         listed(RECIPES),
@@ -87,6 +98,26 @@ pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
     let content = json!({ "recipes": objects(RECIPES), "rigs": objects(RIGS), "batches": objects(BATCHES) });
     args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
+}
+
+fn text_of(file: &Path) -> Result<&'static str, Failure> {
+    let (folder, name) = (file.parent().and_then(Path::to_str), file.file_name().unwrap_or_default());
+    let is_of = |of: &str| folder.is_none_or(|folder| folder.is_empty() || folder == of);
+    let found = FOLDERS.into_iter().filter(|(of, _)| is_of(of));
+    let found: Vec<(&str, &Shipped)> =
+        found.filter_map(|(of, shipped)| Some((of, by_name(shipped, of, Path::new(name))?))).collect();
+    match found.as_slice() {
+        [(_, one)] => Ok(one.text),
+        [] => {
+            let help = "`palpate list` names all";
+            Err(Failure::usage(miette::miette!(help = help, "{}: no file of this name is shipped", file.display())))
+        }
+        several => {
+            let paths: Vec<String> = several.iter().map(|(of, one)| format!("{of}/{}", one.name)).collect();
+            let help = format!("palpate list {}", paths[0]);
+            Err(Failure::usage(miette::miette!(help = help, "{} is {}", file.display(), paths.join(" or "))))
+        }
+    }
 }
 
 fn listed(shipped: &[Shipped]) -> String {
@@ -120,7 +151,7 @@ mod tests {
     #[test]
     fn every_file_that_is_shipped_is_listed_with_what_it_is() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        for (folder, shipped) in [("recipes", RECIPES), ("rigs", RIGS), ("batches", BATCHES)] {
+        for (folder, shipped) in FOLDERS {
             let files = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());
             let files: BTreeSet<String> = files.map(|name| name.into_string().unwrap()).collect();
             assert_eq!(shipped.iter().map(|shipped| format!("{}.toml", shipped.name)).collect::<BTreeSet<_>>(), files);
@@ -129,6 +160,15 @@ mod tests {
                 assert!(about.ends_with('.') && about.len() > 20, "{}: {about}", shipped.name);
             }
         }
+    }
+
+    #[test]
+    fn a_shipped_file_is_printed_by_its_folder_and_name() {
+        let text = |path: &str| text_of(Path::new(path)).map_err(|failure| failure.plain().1);
+        assert!(text("rigs/esp301").unwrap().contains("driver = \"esp301\""));
+        assert_eq!(text("esp301.toml").unwrap(), text("rigs/esp301").unwrap());
+        assert!(text("paper").unwrap_err().contains("paper is recipes/paper or rigs/paper"));
+        assert!(text("rigs/none").unwrap_err().contains("no file of this name"));
     }
 
     #[test]

@@ -186,8 +186,8 @@ impl Sender {
         let section = if role == Device::LoadCell { "load_cell" } else { "array" };
         let told = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
-             write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}], whose emulator has any array and any force, or one \
-             of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
+             write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
+             read.py needn't exist. Or use one of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
             self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
