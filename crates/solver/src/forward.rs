@@ -77,9 +77,12 @@ pub(super) const BROKEN_SD: f64 = 3.0;
 /// Largest excess of the sum of squares at which another place counts as nearly as likely: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;
 
-/// Largest leverage of a smooth map that explains the calibration with which `physics` isn't tried, and with which held-out presses
-/// don't raise the limit of one contact. The error of a predicted output is then at most 6 % larger than with a map that is known exactly.
+/// Largest leverage of a smooth map that explains the calibration with which `physics` isn't tried. The error of a predicted output is
+/// then at most 6 % larger than with a map that is known exactly.
 pub(super) const KNOWN_LEVERAGE: f64 = 0.12;
+
+/// Largest leverage with which held-out presses don't raise the limit of one contact: the map's own error is a small part of the noise.
+const LEVERAGE_OF_LIMIT: f64 = 0.2;
 
 /// Number of cells along a side of the area, at whose centres expected errors are averaged.
 const EXPECTED_A_SIDE: usize = 9;
@@ -130,7 +133,7 @@ impl Forward {
         let residues = answered().map(|(_, located)| located.residue).collect();
         // where the map is known well and noise is all that contacts leave, held-out ones leave more only as the map without them is
         // worse
-        let is_known = self.limits.is_noise && self.response.mean_leverage() <= KNOWN_LEVERAGE;
+        let is_known = self.limits.is_noise && self.response.mean_leverage() <= LEVERAGE_OF_LIMIT;
         if let Some(most) = upper(residues, setting.false_alarms).filter(|_| !is_known) {
             let limit = self.limits.one_contact.max(most);
             self.limits.without_a_unit *= limit / self.limits.one_contact;
