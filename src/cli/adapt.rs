@@ -59,16 +59,19 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
     tell_left_out(&old.path, adapted.model.fitted())?;
     let is_relative = old.is_relative || new.is_relative;
-    let text = told(&adapted, is_relative);
+    args.output.text(&told(&adapted, is_relative))?;
     let HeldOut { presses, before, after } = adapted.held_out;
-    let errors = |errors: MeanErrors| json!({ "location_mm": errors.location_mm, "force_n": (!is_relative).then_some(errors.force_n) });
+    let errors = |errors: MeanErrors| {
+        let force_n = (!is_relative).then_some(errors.force_n);
+        json!({ "location_mm": errors.location_mm, "force_n": force_n })
+    };
     let (before, after, units) = (errors(before), errors(after), adapted.change.units.clone());
     let made_from = vec![old.fingerprint()?, new.fingerprint()?];
     let file = SensorFile::new(adapted.model, new.sensor, made_from).map_err(Failure::usage)?;
-    let (written, file) = write(&file, &args.out)?;
+    let (text, file) = write(&file, &args.out)?;
     let content =
         json!({ "file": file, "presses": presses, "mean_error_before": before, "mean_error": after, "units": units });
-    args.output.print(&(text + &written), &content)?;
+    args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -66,16 +66,16 @@ pub(super) fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
                 .unwrap_err(),
         ),
     })?;
+    args.output.text(&described(&found))?;
     let written = with_frame(&text, &found).into_diagnostic().map_err(Failure::usage)?;
     check_text(file, &written)?;
     if args.dry_run || invented {
         let why = if args.dry_run { "--dry-run" } else { "a simulated frame doesn't apply to a real rig" };
-        args.output.print(&format!("{}\nnot written ({why})\n", described(&found)), &object(&found, false))?;
+        args.output.print(&format!("\nnot written ({why})\n"), &object(&found, false))?;
         return Ok(ExitCode::SUCCESS);
     }
     replace(file, &text, &written)?;
-    let text = format!("{}\nwritten: [frame] of {}\n", described(&found), file.display());
-    args.output.print(&text, &object(&found, true))?;
+    args.output.print(&format!("\nwritten: [frame] of {}\n", file.display()), &object(&found, true))?;
     Ok(ExitCode::SUCCESS)
 }
 

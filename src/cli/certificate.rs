@@ -64,7 +64,7 @@ pub(super) fn certificate(args: &CertificateArgs) -> Result<ExitCode, Failure> {
     write(&xml, &certificate.xml())?;
     write(&html, &certificate.html())?;
     let text = format!("{}{}\n{}\n", filled(&certificate.told(), "  "), html.display(), xml.display());
-    let content = json!({ "result": certificate.told(), "files": [html, xml], "verdict": judged.judgement.as_ref().map(|judgement| judgement.verdict) });
+    let content = json!({ "result": certificate.told(), "files": [html, xml], "verdict": judged.verdict() });
     args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }

@@ -149,7 +149,7 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
         error => Failure::usage(error),
     };
     let mut lake = Lake::open(folder).map_err(failed)?;
-    let (mut text, mut added) = (String::new(), Vec::new());
+    let mut added = Vec::new();
     for run in &args.runs {
         let mut staged = lake.stage(run).map_err(failed)?;
         match args.accept.rule_of([staged.run()])? {
@@ -160,10 +160,10 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
             ))?,
         }
         let told = lake.publish(staged).map_err(failed)?;
-        text += &format!("{}: {told}\n", run.display());
+        args.output.text(&format!("{}: {told}\n", run.display()))?;
         added.push(json!({ "run": run, "result": told.to_string() }));
     }
-    args.output.print(&text, &json!({ "lake": folder, "runs": added }))?;
+    args.output.object(&json!({ "lake": folder, "runs": added }))?;
     Ok(ExitCode::SUCCESS)
 }
 

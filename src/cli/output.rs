@@ -16,7 +16,18 @@ pub(super) struct OutputArgs {
 impl OutputArgs {
     /// Prints the text, or the same content as one line of JSON.
     pub(super) fn print(self, text: &str, content: &impl Serialize) -> Result<(), Failure> {
-        if self.json { print(&json_line(content)?) } else { print(text) }
+        self.text(text)?;
+        self.object(content)
+    }
+
+    /// Prints a part of the text as soon as it is known, so that a failure of a later step doesn't lose it.
+    pub(super) fn text(self, text: &str) -> Result<(), Failure> {
+        if self.json { Ok(()) } else { print(text) }
+    }
+
+    /// Prints the content at the end, if it is asked for instead of the text.
+    pub(super) fn object(self, content: &impl Serialize) -> Result<(), Failure> {
+        if self.json { print(&json_line(content)?) } else { Ok(()) }
     }
 }
 

@@ -74,11 +74,11 @@ pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
     // before anything is written
     let files = args.figures.as_deref().map(|folder| FigureFiles::new(folder, &page.figures)).transpose()?;
     write(&out, &page.html)?;
-    let mut text = format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0);
+    args.output.text(&format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0))?;
     if let Some(files) = files {
-        text += &files.write()?;
+        args.output.text(&files.write()?)?;
     }
-    args.output.print(&text, &json!({ "page": out, "figures": args.figures, "result": result }))?;
+    args.output.object(&json!({ "page": out, "figures": args.figures, "result": result }))?;
     Ok(code)
 }
 
@@ -88,16 +88,16 @@ fn one(args: &ReportArgs, runs: Vec<(Recorded, Bench)>) -> Result<(Page, String,
         tell(&format!("note: {} has no presses{}\n", run.path.display(), newer.unwrap_or_default()))?;
     }
     let (subject, judged) = judged(runs, args.same_sensor, &args.accept)?;
-    let verdict = judged.judgement.as_ref().map_or("no verdict", |judgement| judgement.verdict.told());
-    let errors = judged.decisive().map_or(", not evaluated".to_owned(), |evaluation| {
+    let verdict = judged.verdict().map_or("no verdict", Verdict::told);
+    let decisive = judged.decisive();
+    let errors = decisive.map_or(", not evaluated".to_owned(), |evaluation| {
         let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
         let force = force_error_n.map(|error| format!(" and {:.4} N", error.mean)).unwrap_or_default();
         format!(", {:.3} mm{force} by {solver}", location_error_mm.mean)
     });
     let told = format!("{}: {verdict}{errors}", subject.title());
-    let decisive = judged.decisive();
     let result = json!({
-        "sensor": subject.title(), "verdict": judged.judgement.as_ref().map(|judgement| judgement.verdict), "solver": decisive.map(|evaluation| &evaluation.solver),
+        "sensor": subject.title(), "verdict": judged.verdict(), "solver": decisive.map(|evaluation| &evaluation.solver),
         "location_error_mm": decisive.map(|evaluation| evaluation.location_error_mm.mean),
         "force_error_n": decisive.and_then(|evaluation| evaluation.force_error_n).map(|error| error.mean),
     });

@@ -55,7 +55,7 @@ pub(super) fn verify_run(args: &VerifyArgs) -> Result<ExitCode, Failure> {
         args.output.print(&text, &content)?;
         return checked.map_or(Ok(ExitCode::SUCCESS), |checked| checked.map(|_| ExitCode::SUCCESS));
     }
-    args.output.print("", &object(&args.run, &verified, None))?;
+    args.output.object(&object(&args.run, &verified, None))?;
     let help = match verified.damaged_at {
         Some(offset) => format!(
             "restore the journal from a copy. Without a copy, the records before byte {offset} can be kept: copy the run folder, cut \

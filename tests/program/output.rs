@@ -39,6 +39,14 @@ fn every_result_can_be_one_json_object() {
 }
 
 #[test]
+fn a_result_is_printed_before_a_later_step_fails() {
+    let bench = Bench::new();
+    bench.palpate_ends(0, "run batch --evaluate recipe --out run");
+    let printed = bench.palpate_ends(5, "adapt --from run --with run --solver pearson-lsq --out none/s.palpate");
+    assert!(printed.out.starts_with("gains ") && printed.out.contains("(cross-validated)"), "{printed:?}");
+}
+
+#[test]
 fn a_dash_is_standard_input_for_recipes_and_tables() {
     let bench = Bench::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");

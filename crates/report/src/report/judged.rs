@@ -2,7 +2,7 @@
 
 use super::Subject;
 use palpate_core::parallel::in_parallel;
-use palpate_data::acceptance::{Judgement, Rule};
+use palpate_data::acceptance::{Judgement, Rule, Verdict};
 use palpate_data::dataset::evaluate::{EvaluateError, Trial, cross_validated};
 use palpate_data::recipe::Phase;
 use palpate_run::batch::ByDesign;
@@ -54,6 +54,11 @@ impl Judged {
         let of_design = design.and_then(|design| design.model).filter(|_| trial.is_ok()).map(Model::into_fitted);
         let expecting = of_design.or(expecting);
         Judged { evaluations, expecting, cross_validated, why_not, u_force_n, judgement }
+    }
+
+    /// Returns the verdict; `None` without a rule.
+    pub fn verdict(&self) -> Option<Verdict> {
+        self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
     /// Returns the evaluation on which the verdict is based; without a rule, that of the best method.
