@@ -187,10 +187,12 @@ impl MethodArgs {
             source.calibration.points().map(|point| CalibrationPoint { force_n: 1.0, ..point }).collect();
         let alike = Calibration::new(&points).ok().map(Calibration::with_unknown_forces);
         let constant_mm = alike.and_then(|alike| error_mm(alike, ForceKnown::Constant));
-        let Some((any_mm, constant_mm)) = error_mm(source.calibration.clone(), ForceKnown::Unknown).zip(constant_mm)
-        else {
-            return Ok(());
+        // `best` has compared the methods already
+        let any_mm = match model.fitted().choice().and_then(|choice| choice.candidates.first()) {
+            Some(chosen) => chosen.location_error_mm,
+            None => error_mm(source.calibration.clone(), ForceKnown::Unknown),
         };
+        let Some((any_mm, constant_mm)) = any_mm.zip(constant_mm) else { return Ok(()) };
         if constant_mm > LESS * any_mm {
             return Ok(());
         }

@@ -2,7 +2,7 @@
 
 use super::exit::Failure;
 use super::help;
-use super::shipped::{BATCHES, RECIPES, RIGS, Shipped};
+use super::shipped::{BATCHES, RECIPES, RIGS, Shipped, names};
 use super::summary::print;
 use clap::builder::PossibleValuesParser;
 use clap::{Command, ValueEnum};
@@ -60,7 +60,7 @@ const SHIPPED: [(&str, &[Shipped]); 3] = [("recipe", RECIPES), ("rig", RIGS), ("
 /// Adds the names of shipped files to the arguments that can be such a name.
 fn with_shipped(command: Command) -> Command {
     let named = command.mut_args(|arg| match SHIPPED.iter().find(|(id, _)| arg.get_id() == id) {
-        Some((_, shipped)) => arg.value_parser(PossibleValuesParser::new(shipped.iter().map(|shipped| shipped.name))),
+        Some((_, shipped)) => arg.value_parser(PossibleValuesParser::new(names(shipped))),
         None => arg,
     });
     named.mut_subcommands(with_shipped)
@@ -69,7 +69,7 @@ fn with_shipped(command: Command) -> Command {
 /// Offers files too where a script offers shipped names. Bash does this where no name fits.
 fn or_files(mut script: String) -> String {
     for (_, shipped) in SHIPPED {
-        let names: Vec<&str> = shipped.iter().map(|shipped| shipped.name).collect();
+        let names = names(shipped);
         let zsh = names.join(" ");
         script = script.replace(
             &format!(":({zsh})'"),
@@ -91,8 +91,7 @@ fn fish_arguments(command: &Command, before: &str) -> String {
         };
         let shipped = sub.get_positionals().find_map(|arg| SHIPPED.iter().find(|(id, _)| arg.get_id() == id));
         let own = shipped.map(|(_, shipped)| {
-            let names: Vec<&str> = shipped.iter().map(|shipped| shipped.name).collect();
-            format!("complete -c palpate -n \"{condition}\" -a \"{}\"\n", names.join(" "))
+            format!("complete -c palpate -n \"{condition}\" -a \"{}\"\n", names(shipped).join(" "))
         });
         own.unwrap_or_default() + &fish_arguments(sub, name)
     };

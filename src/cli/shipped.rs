@@ -46,16 +46,15 @@ pub(super) fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> 
     shipped.iter().find(|shipped| shipped.name == name)
 }
 
-/// The names of all, for a message.
-pub(super) fn names(shipped: &[Shipped]) -> String {
-    shipped.iter().map(|shipped| shipped.name).collect::<Vec<_>>().join(", ")
+/// The names of all.
+pub(super) fn names(shipped: &[Shipped]) -> Vec<&'static str> {
+    shipped.iter().map(|shipped| shipped.name).collect()
 }
 
 /// The shipped file of which a path is a misspelling.
 pub(super) fn nearest(shipped: &[Shipped], path: &Path) -> Option<&'static str> {
     let name = path.to_str()?.trim_end_matches(".toml");
-    let names: Vec<&'static str> = shipped.iter().map(|shipped| shipped.name).collect();
-    palpate_document::misspelt(name, &names)
+    palpate_document::misspelt(name, &names(shipped))
 }
 
 const EXAMPLES: &str = "\
@@ -73,7 +72,7 @@ the same recipe. If a file exists at that path, it is used instead.";
 #[command(after_help = EXAMPLES)]
 pub(super) struct ListArgs {
     /// The file to print: rigs/esp301, recipes/bench, batches/batch
-    #[arg(value_name = "FOLDER/NAME")]
+    #[arg(value_name = "FOLDER/NAME", conflicts_with = "json")]
     file: Option<PathBuf>,
     #[command(flatten)]
     output: OutputArgs,

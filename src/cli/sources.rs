@@ -207,7 +207,7 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
         (true, _) => format!("did you mean {}?", inside.display()),
         (false, nearest) => {
             let nearest = nearest.map(|nearest| format!("did you mean {nearest}? Or ")).unwrap_or_default();
-            format!("{nearest}give an existing file or a shipped one: {}", shipped::names(shipped))
+            format!("{nearest}give an existing file or a shipped one: {}", shipped::names(shipped).join(", "))
         }
     };
     bounded(path).map_err(|error| unread(path, &error, &help()))
@@ -228,7 +228,8 @@ pub(super) fn read_named_in(
     if let Some(shipped) = shipped::by_name(shipped, folder, Path::new(name)).filter(|_| is_name && !is_there) {
         return Ok((PathBuf::from(format!("{}.toml", shipped.name)), shipped.text.to_owned()));
     }
-    let help = || format!("{what} names it; give an existing file or a shipped one: {}", shipped::names(shipped));
+    let help =
+        || format!("{what} names it; give an existing file or a shipped one: {}", shipped::names(shipped).join(", "));
     let text = bounded(&path).map_err(|error| unread(&path, &error, &help()))?;
     Ok((path, text))
 }

@@ -70,7 +70,7 @@ impl Chosen {
             "add --rig RIG, put the rig into the recipe's folder as {}, or name it in the recipe: rig = \"RIG\". RIG is a file, or a \
              shipped rig: {}",
             beside.display(),
-            shipped::names(RIGS)
+            shipped::names(RIGS).join(", ")
         );
         Err(Failure::usage(miette::miette!(help = help, "{name}: no rig is named, and none is in the recipe's folder")))
     }

@@ -71,8 +71,8 @@ fn a_dash_is_standard_input_for_recipes_and_tables() {
             printed.err
         })
         .into();
-    assert!(refused.iter().any(|told| told.contains("is named twice")), "{refused:?}");
-    assert!(refused.iter().any(|told| told.contains("has the readings")), "{refused:?}");
+    assert!(refused.iter().any(|printed| printed.contains("is named twice")), "{refused:?}");
+    assert!(refused.iter().any(|printed| printed.contains("has the readings")), "{refused:?}");
 }
 
 #[test]
@@ -83,9 +83,9 @@ fn a_damaged_journal_is_reported_with_what_can_be_kept() {
     let at = journal.match_indices('\n').nth(19).expect("twenty records").0 + 1;
     let damaged = format!("{}X{}", &journal[..at + 40], &journal[at + 41..]);
     bench.write("run/journal.log", &damaged);
-    let told = bench.palpate_ends(1, "verify run").err.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(told.contains("the 20 records before it are sound"), "{told}");
-    assert!(told.contains(&format!("truncate --size {at} journal.log")), "{told}");
+    let printed = bench.palpate_ends(1, "verify run").err.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(printed.contains("the 20 records before it are sound"), "{printed}");
+    assert!(printed.contains(&format!("truncate --size {at} journal.log")), "{printed}");
     // the advice works
     bench.write("run/journal.log", &damaged[..at]);
     bench.palpate_ends(0, "rebuild run --accept-loss");

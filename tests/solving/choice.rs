@@ -304,8 +304,8 @@ fn fit_reports_what_a_constant_load_would_gain() {
     };
     bench.write("relative.csv", &table.lines().map(without_force).collect::<String>());
     let reported = |table: &str| {
-        let told = bench.palpate_ends(0, &format!("fit {table} --solver surrogate --out s.palpate")).running();
-        told.contains("--constant-load lowers the error on held-out presses from")
+        let printed = bench.palpate_ends(0, &format!("fit {table} --solver surrogate --out s.palpate")).running();
+        printed.contains("--constant-load lowers the error on held-out presses from")
     };
     assert!(reported("relative.csv"), "one load, and the amplitude shows the place");
     assert!(!reported("gains-0/calibration.csv"), "forces are known");

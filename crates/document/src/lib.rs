@@ -115,14 +115,7 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
             (None, None) => match unit {
                 Some((value, number)) => Problem::new(value, "a number with a unit: only the number is allowed")
                     .help(format!("write {number}, converted to the unit at the end of the key's name")),
-                None => {
-                    let problem = Problem::new(place, format!("not valid TOML: {}", error.message()));
-                    if is_of_brackets(error.message()) {
-                        problem.help("check that each bracket is closed")
-                    } else {
-                        problem
-                    }
-                }
+                None => invalid(place, error.message()),
             },
         };
         collector.add(problem);
@@ -130,9 +123,13 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
     Err(collector.into_problems(name, text))
 }
 
-/// Whether an error in a list or an inline table may come from a bracket that isn't closed.
-fn is_of_brackets(message: &str) -> bool {
-    ["array", "inline table", "`]`", "`}`"].iter().any(|word| message.contains(word))
+/// Returns the problem of a text that isn't TOML. In a list or an inline table a bracket may be open.
+fn invalid(place: Span, message: &str) -> Problem {
+    let problem = Problem::new(place, format!("not valid TOML: {message}"));
+    match ["array", "inline table", "`]`", "`}`"].iter().any(|word| message.contains(word)) {
+        true => problem.help("check that each bracket is closed"),
+        false => problem,
+    }
 }
 
 /// Returns the name in the heading `[name]` or `[[name]]` at this byte, and whether its brackets are double.

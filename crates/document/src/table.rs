@@ -95,11 +95,9 @@ impl<'d> Table<'d> {
         if !there && !self.is_misspelt(key) {
             let told = format!("`{}` is missing{}: {expected}", key.name, self.place());
             let problem = Problem::new(self.span(), told);
-            let is_shown = !key.example.is_empty();
-            self.complain(if is_shown {
-                problem.help(format!("for example {} = {}", key.name, key.example))
-            } else {
-                problem
+            self.complain(match key.example {
+                "" => problem,
+                example => problem.help(format!("for example {} = {example}", key.name)),
             });
         }
         there
@@ -509,7 +507,8 @@ pub fn optional<T>(table: Option<Table>, read: impl FnOnce(&Table) -> Option<T>)
     }
 }
 
-/// Adds a value as help if the text is a misspelling of this value. A value determines the meaning of the data. So for any other text the message only lists the values.
+/// Adds a value as help if the text is a misspelling of this value. A value determines the meaning of the data. So for any other
+/// text the message only lists the values.
 fn with_typo(problem: Problem, text: &str, known: &[&str]) -> Problem {
     match misspelt(text, known) {
         Some(value) => problem.help(format!("did you mean `{value}`?")),

@@ -11,6 +11,8 @@ pub(super) struct Tried {
     pub solver: &'static str,
     /// Results on presses whose place was held out; empty if the method couldn't be fitted.
     pub trials: Vec<HeldPress>,
+    /// Whether the presses' forces are known; if not, there are no force errors.
+    pub forces_are_known: bool,
 }
 
 /// Ratio of a method's mean error on the first part of the places to the least mean error above which the method isn't tried
@@ -29,14 +31,14 @@ const LOCATION_COST: f64 = 1.1;
 const FEWEST_PLACES: usize = 30;
 
 impl Tried {
-    /// Returns the mean error of location, mm, and of force, N. A press without an answer counts with the largest error that
-    /// occurred.
+    /// Returns the mean error of location, mm, and of force, N, where forces are known. A press without an answer counts with the
+    /// largest error that occurred.
     pub(crate) fn candidate(&self) -> Candidate {
         let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
         Candidate {
             solver: self.solver.to_owned(),
             location_error_mm: mean(&self.location_errors()),
-            force_error_n: mean(&force_errors),
+            force_error_n: mean(&force_errors).filter(|_| self.forces_are_known),
         }
     }
 
@@ -112,14 +114,14 @@ pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     ranked.into_iter().map(|(_, tried)| tried).collect()
 }
 
-/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen. Where forces are known,
-/// another method is chosen if it has at most half the first method's force error and nearly as small a location error.
-pub(super) fn leader(ranked: &[&Tried], forces_are_known: bool, may_lead: impl Fn(&usize) -> bool) -> usize {
+/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen. Another method is chosen
+/// if it has at most half the first method's force error and nearly as small a location error.
+pub(super) fn leader(ranked: &[&Tried], may_lead: impl Fn(&usize) -> bool) -> usize {
     let first = (0..ranked.len()).find(&may_lead).unwrap_or(0);
     let is_near = |rank: &usize| ranked[*rank].lead(ranked[first]) >= 1.0 / LOCATION_COST;
     let halves = |rank: &usize| ranked[*rank].halves_the_force_error_of(ranked[first]);
     let is_better = |rank: &usize| *rank != first && is_near(rank) && halves(rank) && may_lead(rank);
-    (0..ranked.len()).filter(|_| forces_are_known).find(is_better).unwrap_or(first)
+    (0..ranked.len()).find(is_better).unwrap_or(first)
 }
 
 /// Returns the methods that are nearly as good as the first one, with the standard errors of the difference of their errors.
@@ -139,7 +141,7 @@ pub(super) fn ties(ranked: &[&Tried]) -> Vec<Tie> {
 
 /// Returns for each method whether it should be tried on the other parts of the places, according to its trials on the first
 /// part. `counts` states whether others are compared with a method.
-pub(super) fn hopeful(tried: &[Tried], forces_are_known: bool, counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
+pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
     let ranked = tried.iter().filter(|tried| counts(tried));
     let ranked = ranked.filter_map(|tried| Some((tried, mean(&tried.location_errors())?)));
     let best = ranked.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -150,7 +152,7 @@ pub(super) fn hopeful(tried: &[Tried], forces_are_known: bool, counts: impl Fn(&
     let is_hopeful = |tried: &Tried| {
         let mean_mm = mean(&tried.location_errors());
         mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
-            || (forces_are_known && tried.halves_the_force_error_of(best))
+            || tried.halves_the_force_error_of(best)
     };
     tried.iter().map(is_hopeful).collect()
 }
@@ -173,21 +175,22 @@ mod tests {
                 Ok(Located { place: place_found, force_n: 1.0 + force_error_n, ..Located::PLAIN });
             HeldPress { place, force_n: 1.0, is_inside: true, loudness: 1.0, answer }
         };
-        Tried { solver, trials: (0..40).map(trial).collect() }
+        Tried { solver, trials: (0..40).map(trial).collect(), forces_are_known: true }
     }
 
     #[test]
     fn a_method_that_halves_the_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
         let leader_of = |second: Tried| {
             let tried = [tried("a", 0.100, 0.040), second];
-            leader(&ranked(&tried), true, |_| true)
+            leader(&ranked(&tried), |_| true)
         };
         assert_eq!(leader_of(tried("b", 0.109, 0.019)), 1);
         assert_eq!(leader_of(tried("b", 0.109, 0.021)), 0, "not half of the force error");
         assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
         let two = [tried("a", 0.100, 0.040), tried("b", 0.109, 0.001)];
-        assert_eq!(leader(&ranked(&two), false, |_| true), 0, "forces that aren't known can't decide");
-        assert_eq!(leader(&ranked(&two), true, |rank| *rank == 0), 0, "it may not be chosen");
+        assert_eq!(leader(&ranked(&two), |rank| *rank == 0), 0, "it may not be chosen");
+        let two = two.map(|tried| Tried { forces_are_known: false, ..tried });
+        assert_eq!(leader(&ranked(&two), |_| true), 0, "forces that aren't known can't decide");
     }
 
     #[test]
@@ -208,7 +211,8 @@ mod tests {
     #[test]
     fn a_method_that_is_far_behind_is_tried_further_for_its_force_alone() {
         let tried = [tried("a", 0.100, 0.040), tried("b", 0.150, 0.039), tried("c", 0.150, 0.001)];
-        assert_eq!(hopeful(&tried, true, |_| true), [true, false, true]);
-        assert_eq!(hopeful(&tried, false, |_| true), [true, false, false]);
+        assert_eq!(hopeful(&tried, |_| true), [true, false, true]);
+        let tried = tried.map(|tried| Tried { forces_are_known: false, ..tried });
+        assert_eq!(hopeful(&tried, |_| true), [true, false, false]);
     }
 }

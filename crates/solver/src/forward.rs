@@ -77,10 +77,6 @@ pub(super) const BROKEN_SD: f64 = 3.0;
 /// Largest excess of the sum of squares at which another place counts as nearly as likely: odds of one to twenty.
 const NEARLY_AS_LIKELY: f64 = 6.0;
 
-/// Largest leverage of a smooth map that explains the calibration with which `physics` isn't tried. The error of a predicted output is
-/// then at most 6 % larger than with a map that is known exactly.
-pub(super) const KNOWN_LEVERAGE: f64 = 0.12;
-
 /// Largest leverage with which held-out presses don't raise the limit of one contact: the map's own error is a small part of the noise.
 const LEVERAGE_OF_LIMIT: f64 = 0.2;
 

@@ -7,7 +7,7 @@ use super::broken::broken;
 use super::extra_trees::ExtraTrees;
 use super::field::Area;
 use super::fitted::Answering;
-use super::forward::{Forward, KNOWN_LEVERAGE, MapKind};
+use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{Folds, HeldPress};
 use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
@@ -60,6 +60,10 @@ const REGRESSIONS: [&str; 3] = [PROCESS, PATTERN_MAP, EXTRA_TREES];
 
 /// Largest mean location error that counts as small, as a fraction of the area's longer side.
 const LITTLE_OF_AREA: f64 = 0.05;
+
+/// Largest leverage of a smooth map that explains the calibration with which `physics` isn't tried. The error of a predicted output is
+/// then at most 6 % larger than with a map that is known exactly.
+const KNOWN_LEVERAGE: f64 = 0.12;
 
 /// Least number of places for each unit from which the correlations of all units can be learned.
 const PLACES_A_UNIT: usize = 10;
@@ -140,7 +144,7 @@ impl<'a> Prepared<'a> {
     /// No method has that name, or the method can't be fitted to the calibration.
     pub fn candidates(&self, name: &str) -> Result<Vec<Candidate>, FitError> {
         match SOLVERS.into_iter().find(|solver| *solver == name) {
-            Some(solver) => Ok(vec![Tried { solver, trials: self.tried(solver)? }.candidate()]),
+            Some(solver) => Ok(vec![self.tried_as(solver, self.tried(solver)?).candidate()]),
             None => Ok(self.fit(name)?.choice().map(|choice| choice.candidates.clone()).unwrap_or_default()),
         }
     }
@@ -164,10 +168,10 @@ impl<'a> Prepared<'a> {
         let needless = |name: &str| (is_explained && REGRESSIONS.contains(&name)) || (is_known && name == PHYSICS);
         let is_tried = |name: &&str| self.is_candidate(name) && !needless(name);
         let names: Vec<&'static str> = SOLVERS.into_iter().filter(is_tried).collect();
-        let first = |&solver: &&'static str| Tried { solver, trials: self.first_trials(solver).unwrap_or_default() };
+        let first = |&solver: &&'static str| self.tried_as(solver, self.first_trials(solver).unwrap_or_default());
         let mut tried = in_parallel(&names, first);
         // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
-        let hopeful = best::hopeful(&tried, self.calibration.forces_are_known(), |tried| tried.solver != PHYSICS);
+        let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
         let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
         let trials = in_parallel(&on, |&method| self.tried(names[method]).unwrap_or_default());
         on.into_iter().zip(trials).for_each(|(method, trials)| tried[method].trials = trials);
@@ -175,7 +179,7 @@ impl<'a> Prepared<'a> {
         let mut ranked = best::ranked(&tried);
         let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
         let of_few = ranked.iter().position(|tried| tried.solver == PHYSICS).filter(|_| self.is_elastic_by_few());
-        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, self.calibration.forces_are_known(), may_lead));
+        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead));
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let ties = best::ties(&ranked);
@@ -215,7 +219,7 @@ impl<'a> Prepared<'a> {
         if !Unexplained::of(response, &self.calibration, &setting).is_noise() {
             return Ok(false);
         }
-        let tried = Tried { solver: SURROGATE, trials: self.first_trials(SURROGATE)? };
+        let tried = self.tried_as(SURROGATE, self.first_trials(SURROGATE)?);
         let most_mm = LITTLE_OF_AREA * response.field.area().side_mm();
         Ok(tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm))
     }
@@ -231,7 +235,7 @@ impl<'a> Prepared<'a> {
         let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
         let [Some(one), Some(other)] = self.members().map(of) else { return };
         let trials = Blend::trials([&one.trials, &other.trials]);
-        tried.push(Tried { solver: BLEND, trials });
+        tried.push(self.tried_as(BLEND, trials));
     }
 
     /// Whether `physics` explains the calibration as well as the smooth map does, so that its residual is only noise. If not,
@@ -263,6 +267,10 @@ impl<'a> Prepared<'a> {
         let ratios = physics.typical_sd().into_iter().enumerate().map(|(unit, sd)| (sd / rms(unit)).ln());
         let share = (ratios.sum::<f64>() / self.calibration.units() as f64).exp();
         share <= UNEXPLAINED_OF_FEW
+    }
+
+    fn tried_as(&self, solver: &'static str, trials: Vec<HeldPress>) -> Tried {
+        Tried { solver, trials, forces_are_known: self.calibration.forces_are_known() }
     }
 
     /// Returns the trials of a method on all presses, each held out of the calibration.

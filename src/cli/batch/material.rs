@@ -62,7 +62,11 @@ impl Material {
         let text = match shipped::named(BATCHES, "batches", path) {
             Some(shipped) => shipped.text.to_owned(),
             None => bounded(path).map_err(|error| {
-                unread(path, &error, &format!("give an existing file or a shipped one: {}", shipped::names(BATCHES)))
+                unread(
+                    path,
+                    &error,
+                    &format!("give an existing file or a shipped one: {}", shipped::names(BATCHES).join(", ")),
+                )
             })?,
         };
         let file = batch::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;

@@ -284,12 +284,8 @@ pub fn cross_validated(
     check_places(&presses.source, &calibration)?;
     let unfit = |source| CalibrateError::Fit { source_name: presses.source.clone(), source };
     let setting = Setting { load, ..Setting::of_layout(layout) };
-    let mut found =
-        Prepared::new(calibration, &setting).and_then(|prepared| prepared.candidates(solver)).map_err(unfit)?;
-    if !selection.knows(&LOAD_CELL) {
-        found.iter_mut().for_each(|candidate| candidate.force_error_n = None);
-    }
-    Ok(found)
+    let found = Prepared::new(calibration, &setting).and_then(|prepared| prepared.candidates(solver));
+    Ok(found.map_err(unfit)?)
 }
 
 /// Checks whether two tables can be from one array: both must have the same number of outputs.
