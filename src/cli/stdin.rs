@@ -15,21 +15,18 @@ use std::sync::OnceLock;
 const DASH: &str = "-";
 const NAME: &str = "standard input";
 
-/// Checks that standard input is named once, and only by a command that doesn't read readings or answers from it.
+/// Checks that standard input is named once, and only by a command that doesn't read readings or serial numbers from it.
 pub(super) fn check(command: &Command) -> Result<(), Failure> {
     let names = std::env::args_os().skip(1).filter(|word| word == DASH).count();
     let help = "save it as a file, and name that";
-    match command {
-        _ if names == 0 => Ok(()),
-        Command::Solve(_) | Command::Serve(_) => Err(Failure::usage(miette::miette!(
-            help = help,
-            "standard input has the readings: `-` can't be another file"
-        ))),
-        _ if names > 1 => {
-            Err(Failure::usage(miette::miette!(help = help, "`-` is standard input, and is named twice")))
-        }
-        _ => Ok(()),
-    }
+    let refused = match command {
+        _ if names == 0 => return Ok(()),
+        Command::Solve(_) | Command::Serve(_) => "standard input has the readings: `-` can't be another file",
+        Command::Batch(_) => "standard input has the serial numbers: `-` can't be another file",
+        _ if names > 1 => "`-` is standard input, and is named twice",
+        _ => return Ok(()),
+    };
+    Err(Failure::usage(miette::miette!(help = help, "{refused}")))
 }
 
 /// Opens a file, or standard input.

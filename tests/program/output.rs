@@ -1,7 +1,6 @@
 //! What commands print as JSON, and standard input as a file.
 
 use palpate_testing::{Bench, shipped};
-use std::collections::BTreeSet;
 
 /// Commands whose result can be one JSON object, in an order in which each finds the files of those before it, and one of its keys.
 const COMMANDS: [(&str, &str); 17] = [
@@ -64,15 +63,15 @@ fn a_dash_is_standard_input_for_recipes_and_tables() {
     bench.palpate_reads("import - --out imported", &table);
     let manifest = bench.read("imported/manifest.json");
     assert!(manifest.contains("\"standard input\"") && !manifest.contains("\"-\""), "{manifest}");
-    let refused: BTreeSet<String> = ["evaluate - -", "solve --calibration -"]
-        .map(|words| {
-            let printed = bench.palpate_reads(words, &table);
-            assert_eq!(printed.code, Some(2), "{words}");
-            printed.err
-        })
-        .into();
-    assert!(refused.iter().any(|printed| printed.contains("is named twice")), "{refused:?}");
-    assert!(refused.iter().any(|printed| printed.contains("has the readings")), "{refused:?}");
+    let batch = std::fs::read_to_string(shipped("batches/batch.toml")).expect("a batch");
+    for (words, input, why) in [
+        ("evaluate - -", &table, "is named twice"),
+        ("solve --calibration -", &table, "has the readings"),
+        ("batch run -", &batch, "has the serial numbers"),
+    ] {
+        let printed = bench.palpate_reads(words, input);
+        assert!(printed.code == Some(2) && printed.running().contains(why), "{words}: {}", printed.err);
+    }
 }
 
 #[test]
