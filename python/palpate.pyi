@@ -154,6 +154,9 @@ class Contact:
     def half95_relative_force(self) -> float:
         """Half-width that contains 95 % of the errors of the relative force."""
     @property
+    def is_calibrated_load(self) -> bool:
+        """Whether the answer assumes the load of the calibration, which the reading has; only if a second method is fitted for it."""
+    @property
     def verdict(self) -> _Verdict:
         """Whether the contact is credible."""
     @property

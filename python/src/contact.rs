@@ -61,6 +61,8 @@ pub struct Contact {
     half68_relative_force: f64,
     /// Half-width that contains 95 % of the errors of the relative force.
     half95_relative_force: f64,
+    /// Whether the answer assumes the load of the calibration, which the reading has; only if a second method is fitted for it.
+    is_calibrated_load: bool,
     /// `ok`, `weak-signal`, `outside-area`, `not-one-contact`, `channel-fault`, or `unsolved`.
     verdict: &'static str,
     /// The output that contradicts the others, counted from 1, if the verdict is `channel-fault`.
@@ -92,6 +94,7 @@ impl Contact {
             relative_force,
             half68_relative_force,
             half95_relative_force,
+            is_calibrated_load: solved.as_ref().is_ok_and(|solution| solution.is_calibrated_load),
             verdict: verdict(solved),
             unit: unit(solved),
             error: solved.as_ref().err().map(ToString::to_string),
@@ -120,7 +123,12 @@ pub struct Contacts {
     /// Different reasons for rows without an answer, after `None`, and which of them each row has.
     errors: Vec<Option<String>>,
     error: Vec<i32>,
+    /// Positions in [`LOADS`].
+    loads: Vec<i32>,
 }
+
+/// Names of the loads that two methods assume, as `palpate solve` prints them. A reading without an answer has none.
+const LOADS: [Option<&str>; 3] = [Some("any"), Some("calibrated"), None];
 
 /// All verdicts of a solution, in the order of their positions, and that of a reading without a solution.
 const VERDICTS: [Verdict; 5] =
@@ -135,6 +143,7 @@ impl Contacts {
             units: Vec::with_capacity(rows),
             errors: vec![None],
             error: Vec::with_capacity(rows),
+            loads: Vec::with_capacity(rows),
         }
     }
 
@@ -153,6 +162,7 @@ impl Contacts {
         self.units.push(unit);
         let error = solved.as_ref().err().map_or(0, |error| self.position(error.to_string()));
         self.error.push(error);
+        self.loads.push(solved.as_ref().map_or(2, |solution| i32::from(solution.is_calibrated_load)));
     }
 
     /// Returns the position of a reason, which is added if it is new.
@@ -165,13 +175,18 @@ impl Contacts {
         }) as i32
     }
 
-    /// Returns a frame with the columns of `palpate solve`.
-    pub fn frame(self) -> Frame {
+    /// Returns a frame with the columns of `palpate solve`. `has_two_methods` states whether a second method answers readings with the
+    /// load of the calibration.
+    pub fn frame(self, has_two_methods: bool) -> Frame {
         let rows = self.verdicts.len();
         let numbers = NUMBERS.into_iter().zip(ABOUT).zip(self.numbers);
         let mut columns: Vec<Column> = numbers
             .map(|((name, (unit, about)), values)| Column::new(name, unit, about, Cells::F64(values.into())))
             .collect();
+        if has_two_methods {
+            let loads = Cells::Text(LOADS.map(|load| load.map(str::to_owned)).to_vec(), self.loads);
+            columns.push(Column::new("load", "", "Load that the answer assumes: of the calibration, or any.", loads));
+        }
         let words = VERDICTS.into_iter().map(Verdict::word).chain([UNSOLVED]);
         let verdicts = Cells::Text(words.map(|word| Some(word.to_owned())).collect(), self.verdicts);
         columns.push(Column::new("verdict", "", "Whether the contact is credible.", verdicts));

@@ -210,17 +210,18 @@ fn solved<'py>(
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
-            let mut contacts = Contacts::new(rows);
+            let (mut contacts, mut has_two_methods) = (Contacts::new(rows), false);
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
                 session(&mut |session| {
+                    has_two_methods = session.model().fitted().at_calibrated_load().is_some();
                     for reading in numbers.chunks_exact(units) {
                         let solved = session.solve(reading);
                         contacts.add(&solved, session.model().forces_are_known());
                     }
                 });
             });
-            Ok(contacts.frame().into_pyobject(py)?.into_any())
+            Ok(contacts.frame(has_two_methods).into_pyobject(py)?.into_any())
         }
     }
 }

@@ -175,7 +175,7 @@ impl MethodArgs {
 
     /// For a calibration without forces, prints what `--constant-load` would gain, by the same method on held-out presses.
     pub(super) fn tell_constant_load(&self, source: &Source, model: &Model) -> Result<(), Failure> {
-        if !source.is_relative || self.constant_load {
+        if !source.is_relative || self.constant_load || model.fitted().at_calibrated_load().is_some() {
             return Ok(());
         }
         let setting = self.setting(source)?;

@@ -170,7 +170,9 @@ impl Service {
         let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
         let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
         let how = Stream { source: peer, keep_going: true, reasons_are_told: false, is_refused: is_http };
-        let mut solutions = Solutions::new(stream, self.json, true, self.fits.model().forces_are_known());
+        let model = self.fits.model();
+        let solutions = Solutions::new(stream, self.json, true, model.forces_are_known());
+        let mut solutions = solutions.of_methods(model.fitted());
         let end = how.answer(&mut answers, &mut Lines::new(peer, client), &mut solutions)?;
         if let Err(error) = end {
             self.refuse(stream, &error.to_string());

@@ -2,7 +2,7 @@
 
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::readings::Reading;
-use palpate_solver::{Covariance, HalfWidths, Solution, Verdict};
+use palpate_solver::{Covariance, Fitted, HalfWidths, Solution, Verdict};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -12,6 +12,9 @@ use std::io::{self, BufWriter, Write};
 const BUFFER_BYTES: usize = 64 << 10;
 /// Number of decimals in the output, the same as in a run's tables. It is far finer than the resolution of any array.
 const DECIMALS: i32 = 6;
+/// Names of the loads that two methods assume.
+const CALIBRATED: &str = "calibrated";
+const ANY: &str = "any";
 /// Verdict on a reading without an answer.
 pub const UNSOLVED: &str = "unsolved";
 
@@ -21,6 +24,8 @@ pub(super) struct Solutions<W: Write> {
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
     forces_are_known: bool,
+    /// Whether a second method answers readings with the load of the calibration.
+    has_two_methods: bool,
 }
 
 enum To<W: Write> {
@@ -63,6 +68,9 @@ struct Line<'a> {
     half68_relative_force: Option<Option<f64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     half95_relative_force: Option<Option<f64>>,
+    /// Which of two methods answered: the one for the load of the calibration, or the one for any load. Empty without an answer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    load: Option<&'static str>,
     verdict: &'static str,
     unit: Option<usize>,
     /// Why there is no contact.
@@ -79,12 +87,19 @@ impl<W: Write> Solutions<W> {
             let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
             To::Csv { writer: Box::new(writer), labels: keep_going.then_some([true, true]) }
         };
-        Solutions { to, keep_going, forces_are_known }
+        Solutions { to, keep_going, forces_are_known, has_two_methods: false }
+    }
+
+    /// Adds a column that shows which of two methods answered, if the model has two.
+    pub(super) fn of_methods(self, fitted: &Fitted) -> Self {
+        Solutions { has_two_methods: fitted.at_calibrated_load().is_some(), ..self }
     }
 
     pub(super) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
         let of = Line::of(reading, solved, self.forces_are_known);
-        let mut line = Line { line: self.keep_going.then_some(reading.line), ..of };
+        let load = solved.as_ref().map_or("", |solution| if solution.is_calibrated_load { CALIBRATED } else { ANY });
+        let load = self.has_two_methods.then_some(load);
+        let mut line = Line { line: self.keep_going.then_some(reading.line), load, ..of };
         match &mut self.to {
             To::Csv { writer, labels } => {
                 let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
@@ -191,6 +206,7 @@ impl<'a> Line<'a> {
             relative_force: column(relative[0]),
             half68_relative_force: column(relative[1]),
             half95_relative_force: column(relative[2]),
+            load: None,
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
                 Verdict::ChannelFault(unit) => Some(unit + 1),
@@ -246,6 +262,7 @@ mod tests {
             other: Some(Place::new(3.0, 4.0)),
             misfit: Some(0.5),
             verdict: Verdict::ChannelFault(4),
+            is_calibrated_load: false,
         };
         let unsure = Solution {
             covariance: None,

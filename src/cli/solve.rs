@@ -37,7 +37,9 @@ outside-area, not-one-contact, channel-fault (unit: which output), or unsolved
 if the reading has no answer. With a table without force_n, only proportions are
 calibrated: force_n and its errors are then blank. relative_force is relative to
 the typical press of the table, with half68_relative_force and
-half95_relative_force, which are blank if the method has none.
+half95_relative_force, which are blank if the method has none. If a second
+method is fitted, load shows which one answered: calibrated (it assumes the
+load of the calibration, which the reading has), or any.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are
@@ -110,7 +112,8 @@ pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     if io::stdin().is_terminal() && !args.quiet {
         tell("one reading a line; Ctrl-D ends\n")?;
     }
-    let mut solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going, model.forces_are_known());
+    let solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going, model.forces_are_known());
+    let mut solutions = solutions.of_methods(model.fitted());
     let mut answers = Answers::new(readings, Session::new(model));
     match stream.answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions) {
         Ok(Ok(())) => Ok(ExitCode::SUCCESS),

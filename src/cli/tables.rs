@@ -4,7 +4,7 @@
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::paper;
-use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, Tie, Verdicts};
+use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, LoadGain, Tie, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
@@ -150,6 +150,14 @@ pub(super) fn chosen(choice: &Choice) -> String {
         };
         let ties: Vec<String> = choice.ties.iter().map(sigmas).collect();
         text += &filled(&format!("{} is nearly tied with {}", chosen.solver, ties.join(", ")), "  ");
+    }
+    if let Some(LoadGain { solver, any_mm, by_load_mm }) = &choice.load_gain {
+        let (any_mm, by_load_mm) = (figures(*any_mm), figures(*by_load_mm));
+        let gain = format!(
+            "readings with the load of the calibration are solved by {solver}, which assumes this load: \
+             {by_load_mm}{NO_BREAK}mm instead of {any_mm}{NO_BREAK}mm"
+        );
+        text += &filled(&gain, "  ");
     }
     if let Some(mean_mm) = choice.mean_place_error_mm.filter(|mean_mm| *chosen_mm > LITTLE_LEARNED * mean_mm) {
         let mean_mm = figures(mean_mm);
@@ -390,20 +398,30 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
             candidate("pearson", Some(123.46)),
             candidate("physics", None),
         ];
-        let untried = Choice { candidates: candidates[2..].to_vec(), ties: Vec::new(), mean_place_error_mm: None };
+        let untried = Choice {
+            candidates: candidates[2..].to_vec(),
+            ties: Vec::new(),
+            mean_place_error_mm: None,
+            load_gain: None,
+        };
         assert_eq!(chosen(&untried), "chosen without cross-validation: too few presses\n");
         let ties = vec![Tie { solver: "pearson".to_owned(), sigmas: 1.25 }];
-        let tied = chosen(&Choice { candidates: candidates.clone(), ties, mean_place_error_mm: Some(4.0) });
+        let tied =
+            chosen(&Choice { candidates: candidates.clone(), ties, mean_place_error_mm: Some(4.0), load_gain: None });
         assert!(
             tied.ends_with(
                 "\ngaussian-process is nearly tied with pearson (the errors differ by 1.2 standard\n  errors)\n"
             ),
             "{tied}"
         );
-        let lost =
-            chosen(&Choice { candidates: candidates.clone(), ties: Vec::new(), mean_place_error_mm: Some(0.13) });
+        let lost = chosen(&Choice {
+            candidates: candidates.clone(),
+            ties: Vec::new(),
+            mean_place_error_mm: Some(0.13),
+            load_gain: None,
+        });
         assert!(lost.contains("\nwarning: an answer that is always the mean place has 0.130 mm"), "{lost}");
-        let choice = Choice { candidates, ties: Vec::new(), mean_place_error_mm: Some(4.0) };
+        let choice = Choice { candidates, ties: Vec::new(), mean_place_error_mm: Some(4.0), load_gain: None };
         assert_eq!(
             chosen(&choice),
             "chosen by cross-validation on the calibration: gaussian-process 0.123 mm,\n  pearson 123.5 mm\n"

@@ -16,25 +16,25 @@ use std::fs;
 use std::path::Path;
 
 /// A press: place, force, outputs.
-struct Press {
-    place: Place,
-    force_n: f64,
-    outputs: Vec<f64>,
+pub(crate) struct Press {
+    pub place: Place,
+    pub force_n: f64,
+    pub outputs: Vec<f64>,
 }
 
 /// Presses to calibrate with, and presses to test with.
-struct Set {
+pub(crate) struct Set {
     family: &'static str,
     seed: u64,
-    calibration: Vec<Press>,
-    test: Vec<Press>,
+    pub calibration: Vec<Press>,
+    pub test: Vec<Press>,
     layout: ArrayLayout,
 }
 
 /// A kind of skin, and its calibration.
 #[derive(Clone, Copy)]
-struct Family {
-    name: &'static str,
+pub(crate) struct Family {
+    pub name: &'static str,
     /// What its electronics make of the outputs of an elastic skin, in place; the number of columns is 4.
     read: fn(&mut [f64]),
     gain_spread_percent: f64,
@@ -42,7 +42,7 @@ struct Family {
     side: usize,
     repeats: usize,
     /// Forces of the calibration, N.
-    force_n: (f64, f64),
+    pub force_n: (f64, f64),
 }
 
 /// Largest loss of `best` against the method that is best on the other half of the test: mean of all families, and of one.
@@ -55,7 +55,7 @@ const HALF_MM: f64 = 8.0;
 const TESTS: usize = 400;
 const SEEDS: usize = 10;
 
-const FAMILIES: [Family; 6] = [
+pub(crate) const FAMILIES: [Family; 6] = [
     Family { name: "gains", read: |_| {}, gain_spread_percent: 60.0, side: 13, repeats: 1, force_n: (1.0, 1.0) },
     Family { name: "saturation", read: saturate, gain_spread_percent: 20.0, side: 15, repeats: 1, force_n: (0.2, 1.0) },
     Family { name: "crosstalk", read: mix, gain_spread_percent: 20.0, side: 13, repeats: 1, force_n: (1.0, 1.0) },
@@ -92,6 +92,11 @@ fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut Stream) -> Pre
 
 impl Family {
     fn set(&self, seed: u64) -> Set {
+        self.set_with(seed, (0.3, 1.0))
+    }
+
+    /// Returns a set whose test presses have forces in a range, N.
+    pub(crate) fn set_with(&self, seed: u64, test_force_n: (f64, f64)) -> Set {
         let layout = ArrayLayout::grid(COLUMNS, COLUMNS, PITCH_MM);
         let spec = SkinSpec {
             elastomer: Some(Elastomer { depth_mm: 4.0, medium: Medium::BondedLayer { poisson_ratio: 0.49 } }),
@@ -127,7 +132,7 @@ impl Family {
         for _ in 0..TESTS {
             let mut anywhere = || rng.random_range(-HALF_MM..=HALF_MM);
             let place = Place::new(anywhere(), anywhere());
-            let force_n = rng.random_range(0.3..=1.0);
+            let force_n = rng.random_range(test_force_n.0..=test_force_n.1);
             test.push(press(place, force_n, &mut rng));
         }
         Set { family: self.name, seed, calibration, test, layout }
@@ -191,7 +196,7 @@ impl Set {
         made
     }
 
-    fn save(&self, folder: &Path) {
+    pub(crate) fn save(&self, folder: &Path) {
         let folder = folder.join(format!("{}-{}", self.family.replace(' ', "-"), self.seed));
         fs::create_dir_all(&folder).expect("a folder");
         for (name, presses) in [("calibration.csv", &self.calibration), ("test.csv", &self.test)] {

@@ -2,6 +2,7 @@
 
 mod acceptance;
 mod adapt;
+mod by_load;
 mod choice;
 mod evaluate;
 mod golden;

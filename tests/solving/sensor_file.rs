@@ -73,7 +73,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
 
     let bytes = fs::read(bench.path("sensor.palpate")).unwrap();
     let mut lines = bytes.splitn(3, |byte| *byte == b'\n');
-    assert_eq!(lines.next(), Some(&b"palpate sensor 1"[..]));
+    assert_eq!(lines.next(), Some(&b"palpate sensor 2"[..]));
     let card: Value = serde_json::from_slice(lines.next().unwrap()).unwrap();
     assert_eq!(card["valid"]["x_mm"], serde_json::json!([-3.0, 3.0]), "{card}");
     assert_eq!(card["valid"]["force_n"], serde_json::json!([0.8, 1.2]), "{card}");
@@ -97,16 +97,16 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
     let end = whole.len() - 1;
     let text = String::from_utf8_lossy(&whole).into_owned();
     for (bytes, said) in [
-        (Vec::new(), "b.palpate isn't a sensor file: it doesn't begin with `palpate sensor 1`"),
+        (Vec::new(), "b.palpate isn't a sensor file: it doesn't begin with `palpate sensor 2`"),
         (CALIBRATION.as_bytes().to_vec(), "b.palpate isn't a sensor file"),
         (whole[..10].to_vec(), "isn't a sensor file"),
-        (b"palpate sensor 1".to_vec(), "b.palpate is damaged: its first line is incomplete"),
+        (b"palpate sensor 2".to_vec(), "b.palpate is damaged: its first line is incomplete"),
         (whole[..40].to_vec(), "b.palpate is damaged: its second line is incomplete"),
         (whole[..end].to_vec(), "b.palpate is damaged: its model has"),
         ([&whole[..end], &[!whole[end]]].concat(), "its model has changed since it was written (its SHA-256 differs)"),
         (whole.repeat(2), "b.palpate is damaged: its model has"),
-        (b"palpate sensor 2\n{}\n".to_vec(), "is a sensor file of version 2; this program reads version 1"),
-        (b"palpate sensor 1\n{\"method\": 1}\n".to_vec(), "b.palpate is damaged: its second line: "),
+        (b"palpate sensor 1\n{}\n".to_vec(), "is a sensor file of version 1; this program reads version 2"),
+        (b"palpate sensor 2\n{\"method\": 1}\n".to_vec(), "b.palpate is damaged: its second line: "),
     ] {
         let told = refused(&bytes);
         assert!(told.contains(said), "{said}\n{told}");
@@ -118,7 +118,7 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
         let mut card = card.clone();
         card["bytes"] = numbers.len().into();
         card["sha256"] = sha256(numbers).into();
-        let told = refused(&[format!("palpate sensor 1\n{card}\n").as_bytes(), numbers].concat());
+        let told = refused(&[format!("palpate sensor 2\n{card}\n").as_bytes(), numbers].concat());
         assert!(told.contains("is damaged: the numbers of the model can't be read"), "{told}");
     }
 }

@@ -58,6 +58,11 @@ impl Appraised {
         (silence.iter().map(|precision| 1.0 / precision).collect(), *no_contact, parts)
     }
 
+    /// Largest residue of one contact with a force of 1; infinite if it is unknown.
+    pub(crate) fn most_residue(&self) -> f64 {
+        self.experience.as_ref().map_or(f64::INFINITY, |known| known.residue.variance(0, 1.0) * known.most_residue)
+    }
+
     /// Returns a method with unknown errors.
     pub(crate) fn unappraised(method: Method) -> Self {
         Appraised { method, experience: None }
@@ -79,7 +84,7 @@ impl Solver for Appraised {
                 solution.covariance = Some(Covariance([[location, 0.0, 0.0], [0.0, location, 0.0], [0.0, 0.0, force]]));
                 let misfit = located.residue / (experience.residue.variance(0, softness) * experience.most_residue);
                 solution.misfit = misfit.is_finite().then_some(misfit);
-                let widened = |widths: &Widths| widths.at((2.0 * location).sqrt(), force.sqrt()).widened(misfit);
+                let widened = |widths: &Widths| widths.at((2.0 * location).sqrt(), force.sqrt(), 0.0).widened(misfit);
                 solution.half_widths = experience.widths.as_ref().map(widened);
             }
             solution.verdict = experience.verdict(outputs, solution.misfit);
@@ -104,7 +109,7 @@ impl Experience {
         }
         let residue = Noise::fit(&[residue]);
         let over = answered().map(|(_, answer)| answer.residue / residue.variance(0, 1.0 / answer.force_n)).collect();
-        let most_residue = upper(over, setting.false_alarms)?.max(f64::MIN_POSITIVE);
+        let most_residue = upper(over, setting.excluded_share())?.max(f64::MIN_POSITIVE);
         let quietest = upper(trials.iter().map(|trial| -trial.loudness).collect(), WEAK_SHARE * setting.false_alarms)?;
         let units = response.field.channels();
         let experience = Experience {
@@ -119,7 +124,7 @@ impl Experience {
         let widths = Widths::of(trials, |trial| {
             let answer = trial.answer.as_ref().ok()?;
             let (location, force) = experience.variances(answer);
-            Some(((2.0 * location).sqrt(), force.sqrt()))
+            Some(((2.0 * location).sqrt(), force.sqrt(), 0.0))
         });
         Some(Experience { widths, ..experience })
     }

@@ -27,6 +27,8 @@ const TIE_LEAD: f64 = 0.02;
 /// location error.
 const FORCE_GAIN: f64 = 0.5;
 const LOCATION_COST: f64 = 1.1;
+/// Mean of the length of a normal vector in the plane, divided by the square root of the sum of both variances.
+const MEAN_OF_SD: f64 = 0.886;
 /// Least number of places from which this can be decided.
 const FEWEST_PLACES: usize = 30;
 
@@ -54,6 +56,14 @@ impl Tried {
         let of = |coordinate: fn(Place) -> f64| mean(&places().map(coordinate).collect::<Vec<f64>>());
         let middle = Place::new(of(|place| place.x_mm)?, of(|place| place.y_mm)?);
         mean(&places().map(|place| place.distance_mm(middle)).collect::<Vec<f64>>())
+    }
+
+    /// Mean location error divided by the mean that the standard deviations of the method itself explain.
+    pub(crate) fn mean_of_stated(&self) -> Option<f64> {
+        let answered = || self.inside().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
+        let errors = answered().map(|(trial, answer)| answer.place.distance_mm(trial.place)).sum::<f64>();
+        let stated = answered().map(|(_, answer)| MEAN_OF_SD * answer.scale_mm).sum::<f64>();
+        (stated > 0.0).then_some(errors / stated)
     }
 
     fn location_errors(&self) -> Vec<f64> {

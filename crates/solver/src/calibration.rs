@@ -20,6 +20,9 @@ pub struct Calibration {
 /// %.
 const ONE_FORCE: f64 = 1.5;
 
+/// Number of places below which they are few.
+const FEW_PLACES: usize = 150;
+
 /// One press of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationPoint<'a> {
@@ -73,6 +76,12 @@ impl Calibration {
     #[must_use]
     pub fn with_unknown_forces(self) -> Self {
         Calibration { forces_known: false, ..self }
+    }
+
+    /// Returns the same presses with unknown forces that are all equal, 1.
+    #[must_use]
+    pub fn with_equal_forces(&self) -> Self {
+        Calibration { force_n: vec![1.0; self.len()], forces_known: false, ..self.clone() }
     }
 
     /// Returns the number of units of the array.
@@ -131,6 +140,11 @@ impl Calibration {
             spots[spot].push(index);
         }
         spots
+    }
+
+    /// Whether the presses have few places: then a map without a fifth of them is much worse.
+    pub(super) fn has_few_places(&self) -> bool {
+        self.by_place().len() < FEW_PLACES
     }
 
     /// Whether the forces are known.

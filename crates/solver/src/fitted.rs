@@ -1,6 +1,7 @@
 //! Result of a fit: a method ready to solve.
 
 use super::appraised::Appraised;
+use super::by_load::{ByLoad, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
 use super::{Broken, Calibration, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
@@ -25,13 +26,24 @@ pub struct Fitted {
 pub(super) enum Answering {
     Forward(Box<Forward>),
     Appraised(Box<Appraised>),
+    ByLoad(ByLoad),
 }
 
 impl Answering {
-    fn solver(&self) -> &dyn Solver {
+    pub(super) fn solver(&self) -> &dyn Solver {
         match self {
             Answering::Forward(forward) => &**forward,
             Answering::Appraised(appraised) => &**appraised,
+            Answering::ByLoad(by_load) => by_load,
+        }
+    }
+
+    /// Largest residue of one contact, under the calibration's force.
+    pub(super) fn most_residue(&self) -> f64 {
+        match self {
+            Answering::Forward(forward) => forward.limits.one_contact,
+            Answering::Appraised(appraised) => appraised.most_residue(),
+            Answering::ByLoad(by_load) => by_load.any.most_residue(),
         }
     }
 }
@@ -47,6 +59,16 @@ pub struct Choice {
     /// Mean location error of an answer that is always the mean place, mm, on the same presses. A sensor file doesn't keep it.
     #[serde(skip)]
     pub mean_place_error_mm: Option<f64>,
+    /// What a second method gains that assumes the load of the calibration, if it is used. A sensor file doesn't keep it.
+    #[serde(skip)]
+    pub load_gain: Option<LoadGain>,
+}
+
+impl Choice {
+    /// Mean location error of the chosen method on held-out presses, mm.
+    pub fn location_error_mm(&self) -> Option<f64> {
+        self.candidates.first()?.location_error_mm
+    }
 }
 
 /// A method with nearly the same location error as the chosen one.
@@ -133,6 +155,14 @@ impl Fitted {
     /// Returns the units that the method uses, in its order.
     pub(super) fn kept(&self) -> Vec<usize> {
         self.kept.clone().unwrap_or_else(|| (0..self.units).collect())
+    }
+
+    /// Returns the name of the method that answers readings with the load of the calibration, if it is a second one.
+    pub fn at_calibrated_load(&self) -> Option<&'static str> {
+        match &self.solver {
+            Answering::ByLoad(by_load) => Some(by_load.calibrated.solver().name()),
+            Answering::Forward(_) | Answering::Appraised(_) => None,
+        }
     }
 
     /// Returns how the method was chosen; `None` if it was requested by name.

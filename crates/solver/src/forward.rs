@@ -98,7 +98,7 @@ impl Forward {
         let (units, rate) = (loudest.len(), setting.false_alarms);
         let left = |units: usize| chi2_quantile(units.saturating_sub(setting.unknowns()), rate);
         let unexplained = Unexplained::of(&response, calibration, setting);
-        let one_contact = unexplained.limit(rate);
+        let one_contact = unexplained.limit(setting.excluded_share());
         let limits = Limits {
             one_contact,
             without_a_unit: one_contact * left(units.saturating_sub(1)) / left(units),
@@ -130,7 +130,7 @@ impl Forward {
         // where the map is known well and noise is all that contacts leave, held-out ones leave more only as the map without them is
         // worse
         let is_known = self.limits.is_noise && self.response.mean_leverage() <= LEVERAGE_OF_LIMIT;
-        if let Some(most) = upper(residues, setting.false_alarms).filter(|_| !is_known) {
+        if let Some(most) = upper(residues, setting.excluded_share()).filter(|_| !is_known) {
             let limit = self.limits.one_contact.max(most);
             self.limits.without_a_unit *= limit / self.limits.one_contact;
             self.limits.one_contact = limit;
@@ -218,6 +218,13 @@ impl Forward {
         fits.min_by(|a, b| a.1.chi2.total_cmp(&b.1.chi2)).filter(|(_, fit)| fit.chi2 < self.limits.without_a_unit)
     }
 
+    /// Part of the variance of a solution that is due to the map's own error, to first order.
+    fn of_map(&self, estimate: &Estimate) -> f64 {
+        let share = estimate.force_n / self.response.force_n;
+        let of_map = share * share * estimate.leverage.max(0.0);
+        of_map / (1.0 + of_map)
+    }
+
     /// Returns the errors that follow from an information matrix for x, y and force. `None` if the place is unknown in a
     /// direction, for example across a calibration along a line.
     fn covariance(&self, information: &[[f64; 3]; 3]) -> Option<Covariance> {
@@ -252,8 +259,9 @@ impl Solver for Forward {
         // beyond the calibrated places nothing was held out that could show it
         let widths = self.widths.filter(|_| verdict != Verdict::OutsideArea);
         let (scale_mm, scale_n) = scales(covariance);
-        let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n).widened(misfit));
-        let covariance = covariance.map(|sd| self.widths.map_or(sd, |widths| widths.applied(sd)));
+        let of_map = self.of_map(&estimate);
+        let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n, of_map).widened(misfit));
+        let covariance = covariance.map(|sd| self.widths.map_or(sd, |widths| widths.applied(sd, of_map)));
         Ok(Solution {
             place: estimate.place,
             force_n: estimate.force_n,
@@ -262,6 +270,7 @@ impl Solver for Forward {
             other,
             misfit: Some(misfit),
             verdict,
+            is_calibrated_load: false,
         })
     }
 
@@ -291,14 +300,14 @@ impl Locate for Forward {
         let Estimate { place, force_n, chi2, beyond, .. } = estimate;
         let covariance = self.covariance(&estimate.information);
         let (scale_mm, scale_n) = scales(covariance);
-        Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n })
+        Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n, of_map: self.of_map(&estimate) })
     }
 }
 
 fn half_widths(trials: &[HeldPress]) -> Option<Widths> {
     Widths::of(trials, |trial| {
         let located = trial.answer.as_ref().ok()?;
-        Some((located.scale_mm, located.scale_n))
+        Some((located.scale_mm, located.scale_n, located.of_map))
     })
 }
 

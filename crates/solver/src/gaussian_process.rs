@@ -43,6 +43,9 @@ const OF_VIEWS: Regression = Regression { of: &[Smoothness::Smooth], ..MANNER };
 /// Largest number of coordinates that are stretched separately.
 const MOST_STRETCHED: usize = 32;
 
+/// Largest number of presses from which principal components are found.
+const MOST_FOR_COMPONENTS: usize = 1000;
+
 /// Least number of places from which stretches can be determined.
 const FEWEST_TO_STRETCH: usize = 50;
 
@@ -80,6 +83,8 @@ impl GaussianProcess {
         let mut sought = sought(&view, MANNER).ok_or(FitError::NothingToTellApart)?;
         if view.dimensions() <= MOST_STRETCHED {
             stretch(calibration, &mut view, &mut sought);
+        } else if let Some(components) = components(calibration, &view, &sought) {
+            return Ok(components);
         }
         Ok((view, sought))
     }
@@ -106,18 +111,40 @@ impl GaussianProcess {
     }
 }
 
-/// Stretches each coordinate of the view, and changes the noise of the place, as long as the places become more likely.
-fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
-    // one press a place: several are easy to explain by each other, without regard to what is between the places
+/// Returns the view of the principal components of a view with many coordinates, if the places are more likely with it.
+fn components(calibration: &Calibration, view: &View, sought: &Sought) -> Option<Likeliest> {
+    let Seen { inputs, .. } = Seen::of(calibration, view, MOST_FOR_COMPONENTS)?;
+    let mut components = view.components(&inputs, MOST_STRETCHED)?;
+    let Seen { inputs, answers } = Seen::of(calibration, &components, MOST_TO_SEEK_WITH)?;
+    let mut sought_of_these = Sought::of(&inputs, components.dimensions(), &answers, ANSWERS, MANNER);
+    let likelihood = stretch(calibration, &mut components, &mut sought_of_these)?;
+    let before = one_press_a_place(calibration, view).and_then(|seen| {
+        let ratio = ratio_of_place(sought).exp();
+        process::likelihood(&seen.inputs, view.dimensions(), &seen.places(), COORDINATES, sought.correlation, ratio)
+    });
+    (likelihood > before.unwrap_or(f64::NEG_INFINITY)).then_some((components, sought_of_these))
+}
+
+/// Returns the calibration in a view, of several presses at a place only one: they are easy to explain by each other, without regard
+/// to what is between the places. `None` if there are few places.
+fn one_press_a_place(calibration: &Calibration, view: &View) -> Option<Seen> {
     let few = calibration.by_place().len().min(MOST_TO_SEEK_WITH);
-    let seen = Seen::of(calibration, view, few).filter(|_| few >= FEWEST_TO_STRETCH);
-    let Some(Seen { inputs, answers }) = seen else { return };
-    let dimensions = view.dimensions();
-    let places: Vec<f64> = answers.chunks_exact(ANSWERS).flat_map(|answer| &answer[..COORDINATES]).copied().collect();
+    Seen::of(calibration, view, few).filter(|_| few >= FEWEST_TO_STRETCH)
+}
+
+/// Mean logarithm of the noise ratios of the place's coordinates.
+fn ratio_of_place(sought: &Sought) -> f64 {
+    sought.noise_ratio[..COORDINATES].iter().map(|ratio| ratio.ln()).sum::<f64>() / COORDINATES as f64
+}
+
+/// Stretches each coordinate of the view, and changes the noise of the place, as long as the places become more likely. Returns the
+/// logarithm of their likelihood; `None` if there are few places.
+fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) -> Option<f64> {
+    let seen = one_press_a_place(calibration, view)?;
+    let (dimensions, places, inputs) = (view.dimensions(), seen.places(), seen.inputs);
     // logarithms: of the stretch of each coordinate, of the noise ratio, of the stretch of all coordinates
     let mut chosen = vec![0.0; dimensions + 2];
-    let ratios = &mut sought.noise_ratio[..COORDINATES];
-    let ratio = ratios.iter().map(|ratio| ratio.ln()).sum::<f64>() / COORDINATES as f64;
+    let ratio = ratio_of_place(sought);
     let mut stretched = inputs.clone();
     let mut likelihood = |logs: &[f64]| {
         let (each, common) = logs.split_at(dimensions);
@@ -145,9 +172,9 @@ fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) {
             }
         }
     }
-    let ratio = (ratio + chosen[dimensions]).exp();
-    ratios.fill(ratio);
+    sought.noise_ratio[..COORDINATES].fill((ratio + chosen[dimensions]).exp());
     view.stretch(chosen[..dimensions].iter().map(|log| (log + chosen[dimensions + 1]).exp()));
+    Some(best)
 }
 
 /// Calibration as the process sees it.
@@ -159,6 +186,11 @@ struct Seen {
 }
 
 impl Seen {
+    /// Coordinates of the places, row-major, presses x `COORDINATES`.
+    fn places(&self) -> Vec<f64> {
+        self.answers.chunks_exact(ANSWERS).flat_map(|answer| &answer[..COORDINATES]).copied().collect()
+    }
+
     /// Returns the calibration in a view. Of very many presses it uses some, in random order. `None` if no press has a reading.
     fn of(calibration: &Calibration, view: &View, most: usize) -> Option<Self> {
         let presses = places_in_turn(calibration);

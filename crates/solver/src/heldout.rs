@@ -1,16 +1,15 @@
 //! Holds out calibration presses and solves them, as trials of a method.
 
 use super::field::Area;
-use super::method::Method;
 use super::response::Response;
-use super::{Calibration, FitError, Locate, Located, Setting, SolveError, Workspace};
+use super::{Calibration, FitError, Located, Setting, SolveError, Workspace};
 use palpate_core::quantity::{Place, stream};
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 
 /// Calibration press, scaled to another force, and solved by a method that was fitted without this press' place.
 #[derive(Clone)]
-pub(super) struct HeldPress {
+pub(super) struct HeldPress<A = Result<Located, SolveError>> {
     /// Place of the press.
     pub place: Place,
     /// Force that the press represents, N.
@@ -21,7 +20,40 @@ pub(super) struct HeldPress {
     /// Sum of the squares of the press's outputs divided by their noise.
     pub loudness: f64,
     /// Answer of the method.
-    pub answer: Result<Located, SolveError>,
+    pub answer: A,
+}
+
+/// Factors by which held-out presses are scaled.
+#[derive(Clone, Copy)]
+enum Loads {
+    /// The expected forces, smallest and largest, divided by the calibration's force. They are distributed evenly over the presses.
+    Between(f64, f64),
+    /// Each press is scaled by each factor.
+    Each(&'static [f64]),
+}
+
+impl Loads {
+    /// Number of trials of each press.
+    fn count(self) -> usize {
+        match self {
+            // a press that stands for itself stands for one force
+            Loads::Between(least, most) if least == most => 1,
+            Loads::Between(..) => FORCES_A_PRESS,
+            Loads::Each(shares) => shares.len(),
+        }
+    }
+
+    /// Returns the factor of one trial of the press with an index.
+    fn share(self, index: usize, trial: usize) -> f64 {
+        match self {
+            Loads::Between(least, most) => {
+                // evenly over the forces, for any order of the presses
+                let quantile = (index as f64 * GOLDEN_SHARE + trial as f64 / self.count() as f64).fract();
+                least + (most - least) * quantile
+            }
+            Loads::Each(shares) => shares[trial],
+        }
+    }
 }
 
 /// Parts into which the places of a calibration are divided. One part at a time is held out of a fit.
@@ -31,8 +63,7 @@ pub(super) struct Folds<'a> {
     response: &'a Response,
     /// The presses of each part.
     parts: Vec<Vec<usize>>,
-    /// Factors by which a press is scaled to represent the expected forces, smallest and largest.
-    shares: (f64, f64),
+    loads: Loads,
     area: Option<Area>,
 }
 
@@ -40,8 +71,6 @@ pub(super) struct Folds<'a> {
 /// out at once, because a map without a fifth of them is much worse.
 const FOLDS: usize = 5;
 const FOLDS_OF_FEW: usize = 10;
-/// Number of places below which they are few.
-const FEW_PLACES: usize = 150;
 
 /// Least number of places for which some can be held out.
 const FEWEST_PLACES: usize = 9;
@@ -60,12 +89,18 @@ impl<'a> Folds<'a> {
             return None;
         }
         shuffle(&mut spots, &mut stream(0, 0, "held-out presses"));
-        let folds = if spots.len() < FEW_PLACES { FOLDS_OF_FEW.min(spots.len()) } else { FOLDS };
+        let folds = if calibration.has_few_places() { FOLDS_OF_FEW.min(spots.len()) } else { FOLDS };
         let part = |fold: usize| spots.iter().skip(fold).step_by(folds).flatten().copied().collect();
         let parts = (0..folds).map(part).collect();
         let inner = Area::around(calibration.points().map(|point| point.place));
         let area = inner.filter(|area| calibration.points().any(|point| area.has_inside(point.place)));
-        Some(Folds { calibration, response, parts, shares: setting.shares(calibration), area })
+        let (least, most) = setting.shares(calibration);
+        Some(Folds { calibration, response, parts, loads: Loads::Between(least, most), area })
+    }
+
+    /// Returns the same parts, of which each press is scaled by each of these factors.
+    pub(crate) fn scaled_by(self, shares: &'static [f64]) -> Self {
+        Folds { loads: Loads::Each(shares), ..self }
     }
 
     /// Number of parts.
@@ -78,14 +113,13 @@ impl<'a> Folds<'a> {
     ///
     /// # Errors
     /// The method can't be fitted to the other parts.
-    pub(crate) fn trials(
+    pub(crate) fn trials<M, A>(
         &self,
         folds: impl Iterator<Item = usize>,
-        fit: impl Fn(&Calibration) -> Result<Method, FitError>,
-    ) -> Result<Vec<HeldPress>, FitError> {
-        let (least, most) = self.shares;
-        // a press that stands for itself stands for one force
-        let forces = if least == most { 1 } else { FORCES_A_PRESS };
+        fit: impl Fn(&Calibration) -> Result<M, FitError>,
+        answer: impl Fn(&M, &[f64], &mut Workspace) -> A,
+    ) -> Result<Vec<HeldPress<A>>, FitError> {
+        let forces = self.loads.count();
         let mut trials = Vec::new();
         let mut workspace = Workspace::default();
         let mut reading = vec![0.0; self.calibration.units()];
@@ -98,10 +132,8 @@ impl<'a> Folds<'a> {
             let every = held.len().div_ceil(MOST_TRIALS / self.count() / forces).max(1);
             for (index, &press) in held.iter().step_by(every).enumerate() {
                 let point = self.calibration.point(press);
-                for part in 0..forces {
-                    // evenly over the forces, for any order of the presses
-                    let quantile = (index as f64 * GOLDEN_SHARE + part as f64 / forces as f64).fract();
-                    let share = least + (most - least) * quantile;
+                for trial in 0..forces {
+                    let share = self.loads.share(index, trial);
                     for (unit, (reading, output)) in reading.iter_mut().zip(point.outputs).enumerate() {
                         let normal: f64 = StandardNormal.sample(&mut rng);
                         *reading = share * output + self.response.missing_noise(unit, share) * normal;
@@ -111,7 +143,7 @@ impl<'a> Folds<'a> {
                         force_n: share * point.force_n,
                         is_inside: self.area.is_none_or(|area| area.has_inside(point.place)),
                         loudness: self.response.loudness(&reading),
-                        answer: method.locate(&reading, &mut workspace),
+                        answer: answer(&method, &reading, &mut workspace),
                     });
                 }
             }

@@ -58,6 +58,7 @@ mod appraised;
 mod best;
 mod blend;
 mod broken;
+mod by_load;
 mod calibration;
 mod centred;
 mod correlation;
@@ -105,6 +106,7 @@ pub use adapt::{Change, Extent, UnitChange};
 pub use adapted::AdaptError;
 pub use adapted::{Adapted, HeldOut, MeanErrors};
 pub use broken::{Broken, Fault, broken};
+pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
@@ -189,6 +191,8 @@ struct Located {
     /// of the method. The value is 1 if the method doesn't distinguish readings.
     scale_mm: f64,
     scale_n: f64,
+    /// Part of these quantities' squares that is due to the error of the method's map, 0 to 1; 0 if it is unknown.
+    of_map: f64,
 }
 
 impl Located {
@@ -200,6 +204,7 @@ impl Located {
         beyond: 0.0,
         scale_mm: 1.0,
         scale_n: 1.0,
+        of_map: 0.0,
     };
 }
 

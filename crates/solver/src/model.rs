@@ -3,7 +3,7 @@
 use super::field::Area;
 use super::fitted::Answering;
 use super::forward::Forward;
-use super::{Broken, Calibration, FitError, Fitted, ForceKnown, Prepared, Setting, Solver as _};
+use super::{Broken, Calibration, FitError, Fitted, ForceKnown, Prepared, Setting};
 use palpate_core::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
@@ -154,7 +154,7 @@ impl Model {
         let calibration = self.calibration.clone()?;
         let broken = [self.fitted.broken(), units].concat();
         let fitted = Prepared::without(calibration, &self.setting(), broken)
-            .and_then(|prepared| prepared.fit(self.fitted.name()))
+            .and_then(|prepared| prepared.fit_like(&self.fitted))
             .map(|fitted| fitted.widened_as(&self.fitted));
         Some(fitted)
     }

@@ -12,14 +12,37 @@ use serde::{Deserialize, Serialize};
 /// If several points correlate equally well, the first one counts. A point at which all units read the same correlates with
 /// nothing and is never an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(from = "Stored")]
 pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
     candidates: Vec<Candidate>,
     /// Outputs of the candidates, row-major candidates x units.
     outputs: Vec<f64>,
-    /// The same outputs, centred and of length 1. The dot product with these is r.
+    /// The same outputs, centred and of length 1. The dot product with these is r. They aren't stored.
+    #[serde(skip)]
     scan: Scan,
+}
+
+/// Data from which [`Pearson`] is made again.
+#[derive(Deserialize)]
+struct Stored {
+    units: usize,
+    force_rule: ForceRule,
+    candidates: Vec<Candidate>,
+    outputs: Vec<f64>,
+}
+
+impl From<Stored> for Pearson {
+    fn from(Stored { units, force_rule, candidates, outputs }: Stored) -> Self {
+        let mut room = Vec::new();
+        let mut directions = Vec::with_capacity(outputs.len());
+        for row in outputs.chunks_exact(units.max(1)) {
+            // a row without a direction is no candidate: only a damaged file has one
+            directions.extend_from_slice(direction(row, &mut room).unwrap_or(row));
+        }
+        Pearson { units, force_rule, candidates, outputs, scan: Scan::new(units, directions) }
+    }
 }
 
 /// Rule that gives the force once the place is found.
@@ -56,10 +79,9 @@ impl Pearson {
             return Err(FitError::Layout { layout: layout.len(), calibration: units });
         }
         let (mut candidates, mut calibrated) = (Vec::new(), Vec::new());
-        let (mut directions, mut room) = (Vec::new(), Vec::new());
+        let mut room = Vec::new();
         for point in calibration.points() {
-            if let Some(row) = direction(point.outputs, &mut room) {
-                directions.extend_from_slice(row);
+            if direction(point.outputs, &mut room).is_some() {
                 calibrated.extend_from_slice(point.outputs);
                 let closest = closest_unit(&point, layout);
                 candidates.push(Candidate { place: point.place, force_n: point.force_n, closest });
@@ -68,7 +90,7 @@ impl Pearson {
         if candidates.is_empty() {
             return Err(FitError::NothingToTellApart);
         }
-        Ok(Pearson { units, force_rule, candidates, outputs: calibrated, scan: Scan::new(units, directions) })
+        Ok(Stored { units, force_rule, candidates, outputs: calibrated }.into())
     }
 
     /// Returns the calibration point whose outputs correlate best with a reading: its index and its r. The index counts from 0

@@ -4,6 +4,7 @@ use super::appraised::Appraised;
 use super::best::Tried;
 use super::blend::{Blend, MemberErrors};
 use super::broken::broken;
+use super::by_load::{Both, ByLoad, Earned, LOADS, Lengths};
 use super::extra_trees::ExtraTrees;
 use super::field::Area;
 use super::fitted::Answering;
@@ -16,9 +17,10 @@ use super::physics::physics;
 use super::response::Response;
 use super::surrogate::{surrogate, surrogate_with};
 use super::threshold::Unexplained;
+use super::view::has_several_lengths;
 use super::{
-    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceRule, Pearson, PearsonKnn, SOLVERS, Setting,
-    Whitened, best,
+    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceKnown, ForceRule, Locate, Pearson, PearsonKnn,
+    SOLVERS, Setting, Solver as _, Whitened, best,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -52,6 +54,13 @@ struct Trials {
     others: OnceLock<Result<Vec<HeldPress>, FitError>>,
 }
 
+/// The chosen method, and its trials.
+struct Chosen {
+    solver: &'static str,
+    trials: Vec<HeldPress>,
+    choice: Choice,
+}
+
 /// Least advantage over the next method, in standard deviations, that justifies `blend`, which runs two methods.
 const WORTH_TWO_SIGMAS: f64 = 2.0;
 
@@ -65,8 +74,18 @@ const LITTLE_OF_AREA: f64 = 0.05;
 /// then at most 6 % larger than with a map that is known exactly.
 const KNOWN_LEVERAGE: f64 = 0.12;
 
-/// Least number of places for each unit from which the correlations of all units can be learned.
+/// Largest ratio of the mean location error of such a map to the error that its noise explains. Errors that units have in common make
+/// it larger.
+const AS_STATED: f64 = 1.2;
+
+/// Number of places for each unit from which the correlations of all units are known well. The second constant is the least number
+/// from which they can be learned unless places are few; `pattern-map` then needs a clear lead, because the places of a grid are
+/// predicted better than those between them.
 const PLACES_A_UNIT: usize = 10;
+const FEWEST_PLACES_A_UNIT: usize = 4;
+/// Least lead of `pattern-map` with few places for each unit: in standard errors, or as the ratio of both errors.
+const FEW_PLACES_SIGMAS: f64 = 2.0;
+const FEW_PLACES_LEAD: f64 = 1.5;
 
 /// Largest ratio of the residual of `physics` to that of the smooth map: standard deviations, geometric mean of all units.
 const UNEXPLAINED: f64 = 1.15;
@@ -133,8 +152,12 @@ impl<'a> Prepared<'a> {
     /// # Errors
     /// No method has that name, or the method can't be fitted to the calibration.
     pub fn fit(&self, name: &str) -> Result<Fitted, FitError> {
-        let fitted = self.fit_to_kept(name)?;
-        Ok(if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) })
+        Ok(self.left_out(self.fit_to_kept(name)?))
+    }
+
+    /// Returns a fit of the kept units as a fit of all units.
+    fn left_out(&self, fitted: Fitted) -> Fitted {
+        if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) }
     }
 
     /// Returns the mean errors of a method on held-out presses; for [`BEST`] those of all methods that were tried, the chosen one
@@ -153,16 +176,16 @@ impl<'a> Prepared<'a> {
         match name {
             BEST => self.best(),
             name if !SOLVERS.contains(&name) => Err(FitError::UnknownSolver { name: name.to_owned() }),
-            name if self.setting.appraised => self.answering(name, &self.tried(name)?),
-            SURROGATE | PHYSICS => self.answering(name, &[]),
+            name if self.setting.appraised => Ok(self.fitted(self.answering(name, &self.tried(name)?)?)),
+            SURROGATE | PHYSICS => Ok(self.fitted(self.answering(name, &[])?)),
             name => Ok(self.fitted(Answering::Appraised(Box::new(Appraised::unappraised(self.method(name)?))))),
         }
     }
 
-    /// Returns the method with the least location error on held-out places. If the location errors are nearly equal, the force
+    /// Chooses the method with the least location error on held-out places. If the location errors are nearly equal, the force
     /// error decides. If the smooth map explains the calibration, no other regression is tried; nor is `physics` if the map's own
     /// error is small. After the first part of the places, methods with much larger errors aren't tried further.
-    fn best(&self) -> Result<Fitted, FitError> {
+    fn choose(&self) -> Result<Chosen, FitError> {
         let is_explained = self.is_explained()?;
         let is_known = is_explained && self.response()?.mean_leverage() <= KNOWN_LEVERAGE;
         let needless = |name: &str| (is_explained && REGRESSIONS.contains(&name)) || (is_known && name == PHYSICS);
@@ -185,8 +208,84 @@ impl<'a> Prepared<'a> {
         let ties = best::ties(&ranked);
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
         let mean_place_error_mm = chosen.mean_place_error_mm();
-        let fitted = self.answering(chosen.solver, &chosen.trials)?;
-        Ok(fitted.chosen(Choice { candidates, ties, mean_place_error_mm }))
+        let (solver, trials) = (chosen.solver, chosen.trials.clone());
+        Ok(Chosen { solver, trials, choice: Choice { candidates, ties, mean_place_error_mm, load_gain: None } })
+    }
+
+    /// Returns the chosen method. If forces are unknown and it is worth it, a second one answers readings with the load of the
+    /// calibration.
+    fn best(&self) -> Result<Fitted, FitError> {
+        let Chosen { solver, trials, mut choice } = self.choose()?;
+        let any = self.answering(solver, &trials)?;
+        let has_one_load = !self.calibration.forces_are_known() && !has_several_lengths(&self.calibration);
+        let second = match has_one_load && self.setting.load == ForceKnown::Unknown {
+            true => self.second(solver, choice.location_error_mm())?,
+            false => None,
+        };
+        let Some((calibrated, earned)) = second else { return Ok(self.fitted(any).chosen(choice)) };
+        let by_load = ByLoad::new(any, calibrated, &earned, &self.calibration);
+        choice.load_gain = Some(earned.gain);
+        Ok(self.fitted(Answering::ByLoad(by_load)).chosen(choice))
+    }
+
+    /// Returns the best method that assumes the load of the calibration, if it is worth using beside the method for any load, which has
+    /// this error.
+    fn second(&self, any: &str, any_mm: Option<f64>) -> Result<Option<(Answering, Earned)>, FitError> {
+        let alike = self.with_equal_forces()?;
+        let Chosen { solver, choice, .. } = alike.choose()?;
+        let is_better = choice.location_error_mm().zip(any_mm).is_some_and(|(error_mm, any_mm)| error_mm < any_mm);
+        if is_better { self.earned(any, &alike, solver) } else { Ok(None) }
+    }
+
+    /// Returns the same presses, all with the same load, which is expected of contacts too.
+    fn with_equal_forces(&self) -> Result<Prepared<'_>, FitError> {
+        let setting = Setting { load: ForceKnown::Constant, ..self.setting() };
+        Prepared::without(self.calibration.with_equal_forces(), &setting, Vec::new())
+    }
+
+    /// Returns a method that assumes the load of the calibration, if held-out presses show that it is worth it.
+    fn earned(
+        &self,
+        any: &str,
+        alike: &Prepared<'_>,
+        calibrated: &str,
+    ) -> Result<Option<(Answering, Earned)>, FitError> {
+        let Some(folds) = Folds::of(&self.calibration, &self.setting(), self.response()?) else { return Ok(None) };
+        let folds = folds.scaled_by(&LOADS);
+        let fit = |part: &Calibration| {
+            let calibrated = alike.fit_part(&part.with_equal_forces(), calibrated)?;
+            Ok(Both { any: self.fit_part(part, any)?, calibrated, lengths: Lengths::of(part) })
+        };
+        let each: Vec<usize> = (0..folds.count()).collect();
+        let trials = in_parallel(&each, |&fold| folds.trials(fold..=fold, fit, Both::answers));
+        let trials: Vec<_> = trials.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+        let Some(earned) = Earned::of(&trials, calibrated) else { return Ok(None) };
+        Ok(Some((alike.answering(calibrated, &earned.answered)?, earned)))
+    }
+
+    /// Fits the methods of another fit.
+    pub(super) fn fit_like(&self, other: &Fitted) -> Result<Fitted, FitError> {
+        let Answering::ByLoad(by_load) = other.answering() else { return self.fit(other.name()) };
+        let (any, calibrated) = (by_load.any.solver().name(), by_load.calibrated.solver().name());
+        let any_fit = self.answering(any, &self.tried(any)?)?;
+        let second = self.earned(any, &self.with_equal_forces()?, calibrated)?;
+        let answering = match second {
+            Some((calibrated, earned)) => {
+                Answering::ByLoad(ByLoad::new(any_fit, calibrated, &earned, &self.calibration))
+            }
+            None => any_fit,
+        };
+        Ok(self.left_out(self.fitted(answering)))
+    }
+
+    /// Returns a method that is fitted to some of the presses; `blend` with the members' errors of all presses.
+    fn fit_part(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
+        if name != BLEND {
+            return self.fit_to(part, name);
+        }
+        let [one, other] = self.members();
+        let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
+        Ok(Method::Blend(Blend::new([self.fit_to(part, one)?, self.fit_to(part, other)?], errors)))
     }
 
     /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may
@@ -195,6 +294,11 @@ impl<'a> Prepared<'a> {
         match first.solver {
             BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
             PHYSICS => next.is_some_and(|next| first.lead(next) >= FAR_AHEAD) || self.is_elastic(),
+            PATTERN_MAP => {
+                let is_ahead =
+                    |next: &Tried| first.lead(next) >= FEW_PLACES_LEAD || first.lead_sigmas(next) >= FEW_PLACES_SIGMAS;
+                self.has_places_a_unit(PLACES_A_UNIT) || next.is_none_or(is_ahead)
+            }
             _ => true,
         }
     }
@@ -204,15 +308,22 @@ impl<'a> Prepared<'a> {
     fn is_candidate(&self, name: &str) -> bool {
         match name {
             PHYSICS => self.setting().layout.is_some(),
-            PATTERN_MAP => self.calibration.by_place().len() >= PLACES_A_UNIT * self.calibration.units(),
+            PATTERN_MAP => {
+                let is_learnable = !self.calibration.has_few_places() && self.has_places_a_unit(FEWEST_PLACES_A_UNIT);
+                is_learnable || self.has_places_a_unit(PLACES_A_UNIT)
+            }
             // of what its members come to
             BLEND => false,
             _ => true,
         }
     }
 
+    fn has_places_a_unit(&self, least: usize) -> bool {
+        self.calibration.by_place().len() >= least * self.calibration.units()
+    }
+
     /// Whether the smooth map leaves only noise of the calibration, and this noise changes a place only slightly. Then no
-    /// regression can be much more accurate. With a larger noise, a regression that stays near the mean of all places can be more
+    /// regression can be much more accurate. The errors must then be those that this noise explains. With a larger noise, a regression that stays near the mean of all places can be more
     /// accurate.
     fn is_explained(&self) -> Result<bool, FitError> {
         let (response, setting) = (self.response()?, self.setting());
@@ -221,12 +332,13 @@ impl<'a> Prepared<'a> {
         }
         let tried = self.tried_as(SURROGATE, self.first_trials(SURROGATE)?);
         let most_mm = LITTLE_OF_AREA * response.field.area().side_mm();
-        Ok(tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm))
+        let is_small = tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm);
+        Ok(is_small && tried.mean_of_stated().is_some_and(|ratio| ratio <= AS_STATED))
     }
 
     /// Names of the methods that are blended: a regression and a map.
     fn members(&self) -> [&'static str; 2] {
-        [PROCESS, if self.is_candidate(PATTERN_MAP) { PATTERN_MAP } else { SURROGATE }]
+        [PROCESS, if self.has_places_a_unit(PLACES_A_UNIT) { PATTERN_MAP } else { SURROGATE }]
     }
 
     /// Adds `blend` to the tried methods, if its members were tried on all parts.
@@ -299,7 +411,7 @@ impl<'a> Prepared<'a> {
         match Folds::of(&self.calibration, &self.setting(), self.response()?) {
             Some(parts) => {
                 let folds = (0..parts.count()).filter(|fold| folds.contains(fold));
-                parts.trials(folds, |part| self.fit_to(part, name))
+                parts.trials(folds, |part| self.fit_to(part, name), Locate::locate)
             }
             None => Ok(Vec::new()),
         }
@@ -318,12 +430,12 @@ impl<'a> Prepared<'a> {
     }
 
     /// Returns a method that has learned the uncertainty of its answers from its trials.
-    fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Fitted, FitError> {
+    fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Answering, FitError> {
         let setting = self.setting();
-        Ok(self.fitted(match self.method(name)? {
+        Ok(match self.method(name)? {
             Method::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
             method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
-        }))
+        })
     }
 
     fn fitted(&self, answering: Answering) -> Fitted {

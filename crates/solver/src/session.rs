@@ -118,7 +118,7 @@ impl Session {
 
     /// Forgets all readings, so that the next answers are those of a new session.
     pub fn restart(&mut self) {
-        let workspace = std::mem::take(&mut self.workspace);
+        let workspace = Workspace { other_loads: 0.0, ..std::mem::take(&mut self.workspace) };
         *self = Session { workspace, ..Session::sharing(self.fits.clone()) };
     }
 

@@ -52,6 +52,9 @@ impl ForceKnown {
 /// Least expected force as a fraction of the calibration's force, unless it is given. The paper tests at a tenth.
 const LEAST_FORCE_SHARE: f64 = 0.1;
 
+/// Fraction of the accepted false alarms that a limit of one contact causes among the calibration's own presses.
+const OF_FALSE_ALARMS: f64 = 0.5;
+
 impl Default for Setting<'_> {
     fn default() -> Self {
         Setting {
@@ -84,6 +87,12 @@ impl<'a> Setting<'a> {
             }
             (ForceKnown::Unknown, None) => (LEAST_FORCE_SHARE, 1.0),
         }
+    }
+
+    /// Fraction of the calibration's own presses that a limit of one contact may exclude. It is smaller than the accepted fraction of
+    /// false alarms, because the limit is learned from few presses, and contacts between their places differ more from the map.
+    pub(super) fn excluded_share(&self) -> f64 {
+        OF_FALSE_ALARMS * self.false_alarms
     }
 
     /// Number of unknowns for which a reading is solved.

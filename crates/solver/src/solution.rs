@@ -22,12 +22,24 @@ pub struct Solution {
     pub misfit: Option<f64>,
     /// Whether the solution is credible.
     pub verdict: Verdict,
+    /// Whether the answer is that of a fit that assumes the load of the calibration, because the reading has this load. Always false if
+    /// the model has only one fit.
+    pub is_calibrated_load: bool,
 }
 
 impl Solution {
     /// Returns a solution of a place and a force whose errors are unknown.
     pub(super) fn plain(place: Place, force_n: f64, verdict: Verdict) -> Self {
-        Solution { place, force_n, covariance: None, half_widths: None, other: None, misfit: None, verdict }
+        Solution {
+            place,
+            force_n,
+            covariance: None,
+            half_widths: None,
+            other: None,
+            misfit: None,
+            verdict,
+            is_calibrated_load: false,
+        }
     }
 }
 

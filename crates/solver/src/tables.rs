@@ -134,6 +134,7 @@ impl Model {
                 let (silence, no_contact, most_residue) = appraised.silence();
                 (silence, no_contact, Kind::Points(appraised.pearson()?.points(most_residue)))
             }
+            Answering::ByLoad(_) => return None,
         };
         let (method, outputs) = (fitted.name(), self.validity().units);
         let forces_are_known = self.forces_are_known();

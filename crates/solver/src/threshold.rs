@@ -19,8 +19,10 @@ const FORCES_A_PRESS: usize = 4;
 /// Residuals that remain if one contact is assumed: the sum of squares of a contact's residuals divided by their noise. They are
 /// learned from the calibration's own presses. Each press is compared with a map made without it, and scaled over the expected
 /// forces.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Unexplained {
+    /// Sums of squares of the presses.
+    sums: Vec<f64>,
     mean: f64,
     variance: f64,
     /// Number of units minus number of unknowns.
@@ -66,19 +68,22 @@ impl Unexplained {
         let mean = sums.iter().sum::<f64>() / count;
         let variance = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() / count;
         let (free, places) = (units.saturating_sub(setting.unknowns()), calibration.by_place().len());
-        Unexplained { mean, variance, free, places }
+        Unexplained { sums, mean, variance, free, places }
     }
 
     /// Returns the limit that is exceeded at the rate `false_alarms`. Mean and variance of the sums give a gamma distribution
     /// (with perfect weights, a chi-squared distribution). With some hundreds of presses, the tail itself contains much less
-    /// information than mean and variance.
+    /// information than mean and variance. If the presses themselves exceed the limit more often, their own limit counts: noise may
+    /// have a longer tail.
     pub(crate) fn limit(&self, false_alarms: f64) -> f64 {
         let Unexplained { mean, variance, free, .. } = *self;
+        let of_presses = upper(self.sums.clone(), false_alarms).unwrap_or(0.0);
         Gamma::new(mean * mean / variance, mean / variance)
             .map(|gamma| gamma.inverse_cdf(1.0 - false_alarms))
             .ok()
             .filter(|misfit| misfit.is_finite() && *misfit > 0.0)
             .unwrap_or_else(|| chi2_quantile(free, false_alarms))
+            .max(of_presses)
     }
 
     /// Whether the residuals are only noise, independent for each unit. The mean of a chi-squared variable is its degrees of

@@ -1,6 +1,8 @@
 //! View of a reading: the input of a regression.
 
+use super::centred::column_means;
 use super::{Calibration, ForceKnown};
+use faer::Mat;
 use serde::{Deserialize, Serialize};
 
 /// Coordinates of a reading that a regression from readings to places uses.
@@ -13,7 +15,7 @@ pub(super) struct View {
     stretch: Vec<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 enum Kind {
     /// The reading divided by its length, and the logarithm of the length times a weight. With weight 0 the length isn't used.
     Direction(f64),
@@ -22,6 +24,17 @@ enum Kind {
     /// The inverse hyperbolic sines of the outputs. Near 0 they equal the outputs; far from 0 they are the outputs' logarithms
     /// with sign.
     Logarithms,
+    /// The principal components of another view, each divided by its standard deviation.
+    Components(Box<Components>),
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Components {
+    of: Kind,
+    /// Mean of each coordinate of the other view.
+    mean: Vec<f64>,
+    /// Directions divided by the standard deviation along them, row-major, components x coordinates.
+    rows: Vec<f64>,
 }
 
 /// Weights of the length that are tried. They are some tenths, like the distances between coordinates of directions.
@@ -30,6 +43,9 @@ const WEIGHTS: [f64; 3] = [0.03, 0.1, 0.3];
 /// Factor of an output, divided by the output's root mean square, before the inverse hyperbolic sine is taken. The logarithm
 /// begins at a tenth of the typical output.
 const LOGARITHMIC_FROM: f64 = 10.0;
+
+/// Least standard deviation of a principal component, relative to the largest one. Smaller ones are rounding errors.
+const LEAST_COMPONENT: f64 = 1e-6;
 
 /// Least spread of the lengths at one place (standard deviation of their logarithm) that is more than noise.
 const SEVERAL_LENGTHS: f64 = 0.2;
@@ -43,7 +59,7 @@ impl View {
             rms => 1.0 / rms,
         };
         let each: Vec<f64> = (0..calibration.units()).map(of_unit).collect();
-        let view = |kind, scale: &[f64]| View { kind, scale: scale.to_vec(), stretch: Vec::new() };
+        let view = |kind: Kind, scale: &[f64]| View { kind, scale: scale.to_vec(), stretch: Vec::new() };
         let sees_amplitude =
             load == ForceKnown::Constant || calibration.has_several_forces() || has_several_lengths(calibration);
         let first = match load {
@@ -65,7 +81,30 @@ impl View {
 
     /// Returns the number of coordinates of a reading.
     pub(crate) fn dimensions(&self) -> usize {
-        self.scale.len() + usize::from(matches!(self.kind, Kind::Direction(weight) if weight > 0.0))
+        match &self.kind {
+            Kind::Direction(weight) => self.scale.len() + usize::from(*weight > 0.0),
+            Kind::Outputs | Kind::Logarithms => self.scale.len(),
+            Kind::Components(components) => components.rows.len() / components.mean.len(),
+        }
+    }
+
+    /// Returns a view of the principal components of these rows of this view, at most so many; `None` if they can't be found.
+    pub(crate) fn components(&self, rows: &[f64], most: usize) -> Option<View> {
+        let mean = column_means(rows, self.dimensions());
+        let count = rows.len() / mean.len();
+        let centred = Mat::from_fn(count, mean.len(), |row, column| rows[row * mean.len() + column] - mean[column]);
+        let svd = centred.thin_svd().ok()?;
+        let (lengths, directions) = (svd.S().column_vector(), svd.V());
+        let least = LEAST_COMPONENT * lengths.iter().copied().reduce(f64::max)?;
+        let kept = (0..lengths.nrows().min(most)).filter(|&i| lengths[i] > least);
+        let of_component = |i: usize| {
+            let over_sd = (count as f64).sqrt() / lengths[i];
+            directions.col(i).iter().map(move |direction| direction * over_sd)
+        };
+        let rows: Vec<f64> = kept.flat_map(of_component).collect();
+        let components = Components { of: self.kind.clone(), mean, rows };
+        let kind = Kind::Components(Box::new(components));
+        Some(View { kind, scale: self.scale.clone(), stretch: Vec::new() })
     }
 
     /// Multiplies each coordinate by its own factor.
@@ -81,27 +120,54 @@ impl View {
     /// Appends the view of a reading of that length.
     pub(crate) fn see(&self, outputs: &[f64], length: f64, seen: &mut Vec<f64>) {
         let first = seen.len();
-        let scaled = outputs.iter().zip(&self.scale).map(|(output, scale)| output * scale);
-        match self.kind {
-            Kind::Direction(weight) => {
-                seen.extend(scaled.map(|output| output / length));
-                if weight > 0.0 {
-                    seen.push(weight * length.ln());
-                }
-            }
-            Kind::Outputs => seen.extend(scaled),
-            Kind::Logarithms => seen.extend(scaled.map(|output| (LOGARITHMIC_FROM * output).asinh())),
-        }
+        self.kind.see(outputs.iter().zip(&self.scale).map(|(output, scale)| output * scale), length, seen);
         seen[first..].iter_mut().zip(&self.stretch).for_each(|(value, stretch)| *value *= stretch);
     }
 
     /// Returns the logarithm of the force for a reading of that length, if outputs are proportional to the force. Returns 0 in
     /// views that don't need this proportionality.
     pub(crate) fn log_proportional(&self, length: f64) -> f64 {
-        match self.kind {
+        self.kind.log_proportional(length)
+    }
+}
+
+impl Kind {
+    /// Appends the coordinates of a reading with scaled outputs and this length.
+    fn see(&self, scaled: impl Iterator<Item = f64>, length: f64, seen: &mut Vec<f64>) {
+        match self {
+            Kind::Direction(weight) => {
+                seen.extend(scaled.map(|output| output / length));
+                if *weight > 0.0 {
+                    seen.push(weight * length.ln());
+                }
+            }
+            Kind::Outputs => seen.extend(scaled),
+            Kind::Logarithms => seen.extend(scaled.map(|output| (LOGARITHMIC_FROM * output).asinh())),
+            Kind::Components(components) => components.see(scaled, length, seen),
+        }
+    }
+
+    fn log_proportional(&self, length: f64) -> f64 {
+        match self {
             Kind::Direction(_) => length.ln(),
             Kind::Outputs | Kind::Logarithms => 0.0,
+            Kind::Components(components) => components.of.log_proportional(length),
         }
+    }
+}
+
+impl Components {
+    fn see(&self, scaled: impl Iterator<Item = f64>, length: f64, seen: &mut Vec<f64>) {
+        // the other view's coordinates, then the components, which replace them
+        let first = seen.len();
+        self.of.see(scaled, length, seen);
+        seen[first..].iter_mut().zip(&self.mean).for_each(|(value, mean)| *value -= mean);
+        let past = seen.len();
+        for row in self.rows.chunks_exact(self.mean.len()) {
+            let sum = seen[first..past].iter().zip(row).map(|(value, weight)| value * weight).sum();
+            seen.push(sum);
+        }
+        seen.drain(first..past);
     }
 }
 

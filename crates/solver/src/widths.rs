@@ -48,7 +48,15 @@ impl HalfWidths {
 pub(super) struct Widths {
     location: [f64; 2],
     force: [f64; 2],
+    /// Factor of the variance of the method's map in errors of location.
+    map_error: f64,
 }
+
+/// Factor by which the variance of a map is raised until it explains the errors, and its largest product.
+const MAP_ERROR_STEP: f64 = 1.5;
+const MOST_MAP_ERROR: f64 = 100.0;
+/// Ratio of the errors to those of noise from which they are the map's.
+const FAR_FROM_NOISE: f64 = 1.4;
 
 /// Fractions of errors that the half-widths contain.
 const SHARES: [f64; 2] = [0.68, 0.95];
@@ -61,33 +69,54 @@ pub(super) const FEWEST_TRIALS: usize = 20;
 
 impl Widths {
     /// Returns the half-widths that trials show; `None` if there are few trials. `scale` gives the scales of a trial's errors: of
-    /// the location, mm, and of the force, N.
-    pub(crate) fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64)>) -> Option<Self> {
-        let (mut location, mut force) = (Vec::new(), Vec::new());
-        for trial in trials {
-            let (Ok(answer), Some((scale_mm, scale_n))) = (&trial.answer, scale(trial)) else { continue };
-            location.push(answer.place.distance_mm(trial.place) / scale_mm);
-            force.push((answer.force_n - trial.force_n).abs() / scale_n);
+    /// the location, mm, and of the force, N, and the part of their squares that is due to the map's error.
+    pub(crate) fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64, f64)>) -> Option<Self> {
+        // a place at the border lies beyond the others once it is held out
+        let inside = trials.iter().filter(|trial| trial.is_inside).count();
+        let counts = trials.iter().filter(|trial| inside < FEWEST_TRIALS || trial.is_inside);
+        let scored = counts.filter_map(|trial| {
+            let (answer, (scale_mm, scale_n, of_map)) = (trial.answer.as_ref().ok()?, scale(trial)?);
+            let off_n = (answer.force_n - trial.force_n).abs();
+            Some([answer.place.distance_mm(trial.place) / scale_mm, off_n / scale_n, of_map])
+        });
+        let scored: Vec<[f64; 3]> = scored.collect();
+        let with = |map_error: f64| {
+            let location = quantiles(scored.iter().map(|s| s[0] / grown(s[2], map_error)).collect())?;
+            Some(Widths { location, force: quantiles(scored.iter().map(|s| s[1]).collect())?, map_error })
+        };
+        let mut widths = with(1.0)?;
+        // Errors that are far from those of noise are the map's. Such an error is smaller at a place that isn't held out, because the
+        // next calibrated place is closer.
+        if widths.location[0] > FAR_FROM_NOISE * NORMAL_68 {
+            while widths.location[0] > NORMAL_68 && widths.map_error < MOST_MAP_ERROR {
+                widths = with(widths.map_error * MAP_ERROR_STEP)?;
+            }
         }
-        Some(Widths { location: quantiles(location)?, force: quantiles(force)? })
+        Some(widths)
     }
 
     /// Returns a covariance from noise alone, enlarged to the observed errors. The scale of the location is the square root of
     /// the sum of both variances; 68 % of normal errors are within 1.07 of it. The scale of the force is one standard deviation.
-    pub(crate) fn applied(&self, covariance: Covariance) -> Covariance {
-        let of_location = (self.location[0] / NORMAL_68).max(1.0);
+    pub(crate) fn applied(&self, covariance: Covariance, of_map: f64) -> Covariance {
+        let of_location = (grown(of_map, self.map_error) * self.location[0] / NORMAL_68).max(1.0);
         covariance.widened([of_location, of_location, self.force[0].max(1.0)])
     }
 
-    /// Returns the half-widths for these scales of the errors.
-    pub(crate) fn at(&self, scale_mm: f64, scale_n: f64) -> HalfWidths {
+    /// Returns the half-widths for these scales of the errors, and the part of their squares that is due to the map's error.
+    pub(crate) fn at(&self, scale_mm: f64, scale_n: f64, of_map: f64) -> HalfWidths {
+        let by = grown(of_map, self.map_error);
         HalfWidths {
-            half68_mm: self.location[0] * scale_mm,
-            half95_mm: self.location[1] * scale_mm,
+            half68_mm: by * self.location[0] * scale_mm,
+            half95_mm: by * self.location[1] * scale_mm,
             half68_n: self.force[0] * scale_n,
             half95_n: self.force[1] * scale_n,
         }
     }
+}
+
+/// Factor by which a scale grows if the variance of the map grows by a factor.
+fn grown(of_map: f64, map_error: f64) -> f64 {
+    (1.0 + of_map * (map_error - 1.0)).sqrt()
 }
 
 /// Returns the scores below which a further score is with the probabilities [`SHARES`]; `None` if there are few scores.
@@ -142,9 +171,9 @@ mod tests {
             HeldPress { place, force_n, is_inside: true, loudness: 1.0, answer: Ok(answer) }
         };
         let trials: Vec<HeldPress> = (1..=99).map(trial).collect();
-        let widths = Widths::of(&trials, |_| Some((0.5, 2.0))).unwrap();
+        let widths = Widths::of(&trials, |_| Some((0.5, 2.0, 0.0))).unwrap();
         let halves = |scale_mm: f64, scale_n: f64| {
-            let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = widths.at(scale_mm, scale_n);
+            let HalfWidths { half68_mm, half95_mm, half68_n, half95_n } = widths.at(scale_mm, scale_n, 0.0);
             [half68_mm, half95_mm, half68_n, half95_n].map(|half| (half * 1e6).round() / 1e6)
         };
         assert_eq!(halves(0.5, 2.0), [0.68, 0.95, 0.068, 0.095]);
@@ -156,8 +185,8 @@ mod tests {
         let half = HalfWidths { half68_mm: 0.1, half95_mm: 0.2, half68_n: 0.3, half95_n: 0.4 };
         assert_eq!((half.widened(4.0), half.widened(0.25)), (half.times(2.0, 2.0), half));
         let sds = |location: f64, force: f64| {
-            let widths = Widths { location: [location * NORMAL_68, 9.0], force: [force, 9.0] };
-            let sd = widths.applied(Covariance([[0.01, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.09]]));
+            let widths = Widths { location: [location * NORMAL_68, 9.0], force: [force, 9.0], map_error: 1.0 };
+            let sd = widths.applied(Covariance([[0.01, 0.0, 0.0], [0.0, 0.04, 0.0], [0.0, 0.0, 0.09]]), 0.0);
             [sd.x_mm(), sd.y_mm(), sd.force_n()].map(|sd| (sd * 1e6).round() / 1e6)
         };
         assert_eq!(sds(2.0, 3.0), [0.2, 0.4, 0.9]);

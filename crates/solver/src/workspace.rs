@@ -3,7 +3,8 @@
 use super::scan;
 use palpate_core::quantity::Place;
 
-/// Working memory of a solver, kept from one reading to the next so that no reading allocates.
+/// Working memory of a solver, kept from one reading to the next so that no reading allocates. A workspace belongs to the readings of one
+/// session.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     /// Row with the reading's length.
@@ -20,6 +21,9 @@ pub struct Workspace {
     pub(super) starts: Vec<(f32, Place)>,
     /// Buffers for the search of a table.
     pub(super) scratch: scan::Scratch,
+    /// Fraction of the last readings that don't have the load of the calibration. Only a solver with a second method for this load
+    /// keeps it.
+    pub(super) other_loads: f64,
 }
 
 /// Buffers with one value for each unit.

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// First line of the file. The number changes whenever the byte format of a model changes.
-pub const MARK: &str = "palpate sensor 1";
+pub const MARK: &str = "palpate sensor 2";
 
 /// Beginning of the first line in every version of a sensor file.
 const KIND: &str = "palpate sensor ";
@@ -33,6 +33,8 @@ pub struct Card {
     pub palpate: String,
     /// Name of the method.
     pub method: String,
+    /// Method that answers readings with the load of the calibration, if it is a second one.
+    pub method_at_calibrated_load: Option<String>,
     /// ID of the sensor, if its run has one.
     #[serde(default, deserialize_with = "shown_label")]
     pub sensor: Option<String>,
@@ -94,7 +96,7 @@ pub enum SensorFileError {
         path: PathBuf,
     },
     /// The file has another version of the format.
-    #[error("{} is a sensor file of version {found}; this program reads version 1", path.display())]
+    #[error("{} is a sensor file of version {found}; this program reads version 2", path.display())]
     #[diagnostic(help("fit the sensor again with this program, or use the version that wrote the file"))]
     Version {
         /// The file.
@@ -167,6 +169,7 @@ impl SensorFile {
         let card = Card {
             palpate: env!("CARGO_PKG_VERSION").to_owned(),
             method: fitted.name().to_owned(),
+            method_at_calibrated_load: fitted.at_calibrated_load().map(str::to_owned),
             sensor,
             made_from,
             valid: model.validity().clone(),

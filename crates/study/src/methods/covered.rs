@@ -85,7 +85,16 @@ mod tests {
         let place = Place::new(1.0, 2.0);
         let half_widths = Some(HalfWidths { half68_mm: 0.25, half95_mm: 0.5, half68_n: 0.5, half95_n: 1.0 });
         let (covariance, other, misfit, verdict) = (None, None, None, Verdict::Ok);
-        let solution = Solution { place, force_n: 1.0, covariance, half_widths, other, misfit, verdict };
+        let solution = Solution {
+            place,
+            force_n: 1.0,
+            covariance,
+            half_widths,
+            other,
+            misfit,
+            verdict,
+            is_calibrated_load: false,
+        };
         let truth = |x_mm: f64, force_n| KnownContact { place: Place::new(x_mm, 2.05), force_n, second: None };
         let mut covered = Covered::default();
         covered.count(&truth(1.3, Some(2.2)), &solution);

@@ -1,7 +1,7 @@
 //! A calibrated sensor as one C99 file, for the controller of a hand: tables and one function, single precision, no heap.
 
 use palpate_solver::tables::{Kind, Map, Points, Splines, Tables};
-use palpate_solver::{ForceRule, Model, Solver as _, Validity};
+use palpate_solver::{Fitted, ForceRule, Model, Solver as _, Validity};
 use std::fmt::Write as _;
 
 /// Parts of the file that don't depend on the sensor.
@@ -18,11 +18,18 @@ const VALUES_A_LINE: usize = 8;
 
 /// Reason why a method has no C file.
 #[derive(Debug, PartialEq, thiserror::Error, miette::Diagnostic)]
-#[error("`{method}` can't be exported as C: only pearson, pearson-lsq, surrogate and physics can")]
+#[error("{method} can't be exported as C: only pearson, pearson-lsq, surrogate or physics can")]
 #[diagnostic(help("fit it with one of them: `palpate fit RUN --solver surrogate --out sensor.palpate`"))]
 pub struct NoC {
-    /// Name of the method.
+    /// Description of the method.
     pub method: String,
+}
+
+fn described(fitted: &Fitted) -> String {
+    match fitted.at_calibrated_load() {
+        Some(second) => format!("`{}` with `{second}` for readings with the load of the calibration", fitted.name()),
+        None => format!("`{}`", fitted.name()),
+    }
 }
 
 /// Returns the C file of a model. `title` describes the sensor in its first comment.
@@ -32,7 +39,7 @@ pub struct NoC {
 /// # Errors
 /// The method isn't one of those that can be written as C.
 pub fn c_file(model: &Model, title: &str) -> Result<String, NoC> {
-    let tables = model.tables().ok_or_else(|| NoC { method: model.fitted().name().to_owned() })?;
+    let tables = model.tables().ok_or_else(|| NoC { method: described(model.fitted()) })?;
     let mut file = File { text: String::new() };
     file.begin(&tables, &format!("{title}, {}", range_of(model.validity())));
     match &tables.kind {
