@@ -329,6 +329,15 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
             .map(|counts| filled(&format!("verdicts of {solver} other than ok: {counts}"), "  "))
             .unwrap_or_default();
     }
+    for Evaluation { solver, not_as_calibrated_after, .. } in each() {
+        if let Some(presses) = not_as_calibrated_after {
+            let line = format!(
+                "not as calibrated: after {presses} test presses too many don't fit the calibration of {solver}; the sensor \
+                 has changed since, or contacts have other loads"
+            );
+            text += &filled(&line, "  ");
+        }
+    }
     for line in each().flat_map(doubted_half_widths) {
         text += &filled(&line, "  ");
     }

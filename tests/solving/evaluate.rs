@@ -385,3 +385,30 @@ fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them(
         assert!(told.running().contains("no valid calibration press (4 are flagged and excluded)"), "{}", told.err);
     }
 }
+
+#[test]
+fn a_test_by_a_sensor_that_changed_is_not_as_calibrated() {
+    let bench = Bench::new();
+    for name in ["calibration", "test"] {
+        bench.write(&format!("{name}.csv"), &exchanged_table(name, 1.0));
+    }
+    bench.write("changed.csv", &exchanged_table("test", 0.7));
+    let of = |test: &str| bench.palpate_ends(0, &format!("evaluate calibration.csv {test}.csv --solver surrogate"));
+    assert!(!of("test").out.contains("not as calibrated"));
+    let changed = of("changed").out;
+    assert!(changed.contains("not as calibrated: after ") && changed.contains("test presses too many"), "{changed}");
+}
+
+/// A table of the shipped example, with out_5 multiplied.
+fn exchanged_table(name: &str, gain: f64) -> String {
+    let path = format!("{}/data/example/{name}.csv", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(path).unwrap();
+    let header = text.lines().next().unwrap().to_owned();
+    let column = header.split(',').position(|name| name == "out_5").unwrap();
+    let lines = text.lines().skip(1).map(|line| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[column] = (gain * cells[column].parse::<f64>().unwrap()).to_string();
+        cells.join(",")
+    });
+    [vec![header], lines.collect()].concat().join("\n") + "\n"
+}

@@ -25,7 +25,7 @@ const TIE_SIGMAS: f64 = 2.0;
 const TIE_LEAD: f64 = 0.02;
 /// Largest ratio of two mean force errors that counts as an improvement. The second constant is the allowed factor for the
 /// location error.
-const FORCE_GAIN: f64 = 0.5;
+const FORCE_GAIN: f64 = 0.6;
 const LOCATION_COST: f64 = 1.1;
 /// Mean of the length of a normal vector in the plane, divided by the square root of the sum of both variances.
 const MEAN_OF_SD: f64 = 0.886;
@@ -44,8 +44,8 @@ impl Tried {
         }
     }
 
-    /// Whether its mean force error is at most half of another's: then its force is worth a slightly larger location error.
-    pub(crate) fn halves_the_force_error_of(&self, other: &Tried) -> bool {
+    /// Whether its mean force error is much smaller than another's: then its force is worth a slightly larger location error.
+    pub(crate) fn has_much_less_force_error_than(&self, other: &Tried) -> bool {
         let of = |tried: &Tried| tried.candidate().force_error_n;
         of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
     }
@@ -124,13 +124,18 @@ pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
     ranked.into_iter().map(|(_, tried)| tried).collect()
 }
 
-/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen. Another method is chosen
-/// if it has at most half the first method's force error and nearly as small a location error.
-pub(super) fn leader(ranked: &[&Tried], may_lead: impl Fn(&usize) -> bool) -> usize {
+/// Returns the rank of the method to choose. `may_lead` states whether the method at a rank may be chosen for its location error.
+/// Another method is chosen if it has a much smaller force error and nearly as small a location error.
+/// `may_lead_by_force` states whether it may.
+pub(super) fn leader(
+    ranked: &[&Tried],
+    may_lead: impl Fn(&usize) -> bool,
+    may_lead_by_force: impl Fn(&usize) -> bool,
+) -> usize {
     let first = (0..ranked.len()).find(&may_lead).unwrap_or(0);
     let is_near = |rank: &usize| ranked[*rank].lead(ranked[first]) >= 1.0 / LOCATION_COST;
-    let halves = |rank: &usize| ranked[*rank].halves_the_force_error_of(ranked[first]);
-    let is_better = |rank: &usize| *rank != first && is_near(rank) && halves(rank) && may_lead(rank);
+    let has_less = |rank: &usize| ranked[*rank].has_much_less_force_error_than(ranked[first]);
+    let is_better = |rank: &usize| *rank != first && is_near(rank) && has_less(rank) && may_lead_by_force(rank);
     (0..ranked.len()).find(is_better).unwrap_or(first)
 }
 
@@ -162,7 +167,7 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
     let is_hopeful = |tried: &Tried| {
         let mean_mm = mean(&tried.location_errors());
         mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
-            || tried.halves_the_force_error_of(best)
+            || tried.has_much_less_force_error_than(best)
     };
     tried.iter().map(is_hopeful).collect()
 }
@@ -189,18 +194,18 @@ mod tests {
     }
 
     #[test]
-    fn a_method_that_halves_the_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
+    fn a_method_with_much_less_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
         let leader_of = |second: Tried| {
             let tried = [tried("a", 0.100, 0.040), second];
-            leader(&ranked(&tried), |_| true)
+            leader(&ranked(&tried), |_| true, |_| true)
         };
-        assert_eq!(leader_of(tried("b", 0.109, 0.019)), 1);
-        assert_eq!(leader_of(tried("b", 0.109, 0.021)), 0, "not half of the force error");
+        assert_eq!(leader_of(tried("b", 0.109, 0.023)), 1);
+        assert_eq!(leader_of(tried("b", 0.109, 0.025)), 0, "not much less force error");
         assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
         let two = [tried("a", 0.100, 0.040), tried("b", 0.109, 0.001)];
-        assert_eq!(leader(&ranked(&two), |rank| *rank == 0), 0, "it may not be chosen");
+        assert_eq!(leader(&ranked(&two), |_| true, |rank| *rank == 0), 0, "it may not be chosen");
         let two = two.map(|tried| Tried { forces_are_known: false, ..tried });
-        assert_eq!(leader(&ranked(&two), |_| true), 0, "forces that aren't known can't decide");
+        assert_eq!(leader(&ranked(&two), |_| true, |_| true), 0, "forces that aren't known can't decide");
     }
 
     #[test]

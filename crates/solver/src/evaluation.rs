@@ -1,6 +1,7 @@
 //! Compares solved with true presses: errors, and how well they were predicted.
 
-use super::{Choice, Solution, SolveError, Solver, Verdict, Workspace};
+use super::chart::Chart;
+use super::{Choice, Setting, Solution, SolveError, Solver, Verdict, Workspace};
 use palpate_core::quantity::{Place, percentile};
 use serde::Serialize;
 
@@ -38,6 +39,10 @@ pub struct Evaluation {
     pub force_error_load_cell_n: Option<ErrorSummary>,
     /// Number of test presses at places that the calibration also pressed. The caller who knows the calibration sets this field.
     pub at_calibrated_places: usize,
+    /// Number of presses after which so many didn't fit the calibration that the test isn't as calibrated; in the object only if it
+    /// happened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_as_calibrated_after: Option<usize>,
     /// Presses that didn't count; in the object only if there are any.
     #[serde(skip_serializing_if = "LeftOut::is_none")]
     pub left_out: LeftOut,
@@ -184,6 +189,7 @@ pub enum EvaluationError {
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
     let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
     let (mut verdicts, mut stated) = (Verdicts::default(), Stated::default());
+    let (mut chart, mut not_as_calibrated_after) = (Chart::new(Setting::default().false_alarms), None);
     let mut workspace = Workspace::default();
     for (index, press) in test.iter().enumerate() {
         match solver.solve(press.outputs, &mut workspace) {
@@ -199,6 +205,9 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
                 verdicts.count(solution.verdict);
                 stated.extend(&error, &solution);
                 presses.push(error);
+                if chart.count(&solution) {
+                    not_as_calibrated_after = not_as_calibrated_after.or(Some(presses.len()));
+                }
             }
             Err(reason @ SolveError::Channels { .. }) => return Err(EvaluationError::OtherArray(reason)),
             Err(reason) => unsolved.push(Unsolved { index, reason }),
@@ -224,6 +233,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
         choice: None,
         force_error_load_cell_n: None,
         at_calibrated_places: 0,
+        not_as_calibrated_after,
         left_out: LeftOut { test_unsolved: unsolved.len(), ..LeftOut::default() },
         presses,
         unsolved,

@@ -7,7 +7,7 @@ use super::normal::{Normal, inverse};
 use super::response::Response;
 use super::starts::Starts;
 use super::threshold::{Unexplained, WEAK_SHARE, chi2_quantile, upper};
-use super::widths::Widths;
+use super::widths::{FEWEST_TRIALS, Widths};
 use super::{
     Calibration, CalibrationPoint, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver,
     Verdict, Workspace,
@@ -305,7 +305,10 @@ impl Locate for Forward {
 }
 
 fn half_widths(trials: &[HeldPress]) -> Option<Widths> {
-    Widths::of(trials, |trial| {
+    // a map is extrapolated to a place at the border that is held out
+    let inside = trials.iter().filter(|trial| trial.is_inside).count();
+    let counts = trials.iter().filter(|trial| inside < FEWEST_TRIALS || trial.is_inside);
+    Widths::of(counts, |trial| {
         let located = trial.answer.as_ref().ok()?;
         Some((located.scale_mm, located.scale_n, located.of_map))
     })

@@ -61,6 +61,7 @@ mod broken;
 mod by_load;
 mod calibration;
 mod centred;
+mod chart;
 mod correlation;
 mod descent;
 mod evaluation;

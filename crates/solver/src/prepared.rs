@@ -74,9 +74,10 @@ const LITTLE_OF_AREA: f64 = 0.05;
 /// then at most 6 % larger than with a map that is known exactly.
 const KNOWN_LEVERAGE: f64 = 0.12;
 
-/// Largest ratio of the mean location error of such a map to the error that its noise explains. Errors that units have in common make
-/// it larger.
+/// Largest ratio of the mean location error of such a map to the error that its noise explains, and largest correlation of its units'
+/// residuals. Errors that units have in common make both larger, and regressions can be more accurate then.
 const AS_STATED: f64 = 1.2;
+const UNCORRELATED: f64 = 2.5;
 
 /// Number of places for each unit from which the correlations of all units are known well. The second constant is the least number
 /// from which they can be learned unless places are few; `pattern-map` then needs a clear lead, because the places of a grid are
@@ -194,15 +195,23 @@ impl<'a> Prepared<'a> {
         let first = |&solver: &&'static str| self.tried_as(solver, self.first_trials(solver).unwrap_or_default());
         let mut tried = in_parallel(&names, first);
         // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
-        let hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
+        self.add_blend(&mut tried);
+        let mut hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
+        if tried.len() > names.len() && hopeful.pop().is_some_and(|is_hopeful| is_hopeful) {
+            let is_member = |name: &&'static str| self.members().contains(name);
+            names.iter().zip(&mut hopeful).filter(|(name, _)| is_member(name)).for_each(|(_, hopeful)| *hopeful = true);
+        }
+        tried.truncate(names.len());
         let on: Vec<usize> = (0..names.len()).filter(|&method| hopeful[method]).collect();
         let trials = in_parallel(&on, |&method| self.tried(names[method]).unwrap_or_default());
         on.into_iter().zip(trials).for_each(|(method, trials)| tried[method].trials = trials);
         self.add_blend(&mut tried);
         let mut ranked = best::ranked(&tried);
-        let may_lead = |&rank: &usize| self.may_lead(ranked[rank], ranked.get(rank + 1).copied());
+        let may_lead = |&rank: &usize| self.may_lead(ranked[rank], &ranked[rank + 1..]);
+        // a mean of two methods is worth its time for a much smaller force error
+        let may_lead_by_force = |rank: &usize| ranked[*rank].solver == BLEND || may_lead(rank);
         let of_few = ranked.iter().position(|tried| tried.solver == PHYSICS).filter(|_| self.is_elastic_by_few());
-        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead));
+        let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead, may_lead_by_force));
         ranked[..=leader].rotate_right(1);
         let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
         let ties = best::ties(&ranked);
@@ -288,16 +297,20 @@ impl<'a> Prepared<'a> {
         Ok(Method::Blend(Blend::new([self.fit_to(part, one)?, self.fit_to(part, other)?], errors)))
     }
 
-    /// Whether the method ranked before another one may be chosen. `blend` runs two methods, and the assumptions of `physics` may
+    /// Whether the method ranked before others may be chosen. `blend` runs two methods, and the assumptions of `physics` may
     /// be wrong for this skin.
-    fn may_lead(&self, first: &Tried, next: Option<&Tried>) -> bool {
+    fn may_lead(&self, first: &Tried, others: &[&Tried]) -> bool {
+        let next = others.first();
         match first.solver {
             BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
             PHYSICS => next.is_some_and(|next| first.lead(next) >= FAR_AHEAD) || self.is_elastic(),
             PATTERN_MAP => {
-                let is_ahead =
-                    |next: &Tried| first.lead(next) >= FEW_PLACES_LEAD || first.lead_sigmas(next) >= FEW_PLACES_SIGMAS;
-                self.has_places_a_unit(PLACES_A_UNIT) || next.is_none_or(is_ahead)
+                // `blend` has it as a member
+                let rival = others.iter().find(|other| other.solver != BLEND);
+                let is_ahead = |rival: &&Tried| {
+                    first.lead(rival) >= FEW_PLACES_LEAD || first.lead_sigmas(rival) >= FEW_PLACES_SIGMAS
+                };
+                self.has_places_a_unit(PLACES_A_UNIT) || rival.is_none_or(is_ahead)
             }
             _ => true,
         }
@@ -333,7 +346,8 @@ impl<'a> Prepared<'a> {
         let tried = self.tried_as(SURROGATE, self.first_trials(SURROGATE)?);
         let most_mm = LITTLE_OF_AREA * response.field.area().side_mm();
         let is_small = tried.candidate().location_error_mm.is_some_and(|error_mm| error_mm <= most_mm);
-        Ok(is_small && tried.mean_of_stated().is_some_and(|ratio| ratio <= AS_STATED))
+        let is_as_stated = tried.mean_of_stated().is_some_and(|ratio| ratio <= AS_STATED);
+        Ok(is_small && is_as_stated && response.correlation() <= UNCORRELATED)
     }
 
     /// Names of the methods that are blended: a regression and a map.

@@ -4,6 +4,7 @@ use super::Calibration;
 use super::field::Field;
 use super::noise::{Noise, Residual};
 use super::sought::Sought;
+use faer::Mat;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -120,6 +121,26 @@ impl Response {
         all().map(|residual| residual.leverage).sum::<f64>() / all().count().max(1) as f64
     }
 
+    /// Mean square of the correlations of two units' residuals, divided by that of independent units. It is about 1 if each unit has its
+    /// own errors, and larger if errors are common to several units.
+    pub(crate) fn correlation(&self) -> f64 {
+        let (units, presses) = (self.field.channels(), self.held.len());
+        let deviation = |held: &Held, unit: usize| {
+            let Residual { predicted, residual, leverage } = held.residuals[unit];
+            residual / (self.noise.variance(unit, predicted) * (1.0 + leverage.max(0.0))).sqrt()
+        };
+        let deviations = Mat::from_fn(presses, units, |press, unit| deviation(&self.held[press], unit));
+        let products = deviations.transpose() * &deviations;
+        let mut squares = 0.0;
+        for one in 0..units {
+            for other in 0..one {
+                squares += products[(one, other)].powi(2) / (products[(one, one)] * products[(other, other)]);
+            }
+        }
+        let pairs = units * units.saturating_sub(1) / 2;
+        if pairs == 0 { 1.0 } else { presses as f64 * squares / pairs as f64 }
+    }
+
     /// Returns the noise of each unit under the calibration's force: a standard deviation, as the root mean square over the
     /// calibration's presses.
     pub(crate) fn typical_sd(&self) -> Vec<f64> {
@@ -128,5 +149,42 @@ impl Response {
             (variances.sum::<f64>() / self.held.len() as f64).sqrt()
         };
         (0..self.field.channels()).map(of_unit).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surrogate::surrogate;
+    use crate::{Calibration, CalibrationPoint};
+    use palpate_core::quantity::stream;
+    use rand::distr::Distribution;
+    use rand_distr::StandardNormal;
+
+    /// Calibration of six units on 15 x 15 places, with an error that all units share and one of their own.
+    fn response(shared: f64, own: f64) -> Response {
+        let mut rng = stream(1, 0, "residuals");
+        let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut press = |index: usize| {
+            let place = Place::new((index % 15) as f64, (index / 15) as f64);
+            let of_all = shared * normal();
+            let output = |unit: usize| {
+                let (x_mm, y_mm) = (place.x_mm - 3.0 * unit as f64, place.y_mm - 7.0);
+                1.0 + (-(x_mm * x_mm + y_mm * y_mm) / 60.0).exp() + of_all + own * normal()
+            };
+            (place, (0..6).map(output).collect::<Vec<f64>>())
+        };
+        let presses: Vec<_> = (0..225).map(&mut press).collect();
+        let point = |(place, outputs): &'_ (Place, Vec<f64>)| (*place, outputs.clone());
+        let owned: Vec<_> = presses.iter().map(point).collect();
+        let points: Vec<_> =
+            owned.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs }).collect();
+        surrogate(&Calibration::new(&points).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn units_with_a_common_error_have_correlated_residuals() {
+        let [own, shared] = [response(0.0, 0.02), response(0.01, 0.02)].map(|response| response.correlation());
+        assert!(own < 2.0 && shared > 5.0, "{own} {shared}");
     }
 }

@@ -1,10 +1,10 @@
 //! Solves one reading after another, without broken units.
 
+use super::chart::Chart;
 use super::fits::Unmade;
 use super::{
     Broken, Fault, FitError, Fits, Fitted, MOST_FITS, Model, Solution, SolveError, Solver, Verdict, Workspace,
 };
-use palpate_core::quantity::Ewma;
 use std::sync::Arc;
 
 /// Solves one reading after another. If a unit breaks, it is excluded from then on.
@@ -31,8 +31,8 @@ pub struct Session {
     evidence: Vec<f64>,
     /// Last contact that counted.
     witness: Option<Solution>,
-    /// Contacts that don't fit the calibration, compared with the false-alarm rate.
-    unfit: Ewma,
+    /// Contacts that don't fit the calibration.
+    chart: Chart,
     is_out_of_date: bool,
     workspace: Workspace,
 }
@@ -77,14 +77,6 @@ const NAMED_IF_GOOD: f64 = 0.02;
 const ENOUGH: f64 = 13.8;
 /// Least distance of two different contacts, in sd.
 const APART_SD: f64 = 3.0;
-/// Weight of the newest contact in the chart: the chart's mean is that of some 100 contacts.
-const NEWEST_WEIGHT: f64 = 0.02;
-/// Variance of the fraction of good contacts that don't fit, relative to the binomial variance of one contact. Presses of a
-/// calibration give this fraction only approximately.
-const OF_RATE: f64 = 0.02;
-/// Limit of the chart. At a false-alarm rate of 1 % it is reached when 13 % of some 100 contacts don't fit, or the first six.
-const LIMIT_SIGMAS: f64 = 7.0;
-
 impl Session {
     /// Creates a session for a model.
     pub fn new(model: impl Into<Arc<Model>>) -> Self {
@@ -95,12 +87,12 @@ impl Session {
     pub fn sharing(fits: Arc<Fits>) -> Self {
         Session {
             evidence: vec![0.0; fits.model().validity().units],
+            chart: Chart::new(fits.model().setting().false_alarms),
             fits,
             broke: Vec::new(),
             reduced: None,
             partial: Vec::new(),
             witness: None,
-            unfit: Ewma::new(NEWEST_WEIGHT),
             is_out_of_date: false,
             workspace: Workspace::default(),
         }
@@ -191,12 +183,7 @@ impl Session {
             let odds = if named == Some(unit) { odds_if_named } else { odds_if_not };
             *evidence = (*evidence + odds).max(0.0);
         }
-        if solution.misfit.is_some() && solution.verdict != Verdict::OutsideArea {
-            let is_unfit = f64::from(u8::from(solution.verdict != Verdict::Ok));
-            let rate = self.model().setting().false_alarms;
-            self.unfit = self.unfit.with((is_unfit - rate) / (rate * (1.0 - rate)).sqrt());
-            self.is_out_of_date |= self.unfit.is_changed(OF_RATE, LIMIT_SIGMAS);
-        }
+        self.is_out_of_date |= self.chart.count(solution);
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
             let without = [self.broke.as_slice(), &[Broken { unit, fault: Fault::Contradicts }]].concat();
             // an array that has too few units left, or a model without presses, continues with the units it has
@@ -204,7 +191,7 @@ impl Session {
                 (self.broke, self.reduced) = (without, Some(fitted));
                 self.partial.clear();
                 // the unit was the reason
-                self.unfit = Ewma::new(NEWEST_WEIGHT);
+                self.chart = Chart::new(self.model().setting().false_alarms);
             }
             self.evidence.fill(0.0);
         }

@@ -194,3 +194,37 @@ pub(super) fn has_several_lengths(calibration: &Calibration) -> bool {
     }
     free > 0 && squares / free as f64 > SEVERAL_LENGTHS * SEVERAL_LENGTHS
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn principal_components_are_uncorrelated_with_variance_1() {
+        let view = View { kind: Kind::Outputs, scale: vec![2.0; 3], stretch: Vec::new() };
+        // the third output is the sum of the others
+        let readings: Vec<[f64; 3]> = (0..40)
+            .map(|i| {
+                let (a, b) = (f64::from(i % 8), 3.0 + 0.1 * f64::from(i / 8));
+                [a, b, a + b]
+            })
+            .collect();
+        let mut rows = Vec::new();
+        readings.iter().for_each(|reading| view.see(reading, 1.0, &mut rows));
+        let components = view.components(&rows, 32).unwrap();
+        assert_eq!(components.dimensions(), 2);
+        let mut seen = Vec::new();
+        readings.iter().for_each(|reading| components.see(reading, 1.0, &mut seen));
+        let mean = |of: &dyn Fn(&[f64]) -> f64| seen.chunks_exact(2).map(of).sum::<f64>() / 40.0;
+        for (found, expected) in [
+            (mean(&|row| row[0]), 0.0),
+            (mean(&|row| row[1]), 0.0),
+            (mean(&|row| row[0] * row[0]), 1.0),
+            (mean(&|row| row[1] * row[1]), 1.0),
+            (mean(&|row| row[0] * row[1]), 0.0),
+        ] {
+            assert!((found - expected).abs() < 1e-9, "{found} for {expected}");
+        }
+        assert_eq!(components.log_proportional(2.0), view.log_proportional(2.0));
+    }
+}

@@ -70,11 +70,11 @@ pub(super) const FEWEST_TRIALS: usize = 20;
 impl Widths {
     /// Returns the half-widths that trials show; `None` if there are few trials. `scale` gives the scales of a trial's errors: of
     /// the location, mm, and of the force, N, and the part of their squares that is due to the map's error.
-    pub(crate) fn of(trials: &[HeldPress], scale: impl Fn(&HeldPress) -> Option<(f64, f64, f64)>) -> Option<Self> {
-        // a place at the border lies beyond the others once it is held out
-        let inside = trials.iter().filter(|trial| trial.is_inside).count();
-        let counts = trials.iter().filter(|trial| inside < FEWEST_TRIALS || trial.is_inside);
-        let scored = counts.filter_map(|trial| {
+    pub(crate) fn of<'t>(
+        trials: impl IntoIterator<Item = &'t HeldPress>,
+        scale: impl Fn(&HeldPress) -> Option<(f64, f64, f64)>,
+    ) -> Option<Self> {
+        let scored = trials.into_iter().filter_map(|trial| {
             let (answer, (scale_mm, scale_n, of_map)) = (trial.answer.as_ref().ok()?, scale(trial)?);
             let off_n = (answer.force_n - trial.force_n).abs();
             Some([answer.place.distance_mm(trial.place) / scale_mm, off_n / scale_n, of_map])
