@@ -10,6 +10,7 @@ mod daqmx;
 mod disk;
 mod outliers;
 mod programs;
+mod references;
 mod schemas;
 mod servers;
 mod shells;
