@@ -18,7 +18,7 @@ const VALUES_A_LINE: usize = 8;
 
 /// Reason why a method has no C file.
 #[derive(Debug, PartialEq, thiserror::Error, miette::Diagnostic)]
-#[error("{method} can't be exported as C: only pearson, pearson-lsq, surrogate or physics can")]
+#[error("{method} can't be exported as C: only pearson, pearson-lsq, surrogate and physics can")]
 #[diagnostic(help("fit it with one of them: `palpate fit RUN --solver surrogate --out sensor.palpate`"))]
 pub struct NoC {
     /// Description of the method.
