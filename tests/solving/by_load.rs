@@ -2,7 +2,7 @@
 
 use super::choice::{FAMILIES, Family, Press};
 use palpate_core::parallel::in_parallel;
-use palpate_solver::{BEST, Calibration, CalibrationPoint, Model, Session, Setting, Solver as _};
+use palpate_solver::{BEST, Calibration, CalibrationPoint, Model, Session, Setting, Solver as _, Workspace};
 use palpate_testing::{Bench, campaign};
 use std::fs::File;
 use std::sync::Arc;
@@ -77,6 +77,28 @@ fn a_second_method_needs_one_unknown_load() {
     });
     let both: Vec<Press> = few.collect();
     assert_eq!(second(&both, false), None, "two loads");
+}
+
+#[test]
+fn half_widths_are_wider_where_a_contact_has_another_load() {
+    let set = FAMILIES[0].set_with(0, (1.0, 1.0));
+    let [unknown, known] = [false, true].map(|has_forces| fitted("surrogate", &set.calibration, has_forces));
+    let ratio = |share: f64, press: &Press| {
+        let outputs: Vec<f64> = press.outputs.iter().map(|output| share * output).collect();
+        let half_mm = |model: &Model| {
+            let solution = model.fitted().solve(&outputs, &mut Workspace::default()).expect("an answer");
+            solution.half_widths.expect("half-widths").half68_mm
+        };
+        half_mm(&unknown) / half_mm(&known)
+    };
+    let median = |share: f64| {
+        let mut ratios: Vec<f64> = set.test.iter().take(50).map(|press| ratio(share, press)).collect();
+        ratios.sort_by(f64::total_cmp);
+        ratios[25]
+    };
+    let (same, half_more) = (median(1.0), median(1.5));
+    // 1 + ln 1.5 is 1.41, and the map of unknown forces fits a little worse
+    assert!((1.3..1.7).contains(&(half_more / same)), "{same} {half_more}");
 }
 
 #[test]

@@ -9,10 +9,10 @@ use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
 /// Answers with the fit for the load of the calibration where the reading is one that the calibration may have given, and with the fit
-/// for any load elsewhere. Only the first one uses the amplitude of a reading.
+/// for any load elsewhere. Only the fit for the load of the calibration uses the amplitude of a reading.
 ///
-/// A reading with nearly the load of the calibration may look like one of another place under this load. So the first one answers only in
-/// a session where hardly any reading has another load.
+/// A reading with nearly the load of the calibration may look like one of another place under this load. So that fit answers only in a
+/// session where few readings have another load.
 #[derive(Serialize, Deserialize)]
 pub(super) struct ByLoad {
     /// Method that doesn't use the amplitude.
@@ -23,7 +23,7 @@ pub(super) struct ByLoad {
     /// exceed it.
     most_misfit: f64,
     refused: f64,
-    lengths: Lengths,
+    pub lengths: Lengths,
 }
 
 /// Mean location error of answers to held-out presses, with and without the assumption of the calibration's load.
@@ -199,6 +199,12 @@ impl Lengths {
 
     /// Returns the length of a reading relative to the typical one, if it is a length that the calibration had near a place.
     fn force_at(&self, place: Place, outputs: &[f64]) -> Option<f64> {
+        (self.off(place, outputs) == Some(0.0)).then(|| length(outputs) / self.typical)
+    }
+
+    /// Returns the difference of the logarithms of a reading's length and of the mean length of the calibration's readings near a place;
+    /// 0 if the calibration had such lengths there. `None` if they aren't known.
+    pub(crate) fn off(&self, place: Place, outputs: &[f64]) -> Option<f64> {
         let mut nearest = [(f64::INFINITY, f64::NAN); NEAREST];
         for (other, &log) in self.places.iter().zip(&self.logs) {
             let square_mm2 = (other.x_mm - place.x_mm).powi(2) + (other.y_mm - place.y_mm).powi(2);
@@ -211,8 +217,8 @@ impl Lengths {
         let count = NEAREST as f64;
         let mean = nearest.iter().map(|(_, log)| log).sum::<f64>() / count;
         let sd = (nearest.iter().map(|(_, log)| (log - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
-        let length = length(outputs);
-        ((length.ln() - mean).abs() <= LENGTH_SIGMAS * sd).then_some(length / self.typical)
+        let off = (length(outputs).ln() - mean).abs();
+        off.is_finite().then_some(if off <= LENGTH_SIGMAS * sd { 0.0 } else { off })
     }
 }
 

@@ -1,7 +1,7 @@
 //! Result of a fit: a method ready to solve.
 
 use super::appraised::Appraised;
-use super::by_load::{ByLoad, LoadGain};
+use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
 use super::{Broken, Calibration, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
@@ -19,6 +19,8 @@ pub struct Fitted {
     choice: Option<Choice>,
     /// Factors by which the stated errors of location and of force are multiplied.
     widened: [f64; 2],
+    /// Lengths of the calibration's readings, if all have one unknown load and no second method has them.
+    lengths: Option<Lengths>,
 }
 
 /// Method that states the uncertainty of its answers, from its own map or from held-out presses.
@@ -94,7 +96,7 @@ pub struct Candidate {
 impl Fitted {
     /// Returns a method for an array of `units`, all of which are used.
     pub(super) fn new(solver: Answering, units: usize) -> Self {
-        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2] }
+        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2], lengths: None }
     }
 
     /// Returns the same method for an array of `units`, of which some are left out.
@@ -102,6 +104,16 @@ impl Fitted {
         let is_kept = |unit: &usize| broken.iter().all(|broken| broken.unit != *unit);
         let kept = (!broken.is_empty()).then(|| (0..units).filter(is_kept).collect());
         Fitted { units, kept, broken, ..self }
+    }
+
+    /// Returns the same method for a calibration with one unknown load.
+    pub(super) fn of_one_load(self, calibration: &Calibration) -> Self {
+        match self.solver {
+            Answering::ByLoad(_) => self,
+            Answering::Forward(_) | Answering::Appraised(_) => {
+                Fitted { lengths: Some(Lengths::of(calibration)), ..self }
+            }
+        }
     }
 
     pub(super) fn chosen(self, choice: Choice) -> Self {
@@ -134,14 +146,25 @@ impl Fitted {
         Fitted { widened: other.widened, ..self }
     }
 
+    /// Returns the factor of the stated errors of a contact that doesn't have the load of the calibration. The pattern of a skin may
+    /// change with the load, and held-out presses can't show it. The errors grow with the ratio of both loads.
+    fn other_load(&self, place: Place, outputs: &[f64]) -> f64 {
+        let lengths = match &self.solver {
+            Answering::ByLoad(by_load) => Some(&by_load.lengths),
+            Answering::Forward(_) | Answering::Appraised(_) => self.lengths.as_ref(),
+        };
+        1.0 + lengths.and_then(|lengths| lengths.off(place, outputs)).unwrap_or(0.0)
+    }
+
     /// Returns the solution with the stated errors widened. Numbers that aren't finite end here: a reading with such a solution
     /// has no answer, and such an error isn't stated.
-    fn stated(&self, solution: Solution) -> Result<Solution, SolveError> {
+    fn stated(&self, solution: Solution, outputs: &[f64]) -> Result<Solution, SolveError> {
         let Solution { place, force_n, covariance, half_widths, misfit, .. } = solution;
         if !(place.x_mm.is_finite() && place.y_mm.is_finite() && force_n.is_finite()) {
             return Err(SolveError::OutOfProportion);
         }
-        let [location, force] = self.widened;
+        let other_load = self.other_load(place, outputs);
+        let [location, force] = self.widened.map(|by| by * other_load);
         let covariance = covariance.map(|sd| sd.widened([location, location, force]));
         let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
         let half_widths = half_widths.map(|half| half.times(location, force)).filter(HalfWidths::is_finite);
@@ -184,7 +207,7 @@ impl Solver for Fitted {
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let Some(kept) = &self.kept else {
             check(outputs, self.units)?;
-            return self.stated(self.solver.solver().solve(outputs, workspace)?);
+            return self.stated(self.solver.solver().solve(outputs, workspace)?, outputs);
         };
         if outputs.len() != self.units {
             return Err(SolveError::Channels { expected: self.units, found: outputs.len() });
@@ -201,7 +224,7 @@ impl Solver for Fitted {
         if let Verdict::ChannelFault(unit) = &mut solution.verdict {
             *unit = kept[*unit];
         }
-        self.stated(solution)
+        self.stated(solution, &workspace.kept)
     }
 
     fn expected(&self, place: Place, force_n: f64) -> Option<Covariance> {

@@ -230,7 +230,13 @@ impl Forward {
     fn covariance(&self, information: &[[f64; 3]; 3]) -> Option<Covariance> {
         let area = self.response.field.area();
         let most_mm = MOST_SD_AREAS * area.least.distance_mm(area.most);
-        inverse(information).map(Covariance).filter(|sd| sd.x_mm().max(sd.y_mm()) < most_mm)
+        let mut information = *information;
+        if self.load == ForceKnown::Constant {
+            // a known force has no part in the errors of the place
+            (information[0][2], information[1][2]) = (0.0, 0.0);
+            (information[2][0], information[2][1]) = (0.0, 0.0);
+        }
+        inverse(&information).map(Covariance).filter(|sd| sd.x_mm().max(sd.y_mm()) < most_mm)
     }
 }
 
@@ -405,5 +411,32 @@ mod tests {
         let starts = response.field.area().grid((2.0 * HALF_MM / 0.4) as usize + 1);
         let fits = starts.into_iter().filter_map(|start| descent.from(start, workspace));
         fits.min_by(|a, b| a.chi2.total_cmp(&b.chi2)).unwrap().place
+    }
+
+    #[test]
+    fn under_a_constant_load_the_force_has_no_part_in_the_errors_of_the_place() {
+        let mut rng = stream(3, 0, "a constant load");
+        // three units that read nearly the same: the length of a reading shows the place better than its direction
+        let presses: Vec<(Place, [f64; 3])> = (0..100)
+            .map(|i| {
+                let place = Place::new(f64::from(i % 10), f64::from(i / 10));
+                let outputs = [1.0 + 0.1 * place.x_mm, 1.0 + 0.1 * place.y_mm, 1.0 + 0.05 * (place.x_mm + place.y_mm)];
+                let normal: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+                (place, std::array::from_fn(|unit| outputs[unit] + 0.01 * normal[unit]))
+            })
+            .collect();
+        let points: Vec<CalibrationPoint<'_>> =
+            presses.iter().map(|(place, outputs)| CalibrationPoint { place: *place, force_n: 1.0, outputs }).collect();
+        let calibration = Calibration::new(&points).unwrap();
+        let sd_mm = |load: ForceKnown| {
+            let setting = Setting { load, ..Setting::default() };
+            let response = surrogate(&calibration).unwrap();
+            let forward = Forward::new(MapKind::Smooth, response, &calibration, &setting);
+            let solution = forward.solve(&presses[44].1, &mut Workspace::default()).unwrap();
+            solution.covariance.map_or(f64::INFINITY, |sd| sd.x_mm().hypot(sd.y_mm()))
+        };
+        let (any_mm, constant_mm) = (sd_mm(ForceKnown::Unknown), sd_mm(ForceKnown::Constant));
+        // 0.01 / 0.1 per axis, and less by the third unit
+        assert!((0.1..0.16).contains(&constant_mm) && any_mm > 2.0 * constant_mm, "{any_mm} {constant_mm}");
     }
 }

@@ -183,7 +183,7 @@ impl<'a> Prepared<'a> {
         }
     }
 
-    /// Chooses the method with the least location error on held-out places. If the location errors are nearly equal, the force
+    /// Chooses the method with the least location error on held-out places. If the location errors are nearly equal, a much smaller force
     /// error decides. If the smooth map explains the calibration, no other regression is tried; nor is `physics` if the map's own
     /// error is small. After the first part of the places, methods with much larger errors aren't tried further.
     fn choose(&self) -> Result<Chosen, FitError> {
@@ -194,8 +194,9 @@ impl<'a> Prepared<'a> {
         let names: Vec<&'static str> = SOLVERS.into_iter().filter(is_tried).collect();
         let first = |&solver: &&'static str| self.tried_as(solver, self.first_trials(solver).unwrap_or_default());
         let mut tried = in_parallel(&names, first);
-        // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
+        // the mean of two methods can be good although one of them is far behind
         self.add_blend(&mut tried);
+        // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
         let mut hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
         if tried.len() > names.len() && hopeful.pop().is_some_and(|is_hopeful| is_hopeful) {
             let is_member = |name: &&'static str| self.members().contains(name);
@@ -226,8 +227,7 @@ impl<'a> Prepared<'a> {
     fn best(&self) -> Result<Fitted, FitError> {
         let Chosen { solver, trials, mut choice } = self.choose()?;
         let any = self.answering(solver, &trials)?;
-        let has_one_load = !self.calibration.forces_are_known() && !has_several_lengths(&self.calibration);
-        let second = match has_one_load && self.setting.load == ForceKnown::Unknown {
+        let second = match self.has_one_unknown_load() {
             true => self.second(solver, choice.location_error_mm())?,
             false => None,
         };
@@ -335,9 +335,9 @@ impl<'a> Prepared<'a> {
         self.calibration.by_place().len() >= least * self.calibration.units()
     }
 
-    /// Whether the smooth map leaves only noise of the calibration, and this noise changes a place only slightly. Then no
-    /// regression can be much more accurate. The errors must then be those that this noise explains. With a larger noise, a regression that stays near the mean of all places can be more
-    /// accurate.
+    /// Whether the smooth map leaves only noise of the calibration, independent for each unit, and this noise explains the location
+    /// errors and makes them small. Then no regression can be much more accurate. With a larger noise, a regression that stays near the
+    /// mean of all places can be more accurate.
     fn is_explained(&self) -> Result<bool, FitError> {
         let (response, setting) = (self.response()?, self.setting());
         if !Unexplained::of(response, &self.calibration, &setting).is_noise() {
@@ -453,7 +453,14 @@ impl<'a> Prepared<'a> {
     }
 
     fn fitted(&self, answering: Answering) -> Fitted {
-        Fitted::new(answering, self.calibration.units())
+        let fitted = Fitted::new(answering, self.calibration.units());
+        if self.has_one_unknown_load() { fitted.of_one_load(&self.calibration) } else { fitted }
+    }
+
+    /// Whether all presses have the same load, which is unknown, and contacts may have others.
+    fn has_one_unknown_load(&self) -> bool {
+        let is_unknown = !self.calibration.forces_are_known() && self.setting.load == ForceKnown::Unknown;
+        is_unknown && !has_several_lengths(&self.calibration)
     }
 
     /// Returns a method that is fitted to all presses.
