@@ -12,9 +12,6 @@ use std::io::{self, BufWriter, Write};
 const BUFFER_BYTES: usize = 64 << 10;
 /// Number of decimals in the output, the same as in a run's tables. It is far finer than the resolution of any array.
 const DECIMALS: i32 = 6;
-/// Names of the loads that two methods assume.
-const CALIBRATED: &str = "calibrated";
-const ANY: &str = "any";
 /// Verdict on a reading without an answer.
 pub const UNSOLVED: &str = "unsolved";
 
@@ -97,7 +94,7 @@ impl<W: Write> Solutions<W> {
 
     pub(super) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
         let of = Line::of(reading, solved, self.forces_are_known);
-        let load = solved.as_ref().map_or("", |solution| if solution.is_calibrated_load { CALIBRATED } else { ANY });
+        let load = solved.as_ref().map_or("", Solution::load);
         let load = self.has_two_methods.then_some(load);
         let mut line = Line { line: self.keep_going.then_some(reading.line), load, ..of };
         match &mut self.to {

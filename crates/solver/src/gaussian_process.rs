@@ -116,13 +116,13 @@ fn components(calibration: &Calibration, view: &View, sought: &Sought) -> Option
     let Seen { inputs, .. } = Seen::of(calibration, view, MOST_FOR_COMPONENTS)?;
     let mut components = view.components(&inputs, MOST_STRETCHED)?;
     let Seen { inputs, answers } = Seen::of(calibration, &components, MOST_TO_SEEK_WITH)?;
-    let mut sought_of_these = Sought::of(&inputs, components.dimensions(), &answers, ANSWERS, MANNER);
-    let likelihood = stretch(calibration, &mut components, &mut sought_of_these)?;
+    let mut of_components = Sought::of(&inputs, components.dimensions(), &answers, ANSWERS, MANNER);
+    let likelihood = stretch(calibration, &mut components, &mut of_components)?;
     let before = one_press_a_place(calibration, view).and_then(|seen| {
         let ratio = ratio_of_place(sought).exp();
         process::likelihood(&seen.inputs, view.dimensions(), &seen.places(), COORDINATES, sought.correlation, ratio)
     });
-    (likelihood > before.unwrap_or(f64::NEG_INFINITY)).then_some((components, sought_of_these))
+    (likelihood > before.unwrap_or(f64::NEG_INFINITY)).then_some((components, of_components))
 }
 
 /// Returns the calibration in a view, of several presses at a place only one: they are easy to explain by each other, without regard

@@ -231,10 +231,16 @@ impl<'a> Prepared<'a> {
             true => self.second(solver, choice.location_error_mm())?,
             false => None,
         };
-        let Some((calibrated, earned)) = second else { return Ok(self.fitted(any).chosen(choice)) };
-        let by_load = ByLoad::new(any, calibrated, &earned, &self.calibration);
-        choice.load_gain = Some(earned.gain);
-        Ok(self.fitted(Answering::ByLoad(by_load)).chosen(choice))
+        choice.load_gain = second.as_ref().map(|(_, earned)| earned.gain.clone());
+        Ok(self.with_second(any, second).chosen(choice))
+    }
+
+    /// Returns a method for any load, and a second one for the load of the calibration if there is one.
+    fn with_second(&self, any: Answering, second: Option<(Answering, Earned)>) -> Fitted {
+        self.fitted(match second {
+            Some((calibrated, earned)) => Answering::ByLoad(ByLoad::new(any, calibrated, &earned, &self.calibration)),
+            None => any,
+        })
     }
 
     /// Returns the best method that assumes the load of the calibration, if it is worth using beside the method for any load, which has
@@ -278,23 +284,19 @@ impl<'a> Prepared<'a> {
         let (any, calibrated) = (by_load.any.solver().name(), by_load.calibrated.solver().name());
         let any_fit = self.answering(any, &self.tried(any)?)?;
         let second = self.earned(any, &self.with_equal_forces()?, calibrated)?;
-        let answering = match second {
-            Some((calibrated, earned)) => {
-                Answering::ByLoad(ByLoad::new(any_fit, calibrated, &earned, &self.calibration))
-            }
-            None => any_fit,
-        };
-        Ok(self.left_out(self.fitted(answering)))
+        Ok(self.left_out(self.with_second(any_fit, second)))
     }
 
     /// Returns a method that is fitted to some of the presses; `blend` with the members' errors of all presses.
     fn fit_part(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
-        if name != BLEND {
-            return self.fit_to(part, name);
-        }
+        if name == BLEND { self.blend(|member| self.fit_to(part, member)) } else { self.fit_to(part, name) }
+    }
+
+    /// Returns `blend` of members that `fit` makes, with the members' errors of all presses.
+    fn blend(&self, fit: impl Fn(&str) -> Result<Method, FitError>) -> Result<Method, FitError> {
         let [one, other] = self.members();
         let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
-        Ok(Method::Blend(Blend::new([self.fit_to(part, one)?, self.fit_to(part, other)?], errors)))
+        Ok(Method::Blend(Blend::new([fit(one)?, fit(other)?], errors)))
     }
 
     /// Whether the method ranked before others may be chosen. `blend` runs two methods, and the assumptions of `physics` may
@@ -467,11 +469,7 @@ impl<'a> Prepared<'a> {
     fn method(&self, name: &str) -> Result<Method, FitError> {
         match name {
             SURROGATE => Ok(self.forward(MapKind::Smooth, self.response()?.clone(), &self.calibration)),
-            BLEND => {
-                let [one, other] = self.members();
-                let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
-                Ok(Method::Blend(Blend::new([self.method(one)?, self.method(other)?], errors)))
-            }
+            BLEND => self.blend(|member| self.method(member)),
             PATTERN_MAP => Ok(Method::PatternMap(self.pattern()?.0.clone())),
             name => self.fit_to(&self.calibration, name),
         }

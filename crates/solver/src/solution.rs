@@ -28,6 +28,11 @@ pub struct Solution {
 }
 
 impl Solution {
+    /// Returns the word for the load that the answer assumes, of two methods of a model.
+    pub fn load(&self) -> &'static str {
+        if self.is_calibrated_load { "calibrated" } else { "any" }
+    }
+
     /// Returns a solution of a place and a force whose errors are unknown.
     pub(super) fn plain(place: Place, force_n: f64, verdict: Verdict) -> Self {
         Solution {
