@@ -7,7 +7,7 @@ name.
 from collections.abc import Iterator, Sequence
 from os import PathLike
 from types import TracebackType
-from typing import Any, ClassVar, Literal, TypeAlias, final
+from typing import Any, ClassVar, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,8 @@ __version__: str
 __commit__: str | None
 
 _Path: TypeAlias = str | PathLike[str]
+_Reading: TypeAlias = Sequence[float] | np.ndarray[tuple[int], np.dtype[np.floating[Any]]]
+_Batch: TypeAlias = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[np.floating[Any]]]
 _Verdict: TypeAlias = Literal["ok", "weak-signal", "outside-area", "not-one-contact", "channel-fault", "unsolved"]
 
 class Error(Exception):
@@ -175,6 +177,11 @@ class Model:
         """Loads a sensor file, which `save` or `palpate fit` wrote."""
     def save(self, path: _Path) -> None:
         """Writes the model to a sensor file. Replaces a sensor file, but nothing else."""
+    @overload
+    def solve(self, readings: _Reading) -> Contact: ...
+    @overload
+    def solve(self, readings: _Batch) -> Frame: ...
+    @overload
     def solve(self, readings: ArrayLike) -> Any:
         """Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
 
@@ -211,6 +218,11 @@ class Model:
 class Session:
     """One reading after another of one sensor. An output that breaks is excluded from then on."""
 
+    @overload
+    def solve(self, readings: _Reading) -> Contact: ...
+    @overload
+    def solve(self, readings: _Batch) -> Frame: ...
+    @overload
     def solve(self, readings: ArrayLike) -> Any:
         """Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does."""
     @property
@@ -256,6 +268,26 @@ class Events(Iterator[dict[str, Any]]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
+
+@final
+class Evaluation:
+    """Errors of methods on test presses, and the verdict: the objects of `palpate evaluate --json`."""
+
+    @property
+    def methods(self) -> dict[str, dict[str, Any]]:
+        """The evaluation of each method, by its name: a dict of the errors."""
+    @property
+    def failures(self) -> dict[str, str]:
+        """Why a method has no evaluation, by its name."""
+    @property
+    def cross_validated(self) -> list[dict[str, Any]] | None:
+        """The errors on presses that were held out in turn, the best method first, if there is no test; None otherwise."""
+    @property
+    def verdict(self) -> Literal["accepted", "not-accepted", "not-decided"] | None:
+        """The verdict; None without a rule."""
+    @property
+    def judgement(self) -> dict[str, Any] | None:
+        """The verdict with each limit; None without a rule."""
 
 def load(run: _Path, *, columns: str | None = None) -> Run:
     """Loads a run folder or a table of presses.
@@ -306,6 +338,69 @@ def run(
     `recipe` and `rig` are files, or names of shipped ones; without a rig it is that of the recipe's key `rig`, or `rig.toml` in its
     folder, and must be simulated. `out` is the folder of the run [runs/NAME]. `simulate` replaces the rig's links by emulators.
     The other options are those of `palpate run`. `confirmed` is what a person has made sure of; the run never asks. Raises `UsageError` for bad input; nothing has moved then.
+    """
+
+def resume(
+    run: _Path,
+    rig: _Path | None = None,
+    *,
+    after_trip: bool = False,
+    pace: float | None = None,
+    durability: Literal["full", "fast"] | None = None,
+    confirmed: Sequence[Literal["down", "home", "clear"]] = (),
+) -> Events:
+    """Continues a run that was stopped, like `palpate resume`. Returns the events of the remaining presses.
+
+    `rig` is the rig to continue with: links and commands of processes may differ, limits may be tighter. `after_trip` continues
+    after a safety trip, once you have found its cause. The events of a complete run are only `ended`. Raises `UsageError` for bad
+    input; nothing has moved then.
+    """
+
+def evaluate(
+    run: Run | _Path,
+    test: _Path | None = None,
+    solver: str = "best",
+    *,
+    constant_load: bool = False,
+    holdout: tuple[Literal["places", "press", "time"], float] | None = None,
+    seed: int = 1,
+    same_place: float | None = None,
+    save: _Path | None = None,
+    columns: str | None = None,
+    accept: _Path | None = None,
+) -> Evaluation:
+    """Solves the test presses of a run, of two tables, or held out of one, and judges them, like `palpate evaluate`.
+
+    `solver` is the name of a method; `best` selects by cross-validation, `all` evaluates every method. `holdout` holds out presses
+    as the test, and their share: ("places", 0.2). `seed` selects them, `same_place` (mm) is the largest distance of presses at one
+    place, and `save` is a folder for both parts. `accept` is a file with the acceptance rule that replaces the recipe's.
+    """
+
+def report(
+    *runs: Run | _Path,
+    out: _Path | None = None,
+    figures: _Path | None = None,
+    compare: bool = False,
+    same_sensor: bool = False,
+    accept: _Path | None = None,
+    solver: str | None = None,
+) -> dict[str, Any]:
+    """Writes a page about one run, about runs of one sensor, or a comparison of many sensors, like `palpate report`.
+
+    Returns the object of `palpate report --json`: page, figures and result.
+    """
+
+def certificate(
+    *runs: Run | _Path,
+    given: _Path,
+    out: _Path | None = None,
+    same_sensor: bool = False,
+    accept: _Path | None = None,
+) -> dict[str, Any]:
+    """Writes the calibration certificate of a sensor, like `palpate certificate`: a page and a Digital Calibration Certificate.
+
+    `given` is the TOML file with laboratory, customer, item and procedure. Returns the object of `palpate certificate --json`:
+    result, files and verdict. Replaces no file.
     """
 
 def simulate(

@@ -1,7 +1,7 @@
 //! Solved contacts: one, or a batch as a frame.
 
 use super::frame::{Cells, Column, Frame};
-use palpate::cli::calls::{NUMBERS, UNSOLVED, numbers};
+use palpate::api::{NUMBERS, UNSOLVED, numbers};
 use palpate_solver::{Solution, Unanswered, Verdict};
 use pyo3::prelude::*;
 use std::collections::HashMap;

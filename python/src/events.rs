@@ -1,10 +1,13 @@
 //! `palpate.run` and `palpate.simulate`: runs on a rig, with their events.
 
-use super::refused::raised;
+use super::given::noted;
+use super::refused::{raised, warn};
 use super::run::{Run, load};
-use super::words::Words;
-use palpate::cli::calls;
-use palpate::cli::calls::events::{Event, Events as Heard, Next, Walker};
+use palpate::api::events::{Event, Events as Heard, Next, Walker};
+use palpate::api::{
+    self, Confirmed, ConfirmOptions, DurabilityChoice, Failure, LabelOptions, MannerOptions, ResumeOptions, Resumed, RigOptions,
+    RunOptions,
+};
 use palpate_data::dataset::{COLUMNS, Press, Retouch, Value};
 use palpate_link::device::Identity;
 use pyo3::exceptions::PyRuntimeError;
@@ -77,35 +80,76 @@ pub fn run(
     durability: Option<String>,
     confirmed: Vec<String>,
 ) -> PyResult<Events> {
-    let words = Words::default()
-        .option("rig", rig)
-        .option("out", out)
-        .number("seed", Some(seed))
-        .flag("simulate", simulate)
-        .option("strategy", strategy)
-        .number("presses-max", presses_max)
-        .option("sensor", sensor)
-        .option("design", design)
-        .option("batch", batch)
-        .option("mounting", mounting)
-        .option("operator", operator)
-        .option("note", note)
-        .number("pace", pace)
-        .option("durability", durability);
-    let words = confirmed.into_iter().fold(words, |words, what| words.option("confirmed", Some(what)));
-    let heard = py.detach(|| Heard::start(calls::begin(words.about(&recipe))?)).map_err(raised)?;
-    let walker = heard.walker().clone();
-    let mut running = locked(&RUNNING);
-    running.retain(|walker| walker.strong_count() > 0);
-    running.push(Arc::downgrade(&walker));
-    drop(running);
-    Ok(Events {
-        out: heard.path().to_owned(),
-        planned: heard.planned(),
-        walker,
-        heard: Mutex::new(Some(heard)),
-        is_closed: AtomicBool::new(false),
-    })
+    let begun = || {
+        let strategy = strategy.map(|name| api::strategy(&name)).transpose()?;
+        let options = RunOptions {
+            recipe,
+            rig: RigOptions { rig, simulate, seed, strategy, presses_max },
+            labels: LabelOptions { sensor, design, batch, mounting, operator, note },
+            out,
+            manner: manner(pace, durability, &confirmed)?,
+        };
+        Heard::start(api::begin(&options)?)
+    };
+    Ok(Events::of(py.detach(begun).map_err(raised)?))
+}
+
+/// Continues a run that was stopped, like `palpate resume`. Returns the events of the remaining presses.
+///
+/// `rig` is the rig to continue with: links and commands of processes may differ, limits may be tighter. `after_trip` continues
+/// after a safety trip, once you have found its cause. `pace`, `durability` and `confirmed` are those of `run`. The events of a
+/// complete run are only `ended`.
+///
+/// Raises `UsageError` for bad input; nothing has moved then. Warns of each difference from the rig with which the run began.
+#[pyfunction]
+#[pyo3(signature = (run, rig=None, *, after_trip=false, pace=None, durability=None, confirmed=Vec::new()))]
+pub fn resume(
+    py: Python<'_>,
+    run: PathBuf,
+    rig: Option<PathBuf>,
+    after_trip: bool,
+    pace: Option<f64>,
+    durability: Option<String>,
+    confirmed: Vec<String>,
+) -> PyResult<Events> {
+    let resumed = || {
+        let manner = manner(pace, durability, &confirmed)?;
+        let options = ResumeOptions { run, rig, after_trip, manner };
+        let (resumed, notes) = noted(|note| api::resume(&options, note))?;
+        let heard = match resumed {
+            Resumed::Begun(begun) => Heard::start(*begun)?,
+            Resumed::Complete { planned, .. } => Heard::of_complete(options.run, planned),
+        };
+        Ok((heard, notes))
+    };
+    let (heard, notes) = py.detach(resumed).map_err(raised)?;
+    warn(py, &notes)?;
+    Ok(Events::of(heard))
+}
+
+/// How the rig is driven.
+fn manner(pace: Option<f64>, durability: Option<String>, confirmed: &[String]) -> Result<MannerOptions, Failure> {
+    let durability = durability.map(|word| api::choice("--durability", &word)).transpose()?;
+    let confirmed = confirmed.iter().map(|what| api::choice("--confirmed", what));
+    let confirm = ConfirmOptions { confirmed: confirmed.collect::<Result<Vec<Confirmed>, Failure>>()? };
+    Ok(MannerOptions { pace, durability: durability.unwrap_or(DurabilityChoice::Full), confirm })
+}
+
+impl Events {
+    fn of(heard: Heard) -> Self {
+        let walker = heard.walker().clone();
+        let mut running = locked(&RUNNING);
+        running.retain(|walker| walker.strong_count() > 0);
+        running.push(Arc::downgrade(&walker));
+        drop(running);
+        Events {
+            out: heard.path().to_owned(),
+            planned: heard.planned(),
+            walker,
+            heard: Mutex::new(Some(heard)),
+            is_closed: AtomicBool::new(false),
+        }
+    }
 }
 
 /// Simulates a calibration and returns its run: the shipped recipe `calibrate` on the simulated rig `sim`, if no others are given.
@@ -120,9 +164,13 @@ pub fn simulate(
     out: Option<PathBuf>,
     seed: u64,
 ) -> PyResult<Run> {
-    let words = Words::default().option("rig", rig).option("out", out).number("seed", Some(seed));
-    let words = words.flag("simulate", true).about(&recipe.unwrap_or_else(|| DEFAULT_RECIPE.into()));
-    let mut heard = py.detach(|| Heard::start(calls::begin(words)?)).map_err(raised)?;
+    let options = RunOptions {
+        recipe: recipe.unwrap_or_else(|| DEFAULT_RECIPE.into()),
+        rig: RigOptions { rig, simulate: true, seed, ..RigOptions::default() },
+        out,
+        ..RunOptions::default()
+    };
+    let mut heard = py.detach(|| Heard::start(api::begin(&options)?)).map_err(raised)?;
     while next(py, &mut heard)?.is_some() {}
     load(py, heard.path().to_owned(), None)
 }
@@ -136,7 +184,7 @@ fn next(py: Python<'_>, heard: &mut Heard) -> PyResult<Option<Event>> {
         match py.detach(|| heard.next(LOOK_EVERY)) {
             Next::Event(event) => return Ok(Some(event)),
             Next::Waiting => py.check_signals()?,
-            Next::Failed(refusal) => return Err(raised(refusal)),
+            Next::Failed(failure) => return Err(raised(failure)),
             Next::Over => return Ok(None),
         }
     }

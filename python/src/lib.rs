@@ -6,11 +6,12 @@
 mod contact;
 mod events;
 mod frame;
+mod given;
 mod model;
 mod readings;
 mod refused;
+mod results;
 mod run;
-mod words;
 
 use pyo3::prelude::*;
 
@@ -23,13 +24,15 @@ mod package {
     #[pymodule_export]
     use super::contact::Contact;
     #[pymodule_export]
-    use super::events::{Events, run, simulate};
+    use super::events::{Events, resume, run, simulate};
     #[pymodule_export]
     use super::frame::Frame;
     #[pymodule_export]
     use super::model::{Model, Session, fit};
     #[pymodule_export]
     use super::refused::{DeviceError, Error, RecordError, TripError, UsageError};
+    #[pymodule_export]
+    use super::results::{Evaluation, certificate, evaluate, report};
     #[pymodule_export]
     use super::run::{Run, load};
 
@@ -38,7 +41,7 @@ mod package {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         let commit = palpate_commit::commit!();
-        palpate::cli::built_from(commit);
+        palpate::api::built_from(commit);
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("__commit__", commit)?;
         super::refused::number(module)?;

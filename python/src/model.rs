@@ -1,10 +1,10 @@
 //! `palpate.fit`, models and sessions: place and force of unknown contacts.
 
 use super::contact::{Contact, Contacts};
+use super::given::{Place, noted};
 use super::readings::Readings;
 use super::refused::{raised, warn};
-use super::words::{Place, Words};
-use palpate::cli::calls::{self, Sensor};
+use palpate::api::{self, ColumnsOptions, MethodOptions, Sensor};
 use palpate_data::dataset::Fingerprint;
 use palpate_solver::{self as solver, Solver as _};
 use pyo3::exceptions::PyValueError;
@@ -57,20 +57,22 @@ pub fn fit(
 ) -> PyResult<Model> {
     let run = Place::of(run)?;
     let columns = columns.or_else(|| run.columns().map(str::to_owned));
-    let words = Words::default()
-        .option("solver", Some(solver))
-        .flag("constant-load", constant_load)
-        .flag("common-offset", common_offset)
-        .number("false-alarms", false_alarms)
-        .pair("forces-n", forces_n)
-        .option("columns", columns)
-        .about(run.path());
-    Model::of(py, py.detach(|| calls::fit(words)))
+    let default = MethodOptions::default();
+    let options = MethodOptions {
+        solver: solver.to_owned(),
+        constant_load,
+        common_offset,
+        false_alarms: false_alarms.unwrap_or(default.false_alarms),
+        forces_n: forces_n.into_iter().flat_map(|(least, most)| [least, most]).collect(),
+        columns: ColumnsOptions { columns, sheet: None },
+    };
+    let path = run.path().to_owned();
+    Model::of(py, py.detach(|| noted(|note| api::fit(&path, &options, note))))
 }
 
 impl Model {
-    fn of(py: Python<'_>, sensor: Result<Sensor, calls::Refusal>) -> PyResult<Self> {
-        let Sensor { model, sensor, made_from, notes } = sensor.map_err(raised)?;
+    fn of(py: Python<'_>, sensor: Result<(Sensor, Vec<String>), api::Failure>) -> PyResult<Self> {
+        let (Sensor { model, sensor, made_from }, notes) = sensor.map_err(raised)?;
         warn(py, &notes)?;
         Ok(Model { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
     }
@@ -93,13 +95,13 @@ impl Model {
     /// Loads a sensor file, which `save` or `palpate fit` wrote.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Model> {
-        Model::of(py, py.detach(|| calls::read_sensor(&path)))
+        Model::of(py, py.detach(|| noted(|note| api::read_sensor(&path, note))))
     }
 
     /// Writes the model to a sensor file. Replaces a sensor file, but nothing else.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let (sensor, made_from) = (self.sensor.clone(), self.made_from.clone());
-        py.detach(|| calls::write_sensor(&self.model, sensor, made_from, &path)).map_err(raised)
+        py.detach(|| api::write_sensor(&self.model, sensor, made_from, &path)).map_err(raised)
     }
 
     /// Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.

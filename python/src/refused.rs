@@ -1,6 +1,6 @@
 //! Exceptions: one for each exit code of the command line, with the text that it prints.
 
-use palpate::cli::calls::Refusal;
+use palpate::api::{Failure, Kind};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyUserWarning};
 use pyo3::prelude::*;
@@ -14,25 +14,32 @@ create_exception!(palpate, RecordError, Error, "A result couldn't be recorded. C
 
 /// Gives each exception its exit code.
 pub fn number(module: &Bound<'_, PyModule>) -> PyResult<()> {
-    let codes = [("Error", 1), ("UsageError", 2), ("DeviceError", 3), ("TripError", 4), ("RecordError", 5)];
-    codes.into_iter().try_for_each(|(name, code)| module.getattr(name)?.setattr("code", code))
+    let kinds = [
+        ("Error", Kind::NotAccepted),
+        ("UsageError", Kind::Usage),
+        ("DeviceError", Kind::Device),
+        ("TripError", Kind::Trip),
+        ("RecordError", Kind::Record),
+    ];
+    kinds.into_iter().try_for_each(|(name, kind)| module.getattr(name)?.setattr("code", kind.code()))
 }
 
-/// The exception for a refusal.
-pub fn raised(Refusal { code, text }: Refusal) -> PyErr {
-    match code {
-        2 => UsageError::new_err(text),
-        3 => DeviceError::new_err(text),
-        4 => TripError::new_err(text),
-        5 => RecordError::new_err(text),
-        _ => Error::new_err(text),
+/// The exception for a failure.
+pub fn raised(failure: Failure) -> PyErr {
+    let text = failure.to_string();
+    match failure.kind() {
+        Kind::Usage => UsageError::new_err(text),
+        Kind::Device => DeviceError::new_err(text),
+        Kind::Trip => TripError::new_err(text),
+        Kind::Record => RecordError::new_err(text),
+        Kind::NotAccepted | Kind::Cancelled => Error::new_err(text),
     }
 }
 
 /// Warns of the lines that a command prints about its input. Mere notes are no warning.
 pub fn warn(py: Python<'_>, notes: &[String]) -> PyResult<()> {
     for note in notes.iter().filter(|note| !note.starts_with("note: ")) {
-        let text = note.trim_end().trim_start_matches("warning: ").replace('\0', "");
+        let text = note.trim_start_matches("warning: ").replace('\0', "");
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(text)?, 1)?;
     }
     Ok(())

@@ -1,9 +1,9 @@
 //! `palpate.load`: runs and tables as frames.
 
 use super::frame::{Cells, Column, Frame};
+use super::given::noted;
 use super::refused::{raised, warn};
-use super::words::Words;
-use palpate::cli::calls;
+use palpate::api::{self, ColumnsOptions};
 use palpate_report::export::frame::{self, Values};
 use pyo3::prelude::*;
 use std::collections::HashMap;
@@ -119,7 +119,7 @@ impl Run {
 #[pyfunction]
 #[pyo3(signature = (run, *, columns=None))]
 pub fn load(py: Python<'_>, run: PathBuf, columns: Option<String>) -> PyResult<Run> {
-    let read = py.detach(|| if run.is_dir() { frames_of_run(&run) } else { frames_of_table(&run, columns.as_deref()) });
+    let read = py.detach(|| if run.is_dir() { frames_of_run(&run) } else { frames_of_table(&run, columns.clone()) });
     let Read { manifest, notes, frames } = read.map_err(raised)?;
     warn(py, &notes)?;
     let frames = frames.into_iter().map(|frame| Py::new(py, frame)).collect::<PyResult<Vec<Py<Frame>>>>()?;
@@ -133,16 +133,17 @@ struct Read {
     frames: Vec<Frame>,
 }
 
-fn frames_of_run(run: &Path) -> Result<Read, calls::Refusal> {
-    let (recorded, bench, notes) = calls::read_run(run)?;
+fn frames_of_run(run: &Path) -> Result<Read, api::Failure> {
+    let ((recorded, bench), notes) = noted(|note| api::read_run(run, note))?;
     let manifest = frame::manifest(&recorded);
     let metadata = HashMap::from([(MANIFEST.to_owned(), manifest.clone())]);
     let frames = frame::all(&recorded, &bench).into_iter().map(|frame| framed(frame, &metadata)).collect();
     Ok(Read { manifest: Some(manifest), notes, frames })
 }
 
-fn frames_of_table(table: &Path, columns: Option<&str>) -> Result<Read, calls::Refusal> {
-    let (presses, notes) = calls::read_table(Words::default().option("columns", columns).about(table))?;
+fn frames_of_table(table: &Path, columns: Option<String>) -> Result<Read, api::Failure> {
+    let columns = ColumnsOptions { columns, sheet: None };
+    let (presses, notes) = noted(|note| api::read_table(table, &columns, note))?;
     let presses = frame::presses_of(&presses.presses, presses.channels, "");
     Ok(Read { manifest: None, notes, frames: vec![framed(presses, &HashMap::new())] })
 }

@@ -159,3 +159,16 @@ def test_simulate_returns_the_run(tmp_path):
     assert run.path == tmp_path / "run" and run.manifest["simulated"] and run.manifest["status"] == "complete"
     shipped = palpate.simulate(out=tmp_path / "shipped")
     assert shipped.manifest["recipe"] == "calibrate" and palpate.fit(shipped, "pearson").outputs == 9
+
+
+def test_a_stopped_run_is_resumed(recipe, tmp_path):
+    with palpate.run(recipe(30), out=tmp_path / "run") as events:
+        next(event for event in events if "event" not in event)
+        events.stop()
+        before = 1 + sum("event" not in event for event in events)
+    with palpate.resume(tmp_path / "run") as events:
+        presses = [event["press"] for event in events if "event" not in event]
+    assert presses == list(range(before, 30))
+    assert [event["status"] for event in palpate.resume(tmp_path / "run")] == ["complete"]
+    with pytest.raises(palpate.UsageError, match="no-such"):
+        palpate.resume(tmp_path / "no-such")

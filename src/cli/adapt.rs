@@ -1,13 +1,15 @@
 //! `palpate adapt`: updates an older calibration, or that of a similar sensor, with a few new presses.
 
-use super::exit::Failure;
 use super::fit::write;
-use super::method::{MethodArgs, Source, fitted_to, tell_left_out};
+use super::method::fitted_to;
 use super::output::OutputArgs;
-use super::summary::tell;
+use super::summary::{note, tell};
+use crate::api::fit::note_left_out;
+use crate::api::method::Source;
+use crate::api::{Failure, MethodOptions};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
-use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors, Solver as _};
+use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -41,7 +43,7 @@ pub(super) struct AdaptArgs {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
-    method: MethodArgs,
+    method: MethodOptions,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -49,15 +51,15 @@ pub(super) struct AdaptArgs {
 /// Changes the old presses, fits, and writes the file.
 pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
-    let old = Source::read_older(&args.from, &args.method)?;
-    let new = Source::read(&args.with, &args.method)?;
+    let old = Source::read_older(&args.from, &args.method, &note)?;
+    let new = Source::read(&args.with, &args.method, &note)?;
     let setting = args.method.setting(&old)?;
     let adapted = Adapted::new(args.method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
     let adapted = adapted
         .wrap_err_with(|| format!("{}: can't update this calibration", old.path.display()))
         .map_err(Failure::usage)?;
-    tell(&format!("{}\n", fitted_to(adapted.model.fitted().name(), adapted.model.validity())))?;
-    tell_left_out(&old.path, adapted.model.fitted())?;
+    tell(&format!("{}\n", fitted_to(&adapted.model)))?;
+    note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
     args.output.text(&told(&adapted, is_relative))?;
     let HeldOut { presses, before, after } = adapted.held_out;

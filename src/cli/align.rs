@@ -1,12 +1,12 @@
 //! `palpate align`.
 
-use super::exit::Failure;
+use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
 use super::progress::Progress;
 use super::rig_file::{check_text, replace};
-use super::session::runtime;
 use super::signals::{First, heed};
-use super::sources::OneRigArgs;
+use crate::api::Failure;
+use crate::api::run::runtime;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::Frame;
 use palpate_core::quantity::round;

@@ -2,8 +2,9 @@
 
 use super::tables::{COLUMN, Detail, LABEL, PAPER_COLUMN, evaluation_rows};
 use super::verdict::{NO_RULE, head};
-use palpate_data::acceptance::{Check, Figure, Judgement, Verdict};
-use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
+use crate::api::Results;
+use palpate_data::acceptance::{Check, Figure, Verdict};
+use palpate_data::dataset::characteristics::{Repeatability, UnitCharacteristics, characterise};
 use palpate_solver::Evaluation;
 
 /// Most lines of a run on standard output.
@@ -15,11 +16,8 @@ const NAMED_MOST: usize = 4;
 
 /// What is printed, and for which width of the terminal, columns.
 pub(super) struct Brief<'a> {
-    pub evaluations: &'a [Evaluation],
-    pub staircases: Option<&'a Staircases>,
-    pub judgement: Option<&'a Judgement>,
-    pub is_beside_paper: bool,
-    pub width: usize,
+    results: &'a Results,
+    width: usize,
 }
 
 /// Importance of a line. Lines that are declared later are left out first.
@@ -36,7 +34,12 @@ enum Rank {
 
 type Line = (Rank, String);
 
-impl Brief<'_> {
+impl<'a> Brief<'a> {
+    /// Shows these results in a terminal of so many columns.
+    pub(super) fn of(results: &'a Results, width: usize) -> Self {
+        Brief { results, width }
+    }
+
     /// At most so many lines.
     pub(super) fn text(&self, lines_most: usize) -> String {
         let blocks = [self.errors(), self.characteristics(), self.verdict()];
@@ -57,9 +60,9 @@ impl Brief<'_> {
     /// The errors of as many methods as there is room for: the last was chosen, the first are those of the recipe.
     fn errors(&self) -> Vec<Line> {
         let columns = |paper: usize| self.width.saturating_sub(LABEL + paper) / COLUMN;
-        let has_paper = self.is_beside_paper && columns(PAPER_COLUMN) > 0;
+        let has_paper = self.results.is_beside_paper && columns(PAPER_COLUMN) > 0;
         let room = columns(if has_paper { PAPER_COLUMN } else { 0 }).max(1);
-        let Some((last, others)) = self.evaluations.split_last() else { return Vec::new() };
+        let Some((last, others)) = self.results.evaluations.split_last() else { return Vec::new() };
         let shown: Vec<&Evaluation> = others.iter().take(room - 1).chain([last]).collect();
         let ranked = |(detail, row)| match detail {
             Detail::Means => Some((Rank::Error, row)),
@@ -71,7 +74,7 @@ impl Brief<'_> {
 
     /// Each characteristic of its worst unit, beside its limit.
     fn characteristics(&self) -> Vec<Line> {
-        let Some(staircases) = self.staircases else { return Vec::new() };
+        let Some(staircases) = &self.results.characteristics else { return Vec::new() };
         let units = characterise(staircases, Repeatability::default());
         type Value = fn(&UnitCharacteristics) -> Option<f64>;
         let all: [(&str, Figure, Value); 4] = [
@@ -83,7 +86,11 @@ impl Brief<'_> {
         let worst = |(name, figure, value): (&str, Figure, Value)| {
             let values = units.iter().filter_map(|unit| Some((value(unit)?, unit)));
             let (worst, unit) = values.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()))?;
-            let limit = self.judgement.and_then(|judgement| judgement.checks.iter().find(|check| check.kind == figure));
+            let limit = self
+                .results
+                .judgement
+                .as_ref()
+                .and_then(|judgement| judgement.checks.iter().find(|check| check.kind == figure));
             let limit = limit.map_or(String::new(), |check| format!(", limit {}", check.shown(Some(check.limit))));
             Some(format!("{name} {worst:.2} (unit {}{limit})", unit.name()).replace(' ', "\u{a0}"))
         };
@@ -97,8 +104,8 @@ impl Brief<'_> {
 
     /// The verdict, and the limits that decide it.
     fn verdict(&self) -> Vec<Line> {
-        let Some(judgement) = self.judgement else {
-            let is_evaluated = !self.evaluations.is_empty();
+        let Some(judgement) = &self.results.judgement else {
+            let is_evaluated = !self.results.evaluations.is_empty();
             let no_rule = self.filled(NO_RULE.trim_end(), "  ");
             return if is_evaluated { no_rule.map(|line| (Rank::Verdict, line)).collect() } else { Vec::new() };
         };
@@ -152,7 +159,7 @@ fn farther(check: &Check) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_data::acceptance::{Decision, Limit, Measured, Rule, judge};
+    use palpate_data::acceptance::{Decision, Judgement, Limit, Measured, Rule, judge};
 
     /// A rule of every limit of which the first so many are missed, and the others met.
     fn judgement(missed: usize) -> Judgement {
@@ -178,9 +185,9 @@ mod tests {
     }
 
     fn brief(judgement: &Judgement, width: usize) -> String {
-        let brief =
-            Brief { evaluations: &[], staircases: None, judgement: Some(judgement), is_beside_paper: false, width };
-        brief.text(LINES_MOST)
+        let judgement = Some(judgement.clone());
+        let results = Results { evaluations: Vec::new(), characteristics: None, judgement, is_beside_paper: false };
+        Brief::of(&results, width).text(LINES_MOST)
     }
 
     #[test]

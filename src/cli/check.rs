@@ -1,10 +1,10 @@
 //! `palpate check`.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
-use super::sources::{RigArgs, Sources};
 use super::summary::{duration, tell};
 use super::tables::filled;
+use crate::api::Failure;
+use crate::api::sources::{RigOptions, Sources};
 use palpate_control::{LEARNED, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Tilt, round};
 use palpate_data::acceptance::{Check, Verdict};
@@ -38,7 +38,7 @@ pub(super) struct CheckArgs {
     /// The recipe
     recipe: PathBuf,
     #[command(flatten)]
-    rig: RigArgs,
+    rig: RigOptions,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -49,7 +49,7 @@ pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
 }
 
 /// The same for `palpate run --dry-run`.
-pub(super) fn check_recipe(recipe: &Path, rig: &RigArgs, output: OutputArgs) -> Result<ExitCode, Failure> {
+pub(super) fn check_recipe(recipe: &Path, rig: &RigOptions, output: OutputArgs) -> Result<ExitCode, Failure> {
     let sources = Sources::read(recipe, rig)?;
     let plan = sources.plan(rig.seed)?;
     let warnings = warnings(&sources.recipe, &plan, &sources.rig);

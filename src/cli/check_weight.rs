@@ -1,8 +1,8 @@
 //! `palpate doctor --check-weight-n`: what is asked of a person, what a known weight showed, and what the rig file then says.
 
-use super::exit::Failure;
 use super::rig_file::{check_text, replace};
 use super::summary::tell;
+use crate::api::Failure;
 use jiff::Zoned;
 use miette::IntoDiagnostic;
 use palpate_core::quantity::round;

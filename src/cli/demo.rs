@@ -1,11 +1,12 @@
 //! `palpate demo`: the paper's recipe on the simulated rig, with its page in the browser.
 
-use super::exit::Failure;
+use super::output::OutputArgs;
 use super::report::{ReportArgs, report};
 use super::run::{RunArgs, recorded};
+use super::session::SessionArgs;
 use super::summary::tell;
+use crate::api::{Failure, ReportOptions, RigOptions, RunOptions};
 use palpate_data::dataset::Status;
-use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -13,8 +14,8 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
-/// The recipe, and what keeps a file of that name from moving a real rig.
-const WORDS: [&str; 2] = ["recipes/paper.toml", "--simulate"];
+/// The recipe.
+const PAPER: &str = "recipes/paper.toml";
 
 /// The system's program that opens a file as a double click does, with its words.
 #[cfg(windows)]
@@ -49,30 +50,22 @@ pub(super) struct DemoArgs {
 
 /// Runs, reports and opens the page. The exit code is the run's.
 pub(super) fn demo(args: &DemoArgs) -> Result<ExitCode, Failure> {
-    let mut run: RunArgs = parsed(WORDS)?;
-    run.out.clone_from(&args.out);
-    run.session.is_reported = true;
-    let (folder, code) = recorded(&run)?;
+    // simulated, so that a file of the recipe's name moves no real rig
+    let rig = RigOptions { simulate: true, ..RigOptions::default() };
+    let options = RunOptions { recipe: PAPER.into(), rig, out: args.out.clone(), ..RunOptions::default() };
+    let session = SessionArgs { is_reported: true, ..SessionArgs::default() };
+    let (folder, code) = recorded(&RunArgs { options, dry_run: false, session })?;
     if folder.manifest().status != Status::Complete {
         return Ok(code);
     }
     let path = folder.path();
-    report(&parsed::<ReportArgs>([OsStr::new("--"), path.as_os_str()])?)?;
+    report(&ReportArgs { options: ReportOptions::of(vec![path.to_owned()]), output: OutputArgs { json: false } })?;
     if !args.no_open
         && let Err(why) = open(&path.join("report.html"))
     {
         tell(&format!("note: the page wasn't opened: {}: {why}\n", OPENER[0]))?;
     }
     Ok(code)
-}
-
-/// Returns the arguments of another command.
-fn parsed<A: clap::Args>(words: [impl AsRef<OsStr>; 2]) -> Result<A, Failure> {
-    let command = A::augment_args(clap::Command::new("palpate").no_binary_name(true));
-    let matches = command.try_get_matches_from(words.iter().map(AsRef::as_ref));
-    matches
-        .and_then(|matches| A::from_arg_matches(&matches))
-        .map_err(|error| Failure::usage(miette::miette!("{error}")))
 }
 
 fn open(page: &Path) -> io::Result<()> {

@@ -1,12 +1,12 @@
 //! `palpate doctor`.
 
 use super::check_weight::{WeightArgs, WeightTold, ask, concluded};
-use super::exit::Failure;
+use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
-use super::session::runtime;
 use super::signals::{First, heed};
-use super::sources::OneRigArgs;
 use super::summary::beside;
+use crate::api::Failure;
+use crate::api::run::runtime;
 use miette::Diagnostic;
 use palpate_control::{Hum, Reaction, Trip};
 use palpate_link::device::Identity;

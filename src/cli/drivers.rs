@@ -1,8 +1,8 @@
 //! `palpate drivers`: the families of devices that a rig may name.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
 use super::summary::beside;
+use crate::api::Failure;
 use palpate_run::rig::{FAMILIES, Family, Links};
 use serde_json::{Value, json};
 use std::process::ExitCode;

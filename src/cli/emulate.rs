@@ -1,10 +1,10 @@
 //! `palpate emulate`.
 
-use super::exit::Failure;
 use super::output::json_line;
 use super::signals::{First, heed};
-use super::sources::read_rig;
 use super::summary::print;
+use crate::api::Failure;
+use crate::api::sources::read_rig;
 use miette::IntoDiagnostic;
 use palpate_run::rig::{EmulatedDevice, FarEnd, RigSpec};
 use palpate_sim::emulator::Shared;
@@ -42,7 +42,7 @@ pub(super) struct EmulateArgs {
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     listen: IpAddr,
     /// Random seed for the specimen and all noise
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = super::sources::seed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = crate::api::sources::seed, allow_negative_numbers = true)]
     seed: u64,
 }
 

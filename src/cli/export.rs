@@ -1,10 +1,11 @@
 //! `palpate export`: the tables of runs as files of other programs, or as a lake.
 
-use super::choices::ExportChoice;
-use super::exit::Failure;
 use super::output::OutputArgs;
-use super::recorded::read_run;
-use super::verdict::AcceptArgs;
+use super::summary::note;
+use crate::api::AcceptOptions;
+use crate::api::ExportChoice;
+use crate::api::Failure;
+use crate::api::recorded::read_run;
 use palpate_data::dataset::sensor_file::read_sensor_file;
 use palpate_data::dataset::{DatasetError, files, make_folder};
 use palpate_report::export::{self, Format, frame};
@@ -54,7 +55,7 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "DIR", conflicts_with = "format")]
     lake: Option<PathBuf>,
     #[command(flatten)]
-    accept: AcceptArgs,
+    accept: AcceptOptions,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -131,7 +132,7 @@ fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
 
 /// Writes the tables of a run to a file, or to a folder that may exist.
 fn tables(run: &Path, format: Format, place: &Path) -> Result<(), Failure> {
-    let (recorded, bench) = read_run(run)?;
+    let (recorded, bench) = read_run(run, &note)?;
     let (frames, manifest) = (frame::all(&recorded, &bench), &recorded.manifest);
     let written = match format.is_one_file() {
         true => export::write_file(frames, manifest, format, place),
@@ -145,19 +146,19 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
     use palpate_report::export::lake::{Lake, LakeError};
     let failed = |error: LakeError| match error {
         LakeError::Dataset(error) => unwritten(error),
-        LakeError::Bench(error) => super::recorded::unknown_bench(error),
+        LakeError::Bench(error) => crate::api::recorded::unknown_bench(error),
         error => Failure::usage(error),
     };
     let mut lake = Lake::open(folder).map_err(failed)?;
     let mut added = Vec::new();
     for run in &args.runs {
         let mut staged = lake.stage(run).map_err(failed)?;
-        match args.accept.rule_of([staged.run()])? {
+        match args.accept.rule_of([staged.run()], &note)? {
             Some(rule) => staged.judge(&rule).map_err(failed)?,
-            None => super::summary::tell(&format!(
-                "note: {} has no acceptance rule: `errors` and `verdicts` have no rows of it (--accept FILE)\n",
+            None => note(&format!(
+                "note: {} has no acceptance rule: `errors` and `verdicts` have no rows of it (--accept FILE)",
                 run.display()
-            ))?,
+            )),
         }
         let told = lake.publish(staged).map_err(failed)?;
         args.output.text(&format!("{}: {told}\n", run.display()))?;

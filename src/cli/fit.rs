@@ -1,9 +1,11 @@
 //! `palpate fit`: a calibrated sensor as a file.
 
-use super::exit::Failure;
-use super::method::{MethodArgs, Source, tell_left_out};
+use super::method::{tell_constant_load, tell_sensor};
 use super::output::OutputArgs;
-use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable};
+use super::summary::note;
+use crate::api::fit::place;
+use crate::api::{self, Failure, MethodOptions};
+use palpate_data::dataset::sensor_file::{Card, SensorFile, check_replaceable};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -33,7 +35,7 @@ pub(super) struct FitArgs {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
-    method: MethodArgs,
+    method: MethodOptions,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -41,24 +43,13 @@ pub(super) struct FitArgs {
 /// Fits, and writes the file.
 pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
     check_replaceable(&args.out).map_err(Failure::usage)?;
-    let source = Source::read(&args.calibration, &args.method)?;
-    let model = args.method.fit(&source)?;
-    args.method.tell(&source, &model)?;
-    args.method.tell_constant_load(&source, &model)?;
-    tell_left_out(&source.path, model.fitted())?;
-    let made_from = vec![source.fingerprint()?];
-    let file = SensorFile::new(model, source.sensor, made_from).map_err(Failure::usage)?;
+    let sensor = api::fit(&args.calibration, &args.method, &note)?;
+    tell_sensor(&sensor, true)?;
+    tell_constant_load(&sensor.model)?;
+    let file = SensorFile::new(sensor.model, sensor.sensor, sensor.made_from).map_err(Failure::usage)?;
     let (text, content) = write(&file, &args.out)?;
     args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
-}
-
-/// Writes a sensor file.
-pub(super) fn place(file: &SensorFile, out: &Path) -> Result<(), Failure> {
-    file.write(out).map_err(|error| match error {
-        SensorFileError::Taken { .. } => Failure::usage(error),
-        error => Failure::unwritten(error),
-    })
 }
 
 /// Writes a sensor file, and returns what is in it, as text and as an object.

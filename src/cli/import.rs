@@ -1,13 +1,13 @@
 //! `palpate import`: makes a run folder from tables that another program recorded.
 
-use super::columns::ColumnsArgs;
-use super::exit::Failure;
-use super::labels::LabelArgs;
 use super::output::OutputArgs;
-use super::provenance::{now, session};
-use super::recorded::{read_presses, warn_of_units};
-use super::stdin;
-use super::summary::tell;
+use super::summary::{note, tell};
+use crate::api::ColumnsOptions;
+use crate::api::Failure;
+use crate::api::LabelOptions;
+use crate::api::provenance::{now, session};
+use crate::api::recorded::{read_presses, warn_of_units};
+use crate::api::stdin;
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{
     Contact, DatasetError, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses,
@@ -44,9 +44,9 @@ pub(super) struct ImportArgs {
     #[arg(long, value_name = "CSV")]
     test: Option<PathBuf>,
     #[command(flatten)]
-    columns: ColumnsArgs,
+    columns: ColumnsOptions,
     #[command(flatten)]
-    labels: LabelArgs,
+    labels: LabelOptions,
     /// Output folder [default: runs/NAME, runs/NAME-2, ...]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -62,12 +62,12 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     let paths = [(Some(&args.calibration), Phase::Calibration), (args.test.as_ref(), Phase::Test)];
     let given = || paths.into_iter().filter_map(|(path, phase)| Some((path?, phase)));
     let tables: Vec<(Presses, Phase)> = given()
-        .map(|(path, phase)| Ok((read_presses(path, &mapping, phase)?, phase)))
+        .map(|(path, phase)| Ok((read_presses(path, &mapping, Some(phase), &note)?, phase)))
         .collect::<Result<_, Failure>>()?;
     let outputs = tables[0].0.channels;
     check_outputs(&tables, &mapping)?;
     if let [(calibration, _), (test, _)] = tables.as_slice() {
-        warn_of_units(calibration, test)?;
+        warn_of_units(calibration, test, &note);
     }
     let imported = Imported {
         tables: given()

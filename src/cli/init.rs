@@ -1,9 +1,9 @@
 //! `palpate init`: a recipe and a rig to begin with, and their schemas.
 
-use super::exit::Failure;
-use super::shipped::{RECIPES, RIGS, Shipped};
 use super::summary::print;
 use super::texts::Text;
+use crate::api::Failure;
+use crate::api::shipped::{RECIPES, RIGS, Shipped};
 use clap::ValueEnum;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::files;

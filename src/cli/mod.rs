@@ -8,12 +8,9 @@ mod adapt;
 mod align;
 mod batch;
 mod brief;
-pub mod calls;
 mod certificate;
 mod check;
 mod check_weight;
-mod choices;
-mod columns;
 mod demo;
 mod doctor;
 mod drivers;
@@ -21,21 +18,18 @@ mod emulate;
 mod evaluate;
 mod exit;
 mod export;
-mod figure_files;
 mod fit;
 mod help;
-mod holdout;
 mod import;
 mod init;
-mod labels;
+mod list;
 mod method;
 mod notify;
+mod one_rig;
 mod output;
 mod ports;
 mod progress;
-mod provenance;
 mod rebuild;
-mod recorded;
 mod report;
 mod resume;
 mod rig_file;
@@ -43,25 +37,20 @@ mod run;
 mod serve;
 mod session;
 mod shell;
-mod shipped;
 mod signals;
-mod solutions;
 mod solve;
-mod sources;
-mod stdin;
-mod stream;
 mod study;
 mod summary;
 mod tables;
 mod texts;
 mod verdict;
 mod verify;
-mod which_rig;
 mod which_way;
 mod withdraw;
 
-pub use provenance::built_from;
-
+use crate::api::shipped::RECIPES;
+use crate::api::stdin::DASH;
+use crate::api::{Failure, built_from, provenance};
 use clap::error::ErrorKind;
 use clap::{FromArgMatches as _, Parser, Subcommand};
 use miette::MietteHandlerOpts;
@@ -115,7 +104,7 @@ enum Command {
     Emulate(emulate::EmulateArgs),
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
-    List(shipped::ListArgs),
+    List(list::ListArgs),
     Init(init::InitArgs),
     Schema(texts::SchemaArgs),
     Reference(texts::ReferenceArgs),
@@ -140,7 +129,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     };
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
-    let outcome = stdin::check(&command).and_then(|()| match &command {
+    let outcome = check_stdin(&command).and_then(|()| match &command {
         Command::Demo(args) => demo::demo(args),
         Command::Check(args) => check::check(args),
         Command::Run(args) => run::run(args),
@@ -164,14 +153,28 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),
-        Command::List(args) => shipped::list(args),
+        Command::List(args) => list::list(args),
         Command::Init(args) => init::init(args),
         Command::Schema(args) => texts::print_schema(args),
         Command::Reference(args) => texts::print_reference(args),
         Command::Completions(args) => shell::completions(args),
         Command::Man(args) => shell::man(args),
     });
-    outcome.unwrap_or_else(|failure| failure.report())
+    outcome.unwrap_or_else(exit::report)
+}
+
+/// Checks that standard input is named once, and only by a command that doesn't read readings or serial numbers from it.
+fn check_stdin(command: &Command) -> Result<(), Failure> {
+    let names = std::env::args_os().skip(1).filter(|word| word == DASH).count();
+    let help = "save it as a file, and name that";
+    let refused = match command {
+        _ if names == 0 => return Ok(()),
+        Command::Solve(_) | Command::Serve(_) => "standard input has the readings: `-` can't be another file",
+        Command::Batch(_) => "standard input has the serial numbers: `-` can't be another file",
+        _ if names > 1 => "`-` is standard input, and is named twice",
+        _ => return Ok(()),
+    };
+    Err(Failure::usage(miette::miette!(help = help, "{refused}")))
 }
 
 /// Prints a usage error, or the requested help, and exits. For an unknown command it lists the known ones.
@@ -182,7 +185,7 @@ fn refuse(error: &clap::Error) -> ! {
         if Path::new(&first).exists() {
             let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");
         }
-        if shipped::RECIPES.iter().any(|recipe| recipe.name == first) {
+        if RECIPES.iter().any(|recipe| recipe.name == first) {
             let _ = writeln!(io::stderr(), "error: {first} is a recipe: palpate run {first}");
             exit(error.exit_code());
         }

@@ -1,7 +1,7 @@
 //! How a command prints its result: as text, or as one JSON object.
 
-use super::exit::Failure;
 use super::summary::print;
+use crate::api::Failure;
 use miette::IntoDiagnostic as _;
 use serde::Serialize;
 

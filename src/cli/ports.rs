@@ -1,8 +1,8 @@
 //! `palpate ports`.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
 use super::summary;
+use crate::api::Failure;
 use palpate_link::device::shown;
 use serde_json::{Value, json};
 use serialport::{SerialPortInfo, SerialPortType};

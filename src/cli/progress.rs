@@ -1,9 +1,9 @@
 //! How far a run is, on a terminal.
 
 use super::check_weight;
-use super::exit::Failure;
 use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
+use crate::api::Failure;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use palpate_data::dataset::{Check, Contact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};

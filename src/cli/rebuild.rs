@@ -1,9 +1,9 @@
 //! `palpate rebuild`.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
-use super::provenance::now;
-use super::recorded::bench_of;
+use crate::api::Failure;
+use crate::api::provenance::now;
+use crate::api::recorded::bench_of;
 use palpate_data::dataset::{Accepted, RunFolder, Texts};
 use serde_json::json;
 use std::path::PathBuf;

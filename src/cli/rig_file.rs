@@ -1,7 +1,7 @@
 //! A rig file that is changed: some keys, and nothing else of it.
 
-use super::exit::Failure;
-use super::sources::bounded;
+use crate::api::Failure;
+use crate::api::sources::bounded;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::files;
 use palpate_run::rig;

@@ -1,10 +1,11 @@
 //! `palpate serve`: answers readings of many connections at a TCP port, like `solve` answers standard input.
 
-use super::exit::Failure;
-use super::solutions::Solutions;
-use super::solve::told_sensor_file;
-use super::stream::Stream;
-use super::summary::{print, tell};
+use super::method::tell_sensor;
+use super::summary::{note, print, tell};
+use crate::api::Failure;
+use crate::api::read_sensor;
+use crate::api::solutions::Solutions;
+use crate::api::stream::Stream;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::Mapping;
 use palpate_data::dataset::answers::Answers;
@@ -100,7 +101,11 @@ struct Client {
 
 /// Listens, and gives each connection a thread.
 pub(super) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
-    let fits = Arc::new(Fits::new(told_sensor_file(&args.model, args.quiet)?));
+    let sensor = read_sensor(&args.model, &note)?;
+    if !args.quiet {
+        tell_sensor(&sensor, false)?;
+    }
+    let fits = Arc::new(Fits::new(sensor.model));
     let cant = || format!("can't listen at {}", args.listen);
     let listener = listen(args.listen).map_err(|error| {
         let help = match error.kind() {
@@ -169,7 +174,7 @@ impl Service {
         stream.set_write_timeout(Some(READS_WITHIN))?;
         let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
         let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
-        let how = Stream { source: peer, keep_going: true, reasons_are_told: false, is_refused: is_http };
+        let how = Stream { source: peer, keep_going: true, reasons_are_told: false, note: &note, is_refused: is_http };
         let model = self.fits.model();
         let solutions = Solutions::new(stream, self.json, true, model.forces_are_known());
         let mut solutions = solutions.of_methods(model.fitted());

@@ -1,9 +1,9 @@
 //! `palpate completions` and `palpate man`: the command line for shells and for `man`.
 
-use super::exit::Failure;
 use super::help;
-use super::shipped::{BATCHES, RECIPES, RIGS, Shipped, names};
 use super::summary::print;
+use crate::api::Failure;
+use crate::api::shipped::{BATCHES, RECIPES, RIGS, Shipped, names};
 use clap::builder::PossibleValuesParser;
 use clap::{Command, ValueEnum};
 use clap_complete::aot;

@@ -1,7 +1,7 @@
 //! Signals and key presses from a person or the system during a command.
 
-use super::exit::Failure;
 use super::summary;
+use crate::api::Failure;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_run::run::Cancel;
 use std::io::{self, IsTerminal};

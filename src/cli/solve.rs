@@ -1,22 +1,10 @@
 //! `palpate solve`: reads readings of the array and prints contacts, one line for each line.
 
-use super::choices::ReadingsChoice;
-use super::exit::Failure;
-use super::method::{FORCES_ARE_RELATIVE, MethodArgs, Source, fitted_to, tell_left_out};
-use super::solutions::Solutions;
-use super::stream::Stream;
-use super::summary::tell;
-use miette::{IntoDiagnostic, WrapErr};
-use palpate_data::dataset::answers::Answers;
-use palpate_data::dataset::readings::{Lines, Readings};
-use palpate_data::dataset::sensor_file::{Card, read_sensor_file};
-use palpate_solver::{Model, Session};
+use super::method::tell_sensor;
+use super::summary::{note, tell};
+use crate::api::{self, Failure, SolveOptions};
 use std::io::{self, IsTerminal as _};
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// Name of the input in messages.
-const SOURCE: &str = "stdin";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -57,89 +45,20 @@ and error. An invalid header still ends the program.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct SolveArgs {
-    /// A run folder, or a table of calibration presses
-    #[arg(long, value_name = "RUN")]
-    calibration: Option<PathBuf>,
-    /// A sensor file, written by `palpate fit`
-    #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
-    model: Option<PathBuf>,
-    /// Input format [default: detected from the first character]
-    #[arg(long, value_name = "FORMAT", value_enum)]
-    input: Option<ReadingsChoice>,
-    /// Print one JSON object per line instead of CSV
-    #[arg(long)]
-    json: bool,
-    /// Answer an invalid line with its problem, and continue
-    #[arg(long)]
-    keep_going: bool,
-    /// Don't print which method is used and why
-    #[arg(long)]
-    quiet: bool,
     #[command(flatten)]
-    method: MethodArgs,
+    options: SolveOptions,
 }
-
-/// Options that a sensor file has already fixed.
-const FITTED_BEFORE: [&str; 6] =
-    ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
 
 /// Fits the method or reads it, then answers each reading when it arrives.
 pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
-    let model = match (&args.model, &args.calibration) {
-        (Some(file), _) => told_sensor_file(file, args.quiet)?,
-        (None, Some(calibration)) => {
-            let source = Source::read(calibration, &args.method)?;
-            let model = args.method.fit(&source)?;
-            if !args.quiet {
-                args.method.tell(&source, &model)?;
-            }
-            tell_left_out(calibration, model.fitted())?;
-            model
+    let options = &args.options;
+    let sensor = options.sensor(&note)?;
+    if !options.quiet {
+        tell_sensor(&sensor, options.model.is_none())?;
+        if io::stdin().is_terminal() {
+            tell("one reading a line; Ctrl-D ends\n")?;
         }
-        (None, None) => {
-            let help =
-                "add --model FILE, a sensor file of `palpate fit`, or --calibration RUN, a run folder or a table";
-            return Err(Failure::usage(miette::miette!(help = help, "`solve` needs a calibrated sensor")));
-        }
-    };
-    let readings = Readings::new(SOURCE, model.validity().units, args.input.map(Into::into), args.method.mapping()?);
-    let stream = Stream {
-        source: SOURCE,
-        keep_going: args.keep_going,
-        reasons_are_told: !(args.quiet || args.json || args.keep_going),
-        is_refused: |_| false,
-    };
-    if io::stdin().is_terminal() && !args.quiet {
-        tell("one reading a line; Ctrl-D ends\n")?;
     }
-    let solutions = Solutions::new(io::stdout().lock(), args.json, args.keep_going, model.forces_are_known());
-    let mut solutions = solutions.of_methods(model.fitted());
-    let mut answers = Answers::new(readings, Session::new(model));
-    match stream.answer(&mut answers, &mut Lines::new(SOURCE, io::stdin().lock()), &mut solutions) {
-        Ok(Ok(())) => Ok(ExitCode::SUCCESS),
-        Ok(Err(error)) => Err(Failure::usage(error)),
-        // a reader that has seen enough is no error
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(ExitCode::SUCCESS),
-        Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
-    }
-}
-
-/// Reads a sensor file, and prints what it is.
-pub(super) fn told_sensor_file(file: &Path, quiet: bool) -> Result<Model, Failure> {
-    let (card, model) = read_sensor_file(file).map_err(Failure::usage)?;
-    if !quiet {
-        tell(&told(&card))?;
-    }
-    tell_left_out(file, model.fitted())?;
-    Ok(model)
-}
-
-/// Describes a sensor file with its own data.
-fn told(card: &Card) -> String {
-    let of = card.sensor.as_ref().map_or(String::new(), |sensor| format!(" of sensor {sensor}"));
-    let forces = match card.valid.force_n {
-        None if !card.constant_load => FORCES_ARE_RELATIVE,
-        _ => "",
-    };
-    format!("{}{of}\n{forces}", fitted_to(&card.method, &card.valid))
+    api::solve(sensor.model, options, io::stdin().lock(), io::stdout().lock(), &note)?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,17 +1,10 @@
 //! How a run ended, for a person.
 
-use super::brief::Brief;
-use super::exit::Failure;
 use super::tables::{WIDTH, characteristics_table, definitions, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
-use palpate_data::acceptance::Judgement;
-use palpate_data::dataset::characteristics::{Repeatability, Staircases};
-use palpate_data::dataset::evaluate::Trial;
-use palpate_data::dataset::{DatasetError, Evidence, JournalError, Recorded, RunFolder, Status, TABLES};
-use palpate_data::recipe::Recipe;
-use palpate_report::report::is_beside_paper;
-use palpate_run::rig::RigSpec;
-use palpate_solver::{BEST, Evaluation};
+use crate::api::{Failure, Results};
+use palpate_data::dataset::characteristics::Repeatability;
+use palpate_data::dataset::{DatasetError, JournalError, RunFolder, Status, TABLES};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
@@ -75,88 +68,23 @@ pub(super) fn warn(folder: &RunFolder) -> Result<(), Failure> {
     folder.warnings().iter().try_for_each(|warning| tell(&format!("warning: {warning}\n")))
 }
 
-/// The result of a complete run by its own recipe.
-pub(super) struct Results {
-    /// With each solver that `[evaluate]` names, and with the chosen one.
-    evaluations: Vec<Evaluation>,
-    /// Of its staircases.
-    characteristics: Option<Staircases>,
-    /// By the recipe's rule.
-    pub judgement: Option<Judgement>,
-    is_beside_paper: bool,
-}
-
-/// Evaluations and verdict of a run by its own recipe; `with_best` adds the best method, which is chosen by cross-validation.
-pub(super) fn results(
-    folder: &RunFolder,
-    spec: &RigSpec,
-    recipe: &Recipe,
-    with_best: bool,
-) -> Result<Results, Failure> {
-    let layout = &spec.array.layout;
-    let characteristics = folder.staircases().map_err(Failure::dataset)?;
-    if recipe.solvers.is_empty() && recipe.rule().is_none() {
-        // a long run isn't read into memory for nothing
-        let is_beside_paper =
-            characteristics.is_some() && is_beside_paper(layout, &folder.presses().map_err(Failure::dataset)?);
-        return Ok(Results { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });
+/// The results of a complete run for a person: evaluation, characteristics and verdict, with all that is known.
+pub(super) fn full(results: &Results) -> String {
+    let mut text = String::new();
+    if !results.evaluations.is_empty() {
+        let _ = write!(text, "\n{}", evaluation_table(&results.evaluations, results.is_beside_paper));
     }
-    let recorded = Recorded::read(folder.path()).map_err(Failure::dataset)?;
-    let presses = recorded.presses();
-    let trial = match Trial::of_run(&presses, Some(layout)) {
-        Err(why) if !recipe.solvers.is_empty() => return Err(Failure::not_accepted(why)),
-        trial => trial,
-    };
-    let evaluate = |trial: &Trial<'_>| -> Result<Vec<Evaluation>, Failure> {
-        recipe.solvers.iter().map(|solver| trial.evaluate(solver).map_err(Failure::not_accepted)).collect()
-    };
-    let mut evaluations = trial.as_ref().map_or_else(|_| Ok(Vec::new()), evaluate)?;
-    let has_best = recipe.solvers.iter().any(|solver| solver == BEST);
-    if with_best
-        && !has_best
-        && let Some(best) = trial.as_ref().ok().and_then(|trial| trial.evaluate(BEST).ok())
-    {
-        evaluations.retain(|evaluation| evaluation.solver != best.solver);
-        evaluations.push(best);
+    if let Some(staircases) = &results.characteristics {
+        let table = characteristics_table(staircases, Repeatability::default(), results.is_beside_paper)
+            + &definitions(Repeatability::default());
+        let _ = write!(text, "\n{table}");
     }
-    let (runs, u_place_mm) = (vec![&recorded], spec.u_place_mm());
-    let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
-    let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
-    let is_beside_paper = is_beside_paper(layout, &presses);
-    Ok(Results { evaluations, characteristics, judgement, is_beside_paper })
-}
-
-impl Results {
-    /// For a person, in at most so many lines, for a terminal of so many columns.
-    pub(super) fn brief(&self, lines_most: usize, width: usize) -> String {
-        let brief = Brief {
-            evaluations: &self.evaluations,
-            staircases: self.characteristics.as_ref(),
-            judgement: self.judgement.as_ref(),
-            is_beside_paper: self.is_beside_paper,
-            width,
-        };
-        brief.text(lines_most)
+    match &results.judgement {
+        Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),
+        None if results.evaluations.is_empty() => {}
+        None => _ = write!(text, "\n{NO_RULE}"),
     }
-
-    /// For a person: evaluation, characteristics and verdict, with all that is known.
-    pub(super) fn text(&self) -> String {
-        let mut text = String::new();
-        if !self.evaluations.is_empty() {
-            let _ = write!(text, "\n{}", evaluation_table(&self.evaluations, self.is_beside_paper));
-        }
-        if let Some(staircases) = &self.characteristics {
-            let table = characteristics_table(staircases, Repeatability::default(), self.is_beside_paper)
-                + &definitions(Repeatability::default());
-            let _ = write!(text, "\n{table}");
-        }
-        match &self.judgement {
-            Some(judgement) => _ = write!(text, "\n{}", verdict_table(judgement)),
-            None if self.evaluations.is_empty() => {}
-            None => _ = write!(text, "\n{NO_RULE}"),
-        }
-        text
-    }
+    text
 }
 
 /// Width of a terminal, columns; of what isn't a terminal, the usual one.
@@ -191,6 +119,11 @@ pub(super) fn beside(word: &str, columns: usize, told: &str) -> String {
 /// Writes to standard output; a reader that has seen enough (`| head`) is no error.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     written(io::stdout().lock(), text)
+}
+
+/// Prints a note or a warning, in lines of at most 80 columns. If nobody can read it, the command continues.
+pub(super) fn note(text: &str) {
+    let _ = tell(&filled(text, "  "));
 }
 
 /// Writes to standard error.

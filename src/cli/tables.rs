@@ -1,6 +1,7 @@
 //! Tables for a person, in at most 80 columns. They show the paper's numbers only for an array and a protocol like the paper's,
 //! see [`palpate_report::report::is_beside_paper`].
 
+use crate::api::Outcome;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::paper;
@@ -87,7 +88,7 @@ pub(super) fn evaluation_rows(evaluations: &[&Evaluation], is_beside_paper: bool
 }
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
-pub(super) fn solvers_table(outcomes: &[(&str, Result<Evaluation, String>)], is_beside_paper: bool) -> String {
+pub(super) fn solvers_table(outcomes: &[Outcome], is_beside_paper: bool) -> String {
     let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
         let cells =
             |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
@@ -455,6 +456,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
             ..evaluation.clone()
         };
         let outcomes = [("pearson", Ok(evaluation)), ("physics", Err("a reason ".repeat(20))), ("best", Ok(far))];
+        let outcomes = outcomes.map(|(name, outcome)| (name.to_owned(), outcome));
         let text = solvers_table(&outcomes, true);
         assert!(text.lines().all(|line| line.len() <= 80), "{text}");
         assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");

@@ -1,8 +1,8 @@
 //! `palpate schema` and `palpate reference`: the allowed content of recipes, rigs and other texts, for editors and for people.
 
-use super::exit::Failure;
 use super::help;
 use super::summary::print;
+use crate::api::Failure;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use palpate_data::dataset::COLUMN_KEYS;

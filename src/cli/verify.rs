@@ -1,9 +1,9 @@
 //! `palpate verify`.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
-use super::recorded::bench_of;
-use super::sources::read;
+use crate::api::Failure;
+use crate::api::recorded::bench_of;
+use crate::api::sources::read;
 use palpate_data::dataset::{DatasetError, JournalError, Loss, Texts, Verified, journal_sha256, verify};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};

@@ -1,10 +1,10 @@
 //! `palpate withdraw`.
 
-use super::exit::Failure;
+use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
-use super::session::runtime;
 use super::signals::{First, heed};
-use super::sources::OneRigArgs;
+use crate::api::Failure;
+use crate::api::run::runtime;
 use palpate_run::run::{Withdrawn, withdraw};
 use serde_json::json;
 use std::process::ExitCode;

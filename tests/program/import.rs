@@ -161,14 +161,14 @@ fn what_can_not_be_imported_leaves_nothing() {
     }
     let told = bench.palpate_ends(0, "import n.csv --test mn.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
     assert!(
-        told.err.contains("warning: force_n up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
+        told.running().contains("warning: force_n up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
         "{}",
         told.err
     );
     let two = [Bench::path(&bench, "own.csv"), shipped("data/example/test.csv")].map(|path| path.display().to_string());
     bench.write("own.csv", &shipped_text("data/example/calibration.csv"));
     let told = bench.palpate_ends(0, &format!("evaluate {} {} --solver pearson", two[1], two[0]));
-    assert!(told.err.contains("their column `phase` states the opposite"), "{}", told.err);
+    assert!(told.running().contains("their column `phase` states the opposite"), "{}", told.err);
     bench.write("um.csv", "X,Y,Fz,ch0,ch1\n-900,0,1,2,1\n900,10,1,2,2\n");
     bench.write("um.toml", "x_mm = \"X\"\ny_mm = \"Y\"\nforce_n = \"Fz\"\noutputs = \"ch0..ch1\"\narray = { places_mm = [[0.0, 0.0], [9.0, 1.0]] }\n");
     let told = bench.palpate_ends(0, "import um.csv --columns um.toml");

@@ -1,12 +1,12 @@
 //! `palpate batch check`.
 
 use super::super::check::object;
-use super::super::exit::Failure;
 use super::super::output::OutputArgs;
-use super::super::session::MannerArgs;
 use super::super::summary::duration;
 use super::super::tables::filled;
 use super::material::{Material, calibrated};
+use crate::api::Failure;
+use crate::api::run::check_gain;
 use palpate_core::quantity::Place;
 use palpate_data::acceptance::{Decision, Rule};
 use palpate_data::recipe::{Phase, Plan};
@@ -40,7 +40,7 @@ pub(super) struct CheckArgs {
 /// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch_file, args.simulate)?;
-    MannerArgs::check_gain(&material.rig)?;
+    check_gain(&material.rig)?;
     material.check()?;
     let plan = material.plan(0, &material.rig, material.file.seed)?;
     let (file, chance) = (&material.file, chance_of(&material, &plan));

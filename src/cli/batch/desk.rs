@@ -1,14 +1,15 @@
 //! The person at the bench: serial numbers and commands that are typed, and what is answered.
 
-use super::super::exit::{CANCELLED, Failure};
+use super::super::exit::exit_code;
 use super::super::notify::Notifier;
-use super::super::provenance::now;
-use super::super::session::MannerArgs;
 use super::super::summary::{print, tell};
 use super::item::Flow;
 use super::material::Material;
 use super::status::{counted, described};
 use super::typed::{Typed, next_line};
+use crate::api::MannerOptions;
+use crate::api::provenance::now;
+use crate::api::{Failure, Kind};
 use miette::IntoDiagnostic;
 use palpate_document::printable;
 use palpate_run::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
@@ -126,16 +127,16 @@ impl Desk {
     }
 
     /// Asks for sensors and calibrates them, until a person ends.
-    pub(super) fn work(&mut self, manner: &MannerArgs) -> Result<ExitCode, Failure> {
+    pub(super) fn work(&mut self, manner: &MannerOptions) -> Result<ExitCode, Failure> {
         self.greet()?;
         loop {
             let tray = match self.ask()? {
                 Wanted::Run(tray) => tray,
                 Wanted::End => break,
-                Wanted::Cancelled => return Ok(ExitCode::from(CANCELLED)),
+                Wanted::Cancelled => return Ok(exit_code(Kind::Cancelled)),
             };
             if self.calibrate(&tray, manner)? == Flow::Cancelled {
-                return Ok(ExitCode::from(CANCELLED));
+                return Ok(exit_code(Kind::Cancelled));
             }
         }
         self.greet()?;

@@ -1,14 +1,17 @@
 //! One sensor of a batch: warm-up, quick check, runs, evaluation and verdict.
 
-use super::super::exit::Failure;
+use super::super::exit;
 use super::super::progress::Progress;
-use super::super::provenance::{now, session};
-use super::super::session::{MannerArgs, runtime, walked};
 use super::super::summary::{self, tell};
 use super::super::tables::filled;
+use super::super::which_way::asked_at;
 use super::big::big;
 use super::desk::{Desk, Placed};
 use super::material::{Material, NestRig};
+use crate::api::Failure;
+use crate::api::MannerOptions;
+use crate::api::provenance::{now, session};
+use crate::api::run::{runtime, walked};
 use palpate_data::acceptance::{Judgement, Verdict, limit_used};
 use palpate_data::dataset::sensor_file::SensorFile;
 use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
@@ -69,7 +72,7 @@ struct Outcome {
 
 impl Desk {
     /// Calibrates the sensors on the tray, one after another.
-    pub(super) fn calibrate(&mut self, tray: &[Placed], manner: &MannerArgs) -> Result<Flow, Failure> {
+    pub(super) fn calibrate(&mut self, tray: &[Placed], manner: &MannerOptions) -> Result<Flow, Failure> {
         // all plans are made before anything moves
         let prepared: Result<Vec<Prepared>, Failure> = tray.iter().map(|placed| self.prepare(placed, manner)).collect();
         let prepared = prepared?;
@@ -84,9 +87,9 @@ impl Desk {
         Ok(Flow::Next)
     }
 
-    fn prepare(&self, placed: &Placed, manner: &MannerArgs) -> Result<Prepared, Failure> {
+    fn prepare(&self, placed: &Placed, manner: &MannerOptions) -> Result<Prepared, Failure> {
         let mut rig = self.material.rig_at(placed.nest.as_ref())?;
-        rig.spec = manner.confirm.of(rig.spec);
+        rig.spec = asked_at(&manner.confirm, rig.spec);
         let (seed, serial) = (self.folder.state().facts.seed, placed.serial.as_str());
         rig.spec.scene.specimen = Some(specimen_seed(seed, serial));
         let number = 1 + self.folder.state().item(serial).map_or(0, |item| item.times);
@@ -95,7 +98,7 @@ impl Desk {
     }
 
     /// Waits until the sensors have the bench's temperature.
-    fn warm_up(&self, manner: &MannerArgs) -> Result<Flow, Failure> {
+    fn warm_up(&self, manner: &MannerOptions) -> Result<Flow, Failure> {
         let warm_up_s = self.material.file.warm_up_s;
         if warm_up_s > 0.0 {
             tell(&format!("warm-up: {warm_up_s} s; Ctrl-C stops\n"))?;
@@ -113,7 +116,7 @@ impl Desk {
         Ok(if self.cancel.asked() { Flow::Cancelled } else { Flow::Next })
     }
 
-    fn one(&mut self, sensor: &Prepared, manner: &MannerArgs) -> Result<Flow, Failure> {
+    fn one(&mut self, sensor: &Prepared, manner: &MannerOptions) -> Result<Flow, Failure> {
         let Placed { serial, kind, nest } = &sensor.placed;
         let is_reference = *kind == Admitted::Reference;
         let run = self.folder.next_run(serial).map_err(Failure::batch)?;
@@ -153,7 +156,7 @@ impl Desk {
             if outcome.is_fatal {
                 return Err(failure);
             }
-            _ = failure.report(); // its exit code is that of a command which ends here
+            _ = exit::report(failure); // its exit code is that of a command which ends here
         }
         let item = self.folder.state().item(serial).cloned().unwrap_or_default();
         self.show(&result(&item, judgement.as_ref(), self.is_on_screen()))?;
@@ -176,7 +179,7 @@ impl Desk {
     }
 
     /// Walks the first recipe, and further ones as long as the result asks for more presses.
-    fn runs(&self, sensor: &Prepared, first: String, manner: &MannerArgs) -> Result<Outcome, Failure> {
+    fn runs(&self, sensor: &Prepared, first: String, manner: &MannerOptions) -> Result<Outcome, Failure> {
         let (mut runs, mut seconds) = (Vec::new(), 0.0);
         let (mut recipe, mut plan, mut name) = (0, sensor.first.clone(), first);
         loop {
@@ -217,7 +220,7 @@ impl Desk {
         recipe: usize,
         plan: &Plan,
         name: &str,
-        manner: &MannerArgs,
+        manner: &MannerOptions,
     ) -> Result<RunFolder, Failure> {
         let state = self.folder.state();
         let item = state.item(&sensor.placed.serial);

@@ -1,9 +1,9 @@
 //! `palpate batch add`, `retry`, `skip` and `note`: what a person decides about sensors, recorded in the batch's journal.
 
-use super::super::exit::Failure;
-use super::super::labels::label;
-use super::super::provenance::now;
 use super::super::summary::print;
+use crate::api::Failure;
+use crate::api::labels::label;
+use crate::api::provenance::now;
 use palpate_run::batch::{BatchFolder, Event, check_serial};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,10 +1,12 @@
 //! The files of a batch, read and understood.
 
-use super::super::exit::Failure;
-use super::super::recorded::read_run;
-use super::super::shipped::{self, BATCHES, RECIPES};
-use super::super::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, read_named_in, unread};
-use super::super::which_rig::{Chosen, THE_BATCH};
+use super::super::exit;
+use super::super::summary::note;
+use crate::api::Failure;
+use crate::api::recorded::read_run;
+use crate::api::shipped::{self, BATCHES, RECIPES};
+use crate::api::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, read_named_in, unread};
+use crate::api::which_rig::{Chosen, THE_BATCH};
 use palpate_core::quantity::{Place, round};
 use palpate_data::acceptance::Rule;
 use palpate_data::dataset::calibration::calibration_of_run;
@@ -84,7 +86,7 @@ impl Material {
         let accept = accept.map_err(|why| failures.push(why)).ok();
         let prior = prior.map_err(|why| failures.push(why)).ok();
         let last = failures.pop();
-        failures.into_iter().for_each(|failure| _ = failure.report());
+        failures.into_iter().for_each(|failure| _ = exit::report(failure));
         let ((chosen, rig), accept, prior) = match (last, rig, accept, prior) {
             (Some(last), ..) => return Err(last),
             (None, Some(rig), Some(accept), Some(prior)) => (rig, accept, prior),
@@ -237,7 +239,7 @@ fn read_prior(batch: &Path, named: &PriorRuns) -> Result<(Prior, Vec<Fingerprint
             let problem = format!("`prior.runs` names {name}, but {} is not a folder", path.display());
             return Err(no_prior(batch, &problem, help));
         }
-        let (run, bench) = read_run(&path)?;
+        let (run, bench) = read_run(&path, &note)?;
         let presses = run.presses();
         let journal = source_fingerprint(&path).map_err(Failure::dataset)?;
         let sensor = run.manifest.facts.labels.sensor;

@@ -11,7 +11,7 @@ mod run;
 mod status;
 mod typed;
 
-use super::exit::Failure;
+use crate::api::Failure;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\

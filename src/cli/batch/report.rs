@@ -1,8 +1,8 @@
 //! `palpate batch report`: writes a page about a batch, or about several batches side by side.
 
-use super::super::exit::Failure;
 use super::super::output::OutputArgs;
-use super::super::report::{check_free, write};
+use crate::api::Failure;
+use crate::api::report::{check_free, write};
 use palpate_report::report::{Link, batch_page, batches_page, counted};
 use palpate_run::batch::{Ended, History, Standing};
 use serde_json::json;

@@ -1,14 +1,14 @@
 //! `palpate batch run`.
 
-use super::super::exit::Failure;
-use super::super::labels::label;
 use super::super::notify::Notifier;
-use super::super::provenance::now;
-use super::super::session::MannerArgs;
 use super::super::signals::{First, heed};
 use super::super::summary::tell;
 use super::desk::Desk;
 use super::material::Material;
+use crate::api::Failure;
+use crate::api::MannerOptions;
+use crate::api::labels::label;
+use crate::api::provenance::now;
 use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, RIG, Session, beginning};
 use palpate_run::rig::{Difference, differences};
 use std::cell::RefCell;
@@ -48,7 +48,7 @@ pub(super) struct RunArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    manner: MannerArgs,
+    manner: MannerOptions,
 }
 
 /// Creates the batch's folder or continues it, and calibrates the sensors that are typed.

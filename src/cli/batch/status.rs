@@ -1,8 +1,8 @@
 //! `palpate batch status`.
 
-use super::super::exit::Failure;
 use super::super::output::OutputArgs;
-use palpate_run::batch::{Item, Standing, State, read_state};
+use crate::api::{Failure, batch_status};
+use palpate_run::batch::{Item, Standing, State};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -28,7 +28,7 @@ pub(super) struct StatusArgs {
 
 /// Prints the state that follows from the batch's journal.
 pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
-    let state = read_state(&args.batch).map_err(Failure::batch)?;
+    let state = batch_status(&args.batch)?;
     let counts = Standing::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
     let told = Told {
         name: &state.facts.name,

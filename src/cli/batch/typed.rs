@@ -1,7 +1,7 @@
 //! Lines that a person or a scanner types.
 
-use super::super::exit::Failure;
 use super::super::signals::{forget_typed, is_attended};
+use crate::api::Failure;
 use palpate_run::run::Cancel;
 use std::io::{self, BufRead, Read};
 use std::sync::mpsc::{RecvTimeoutError, channel};

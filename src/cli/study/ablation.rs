@@ -1,7 +1,7 @@
 //! `palpate study ablation`: the terms that a scene needs, and the results that need them.
 
 use super::begun::{Begun, Common};
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use palpate_study::ablation::{
     ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, TERMS, Term,
     TermRow, ablation,

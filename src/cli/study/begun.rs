@@ -1,6 +1,6 @@
 //! What every study has: where its output goes, how far it is, and its end.
 
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use crate::cli::summary::print;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use palpate_data::dataset::DatasetError;
@@ -19,7 +19,7 @@ pub(super) struct Common {
     #[arg(long)]
     pub(super) quick: bool,
     /// Random seed for specimens, contacts and all noise
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = crate::cli::sources::seed, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = crate::api::sources::seed, allow_negative_numbers = true)]
     pub(super) seed: u64,
 }
 

@@ -1,7 +1,7 @@
 //! `palpate study control`: how fast and how near each strategy presses.
 
 use super::begun::{Begun, Common, number};
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
 use std::path::Path;
 use std::process::ExitCode;

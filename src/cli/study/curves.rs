@@ -1,8 +1,8 @@
 //! `palpate study curves`: the paper's numerical study, and any array put through the same.
 
 use super::begun::{Begun, Output, ended};
-use crate::cli::exit::Failure;
-use crate::cli::sources::read_rig;
+use crate::api::Failure;
+use crate::api::sources::read_rig;
 use crate::cli::summary::beside;
 use palpate_core::mechanics::{Medium, Passage};
 use palpate_document as document;

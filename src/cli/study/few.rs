@@ -1,7 +1,7 @@
 //! `palpate study few`: few presses of new sensors with the prior of their design.
 
 use super::begun::{Begun, Common, ended, number};
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use palpate_study::few::{FewRow, FewSize, StrangerRow, VerdictRow, few_figures, presses, strangers, verdicts};
 use palpate_study::ndjson;
 use std::fmt::Write as _;

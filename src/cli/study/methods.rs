@@ -2,9 +2,10 @@
 
 use super::begun::{Begun, Common, ended, number};
 
-use crate::cli::columns::ColumnsArgs;
-use crate::cli::exit::Failure;
-use crate::cli::recorded::{read_presses, read_run};
+use crate::api::ColumnsOptions;
+use crate::api::Failure;
+use crate::api::recorded::{read_presses, read_run};
+use crate::cli::summary::note;
 use palpate_data::recipe::Phase;
 use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use palpate_study::methods::{
@@ -64,7 +65,7 @@ struct Source {
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     test: Option<PathBuf>,
     #[command(flatten)]
-    columns: ColumnsArgs,
+    columns: ColumnsOptions,
 }
 
 impl Source {
@@ -75,8 +76,8 @@ impl Source {
             (None, Some(calibration), Some(test)) => {
                 let mapping = self.columns.mapping()?;
                 let (calibration, test) = (
-                    read_presses(calibration, &mapping, Phase::Calibration)?,
-                    read_presses(test, &mapping, Phase::Test)?,
+                    read_presses(calibration, &mapping, Some(Phase::Calibration), &note)?,
+                    read_presses(test, &mapping, Some(Phase::Test), &note)?,
                 );
                 of_tables(&calibration, &test).map_err(Failure::usage).map(Some)
             }
@@ -142,7 +143,7 @@ pub(super) fn failures(args: &Common) -> Result<ExitCode, Failure> {
 }
 
 fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
-    let (recorded, bench) = read_run(run)?;
+    let (recorded, bench) = read_run(run, &note)?;
     let name = run.file_name().map_or_else(|| run.display().to_string(), |name| name.to_string_lossy().into_owned());
     of_run(&name, &recorded.presses(), &bench, recorded.manifest.facts.seed).map_err(Failure::usage)
 }

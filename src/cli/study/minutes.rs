@@ -1,7 +1,7 @@
 //! `palpate study minutes`: the accuracy of a calibration as a function of its minutes at the bench.
 
 use super::begun::{Begun, Common, ended, number};
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use palpate_study::minutes::{Family, HANDLING_MIN, MinutesRow, MinutesSize, minutes, minutes_figures};
 use palpate_study::ndjson;
 use std::fmt::Write as _;

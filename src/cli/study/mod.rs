@@ -10,7 +10,7 @@ mod methods;
 mod minutes;
 mod validation;
 
-use super::exit::Failure;
+use crate::api::Failure;
 use begun::Common;
 use std::process::ExitCode;
 

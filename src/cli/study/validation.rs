@@ -1,7 +1,7 @@
 //! `palpate study validation`: the paper's protocol many times over, and its numerical study, as a page.
 
 use super::begun::{Begun, Common};
-use crate::cli::exit::Failure;
+use crate::api::Failure;
 use palpate_study::validation::{QUICK_SEEDS, SEEDS, validation};
 use std::process::ExitCode;
 

@@ -1,9 +1,7 @@
 //! `evaluate --holdout`: the options, the split of one table or run, and the saved parts.
 
-use super::exit::Failure;
 use super::sources::seed;
-use super::summary::tell;
-use super::tables::filled;
+use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::{HeldOutBy, Holdout, Presses, SAME_PLACE_MM, Split};
@@ -12,27 +10,37 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Which presses of one table or run are the test.
-#[derive(Debug, clap::Args)]
-pub(super) struct HoldoutArgs {
+#[derive(Clone, Debug, clap::Args)]
+pub struct HoldoutOptions {
     /// Hold out presses of one table or run as the test: a share of its places, of its single presses (press), or its last
     /// presses (time), such as: places 20%
     #[arg(long, num_args = 2, value_names = ["BY", "SHARE"], conflicts_with_all = ["calibration", "test"])]
-    holdout: Option<Vec<String>>,
+    pub holdout: Vec<String>,
     /// Seed of the choice of the held-out presses
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true, requires = "holdout")]
-    seed: u64,
+    pub seed: u64,
     /// Presses up to this distance apart are at one place
     #[arg(long, value_name = "MM", default_value_t = SAME_PLACE_MM, value_parser = distance, requires = "holdout")]
-    same_place: f64,
+    pub same_place: f64,
     /// Write both parts into this folder: calibration.csv, test.csv, and columns.toml if the units' positions are known
     #[arg(long, value_name = "DIR", requires = "holdout")]
-    save: Option<PathBuf>,
+    pub save: Option<PathBuf>,
 }
 
-impl HoldoutArgs {
+impl Default for HoldoutOptions {
+    fn default() -> Self {
+        HoldoutOptions { holdout: Vec::new(), seed: 1, same_place: SAME_PLACE_MM, save: None }
+    }
+}
+
+impl HoldoutOptions {
     /// Returns what is to be held out, if anything is.
-    pub(super) fn asked(&self) -> Result<Option<Holdout>, Failure> {
-        let Some([by, share]) = self.holdout.as_deref() else { return Ok(None) };
+    pub(crate) fn asked(&self) -> Result<Option<Holdout>, Failure> {
+        let (by, share) = match self.holdout.as_slice() {
+            [] => return Ok(None),
+            [by, share] => (by, share),
+            _ => return Err(Failure::usage(miette::miette!("--holdout: expected two words, such as places 20%"))),
+        };
         let refused = |told: String| {
             let help = "write for example --holdout places 20%";
             Failure::usage(miette::miette!(help = help, "--holdout {by} {share}: {told}"))
@@ -55,17 +63,18 @@ impl HoldoutArgs {
         }
     }
 
-    /// Splits the presses, prints what a person should know, and saves both parts if that is asked for.
-    pub(super) fn split(
+    /// Splits the presses, notes what a person should know, and saves both parts if that is asked for.
+    pub(crate) fn split(
         &self,
         holdout: &Holdout,
         presses: &Presses,
         layout: Option<&ArrayLayout>,
+        note: Note<'_>,
     ) -> Result<Split, Failure> {
         let split = holdout.split(presses).map_err(Failure::usage)?;
-        for note in &split.notes {
-            let kind = if note.starts_with("warning: ") { "" } else { "hold-out: " };
-            tell(&filled(&format!("{kind}{note}"), "  "))?;
+        for line in &split.notes {
+            let kind = if line.starts_with("warning: ") { "" } else { "hold-out: " };
+            note(&format!("{kind}{line}"));
         }
         if let Some(folder) = &self.save {
             let saved = save(folder, &split, layout);

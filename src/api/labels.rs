@@ -1,35 +1,54 @@
 //! Labels that a person gives to a run: the sensor, its design and batch, the mounting, the operator, a note.
 
+use super::Failure;
 use palpate_data::dataset::{LABEL_MOST, Labels, is_label};
 use palpate_run::batch::check_serial;
 
 /// The labels of a run, all of them stored in the manifest.
-#[derive(Debug, clap::Args)]
-pub(super) struct LabelArgs {
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct LabelOptions {
     /// Sensor ID
     #[arg(long, value_name = "ID", value_parser = sensor_id)]
-    sensor: Option<String>,
+    pub sensor: Option<String>,
     /// Design of the sensor
     #[arg(long, value_name = "NAME", value_parser = label)]
-    design: Option<String>,
+    pub design: Option<String>,
     /// Batch of the sensor
     #[arg(long, value_name = "NAME", value_parser = label)]
-    batch: Option<String>,
+    pub batch: Option<String>,
     /// Mounting of the sensor on the bench: give a new one each time it is mounted
     #[arg(long, value_name = "NAME", value_parser = label)]
-    mounting: Option<String>,
+    pub mounting: Option<String>,
     /// Operator
     #[arg(long, value_name = "NAME", value_parser = label)]
-    operator: Option<String>,
+    pub operator: Option<String>,
     /// Note
     #[arg(long, value_name = "TEXT", value_parser = label)]
-    note: Option<String>,
+    pub note: Option<String>,
 }
 
-impl LabelArgs {
+impl LabelOptions {
+    /// Checks that the labels can be printed anywhere.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let LabelOptions { sensor, design, batch, mounting, operator, note } = self;
+        let others = [
+            ("--design", design),
+            ("--batch", batch),
+            ("--mounting", mounting),
+            ("--operator", operator),
+            ("--note", note),
+        ];
+        let checked = |name, text: &Option<String>, check: fn(&str) -> Result<String, String>| match text {
+            Some(text) => check(text).map(drop).map_err(|why| Failure::option(name, text, &why)),
+            None => Ok(()),
+        };
+        checked("--sensor", sensor, sensor_id)?;
+        others.into_iter().try_for_each(|(name, text)| checked(name, text, label))
+    }
+
     /// The labels that were given.
-    pub(super) fn labels(&self) -> Labels {
-        let LabelArgs { sensor, design, batch, mounting, operator, note } = self;
+    pub(crate) fn labels(&self) -> Labels {
+        let LabelOptions { sensor, design, batch, mounting, operator, note } = self;
         let [sensor, design, batch, mounting, operator, note] =
             [sensor, design, batch, mounting, operator, note].map(Clone::clone);
         Labels { sensor, design, batch, mounting, operator, note }
@@ -42,7 +61,7 @@ fn sensor_id(text: &str) -> Result<String, String> {
 }
 
 /// Checks that a text can be printed anywhere.
-pub(super) fn label(text: &str) -> Result<String, String> {
+pub(crate) fn label(text: &str) -> Result<String, String> {
     let expected = || format!("expected 1 to {LABEL_MOST} printable characters");
     is_label(text).then(|| text.to_owned()).ok_or_else(expected)
 }

@@ -1,61 +1,12 @@
-//! Recipes, rigs and batches that come with the program, and `palpate list`, which names them.
+//! `palpate list`: names the recipes, rigs and batches that come with the program, or prints one.
 
-use super::exit::Failure;
 use super::output::OutputArgs;
 use super::summary::{beside, print};
+use crate::api::Failure;
+use crate::api::shipped::{BATCHES, RECIPES, RIGS, Shipped, by_name};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// A file that comes with the program.
-pub(super) struct Shipped {
-    /// Its name without the folder and the ending.
-    pub name: &'static str,
-    /// Its text.
-    pub text: &'static str,
-}
-
-macro_rules! shipped {
-    ($folder:literal: $($name:literal),+) => {
-        [$(Shipped { name: $name, text: include_str!(concat!("../../", $folder, "/", $name, ".toml")) }),+]
-    };
-}
-
-/// The recipes: `recipes/NAME.toml`.
-pub(super) const RECIPES: &[Shipped] =
-    &shipped!("recipes": "paper", "calibrate", "characterise", "test", "bench", "batch");
-
-/// The rigs: `rigs/NAME.toml`.
-pub(super) const RIGS: &[Shipped] = &shipped!(
-    "rigs": "sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"
-);
-
-/// The batches: `batches/NAME.toml`.
-pub(super) const BATCHES: &[Shipped] = &shipped!("batches": "batch");
-
-/// The shipped file that a path names, where nothing is at the path: `paper`, `paper.toml` or `recipes/paper.toml`.
-pub(super) fn named<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
-    if path.symlink_metadata().is_ok() { None } else { by_name(shipped, folder, path) }
-}
-
-/// The shipped file that a path names.
-pub(super) fn by_name<'s>(shipped: &'s [Shipped], folder: &str, path: &Path) -> Option<&'s Shipped> {
-    let path = path.to_str()?;
-    let name = path.strip_prefix(&format!("{folder}/")).unwrap_or(path);
-    let name = name.strip_suffix(".toml").unwrap_or(name);
-    shipped.iter().find(|shipped| shipped.name == name)
-}
-
-/// The names of all.
-pub(super) fn names(shipped: &[Shipped]) -> Vec<&'static str> {
-    shipped.iter().map(|shipped| shipped.name).collect()
-}
-
-/// The shipped file of which a path is a misspelling.
-pub(super) fn nearest(shipped: &[Shipped], path: &Path) -> Option<&'static str> {
-    let name = path.to_str()?.trim_end_matches(".toml");
-    palpate_document::misspelt(name, &names(shipped))
-}
 
 const EXAMPLES: &str = "\
 Examples:
@@ -163,22 +114,10 @@ mod tests {
 
     #[test]
     fn a_shipped_file_is_printed_by_its_folder_and_name() {
-        let text = |path: &str| text_of(Path::new(path)).map_err(|failure| failure.plain().1);
+        let text = |path: &str| text_of(Path::new(path)).map_err(|failure| failure.to_string());
         assert!(text("rigs/esp301").unwrap().contains("driver = \"esp301\""));
         assert_eq!(text("esp301.toml").unwrap(), text("rigs/esp301").unwrap());
         assert!(text("paper").unwrap_err().contains("paper is recipes/paper or rigs/paper"));
         assert!(text("rigs/none").unwrap_err().contains("no file of this name"));
-    }
-
-    #[test]
-    fn a_name_stands_for_a_file_that_is_not_there() {
-        let found = |path: &str| named(RECIPES, "recipes", Path::new(path)).map(|shipped| shipped.name);
-        for path in ["no-folder/paper", "recipes/none.toml", "papers", "rigs/paper.toml", "", "../recipes/paper.toml"] {
-            assert_eq!(found(path), None, "{path}");
-        }
-        assert_eq!(found("paper"), Some("paper"));
-        assert_eq!(found("paper.toml"), Some("paper"));
-        // tests run in the project's folder, where this one is a file
-        assert_eq!(found("recipes/paper.toml"), None);
     }
 }

@@ -1,23 +1,23 @@
 //! `--columns`: the meaning of the columns of a user's tables.
 
-use super::exit::Failure;
+use super::Failure;
 use super::sources::read;
 use palpate_data::dataset::Mapping;
 use std::path::Path;
 
 /// Meaning of the columns of tables.
-#[derive(Debug, Default, clap::Args)]
-pub(super) struct ColumnsArgs {
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct ColumnsOptions {
     /// What the columns of tables hold: a columns file, or a short form such as x_mm=X,y_mm=Y,outputs=ch0..ch15
     #[arg(long, value_name = "COLUMNS")]
-    columns: Option<String>,
+    pub columns: Option<String>,
     /// Sheet of .xlsx files [default: the first]
     #[arg(long, value_name = "NAME")]
-    sheet: Option<String>,
+    pub sheet: Option<String>,
 }
 
 /// A columns file as it was read.
-pub(super) struct ReadColumns {
+pub(crate) struct ReadColumns {
     /// Its name.
     pub name: String,
     /// Its text.
@@ -26,9 +26,9 @@ pub(super) struct ReadColumns {
     pub mapping: Mapping,
 }
 
-impl ColumnsArgs {
+impl ColumnsOptions {
     /// The columns file that was named, or that the short form stands for.
-    pub(super) fn read(&self) -> Result<Option<ReadColumns>, Failure> {
+    pub(crate) fn read(&self) -> Result<Option<ReadColumns>, Failure> {
         let Some(given) = &self.columns else { return Ok(None) };
         let path = Path::new(given);
         let is_short = given.contains('=') && !path.exists();
@@ -56,7 +56,7 @@ impl ColumnsArgs {
     }
 
     /// Returns the meaning of the columns; without the option, that of the program's own names.
-    pub(super) fn mapping(&self) -> Result<Mapping, Failure> {
+    pub(crate) fn mapping(&self) -> Result<Mapping, Failure> {
         let own = || Mapping::default().of_sheet(self.sheet.clone());
         Ok(self.read()?.map_or_else(own, |read| read.mapping))
     }

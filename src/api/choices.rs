@@ -1,6 +1,8 @@
 //! Choices of the library as words of options, each with its help.
 
+use super::{Failure, sources};
 use clap::ValueEnum;
+use palpate_control::Strategy;
 use palpate_data::dataset::{Durability, characteristics::Repeatability, readings};
 use palpate_report::export;
 
@@ -34,7 +36,7 @@ pub enum DurabilityChoice {
 
 /// Methods that solve the test presses at the end of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(super) enum EvaluateChoice {
+pub enum EvaluateChoice {
     /// The methods of the recipe, and the best one by cross-validation on the calibration.
     #[default]
     Best,
@@ -108,6 +110,26 @@ impl From<ExportChoice> for export::Format {
             ExportChoice::C => export::Format::C,
         }
     }
+}
+
+/// Returns the choice of this word. `option` names the option of the command line.
+///
+/// # Errors
+/// No choice has this word.
+pub fn choice<T: ValueEnum>(option: &str, word: &str) -> Result<T, Failure> {
+    T::from_str(word, false).map_err(|_| {
+        let words: Vec<String> =
+            T::value_variants().iter().filter_map(|one| Some(one.to_possible_value()?.get_name().to_owned())).collect();
+        Failure::option(option, word, &format!("expected one of {}", words.join(", ")))
+    })
+}
+
+/// Returns the strategy of this name.
+///
+/// # Errors
+/// No strategy has this name.
+pub fn strategy(name: &str) -> Result<Strategy, Failure> {
+    sources::strategy(name).map_err(|why| Failure::option("--strategy", name, &why))
 }
 
 #[cfg(test)]

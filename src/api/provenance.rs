@@ -1,6 +1,7 @@
 //! Which program on which machine.
 
 use jiff::Zoned;
+use palpate_data::dataset::{Durability, Provenance};
 use std::sync::OnceLock;
 
 /// Commit that the program is built from. The library doesn't know it: it would be compiled again after every commit.
@@ -12,7 +13,7 @@ pub fn built_from(commit: Option<&'static str>) {
 }
 
 /// Version of the program, and the commit that it is built from if that is known.
-pub(super) fn version() -> String {
+pub(crate) fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     commit().map_or_else(|| version.to_owned(), |commit| format!("{version} ({commit})"))
 }
@@ -20,10 +21,8 @@ pub(super) fn version() -> String {
 fn commit() -> Option<&'static str> {
     COMMIT.get().copied().flatten()
 }
-use palpate_data::dataset::{Durability, Provenance};
-
 /// This program, on this machine, now.
-pub(super) fn session(durability: Durability) -> Provenance {
+pub(crate) fn session(durability: Durability) -> Provenance {
     Provenance {
         palpate: env!("CARGO_PKG_VERSION").to_owned(),
         commit: commit().map(str::to_owned),
@@ -37,6 +36,6 @@ pub(super) fn session(durability: Durability) -> Provenance {
 }
 
 /// The time by the clock on the wall, with its zone. Nothing rests on it: it may be set back at any moment.
-pub(super) fn now() -> String {
+pub(crate) fn now() -> String {
     Zoned::now().to_string()
 }

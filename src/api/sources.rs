@@ -1,10 +1,9 @@
 //! Recipes and rigs as a person names them.
 
-use super::exit::Failure;
+use super::Failure;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
 use super::stdin;
 use super::which_rig::Chosen;
-use super::which_way::ConfirmArgs;
 use palpate_control::Strategy;
 use palpate_data::dataset::{Origins, Texts};
 use palpate_data::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
@@ -16,7 +15,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// A recipe and a rig, read and understood, with their texts.
-pub(super) struct Sources {
+pub(crate) struct Sources {
     /// The recipe.
     pub recipe: Recipe,
     /// The rig.
@@ -28,8 +27,8 @@ pub(super) struct Sources {
 }
 
 /// The rig of a recipe, and options that replace the recipe's own values.
-#[derive(Debug, clap::Args)]
-pub(super) struct RigArgs {
+#[derive(Clone, Debug, clap::Args)]
+pub struct RigOptions {
     /// The rig to use [default: the recipe's `rig`, or rig.toml in its folder; the simulated rig for a shipped recipe]
     #[arg(long, value_name = "RIG")]
     pub rig: Option<PathBuf>,
@@ -47,33 +46,23 @@ pub(super) struct RigArgs {
     pub presses_max: Option<usize>,
 }
 
-/// The rig that is looked at, without a recipe.
-#[derive(Debug, clap::Args)]
-pub(super) struct OneRigArgs {
-    /// The rig
-    pub rig: PathBuf,
-    /// Simulate: replace the rig's links by emulators, in virtual time
-    #[arg(long)]
-    pub simulate: bool,
-    /// Random seed for the simulated specimen and all noise
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = seed, allow_negative_numbers = true)]
-    pub seed: u64,
-    #[command(flatten)]
-    confirm: ConfirmArgs,
+impl Default for RigOptions {
+    fn default() -> Self {
+        RigOptions { rig: None, simulate: false, seed: 1, strategy: None, presses_max: None }
+    }
 }
 
-impl OneRigArgs {
-    /// Returns the rig's text, its content, and whether emulators replace real links.
-    pub(super) fn read(&self) -> Result<(String, RigSpec, bool), Failure> {
-        let (text, spec) = read_rig(&self.rig)?;
-        let invented = self.simulate && !spec.is_simulated();
-        Ok((text, self.confirm.of(as_asked(spec, self.simulate, self.seed)?), invented))
+impl RigOptions {
+    /// Checks what the types of the options allow but a plan doesn't.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        let Some(most) = self.presses_max else { return Ok(()) };
+        presses_max(&most.to_string()).map(drop).map_err(|why| Failure::option("--presses-max", most, &why))
     }
 }
 
 impl Sources {
     /// Reads a recipe from its file, chooses its rig and reads it.
-    pub(super) fn read(path: &Path, rig: &RigArgs) -> Result<Sources, Failure> {
+    pub(crate) fn read(path: &Path, rig: &RigOptions) -> Result<Sources, Failure> {
         let text = read_named(path, RECIPES, "recipes")?;
         let beside = |name: &str| bounded(&path.with_file_name(name));
         let recipe = parse_recipe(path, text.clone(), &beside);
@@ -85,7 +74,7 @@ impl Sources {
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
-    pub(super) fn of_run(run: &Path, texts: &Texts, rig: &RigArgs, chosen: Chosen) -> Result<Sources, Failure> {
+    pub(crate) fn of_run(run: &Path, texts: &Texts, rig: &RigOptions, chosen: Chosen) -> Result<Sources, Failure> {
         let recipe = parse_kept_recipe(run, texts);
         let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
         let full_scale_n = Some(began.limits.force_n);
@@ -96,7 +85,7 @@ impl Sources {
     fn of(
         recipe: Result<ReadRecipe, Failure>,
         spec: Result<(RigSpec, Chosen), Failure>,
-        rig: &RigArgs,
+        rig: &RigOptions,
     ) -> Result<Sources, Failure> {
         let (ReadRecipe { recipe, text: recipe_text, rule }, (spec, chosen)) = match (recipe, spec) {
             (Ok(recipe), Ok(spec)) => (recipe, spec),
@@ -118,13 +107,13 @@ impl Sources {
     }
 
     /// The plan, limits of the rig.
-    pub(super) fn plan(&self, seed: u64) -> Result<Plan, Failure> {
+    pub(crate) fn plan(&self, seed: u64) -> Result<Plan, Failure> {
         Plan::new(&self.recipe, &self.rig.ground(), seed).map_err(Failure::usage)
     }
 }
 
 /// A recipe as it was read.
-pub(super) struct ReadRecipe {
+pub(crate) struct ReadRecipe {
     /// The recipe, with its acceptance rule.
     pub recipe: Recipe,
     /// Its text.
@@ -135,7 +124,7 @@ pub(super) struct ReadRecipe {
 
 /// Parses a recipe's text together with the acceptance file that it names. `beside` returns the text of a file in the recipe's
 /// folder.
-pub(super) fn parse_recipe(
+pub(crate) fn parse_recipe(
     path: &Path,
     text: String,
     beside: &dyn Fn(&str) -> io::Result<String>,
@@ -156,7 +145,7 @@ pub(super) fn parse_recipe(
 }
 
 /// The recipe of a run, as its journal keeps it.
-pub(super) fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
+pub(crate) fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
     parse_recipe(&run.join("recipe.toml"), texts.recipe().to_owned(), &kept(texts))
 }
 
@@ -166,7 +155,7 @@ fn kept(texts: &Texts) -> impl Fn(&str) -> io::Result<String> {
 }
 
 /// Returns a rig with emulators if requested. A rig that can't be simulated is reported before anything is created.
-pub(super) fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
+pub(crate) fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSpec, Failure> {
     let spec = if simulate { spec.simulated() } else { spec };
     if spec.is_simulated() {
         spec.emulators(seed).map_err(Failure::usage)?;
@@ -175,12 +164,12 @@ pub(super) fn as_asked(spec: RigSpec, simulate: bool, seed: u64) -> Result<RigSp
 }
 
 /// The text of a rig: of a file, or of a shipped one of that name.
-pub(super) fn read_rig_text(path: &Path) -> Result<String, Failure> {
+pub(crate) fn read_rig_text(path: &Path) -> Result<String, Failure> {
     read_named(path, RIGS, "rigs")
 }
 
 /// Returns a rig's text and its content.
-pub(super) fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
+pub(crate) fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
     let text = read_rig_text(path)?;
     let beside = |name: &str| bounded(&path.with_file_name(name));
     let spec = rig::parse(&path.display().to_string(), &text, &beside).map_err(Failure::usage)?;
@@ -188,12 +177,12 @@ pub(super) fn read_rig(path: &Path) -> Result<(String, RigSpec), Failure> {
 }
 
 /// A rig's text understood, its register maps and line profiles being those that a run's journal keeps.
-pub(super) fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
+pub(crate) fn parse_rig(path: &Path, text: &str, texts: &Texts) -> Result<RigSpec, Failure> {
     rig::parse(&path.display().to_string(), text, &kept(texts)).map_err(Failure::usage)
 }
 
 /// A file that a person wrote, as text.
-pub(super) fn read(path: &Path) -> Result<String, Failure> {
+pub(crate) fn read(path: &Path) -> Result<String, Failure> {
     bounded(path).map_err(|error| unread(path, &error, "give an existing file"))
 }
 
@@ -214,7 +203,7 @@ fn read_named(path: &Path, shipped: &[Shipped], folder: &str) -> Result<String, 
 }
 
 /// Reads a text that another file names: a file relative to that file, or a shipped one. A file has priority. `what` names it.
-pub(super) fn read_named_in(
+pub(crate) fn read_named_in(
     file: &Path,
     name: &str,
     shipped: &[Shipped],
@@ -235,7 +224,7 @@ pub(super) fn read_named_in(
 }
 
 /// A text file that couldn't be read.
-pub(super) fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
+pub(crate) fn unread(path: &Path, error: &io::Error, help: &str) -> Failure {
     let help = match error.kind() {
         io::ErrorKind::InvalidData if is_utf16(path) => "it is UTF-16: save it as UTF-8",
         io::ErrorKind::InvalidData => match not_utf8(path) {
@@ -267,21 +256,30 @@ fn is_utf16(path: &Path) -> bool {
 }
 
 /// Reads a text file of at most the length that a recipe or a rig may have; `-` is standard input.
-pub(super) fn bounded(path: &Path) -> io::Result<String> {
+pub(crate) fn bounded(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     stdin::open(path)?.take(TEXT_MAX_BYTES as u64 + 1).read_to_string(&mut text)?;
     Ok(text)
 }
 
-fn strategy(name: &str) -> Result<Strategy, String> {
+/// Reads the name of a strategy.
+pub(crate) fn strategy(name: &str) -> Result<Strategy, String> {
     let names = || Strategy::ALL.map(Strategy::name).join(", ");
     let named = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name);
     named.ok_or_else(|| format!("expected one of {}", names()))
 }
 
 /// Reads a random seed.
-pub(super) fn seed(text: &str) -> Result<u64, String> {
+pub(crate) fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected a whole number, 0 to {}", u64::MAX))
+}
+
+/// Reads a pace.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(pace) if pace.is_finite() && pace > 0.0 => Ok(pace),
+        _ => Err("expected a number above 0: 1 is real time, 60 is one minute per second".to_owned()),
+    }
 }
 
 fn presses_max(text: &str) -> Result<usize, String> {
@@ -290,7 +288,7 @@ fn presses_max(text: &str) -> Result<usize, String> {
 }
 
 /// Returns the texts that a rig's drivers read from the rig's folder: register maps and line profiles, by name.
-pub(super) fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
+pub(crate) fn own_texts(spec: &RigSpec) -> BTreeMap<String, String> {
     let files = [spec.load_cell.driver.own_file(), spec.array.driver.own_file()];
     files.into_iter().flatten().filter_map(own_file).collect()
 }

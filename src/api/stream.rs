@@ -1,7 +1,7 @@
 //! Answers the lines of a stream until it ends: standard input of `solve`, or a connection of `serve`.
 
+use super::Note;
 use super::solutions::Solutions;
-use super::tables::filled;
 use palpate_data::dataset::answers::{Answer, Answers, Unsolved};
 use palpate_data::dataset::readings::{Lines, ReadingError};
 use palpate_solver::Broken;
@@ -12,20 +12,22 @@ use std::io::{self, Read, Write};
 const REASONS_MAX: usize = 10;
 
 /// How the lines of a stream are answered.
-pub(super) struct Stream<'a> {
+pub(crate) struct Stream<'a> {
     /// Name of the stream in messages.
     pub source: &'a str,
     /// Whether an invalid line is answered with its problem. Otherwise it ends the stream.
     pub keep_going: bool,
     /// Whether each reason of a reading without an answer is printed once.
     pub reasons_are_told: bool,
+    /// Receives what an answer has no column for.
+    pub note: Note<'a>,
     /// Whether a line isn't for this program, so that the stream ends without an answer.
     pub is_refused: fn(&[u8]) -> bool,
 }
 
 impl Stream<'_> {
     /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
-    pub(super) fn answer(
+    pub(crate) fn answer(
         &self,
         answers: &mut Answers,
         lines: &mut Lines<impl Read>,
@@ -44,7 +46,7 @@ impl Stream<'_> {
                 Ok(Some(answer)) => {
                     is_empty = false;
                     solutions.write(answer.reading, &answer.solved)?;
-                    self.tell(&answer, &mut reasons)?;
+                    self.remark(&answer, &mut reasons);
                 }
                 Ok(None) => {}
                 Err(error) => break Err(error),
@@ -55,36 +57,28 @@ impl Stream<'_> {
         };
         solutions.flush()?;
         if is_empty && end.is_ok() && self.reasons_are_told {
-            say(&format!("{}: no reading", self.source))?;
+            (self.note)(&format!("{}: no reading", self.source));
         }
         Ok(end)
     }
 
-    /// Prints what an answer has no column for.
-    fn tell(&self, answer: &Answer<'_>, reasons: &mut HashSet<String>) -> io::Result<()> {
-        let at = || format!("{}, line {}", self.source, answer.reading.line);
+    /// Notes what an answer has no column for.
+    fn remark(&self, answer: &Answer<'_>, reasons: &mut HashSet<String>) {
+        let note = |text: &str| (self.note)(&format!("{}, line {}: {text}", self.source, answer.reading.line));
         if let Err(why) = &answer.solved
             && self.reasons_are_told
             && reasons.len() < REASONS_MAX
             && reasons.insert(why.to_string())
         {
-            say(&format!("{}: unsolved, {why} (reported once)", at()))?;
+            note(&format!("unsolved, {why} (reported once)"));
         }
         for Broken { unit, fault } in answer.broken {
-            let (unit, does) = (unit + 1, fault.told());
-            writeln!(io::stderr(), "{}: output {unit} {does}, excluded from here on", at())?;
+            note(&format!("output {} {}, excluded from here on", unit + 1, fault.told()));
         }
         if answer.is_out_of_date {
-            say(&format!(
-                "{}: too many of the last contacts don't fit the calibration; if each was at one place only, calibrate the sensor \
-                 again",
-                at()
-            ))?;
+            note(
+                "too many of the last contacts don't fit the calibration; if each was at one place only, calibrate the sensor again",
+            );
         }
-        Ok(())
     }
-}
-
-fn say(text: &str) -> io::Result<()> {
-    io::stderr().write_all(filled(text, "  ").as_bytes())
 }

@@ -1,7 +1,5 @@
 //! `-` as the name of a file: standard input. It is read once and kept, because a table is read and its SHA-256 is recorded.
 
-use super::Command;
-use super::exit::Failure;
 use palpate_data::dataset::{
     DatasetError, Fingerprint, MAX_TABLE_BYTES, Mapping, Presses, TableError, parse_table, read_table,
     source_fingerprint,
@@ -12,30 +10,16 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 /// Name of standard input on the command line, and in messages and records.
-const DASH: &str = "-";
+pub(crate) const DASH: &str = "-";
 const NAME: &str = "standard input";
 
-/// Checks that standard input is named once, and only by a command that doesn't read readings or serial numbers from it.
-pub(super) fn check(command: &Command) -> Result<(), Failure> {
-    let names = std::env::args_os().skip(1).filter(|word| word == DASH).count();
-    let help = "save it as a file, and name that";
-    let refused = match command {
-        _ if names == 0 => return Ok(()),
-        Command::Solve(_) | Command::Serve(_) => "standard input has the readings: `-` can't be another file",
-        Command::Batch(_) => "standard input has the serial numbers: `-` can't be another file",
-        _ if names > 1 => "`-` is standard input, and is named twice",
-        _ => return Ok(()),
-    };
-    Err(Failure::usage(miette::miette!(help = help, "{refused}")))
-}
-
 /// Opens a file, or standard input.
-pub(super) fn open(path: &Path) -> io::Result<Box<dyn Read>> {
+pub(crate) fn open(path: &Path) -> io::Result<Box<dyn Read>> {
     if is_stdin(path) { Ok(Box::new(content()?)) } else { Ok(Box::new(File::open(path)?)) }
 }
 
 /// Reads a table of presses from a file or from standard input, where it is text.
-pub(super) fn table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
+pub(crate) fn table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
     if !is_stdin(path) {
         return read_table(path, mapping);
     }
@@ -44,7 +28,7 @@ pub(super) fn table(path: &Path, mapping: &Mapping) -> Result<Presses, TableErro
 }
 
 /// Fingerprint of a file, of a run's journal, or of standard input.
-pub(super) fn fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
+pub(crate) fn fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
     if !is_stdin(path) {
         return source_fingerprint(path);
     }
@@ -52,7 +36,7 @@ pub(super) fn fingerprint(path: &Path) -> Result<Fingerprint, DatasetError> {
 }
 
 /// Whether a path is `-`.
-pub(super) fn is_stdin(path: &Path) -> bool {
+pub(crate) fn is_stdin(path: &Path) -> bool {
     path.as_os_str() == DASH
 }
 

@@ -1,38 +1,34 @@
 //! Reads a run from its folder. Its journal is the record; a file that differs from the journal is reported in a line.
 
-use super::exit::Failure;
+use super::columns::ColumnsOptions;
 use super::sources::parse_rig;
 use super::stdin;
-use super::summary::tell;
+use super::{Failure, Note};
 use palpate_data::dataset::{Lookalike, Mapping, Press, Presses, Recorded, RunFacts, Texts};
 use palpate_data::recipe::Phase;
 use palpate_report::export::{self, BenchError};
 use palpate_run::rig::{Bench, RigSpec};
 use std::path::Path;
 
-/// Returns the content of a run's journal, and the bench on which it was made. Prints the notes.
-pub(super) fn read_run(run: &Path) -> Result<(Recorded, Bench), Failure> {
-    let (recorded, bench, notes) = noted_run(run)?;
-    notes.iter().try_for_each(|note| tell(note))?;
+/// Reads the content of a run's journal, and the bench on which it was made. Notes each file that differs from the journal.
+///
+/// # Errors
+/// The path isn't a run, or its journal is damaged.
+pub fn read_run(run: &Path, note: Note<'_>) -> Result<(Recorded, Bench), Failure> {
+    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
+    let warnings = recorded.warnings().map_err(Failure::dataset)?;
+    let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
+    warnings.iter().for_each(|warning| note(&format!("warning: {warning}")));
     Ok((recorded, bench))
 }
 
-/// Returns the content of a run's journal, the bench on which it was made, and a line for each file that differs.
-pub(super) fn noted_run(run: &Path) -> Result<(Recorded, Bench, Vec<String>), Failure> {
-    let recorded = Recorded::read(run).map_err(Failure::dataset)?;
-    let warnings = recorded.warnings().map_err(Failure::dataset)?.into_iter();
-    let notes = warnings.map(|warning| format!("warning: {warning}\n")).collect();
-    let bench = bench_of(run, &recorded.manifest.facts, &recorded.texts)?;
-    Ok((recorded, bench, notes))
-}
-
 /// Returns the bench of a run, as recorded in its journal.
-pub(super) fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
+pub(crate) fn bench_of(run: &Path, facts: &RunFacts, texts: &Texts) -> Result<Bench, Failure> {
     export::bench_of(run, facts, texts).map_err(unknown_bench)
 }
 
 /// The bench of a run couldn't be read.
-pub(super) fn unknown_bench(error: BenchError) -> Failure {
+pub(crate) fn unknown_bench(error: BenchError) -> Failure {
     match error {
         BenchError::Problems(problems) => Failure::usage(problems),
         error => Failure::usage(error),
@@ -40,7 +36,7 @@ pub(super) fn unknown_bench(error: BenchError) -> Failure {
 }
 
 /// Returns the rig of a run, as recorded in its journal.
-pub(super) fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
+pub(crate) fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     if texts.rig().is_empty() {
         let help = "restore journal.log from a copy; nothing was changed";
         let path = run.join("journal.log");
@@ -49,39 +45,43 @@ pub(super) fn rig_of(run: &Path, texts: &Texts) -> Result<RigSpec, Failure> {
     parse_rig(&run.join("rig.toml"), texts.rig(), texts)
 }
 
-/// Returns the presses of a table that is named by its path, and prints the notes. Of a table with several phases, only one is
-/// used.
-pub(super) fn read_presses(table: &Path, mapping: &Mapping, phase: Phase) -> Result<Presses, Failure> {
-    let (presses, notes) = noted_presses(table, mapping, Some(phase))?;
-    notes.iter().try_for_each(|note| tell(note))?;
-    Ok(presses)
-}
-
-/// Returns the presses of a table that is named by its path, and a line for each fact that a person should know about it.
-pub(super) fn noted_presses(
+/// Reads the presses of a table. Of a table with several phases, only one is used, if one is named. Notes each fact that a person
+/// should know about the table.
+pub(crate) fn read_presses(
     table: &Path,
     mapping: &Mapping,
     phase: Option<Phase>,
-) -> Result<(Presses, Vec<String>), Failure> {
+    note: Note<'_>,
+) -> Result<Presses, Failure> {
     let mut presses = stdin::table(table, mapping).map_err(Failure::usage)?;
     let name = presses.source.clone();
-    let mut notes: Vec<String> = difference(table).into_iter().collect();
+    difference(table).iter().for_each(|difference| note(difference));
     if let Some(phase) = phase
         && let Some(all) = presses.keep(phase)
     {
         let (kept, phase) = (presses.presses.len(), phase.name());
-        notes.push(format!("note: {name}: its {kept} rows of phase `{phase}` are used, of {all}\n"));
+        note(&format!("note: {name}: its {kept} rows of phase `{phase}` are used, of {all}"));
     }
-    notes.extend(presses.detected.iter().map(|detected| format!("note: {name}: {detected}\n")));
-    notes.extend(presses.unused.iter().take(LOOKALIKES_MAX).map(|Lookalike { column, looks_like, read_from }| {
-        format!(
-            "warning: {name}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)\n"
-        )
-    }));
-    notes.extend(other_units(&presses).into_iter().map(|note| format!("note: {name}: {note}\n")));
+    presses.detected.iter().for_each(|detected| note(&format!("note: {name}: {detected}")));
+    for Lookalike { column, looks_like, read_from } in presses.unused.iter().take(LOOKALIKES_MAX) {
+        note(&format!(
+            "warning: {name}: column `{column}` looks like {looks_like} but isn't used (only {read_from}; or name it in --columns)"
+        ));
+    }
+    other_units(&presses).iter().for_each(|other| note(&format!("note: {name}: {other}")));
     let more = presses.unused.len().saturating_sub(LOOKALIKES_MAX);
-    notes.extend((more > 0).then(|| format!("warning: and {more} more such columns\n")));
-    Ok((presses, notes))
+    if more > 0 {
+        note(&format!("warning: and {more} more such columns"));
+    }
+    Ok(presses)
+}
+
+/// Reads a table of presses, all phases of it. Notes each fact that a person should know about the table.
+///
+/// # Errors
+/// Bad input.
+pub fn read_table(table: &Path, columns: &ColumnsOptions, note: Note<'_>) -> Result<Presses, Failure> {
+    read_presses(table, &columns.mapping()?, None, note)
 }
 
 type Value = fn(&Press) -> f64;
@@ -111,15 +111,15 @@ fn other_units(presses: &Presses) -> Vec<String> {
 }
 
 /// Warns where the forces or places of a test are of another order than those of the calibration: of another unit, probably.
-pub(super) fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(), Failure> {
+pub(crate) fn warn_of_units(calibration: &Presses, test: &Presses, note: Note<'_>) {
     /// Ratio of two largest values from which they have different orders of magnitude.
     const OTHER_ORDER: f64 = 30.0;
     let is_other = |presses: &Presses, phase| presses.presses.iter().all(|press| press.is_of(phase));
     if is_other(calibration, Phase::Test) || is_other(test, Phase::Calibration) {
         let (first, second) = (&calibration.source, &test.source);
-        tell(&format!(
-            "warning: {first} is used as the calibration, and {second} as the test: their column `phase` states the opposite\n"
-        ))?;
+        note(&format!(
+            "warning: {first} is used as the calibration, and {second} as the test: their column `phase` states the opposite"
+        ));
     }
     let largest = |presses: &Presses, of: fn(&Press) -> f64| presses.presses.iter().map(of).fold(0.0, f64::max);
     let columns: [(&str, &str, Value); 3] = [
@@ -131,12 +131,11 @@ pub(super) fn warn_of_units(calibration: &Presses, test: &Presses) -> Result<(),
         let (before, now) = (largest(calibration, of), largest(test, of));
         if before > 0.0 && now > 0.0 && (now > OTHER_ORDER * before || before > OTHER_ORDER * now) {
             let (first, second) = (&calibration.source, &test.source);
-            tell(&format!(
-                "warning: {column} up to {now} in {second}, and up to {before} in {first}: both must be in {unit}\n"
-            ))?;
+            note(&format!(
+                "warning: {column} up to {now} in {second}, and up to {before} in {first}: both must be in {unit}"
+            ));
         }
     }
-    Ok(())
 }
 
 /// Largest number of columns that are named one by one in a warning.
@@ -150,7 +149,7 @@ fn difference(table: &Path) -> Option<String> {
     let recorded = is_a_runs.then(|| Recorded::read(folder).ok()).flatten()?;
     let problem = recorded.table_problem("presses.csv").ok().flatten()?;
     let (table, folder) = (table.display(), folder.display());
-    Some(format!("warning: {table} {problem}; it is read as it is (name the folder {folder} to read the journal)\n"))
+    Some(format!("warning: {table} {problem}; it is read as it is (name the folder {folder} to read the journal)"))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! `palpate report --figures`: each figure of a page as an SVG file, and the numbers as a CSV file of the same name.
 
-use super::exit::Failure;
+use super::Failure;
 use palpate_data::dataset::files;
 use palpate_report::chart::SVG_MARK;
 use palpate_report::report::{Drawn, counted};
@@ -9,17 +9,20 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// The files of a page's figures, not yet written.
-pub(super) struct FigureFiles<'a> {
-    folder: &'a Path,
-    figures: &'a [Drawn],
+pub(crate) struct FigureFiles {
+    folder: PathBuf,
+    figures: Vec<Drawn>,
 }
 
-impl<'a> FigureFiles<'a> {
+impl FigureFiles {
+    pub(crate) fn new(folder: PathBuf, figures: Vec<Drawn>) -> Self {
+        FigureFiles { folder, figures }
+    }
+
     /// Looks at the places of all files. Only a figure that palpate wrote is replaced, and the table beside such a one.
-    pub(super) fn new(folder: &'a Path, figures: &'a [Drawn]) -> Result<FigureFiles<'a>, Failure> {
-        let files = FigureFiles { folder, figures };
-        for drawn in figures {
-            let [svg, csv] = files.paths(drawn);
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        for drawn in &self.figures {
+            let [svg, csv] = self.paths(drawn);
             let is_ours = is_ours(&svg);
             for path in [svg, csv] {
                 let why = match files::check_replaceable(&path) {
@@ -31,12 +34,12 @@ impl<'a> FigureFiles<'a> {
                 return Err(Failure::usage(miette::miette!(help = help, "{} {why}", path.display())));
             }
         }
-        Ok(files)
+        Ok(())
     }
 
     /// Writes them, and says how many there are.
-    pub(super) fn write(&self) -> Result<String, Failure> {
-        for drawn in self.figures {
+    pub(crate) fn write(&self) -> Result<String, Failure> {
+        for drawn in &self.figures {
             let [svg, csv] = self.paths(drawn);
             self.put(&svg, &drawn.figure.saved())?;
             self.put(&csv, &drawn.numbers.csv())?;
@@ -47,7 +50,7 @@ impl<'a> FigureFiles<'a> {
 
     fn put(&self, path: &Path, text: &str) -> Result<(), Failure> {
         let put = || -> io::Result<()> {
-            fs::create_dir_all(self.folder)?;
+            fs::create_dir_all(&self.folder)?;
             files::place(path, text)
         };
         put().map_err(|why| {

@@ -16,7 +16,7 @@ const DECIMALS: i32 = 6;
 pub const UNSOLVED: &str = "unsolved";
 
 /// Writes contacts, a line each.
-pub(super) struct Solutions<W: Write> {
+pub(crate) struct Solutions<W: Write> {
     to: To<W>,
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
@@ -77,7 +77,7 @@ struct Line<'a> {
 
 impl<W: Write> Solutions<W> {
     /// `forces_are_known` states whether forces are in newtons.
-    pub(super) fn new(to: W, json: bool, keep_going: bool, forces_are_known: bool) -> Self {
+    pub(crate) fn new(to: W, json: bool, keep_going: bool, forces_are_known: bool) -> Self {
         let to = if json {
             To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
         } else {
@@ -88,11 +88,11 @@ impl<W: Write> Solutions<W> {
     }
 
     /// Adds a column that shows which of two methods answered, if the model has two.
-    pub(super) fn of_methods(self, fitted: &Fitted) -> Self {
+    pub(crate) fn of_methods(self, fitted: &Fitted) -> Self {
         Solutions { has_two_methods: fitted.at_calibrated_load().is_some(), ..self }
     }
 
-    pub(super) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
+    pub(crate) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
         let of = Line::of(reading, solved, self.forces_are_known);
         let load = solved.as_ref().map_or("", Solution::load);
         let load = self.has_two_methods.then_some(load);
@@ -113,7 +113,7 @@ impl<W: Write> Solutions<W> {
     }
 
     /// Flushes the lines written so far.
-    pub(super) fn flush(&mut self) -> io::Result<()> {
+    pub(crate) fn flush(&mut self) -> io::Result<()> {
         match &mut self.to {
             To::Csv { writer, .. } => writer.flush(),
             To::Ndjson(writer) => writer.flush(),

@@ -1,9 +1,8 @@
-//! The rig of a recipe: the one place that chooses it, and asks a person before a real rig moves that no `--rig` names.
+//! The rig of a recipe: the one place that chooses it, and knows which real rig a person must confirm.
 
-use super::exit::Failure;
+use super::Failure;
 use super::shipped::{self, RECIPES, RIGS};
 use super::sources::{bounded, read_named_in, read_rig_text};
-use super::which_way::confirmed;
 use palpate_data::dataset::JOURNAL;
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
 use std::path::{Path, PathBuf};
@@ -13,11 +12,11 @@ const BESIDE: &str = "rig.toml";
 const SHIPPED: &str = "sim.toml";
 
 /// What names a file, for a message.
-pub(super) const THE_BATCH: &str = "the batch";
+pub(crate) const THE_BATCH: &str = "the batch";
 const THE_RECIPE: &str = "`rig` of the recipe";
 
 /// The rig of a recipe.
-pub(super) struct Chosen {
+pub(crate) struct Chosen {
     /// Its file, or the name of a shipped rig.
     pub path: PathBuf,
     /// Its text.
@@ -44,7 +43,7 @@ enum By {
 
 impl Chosen {
     /// Chooses the rig of a recipe that has a text and perhaps a key `rig`. `option` is the value of `--rig`.
-    pub(super) fn of(recipe: &Path, text: &str, key: Option<&str>, option: Option<&Path>) -> Result<Chosen, Failure> {
+    pub(crate) fn of(recipe: &Path, text: &str, key: Option<&str>, option: Option<&Path>) -> Result<Chosen, Failure> {
         let name = recipe.display();
         if recipe.with_file_name(JOURNAL).symlink_metadata().is_ok() {
             let folder = recipe.parent().unwrap_or(Path::new("")).display();
@@ -76,18 +75,18 @@ impl Chosen {
     }
 
     /// Returns the rig that a batch file names: it is that of all its recipes.
-    pub(super) fn of_batch(batch: &Path, name: &str) -> Result<Chosen, Failure> {
+    pub(crate) fn of_batch(batch: &Path, name: &str) -> Result<Chosen, Failure> {
         let (path, text) = read_named_in(batch, name, RIGS, "rigs", THE_BATCH)?;
         Ok(Chosen { path, text, by: By::Batch })
     }
 
     /// Returns the rig with which a run is continued.
-    pub(super) fn of_run(path: PathBuf, text: String) -> Chosen {
+    pub(crate) fn of_run(path: PathBuf, text: String) -> Chosen {
         Chosen { path, text, by: By::Run }
     }
 
     /// Refuses a recipe of a batch that names another rig.
-    pub(super) fn check_same(&self, recipe: &Path, key: &str) -> Result<(), Failure> {
+    pub(crate) fn check_same(&self, recipe: &Path, key: &str) -> Result<(), Failure> {
         let (path, text) = read_named_in(recipe, key, RIGS, "rigs", THE_RECIPE)?;
         if text == self.text {
             return Ok(());
@@ -98,13 +97,13 @@ impl Chosen {
     }
 
     /// Returns the content of the rig.
-    pub(super) fn read(&self) -> Result<RigSpec, Failure> {
+    pub(crate) fn read(&self) -> Result<RigSpec, Failure> {
         let beside = |name: &str| bounded(&self.path.with_file_name(name));
         rig::parse(&self.path.display().to_string(), &self.text, &beside).map_err(Failure::usage)
     }
 
     /// Returns the first line that a command prints. `rig` is the chosen one, simulated if this was asked for.
-    pub(super) fn line(&self, rig: &RigSpec) -> String {
+    pub(crate) fn line(&self, rig: &RigSpec) -> String {
         let kind = if rig.is_simulated() { "simulated" } else { "real" };
         let why = match self.by {
             By::Option => "named by --rig",
@@ -117,21 +116,18 @@ impl Chosen {
         format!("rig {}: {kind}, {why}\n", self.path.display())
     }
 
-    /// Asks a person, if there is one, whether the rig may move. A simulated rig may, and so may one that `--rig` names.
-    pub(super) fn confirm(&self, rig: &RigSpec, is_attended: bool) -> Result<(), Failure> {
-        if rig.is_simulated() || self.by == By::Option {
-            return Ok(());
-        }
+    /// Whether a person must confirm the rig before it moves: a real rig that `--rig` doesn't name.
+    pub(crate) fn is_to_confirm(&self, rig: &RigSpec) -> bool {
+        !rig.is_simulated() && self.by != By::Option
+    }
+
+    /// Returns the refusal of a rig that a person must confirm, where there is no person.
+    pub(crate) fn unconfirmed(&self) -> Failure {
         let path = self.path.display();
-        if !is_attended {
-            let help = format!("add --rig {path}");
-            return Err(Failure::usage(miette::miette!(
-                help = help,
-                "{path} is a real rig that --rig doesn't name, and there is no terminal to confirm it at: nothing was moved"
-            )));
-        }
-        let refused = format!("{path} isn't confirmed: nothing was moved. Name the rig with --rig");
-        confirmed("This rig is real. Use it? [y/N] ", &|| false, &refused)
-            .map_err(|why| Failure::usage(miette::miette!("{why}")))
+        let help = format!("add --rig {path}");
+        Failure::usage(miette::miette!(
+            help = help,
+            "{path} is a real rig that --rig doesn't name, and there is no terminal to confirm it at: nothing was moved"
+        ))
     }
 }

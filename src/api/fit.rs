@@ -1,0 +1,113 @@
+//! Calibrated sensors: a method fitted to a run or a table, and its sensor file.
+
+use super::method::{MethodOptions, Source};
+use super::{Failure, Note};
+use palpate_data::dataset::Fingerprint;
+use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
+use palpate_solver::{
+    Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, Prepared, Setting, Solver as _,
+};
+use std::path::Path;
+
+/// Largest ratio of two errors whose gain is worth a note.
+const LESS: f64 = 0.9;
+
+/// What the forces of a calibration without forces are.
+pub(crate) const FORCES_ARE_RELATIVE: &str =
+    "no force_n in the calibration: relative_force is relative to its typical press";
+
+/// A model with what its sensor file states.
+pub struct Sensor {
+    /// The fitted method. It solves readings in a [`Session`](palpate_solver::Session).
+    pub model: Model,
+    /// ID of the sensor, if its run has one.
+    pub sensor: Option<String>,
+    /// Sources of the fit.
+    pub made_from: Vec<Fingerprint>,
+}
+
+/// Fits a method to a run folder or to a table of presses, like `palpate fit`. Forces are those of the load cell.
+///
+/// # Errors
+/// Bad input.
+pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
+    options.check()?;
+    let source = Source::read(calibration, options, note)?;
+    let model = options.fit(&source)?;
+    note_forces(&model, note);
+    note_left_out(calibration, model.fitted(), note);
+    Ok(Sensor { made_from: vec![source.fingerprint()?], sensor: source.sensor, model })
+}
+
+/// Reads a sensor file.
+///
+/// # Errors
+/// The file can't be read, or isn't a sensor file.
+pub fn read_sensor(path: &Path, note: Note<'_>) -> Result<Sensor, Failure> {
+    let (Card { sensor, made_from, .. }, model) = read_sensor_file(path).map_err(Failure::usage)?;
+    note_forces(&model, note);
+    note_left_out(path, model.fitted(), note);
+    Ok(Sensor { model, sensor, made_from })
+}
+
+/// Writes a sensor file. Replaces an existing sensor file, but nothing else.
+///
+/// # Errors
+/// Something else is at the path, or the file can't be written.
+pub fn write_sensor(
+    model: &Model,
+    sensor: Option<String>,
+    made_from: Vec<Fingerprint>,
+    path: &Path,
+) -> Result<(), Failure> {
+    check_replaceable(path).map_err(Failure::usage)?;
+    let copy = model.to_bytes().and_then(|bytes| Model::from_bytes(&bytes));
+    let file = copy.map_err(SensorFileError::from).and_then(|model| SensorFile::new(model, sensor, made_from));
+    place(&file.map_err(Failure::usage)?, path)
+}
+
+/// Writes a prepared sensor file.
+pub(crate) fn place(file: &SensorFile, path: &Path) -> Result<(), Failure> {
+    file.write(path).map_err(|error| match error {
+        SensorFileError::Taken { .. } => Failure::usage(error),
+        error => Failure::unwritten(error),
+    })
+}
+
+/// Returns the errors on held-out presses without and with `--constant-load`, mm, if that would lower them. `None` if the forces of
+/// the calibration are known, or contacts are already assumed to have one load.
+pub(crate) fn constant_load_gain_mm(model: &Model) -> Option<(f64, f64)> {
+    let setting = model.setting();
+    if model.forces_are_known() || setting.load == ForceKnown::Constant || model.fitted().at_calibrated_load().is_some()
+    {
+        return None;
+    }
+    let error_mm = |calibration: Calibration, load: ForceKnown| {
+        let prepared = Prepared::new(calibration, &Setting { load, ..setting }).ok()?;
+        prepared.candidates(model.fitted().name()).ok()?.first()?.location_error_mm
+    };
+    let calibration = model.calibration()?;
+    let points: Vec<_> = calibration.points().map(|point| CalibrationPoint { force_n: 1.0, ..point }).collect();
+    let alike = Calibration::new(&points).ok()?.with_unknown_forces();
+    let constant_mm = error_mm(alike, ForceKnown::Constant)?;
+    // `best` has compared the methods already
+    let any_mm = match model.fitted().choice().and_then(|choice| choice.candidates.first()) {
+        Some(chosen) => chosen.location_error_mm,
+        None => error_mm(calibration.clone(), ForceKnown::Unknown),
+    }?;
+    (constant_mm <= LESS * any_mm).then_some((any_mm, constant_mm))
+}
+
+/// Notes that forces are relative.
+fn note_forces(model: &Model, note: Note<'_>) {
+    if !model.forces_are_known() && model.setting().load != ForceKnown::Constant {
+        note(FORCES_ARE_RELATIVE);
+    }
+}
+
+/// Notes each unit of a calibration that is excluded.
+pub(crate) fn note_left_out(path: &Path, fitted: &Fitted, note: Note<'_>) {
+    for Broken { unit, fault } in fitted.broken() {
+        note(&format!("{}: output {} {}, excluded", path.display(), unit + 1, fault.told()));
+    }
+}

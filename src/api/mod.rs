@@ -1,0 +1,61 @@
+//! The work of the commands as functions: options in, results out. The command line and the Python package call them.
+//!
+//! Nothing is printed, no signal is handled, and no person is asked. Each function takes its options as a struct, whose documentation is
+//! the help of the command line: an option stands once. A line that a person should read is passed to a [`Note`]. A [`Failure`] has
+//! a [`Kind`], which is the exit code of the command.
+
+mod accept;
+mod batch;
+mod certificate;
+mod choices;
+mod columns;
+mod evaluate;
+pub mod events;
+mod failure;
+mod figure_files;
+pub(crate) mod fit;
+mod holdout;
+pub(crate) mod labels;
+pub(crate) mod method;
+pub(crate) mod provenance;
+pub(crate) mod recorded;
+pub(crate) mod report;
+mod results;
+pub(crate) mod run;
+pub(crate) mod shipped;
+pub(crate) mod solutions;
+mod solve;
+pub(crate) mod sources;
+pub(crate) mod stdin;
+pub(crate) mod stream;
+pub(crate) mod which_rig;
+pub(crate) mod which_way;
+
+pub use accept::AcceptOptions;
+pub use batch::batch_status;
+pub use certificate::{CertificateOptions, Certified, certificate};
+pub use choices::{
+    DurabilityChoice, EvaluateChoice, ExportChoice, ReadingsChoice, RepeatabilityChoice, choice, strategy,
+};
+pub use columns::ColumnsOptions;
+pub use evaluate::{EvaluateOptions, Evaluated, Outcome, evaluate};
+pub use failure::{Failure, Kind};
+pub use fit::{Sensor, fit, read_sensor, write_sensor};
+pub use holdout::HoldoutOptions;
+pub use labels::LabelOptions;
+pub use method::MethodOptions;
+pub use provenance::built_from;
+pub use recorded::{read_run, read_table};
+pub use report::{Report, ReportOptions, report};
+pub use results::Results;
+pub use run::{Begun, MannerOptions, ResumeOptions, Resumed, RunOptions, begin, resume, run};
+pub use solutions::{NUMBERS, UNSOLVED, numbers};
+pub use solve::{SolveOptions, solve};
+pub use sources::RigOptions;
+pub use which_way::{ConfirmOptions, Confirmed};
+
+/// Receives the lines that a command prints about its input, without an end of line: notes, and warnings that begin with `warning: `.
+pub type Note<'a> = &'a dyn Fn(&str);
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! Solves readings of an array: a contact for each.
+
+use super::choices::ReadingsChoice;
+use super::fit::{Sensor, fit, read_sensor};
+use super::method::MethodOptions;
+use super::solutions::Solutions;
+use super::stream::Stream;
+use super::{Failure, Note};
+use miette::{IntoDiagnostic, WrapErr};
+use palpate_data::dataset::answers::Answers;
+use palpate_data::dataset::readings::{Lines, Readings};
+use palpate_solver::{Model, Session};
+use std::io::{self, Read, Write};
+use std::path::PathBuf;
+
+/// Name of the input in messages.
+const SOURCE: &str = "stdin";
+
+/// The calibrated sensor, and the form of readings and contacts.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct SolveOptions {
+    /// A run folder, or a table of calibration presses
+    #[arg(long, value_name = "RUN")]
+    pub calibration: Option<PathBuf>,
+    /// A sensor file, written by `palpate fit`
+    #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
+    pub model: Option<PathBuf>,
+    /// Input format [default: detected from the first character]
+    #[arg(long, value_name = "FORMAT", value_enum)]
+    pub input: Option<ReadingsChoice>,
+    /// Print one JSON object per line instead of CSV
+    #[arg(long)]
+    pub json: bool,
+    /// Answer an invalid line with its problem, and continue
+    #[arg(long)]
+    pub keep_going: bool,
+    /// Don't print which method is used and why
+    #[arg(long)]
+    pub quiet: bool,
+    /// The method, if no sensor file is named.
+    #[command(flatten)]
+    pub method: MethodOptions,
+}
+
+/// Options that a sensor file has already fixed.
+const FITTED_BEFORE: [&str; 6] =
+    ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
+
+impl SolveOptions {
+    /// Reads the sensor file, or fits the method to the calibration.
+    ///
+    /// # Errors
+    /// Bad input, or neither is named.
+    pub fn sensor(&self, note: Note<'_>) -> Result<Sensor, Failure> {
+        match (&self.model, &self.calibration) {
+            (Some(file), _) => read_sensor(file, note),
+            (None, Some(calibration)) => fit(calibration, &self.method, note),
+            (None, None) => {
+                let help =
+                    "add --model FILE, a sensor file of `palpate fit`, or --calibration RUN, a run folder or a table";
+                Err(Failure::usage(miette::miette!(help = help, "`solve` needs a calibrated sensor")))
+            }
+        }
+    }
+}
+
+/// Answers each line of `readings` with a line of `contacts` as soon as it arrives, like `palpate solve`.
+///
+/// # Errors
+/// An invalid line, unless [`SolveOptions::keep_going`] is set, or contacts that can't be written. All earlier contacts are written.
+pub fn solve(
+    model: Model,
+    options: &SolveOptions,
+    readings: impl Read,
+    contacts: impl Write,
+    note: Note<'_>,
+) -> Result<(), Failure> {
+    let SolveOptions { input, json, keep_going, quiet, .. } = *options;
+    let of = Readings::new(SOURCE, model.validity().units, input.map(Into::into), options.method.mapping()?);
+    let reasons_are_told = !(quiet || json || keep_going);
+    let stream = Stream { source: SOURCE, keep_going, reasons_are_told, note, is_refused: |_| false };
+    let solutions = Solutions::new(contacts, json, keep_going, model.forces_are_known());
+    let mut solutions = solutions.of_methods(model.fitted());
+    let mut answers = Answers::new(of, Session::new(model));
+    match stream.answer(&mut answers, &mut Lines::new(SOURCE, readings), &mut solutions) {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(error)) => Err(Failure::usage(error)),
+        // a reader that has seen enough is no error
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
+    }
+}
