@@ -13,12 +13,13 @@ use miette::IntoDiagnostic;
 use palpate_data::dataset::{DatasetError, End, Provenance, RigChange, RunFacts, RunFolder, Status, Texts, files};
 use palpate_data::recipe::{Plan, Recipe};
 use palpate_document::TEXT_MAX_BYTES;
+use palpate_link::time::{run_virtually, spawn};
 use palpate_run::rig::{Consequence, Difference, RigSpec, differences};
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use tokio::runtime::{Builder, Runtime};
+use tokio::runtime::Builder;
 
 /// A run: its recipe, its rig, and where it is recorded.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -278,30 +279,25 @@ pub(crate) fn walked(
     heard: (&dyn Fn(f64), &mut dyn Listener),
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
-    let ending = runtime(spec.is_simulated())?.block_on(async {
+    let ending = execute(spec.is_simulated(), async {
         if let Some(pace) = pace {
-            tokio::spawn(keep_pace(pace));
+            drop(spawn(keep_pace(pace)));
         }
         let (shown, listener) = heard;
         walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
-    });
+    })?;
     let cell_unchecked = spec.load_cell.check.is_some() && ending.cell.is_none() && ending.status() == Status::Complete;
     let finished = folder.finish(End { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
     Ok((ending, finished))
 }
 
-/// Number of task polls between two checks of the timers while other tasks are ready. On a paused clock no timer becomes due
-/// during this time.
-const EVENT_INTERVAL: u32 = 1024;
-
-/// Returns the runtime of a rig's drivers. Virtual time needs no events of the system.
-pub(crate) fn runtime(virtual_time: bool) -> Result<Runtime, Failure> {
-    let mut builder = Builder::new_current_thread();
-    builder.enable_time().start_paused(virtual_time).event_interval(EVENT_INTERVAL);
-    if !virtual_time {
-        builder.enable_io();
+/// Executes what a rig's drivers do: in virtual time with a simulated rig, else in real time.
+pub(crate) fn execute<T>(virtual_time: bool, work: impl Future<Output = T>) -> Result<T, Failure> {
+    if virtual_time {
+        return Ok(run_virtually(work));
     }
-    builder.build().into_diagnostic().map_err(Failure::usage)
+    let runtime = Builder::new_current_thread().enable_all().build().into_diagnostic().map_err(Failure::usage)?;
+    Ok(runtime.block_on(work))
 }
 
 /// Returns the text of the rig to continue with: the named one, that of the folder, or the one stored in the journal.

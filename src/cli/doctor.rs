@@ -6,7 +6,7 @@ use super::output::OutputArgs;
 use super::signals::{First, heed};
 use super::summary::beside;
 use crate::api::Failure;
-use crate::api::run::runtime;
+use crate::api::run::execute;
 use miette::Diagnostic;
 use palpate_control::{Hum, Reaction, Trip};
 use palpate_link::device::Identity;
@@ -82,7 +82,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         None => Asked::Press,
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
-    let found = runtime(spec.is_simulated())?.block_on(looked).map_err(Failure::halted)?;
+    let found = execute(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
     let place = (args.rig.rig.as_path(), text.as_str(), invented);
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;

@@ -15,7 +15,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tokio::runtime::Builder;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 use tokio::runtime::Builder;
 #[cfg(unix)]
-use tokio::time::timeout;
+use palpate_link::time::timeout;
 
 /// Bit of SIGHUP, the first signal, in a mask of signals.
 #[cfg(unix)]

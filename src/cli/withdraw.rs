@@ -4,7 +4,7 @@ use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
 use super::signals::{First, heed};
 use crate::api::Failure;
-use crate::api::run::runtime;
+use crate::api::run::execute;
 use palpate_run::run::{Withdrawn, withdraw};
 use serde_json::json;
 use std::process::ExitCode;
@@ -32,7 +32,7 @@ pub(super) struct WithdrawArgs {
 pub(super) fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
     let cancel = heed(First::Stop, Some("stopping"))?;
-    let withdrawn = runtime(spec.is_simulated())?.block_on(withdraw(&spec, args.rig.seed, &cancel));
+    let withdrawn = execute(spec.is_simulated(), withdraw(&spec, args.rig.seed, &cancel))?;
     let Withdrawn { z_mm, load_cell } = withdrawn.map_err(Failure::halted)?;
     let content = json!({ "z_mm": z_mm, "load_cell_unread": load_cell });
     let read = match load_cell {

@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 // ---- the stage's driver against its emulator -----------------------------------------------------------------------
 

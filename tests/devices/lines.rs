@@ -12,7 +12,7 @@ use palpate_testing::{Bench, shipped_text};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::duplex;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// How a board marks its readings.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@ use palpate_sim::scene::{Fault, FaultKind};
 use palpate_testing::walks::in_virtual_time;
 use palpate_testing::{Bench, SMALL, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
-use tokio::time::{Instant, sleep_until};
+use palpate_link::time::{Instant, sleep_until};
 
 /// The rig that the others are held against, and the others.
 const FIRST: &str = "sim";

@@ -14,7 +14,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
-use tokio::time::{Instant, timeout};
+use palpate_link::time::{Instant, timeout};
 
 /// Longest wait for samples that come a thousand times a second.
 const PATIENCE: Duration = Duration::from_secs(5);

@@ -10,7 +10,7 @@ use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{Fault, FaultKind, Scene};
 use palpate_testing::walks::{bench, in_virtual_time, plan};
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 /// How far from where it is parked z may stand, mm: as far as a read-back may be off.
 const PARKED_MM: f64 = 0.003;

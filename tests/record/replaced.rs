@@ -8,7 +8,7 @@ use palpate_testing::walks::{bench, in_virtual_time, plan};
 use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
 use std::fs;
 use std::path::{Path, PathBuf};
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Presses that are acknowledged before the journal is meddled with.
 const BEFORE: usize = 2;

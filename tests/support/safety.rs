@@ -10,7 +10,7 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
 use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// What the conversion of the load cell to whole mN may add to what is shown, N.
 pub const COUNT_N: f64 = 0.001;

@@ -6,7 +6,7 @@ use palpate_data::recipe::Plan;
 use palpate_document::Problems;
 use palpate_run::rig::{self, RigSpec};
 use palpate_run::run::{Cancel, Ending, Listener, Walk, walk};
-use tokio::runtime::Builder;
+use palpate_link::time::run_virtually;
 
 /// Simulated benches on which conditions are measured: one plant with two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,9 +56,8 @@ pub(crate) fn papers_rig() -> Result<RigSpec, Problems> {
 /// An error of the operating system: it provides no runtime.
 pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
     let mut memory = Memory::default();
-    let runtime = Builder::new_current_thread().enable_time().start_paused(true).build()?;
     let errand = Walk { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
-    let ending = runtime.block_on(walk(errand, &mut Nobody));
+    let ending = run_virtually(walk(errand, &mut Nobody));
     Ok((memory.contacts().cloned().collect(), ending))
 }
 

@@ -11,7 +11,7 @@ use super::material::{Material, NestRig};
 use crate::api::Failure;
 use crate::api::MannerOptions;
 use crate::api::provenance::{now, session};
-use crate::api::run::{runtime, walked};
+use crate::api::run::{execute, walked};
 use palpate_data::acceptance::{Judgement, Verdict, limit_used};
 use palpate_data::dataset::sensor_file::SensorFile;
 use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
@@ -26,7 +26,7 @@ use palpate_solver::{Model, UnitChange};
 use std::fmt::Write as _;
 use std::fs;
 use std::time::Duration;
-use tokio::time::sleep;
+use palpate_link::time::{sleep, spawn};
 
 /// Minutes of a run that is timed in seconds.
 const SECONDS_PER_MINUTE: f64 = 60.0;
@@ -102,16 +102,16 @@ impl Desk {
         let warm_up_s = self.material.file.warm_up_s;
         if warm_up_s > 0.0 {
             tell(&format!("warm-up: {warm_up_s} s; Ctrl-C stops\n"))?;
-            runtime(self.material.rig.is_simulated())?.block_on(async {
+            execute(self.material.rig.is_simulated(), async {
                 if let Some(pace) = manner.pace {
-                    tokio::spawn(keep_pace(pace));
+                    drop(spawn(keep_pace(pace)));
                 }
                 tokio::select! {
                     biased;
                     () = self.cancel.wait() => {}
                     () = sleep(Duration::from_secs_f64(warm_up_s)) => {}
                 }
-            });
+            })?;
         }
         Ok(if self.cancel.asked() { Flow::Cancelled } else { Flow::Next })
     }
@@ -167,7 +167,7 @@ impl Desk {
     fn quick_check(&self, sensor: &Prepared) -> Result<Option<Outcome>, Failure> {
         let spec = &sensor.rig.spec;
         let found =
-            runtime(spec.is_simulated())?.block_on(examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody));
+            execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody))?;
         let halt = match found {
             Err(halt) => Some(halt),
             Ok(found) => {

@@ -16,7 +16,7 @@ use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passe
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::time::{Instant, sleep, timeout};
+use palpate_link::time::{Instant, sleep, timeout};
 
 pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 

@@ -14,7 +14,7 @@ use palpate_testing::made_ready;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::time::{Instant, sleep, timeout};
+use palpate_link::time::{Instant, sleep, timeout};
 
 /// Longest wait for a program's first answer.
 const START: Duration = Duration::from_secs(10);

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tempfile::TempDir;
-use tokio::time::{Instant, sleep, timeout};
+use palpate_link::time::{Instant, sleep, timeout};
 
 /// No run here is as long: one that is doesn't end by itself.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);

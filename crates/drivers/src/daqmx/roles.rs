@@ -6,7 +6,7 @@ use palpate_link::device::{DeviceError, Identity, LoadCell, SensorArray};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// One task that a load cell and an array read from.
 pub type SharedAcquisition = Arc<Mutex<Acquisition>>;

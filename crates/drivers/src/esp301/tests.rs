@@ -3,7 +3,7 @@
 use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
 use tokio::task::JoinHandle;
-use tokio::time::sleep;
+use palpate_link::time::sleep;
 
 /// A driver whose far end follows a script.
 fn stage(script: Script) -> (Esp301, JoinHandle<()>) {

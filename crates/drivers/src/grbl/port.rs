@@ -5,7 +5,7 @@ use palpate_link::device::{DeviceError, DeviceProblem, Reins};
 use palpate_link::wire::{Connector, Lines, WireError, silent};
 use std::collections::BTreeMap;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Longest wait for an answer. GRBL answers a line as soon as there is room for its motion, and a `?` within 20 ms.
 pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(1);

@@ -251,7 +251,7 @@ async fn a_cancel_that_comes_before_the_jog_is_under_way_is_sent_again_behind_it
     stage.usage = Some(usage());
     let reins = Reins::default();
     let ask_for_it = async {
-        tokio::time::sleep(Duration::from_millis(2730)).await;
+        palpate_link::time::sleep(Duration::from_millis(2730)).await;
         reins.stop();
     };
     let targets = [(Axis::Z, -1.25)];

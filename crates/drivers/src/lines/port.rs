@@ -11,8 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::Notify;
-use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep_until, timeout_at};
+use palpate_link::time::{Instant, Task, sleep_until, spawn, timeout_at};
 
 /// Number of bytes that are received at once. A full piece comes from a queue, so its readings may be old.
 const PIECE_BYTES: usize = 4096;
@@ -48,7 +47,7 @@ pub struct LinePort {
 /// The link, and the task that receives from it.
 struct OpenLink {
     connector: Arc<tokio::sync::Mutex<Connector>>,
-    task: Mutex<Option<JoinHandle<()>>>,
+    task: Mutex<Option<Task>>,
 }
 
 /// What the task and the roles share.
@@ -157,10 +156,10 @@ impl LinePort {
     /// Begins to receive, if the link isn't open.
     fn receive(&self) {
         let mut task = lock(&self.link.task);
-        if task.as_ref().is_none_or(JoinHandle::is_finished) {
+        if task.as_ref().is_none_or(Task::is_finished) {
             let (connector, mailbox, profile) =
                 (self.link.connector.clone(), self.mailbox.clone(), self.profile.clone());
-            *task = Some(tokio::spawn(async move {
+            *task = Some(spawn(async move {
                 let ended = async {
                     let stream = connector.lock().await.open().await?;
                     Receiver::new(&profile).receive(stream, &mailbox).await

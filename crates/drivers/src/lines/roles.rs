@@ -5,7 +5,7 @@ use super::profile::{ForceColumn, OutputColumns};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Longest wait for a reading beyond the time of one conversion. It is twice the age at which a reading is stale.
 const READING_DEADLINE: Duration = Duration::from_millis(500);

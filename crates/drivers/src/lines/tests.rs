@@ -8,7 +8,7 @@ use palpate_link::wire::Connector;
 use std::sync::Mutex;
 use std::time::Duration;
 use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 fn text(columns: usize, separator: &str, before: &str, after: &str) -> Framing {
     let [separator, before, after] = [separator, before, after].map(str::to_owned);

@@ -5,7 +5,7 @@ use crate::script::{Script, closing, scripted};
 use palpate_link::device::LoadCell;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 #[tokio::test(start_paused = true)]
 async fn the_manuals_frame_of_the_generic_transmitter_is_132_counts() {

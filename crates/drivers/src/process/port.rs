@@ -5,7 +5,7 @@ use palpate_link::wire::{Connector, Lines, WireError, silent};
 use serde_json::{Map, Value, json};
 use std::io::ErrorKind;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Number of the protocol version (docs/process.md).
 const PROTOCOL: u64 = 1;

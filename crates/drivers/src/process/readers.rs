@@ -6,7 +6,7 @@ use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, Senso
 use palpate_link::wire::Connector;
 use serde_json::Value;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// A load cell behind a program.
 pub struct ProcessLoadCell {

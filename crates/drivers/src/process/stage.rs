@@ -7,7 +7,7 @@ use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Rei
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
 use std::time::Duration;
-use tokio::time::{Instant, sleep_until};
+use palpate_link::time::{Instant, sleep_until};
 
 /// Interval of status questions while a motion is late.
 const STATUS_EVERY: Duration = Duration::from_millis(2);

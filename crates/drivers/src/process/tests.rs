@@ -6,7 +6,7 @@ use palpate_core::quantity::Axis;
 use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 const START: Duration = Duration::from_secs(10);
 
@@ -17,7 +17,7 @@ async fn a_program_that_is_slow_to_start_is_awaited() {
         let near = std::sync::Mutex::new(Some(near));
         let link = Connector::Memory(Box::new(move || near.lock().unwrap().take().expect("one connection")));
         let program = tokio::spawn(async move {
-            tokio::time::sleep(Duration::from_secs(7)).await; // its libraries are loaded
+            palpate_link::time::sleep(Duration::from_secs(7)).await; // its libraries are loaded
             let answer = b"{\"id\": 1, \"role\": \"stage\", \"protocol\": 1, \"identity\": \"mine\"}\n";
             let _ = tokio::io::AsyncWriteExt::write_all(&mut far, answer).await;
             far

@@ -7,7 +7,7 @@ use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Voltage from which a reading may be beyond the end of the range, V. The inputs' range is +-10 V.
 const FULL_SCALE_V: f64 = 9.99;

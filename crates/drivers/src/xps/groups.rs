@@ -10,7 +10,7 @@ use std::cell::Cell;
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::task::Poll;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Number of attempts for the abort, each on a new socket.
 const ABORT_TRIES: usize = 2;

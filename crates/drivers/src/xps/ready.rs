@@ -7,7 +7,7 @@ use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, Reins, Stage, StageUse};
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 /// Longest time for initialisation and search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);

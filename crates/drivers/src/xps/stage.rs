@@ -10,7 +10,7 @@ use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 /// Interval of questions for a group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);

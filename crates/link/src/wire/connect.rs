@@ -5,7 +5,7 @@ use std::io;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
-use tokio::time::timeout;
+use crate::time::timeout;
 use tokio_serial::{FlowControl, SerialPortBuilderExt, StopBits};
 
 /// Longest wait until a TCP server accepts.

@@ -4,7 +4,7 @@ use super::Connector;
 use super::lines::{Lines, WireError, silent};
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::Instant;
+use crate::time::Instant;
 
 /// Longest accepted answer line, bytes. The longest real line is an error text of some 60.
 const LINE_MAX_BYTES: usize = 1024;

@@ -7,7 +7,7 @@ use std::pin::Pin;
 use std::task::Poll;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
-use tokio::time::{Instant, timeout, timeout_at};
+use crate::time::{Instant, timeout, timeout_at};
 
 /// Error of a link.
 #[derive(Debug, thiserror::Error)]

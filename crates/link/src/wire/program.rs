@@ -11,7 +11,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::process::{ChildStdin, ChildStdout};
-use tokio::time::{Sleep, sleep};
+use crate::time::{Sleep, sleep};
 
 /// Time from the end of a program's input to the program's own end (docs/process.md). During this time the program brings its
 /// device to rest.

@@ -19,7 +19,7 @@ use std::any::Any;
 use std::cell::{OnceCell, RefCell};
 use std::fmt::Debug;
 use std::sync::Arc;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Clearance above the highest possible surface at which the indenter travels before the surface is learned, mm.
 const CLEARANCE_MM: f64 = 0.3;

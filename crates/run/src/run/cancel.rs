@@ -3,7 +3,7 @@
 use super::Halt;
 use std::time::Duration;
 use tokio::sync::watch;
-use tokio::time::sleep;
+use palpate_link::time::sleep;
 
 /// Requests of a person to a run; clones share the state.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Time since the run's start.
 
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Clock of the time since the run's start. A continued run counts from the time that it had reached.
 #[derive(Clone, Copy, Debug)]

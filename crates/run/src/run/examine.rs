@@ -10,7 +10,7 @@ use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Number of timed exchanges with each device.
 const TIMED: usize = 200;

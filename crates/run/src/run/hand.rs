@@ -13,7 +13,7 @@ use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, sleep_until};
+use palpate_link::time::{Instant, sleep, sleep_until};
 
 /// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
 const AIR_S: f64 = 0.3;

@@ -16,7 +16,7 @@ use palpate_link::device::{
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, timeout};
+use palpate_link::time::{Instant, sleep, timeout};
 
 /// Least number of readings before anything moves, and least time for them, s.
 const STILL_READINGS: usize = 20;

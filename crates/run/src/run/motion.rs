@@ -9,7 +9,7 @@ use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorAr
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, sleep_until, timeout};
+use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 
 /// Largest distance from the target, mm, without an error, that a stage with coarser steps than stated explains. At a larger
 /// distance something blocks the axis.

@@ -10,7 +10,7 @@ use palpate_link::device::{Reins, SensorArray};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep_until};
+use palpate_link::time::{Instant, sleep_until};
 
 /// Readings of a stage at rest from which the noise of each output follows.
 const READINGS: u32 = 20;

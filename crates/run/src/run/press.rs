@@ -10,7 +10,7 @@ use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use palpate_data::recipe::Entry;
 use palpate_link::device::{LoadCell, SensorArray, Stage};
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Clearance above the learned surface at which the indenter travels from place to place, mm.
 pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;

@@ -9,7 +9,7 @@ use palpate_control::{Reaction, Rule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{Axis, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, Reins, SensorArray, Stage};
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Number of exchanges that are timed to measure the rig's reaction time.
 const TIMED: usize = 10;

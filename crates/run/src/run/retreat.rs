@@ -7,7 +7,7 @@ use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
 use std::time::Duration;
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep, timeout};
+use palpate_link::time::{Instant, sleep, timeout};
 
 /// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
 /// triggers once. A third attempt costs only seconds.

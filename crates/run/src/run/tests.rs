@@ -10,7 +10,7 @@ use palpate_link::device::{
 use palpate_link::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 /// A stage that is where it was sent as soon as it was, and keeps its commands.
 struct StrawStage<'a> {

@@ -16,7 +16,7 @@ use palpate_link::device::{Identity, LoadCell, SensorArray, Stage};
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
 /// again. Then noise and hum are up to date too.

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::Notify;
-use tokio::time::{Instant, sleep_until, timeout};
+use palpate_link::time::{Instant, sleep_until, timeout};
 
 /// Largest number of bytes that wait for a device on one link. The longest request of any protocol here has some 1000 bytes. A
 /// client that sends more at once waits. If the full inbox contains no request, it is discarded.
@@ -253,7 +253,7 @@ mod tests {
     use super::*;
     use crate::scene::{Device, Fault, FaultKind};
     use palpate_core::quantity::Axis;
-    use tokio::time::sleep;
+    use palpate_link::time::sleep;
 
     /// Sends back each byte, and is deaf for a second after a `!`.
     struct Echo {

@@ -6,7 +6,7 @@ use palpate_core::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position, Ti
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use tokio::time::{Instant, timeout};
+use palpate_link::time::{Instant, timeout};
 
 /// Where the axes stand when the controller of [`scene`] is switched on, true mm.
 pub(super) const POWER_ON: Position = Position { x_mm: -1.0, y_mm: 2.0, z_mm: 8.0 };

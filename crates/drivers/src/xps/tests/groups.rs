@@ -237,7 +237,7 @@ async fn a_silent_abort_of_one_group_delays_no_other() {
         [&[], &[], &[(b"GroupMoveAbort(Z)", b"")], &[], &[(b"GroupMoveAbort(XY)", b"0,,EndOfAPI")]],
         None,
     );
-    let stop = tokio::time::timeout(Duration::from_millis(10), stage.stop()).await;
+    let stop = palpate_link::time::timeout(Duration::from_millis(10), stage.stop()).await;
     assert!(stop.is_err(), "z's abort isn't answered");
     done(stage, devices).await;
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 use tokio::sync::oneshot;
-use tokio::time::timeout;
+use crate::time::timeout;
 
 /// Longest duration of a library call. None of this program's calls waits, but a device that is being unplugged can block a call.
 const CALL_DEADLINE: Duration = Duration::from_secs(5);

@@ -14,7 +14,7 @@ use palpate_sim::emulator::{DaqmxEmulator, Shared};
 use palpate_sim::scene::{Device, Scene};
 use std::sync::Arc;
 use tokio::sync::Mutex;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 pub(super) const FAMILY: Family = Family {
     name: "daqmx",

@@ -7,7 +7,7 @@ use palpate_core::quantity::Axis;
 use palpate_link::wire::daqmx::{DIFF, PSEUDO_DIFF, RSE};
 use proptest::prelude::*;
 use std::time::Duration;
-use tokio::time::sleep;
+use palpate_link::time::sleep;
 
 /// The load cell on ai9, the nine taxels on ai0 to ai8, 2 V/N.
 fn emulator(scene: Scene) -> DaqmxEmulator {

@@ -5,7 +5,7 @@ use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, 
 use crate::scene::Servo;
 use proptest::prelude::*;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// A controller and its scene, talked to at given times.
 struct Bench {

@@ -7,7 +7,7 @@ use crate::scene::Servo;
 use palpate_core::quantity::Axis;
 use proptest::prelude::*;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
 
@@ -374,7 +374,7 @@ async fn opening_the_port_resets_it_and_its_bootloader_takes_no_line() {
     assert!(wire.is_silent().await, "what came before is lost");
     assert_eq!(wire.ask(b"$X\n$J=G91X-5F600\n", 33).await, b"[MSG:Caution: Unlocked]\r\nok\r\nok\r\n");
     // another opening: the motion ends, and the count begins at zero
-    tokio::time::sleep(Duration::from_millis(200)).await;
+    palpate_link::time::sleep(Duration::from_millis(200)).await;
     let mut again = Wire::to(grbl, scene.clone(), origin);
     assert_eq!(again.ask(b"", welcome.len()).await, welcome.as_bytes());
     let report = b"<Alarm|MPos:0.000,0.000,0.000|";
@@ -441,7 +441,7 @@ async fn a_reset_ends_a_search_for_home() {
     let origin = Instant::now();
     let mut wire = Wire::to(grbl, scene.clone(), origin);
     wire.send(b"$H\n").await;
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    palpate_link::time::sleep(Duration::from_millis(300)).await;
     let told = format!("ALARM:6\r\n\r\nGrbl 1.1h ['$' for help]\r\n{UNLOCK}\r\n");
     assert_eq!(String::from_utf8(wire.ask(b"\x18", told.len()).await).expect("ASCII"), told);
     assert!(Instant::now() - origin < Duration::from_millis(310));

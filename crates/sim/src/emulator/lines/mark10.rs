@@ -185,7 +185,7 @@ mod tests {
     use crate::emulator::lines::tests::{listen, opened};
     use crate::emulator::tests::{Wire, pressed, scene, shared};
     use std::time::Duration;
-    use tokio::time::Instant;
+    use palpate_link::time::Instant;
 
     fn answers(force_n: f64, requests: &str) -> String {
         let (mut gauge, mut scene) = (Mark10::new(10.0), pressed(force_n));
@@ -248,7 +248,7 @@ mod tests {
         wire.send(b"AOUT25\r").await;
         for _ in 0..100 {
             wire.send(b"HELLO\r").await;
-            tokio::time::sleep(Duration::from_millis(37)).await;
+            palpate_link::time::sleep(Duration::from_millis(37)).await;
         }
         let heard = String::from_utf8(wire.ask(b"", 1200).await).expect("text");
         let of = |line: &str| heard.lines().filter(|heard| *heard == line).count();

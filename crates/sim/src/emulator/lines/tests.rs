@@ -7,7 +7,7 @@ use palpate_core::quantity::Axis;
 use proptest::prelude::*;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// Opens a link.
 pub(super) fn opened<F: Firmware>(mut board: Board<F>) -> Board<F> {
@@ -251,7 +251,7 @@ fn damage_is_the_same_for_the_same_seed() {
 async fn heard(wire: &mut Wire) -> Vec<u8> {
     let mut bytes = vec![0; 1 << 16];
     let mut count = 0;
-    while let Ok(read) = tokio::time::timeout(Duration::from_micros(1), wire.stream().read(&mut bytes[count..])).await {
+    while let Ok(read) = palpate_link::time::timeout(Duration::from_micros(1), wire.stream().read(&mut bytes[count..])).await {
         count += read.expect("the far end is open");
     }
     bytes.truncate(count);
@@ -262,13 +262,13 @@ async fn heard(wire: &mut Wire) -> Vec<u8> {
 async fn what_no_client_reads_is_lost_and_the_board_is_not_slowed_down() {
     let board = shared(bare(1000.0).on(Port::native_usb(0.0)));
     let mut wire = Wire::to(board.clone(), shared(scene()), Instant::now());
-    tokio::time::sleep(Duration::from_secs(60)).await;
+    palpate_link::time::sleep(Duration::from_secs(60)).await;
     // the wire holds 8192 bytes, and some lines come while they are read
     let kept = heard(&mut wire).await.len();
     assert!((8192..8192 + 50 * 7).contains(&kept), "{kept}");
     let last_s = board.lock().expect("a board").sent().next_back().expect("a line").read_s;
     assert!(last_s > 59.9, "{last_s}");
-    tokio::time::sleep(Duration::from_millis(50)).await;
+    palpate_link::time::sleep(Duration::from_millis(50)).await;
     let fresh = String::from_utf8(heard(&mut wire).await).expect("text");
     assert!(fresh.ends_with("84000\r\n") && fresh.len() > 40 * 7, "{fresh:?}");
 }
@@ -285,7 +285,7 @@ async fn a_served_board_pushes_on_time_and_a_lost_link_is_silent() {
         let due_s = 1.7 + f64::from(line) / 80.0 + 7.0 * 10.0 / 57_600.0;
         assert!(took_s > due_s - 1e-6 && took_s < due_s + 0.0021, "line {line}: {took_s} {due_s}");
     }
-    tokio::time::sleep(Duration::from_secs(3)).await;
+    palpate_link::time::sleep(Duration::from_secs(3)).await;
     heard(&mut wire).await;
     assert!(wire.is_silent().await);
 }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::emulator::tests::{Wire, pressed, scene, shared};
 use proptest::prelude::*;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 /// The manual's worked exchange: gross weight 132.
 const READ_GROSS: [u8; 8] = [0x01, 0x03, 0x00, 0x50, 0x00, 0x02, 0xC4, 0x1A];
@@ -115,7 +115,7 @@ async fn a_request_right_after_an_answer_is_lost_and_one_after_the_silence_is_an
     for (waited_us, is_lost) in [(0, true), (1000, true), (2000, false), (5000, false)] {
         let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
         assert_eq!(wire.ask(&READ_GROSS, 9).await, GROSS_132);
-        tokio::time::sleep(Duration::from_micros(waited_us)).await;
+        palpate_link::time::sleep(Duration::from_micros(waited_us)).await;
         wire.send(&READ_GROSS).await;
         assert_eq!(wire.is_silent().await, is_lost, "{waited_us} us");
     }

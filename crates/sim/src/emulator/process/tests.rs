@@ -6,7 +6,7 @@ use crate::emulator::{INBOX_MOST, Owed};
 use palpate_core::quantity::{Axis, Range, Steps};
 use proptest::prelude::*;
 use std::time::Duration;
-use tokio::time::Instant;
+use palpate_link::time::Instant;
 
 const PREPARE: &str = r#"{"id": 2, "do": "prepare", "travel_mm": {"x": [-12.5, 12.5], "y": [-12.5, 12.5], "z": [-12.5, 12.5]}, "away": 1, "speed_mm_s": 10.0, "acceleration_mm_s2": 100.0}"#;
 
@@ -204,7 +204,7 @@ async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
     let origin = Instant::now();
     let mut wire = Wire::to(stage, scene.clone(), origin);
     wire.send(format!("{PREPARE}\n").as_bytes()).await;
-    tokio::time::sleep(Duration::from_millis(200)).await;
+    palpate_link::time::sleep(Duration::from_millis(200)).await;
     wire.send(b"{\"do\": \"speed\", \"speed_mm_s\": 1}\n").await;
     let refused = b"{\"error\":\"the stage is being prepared\",\"id\":3}\n";
     let moved = b"{\"id\": 3, \"do\": \"move\", \"to_mm\": {\"x\": 1}, \"speed_mm_s\": 1}\n";

@@ -3,7 +3,7 @@
 use super::*;
 use crate::emulator::tests::{Wire, shared};
 use std::time::Duration;
-use tokio::time::{Instant, sleep};
+use palpate_link::time::{Instant, sleep};
 
 /// Sends a text on one socket, and reads exactly the expected answer.
 async fn exchange(wire: &mut Wire, sent: &str, answered: &str) {

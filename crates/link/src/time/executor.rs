@@ -1,0 +1,288 @@
+//! Executes a simulated run in virtual time, in the order of tokio's paused clock.
+//!
+//! Tasks that are ready run in the order in which they were woken. When none is left, the run itself continues if it was woken.
+//! Otherwise the clock jumps to the next deadline, and wakes those who wait for it in the order in which they began to wait.
+//! Deadlines are rounded up to whole milliseconds after the start, as tokio's timers are.
+
+use std::cell::{Cell, RefCell};
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+use std::future::Future;
+use std::pin::{Pin, pin};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, Wake, Waker};
+use std::thread::{self, Thread};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Number of tasks that run before the run itself is asked again, though others are ready: tokio's `event_interval` of a run.
+const TASKS_MOST: usize = 1024;
+
+type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
+
+thread_local! {
+    /// The present moment, on a thread that executes a simulated run.
+    static NOW: Cell<Option<Instant>> = const { Cell::new(None) };
+    static CLOCK: RefCell<Clock> = const { RefCell::new(Clock::new()) };
+    /// The run that this thread executes, and its number; 0 without a run.
+    static RUN: RefCell<Option<Arc<Run>>> = const { RefCell::new(None) };
+    static RUN_NUMBER: Cell<u64> = const { Cell::new(0) };
+    /// All tasks, and those that were woken on this thread.
+    static TASKS: RefCell<Vec<Arc<Task>>> = const { RefCell::new(Vec::new()) };
+    static READY: RefCell<VecDeque<Arc<Task>>> = const { RefCell::new(VecDeque::new()) };
+}
+
+/// Returns the present moment of virtual time; `None` on a thread that has none.
+pub(super) fn now() -> Option<Instant> {
+    NOW.get()
+}
+
+/// Who waits for which moment.
+struct Clock {
+    start: Option<Instant>,
+    /// Present, ms after the start.
+    now_ms: u64,
+    /// Number of waits so far.
+    waits: u64,
+    /// By moment, ms after the start, then in the order in which they began.
+    waiting: BTreeMap<(u64, u64), Waker>,
+}
+
+impl Clock {
+    const fn new() -> Self {
+        Clock { start: None, now_ms: 0, waits: 0, waiting: BTreeMap::new() }
+    }
+
+    /// Jumps to the next deadline, and returns those who wait for it; none if there is no deadline.
+    fn jump(&mut self) -> Vec<Waker> {
+        let Some((&(next_ms, _), _)) = self.waiting.first_key_value() else { return Vec::new() };
+        self.now_ms = next_ms;
+        NOW.set(self.start.map(|start| start + Duration::from_millis(next_ms)));
+        let mut due = Vec::new();
+        while let Some(first) = self.waiting.first_entry().filter(|first| first.key().0 <= next_ms) {
+            due.push(first.remove());
+        }
+        due
+    }
+}
+
+/// A moment of virtual time that is waited for.
+#[derive(Debug)]
+pub(super) struct Deadline {
+    moment_ms: u64,
+    /// Number of the wait, once it has begun.
+    wait: Option<u64>,
+}
+
+impl Deadline {
+    /// Returns a deadline on a thread that has virtual time.
+    pub(super) fn at(moment: Instant) -> Option<Deadline> {
+        NOW.get()?;
+        CLOCK.with_borrow(|clock| {
+            let after = moment.saturating_duration_since(clock.start?);
+            let moment_ms = u64::try_from(after.as_nanos().div_ceil(1_000_000)).unwrap_or(u64::MAX);
+            Some(Deadline { moment_ms, wait: None })
+        })
+    }
+
+    pub(super) fn poll(&mut self, context: &Context<'_>) -> Poll<()> {
+        CLOCK.with_borrow_mut(|clock| {
+            if self.moment_ms <= clock.now_ms {
+                return Poll::Ready(());
+            }
+            let wait = *self.wait.get_or_insert_with(|| {
+                clock.waits += 1;
+                clock.waits
+            });
+            let waker = clock.waiting.entry((self.moment_ms, wait)).or_insert_with(|| context.waker().clone());
+            waker.clone_from(context.waker());
+            Poll::Pending
+        })
+    }
+}
+
+impl Drop for Deadline {
+    fn drop(&mut self) {
+        if let Some(wait) = self.wait {
+            // a run that ends drops its waits after its clock
+            let _ = CLOCK.try_with(|clock| clock.borrow_mut().waiting.remove(&(self.moment_ms, wait)));
+        }
+    }
+}
+
+/// A task that was begun in virtual time.
+#[derive(Debug)]
+pub(super) struct VirtualTask(Arc<Task>);
+
+impl VirtualTask {
+    pub(super) fn is_finished(&self) -> bool {
+        self.0.is_finished.load(Ordering::Acquire)
+    }
+
+    pub(super) fn abort(&self) {
+        self.0.is_aborted.store(true, Ordering::Release);
+        self.0.wake_by_ref();
+    }
+}
+
+struct Task {
+    work: Mutex<Option<Work>>,
+    is_ready: AtomicBool,
+    is_aborted: AtomicBool,
+    is_finished: AtomicBool,
+    run: Arc<Run>,
+}
+
+impl fmt::Debug for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Task").field("is_finished", &self.is_finished).finish_non_exhaustive()
+    }
+}
+
+impl Wake for Task {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        if self.is_ready.swap(true, Ordering::AcqRel) {
+            return;
+        }
+        if self.run.is_here() {
+            READY.with_borrow_mut(|ready| ready.push_back(self.clone()));
+        } else {
+            locked(&self.run.from_elsewhere).push_back(self.clone());
+            self.run.has_elsewhere.store(true, Ordering::Release);
+            self.run.thread.unpark();
+        }
+    }
+}
+
+impl Task {
+    fn advance(self: Arc<Self>) {
+        self.is_ready.store(false, Ordering::Release);
+        let Some(mut work) = locked(&self.work).take() else { return };
+        if self.is_aborted.load(Ordering::Acquire) {
+            return self.is_finished.store(true, Ordering::Release);
+        }
+        let waker = Waker::from(self.clone());
+        match work.as_mut().poll(&mut Context::from_waker(&waker)) {
+            Poll::Ready(()) => self.is_finished.store(true, Ordering::Release),
+            Poll::Pending => *locked(&self.work) = Some(work),
+        }
+    }
+}
+
+/// Begins a task on a thread that has virtual time.
+pub(super) fn spawn(work: Work) -> VirtualTask {
+    let run = RUN.with_borrow(Clone::clone).unwrap_or_else(|| unreachable!("the thread has virtual time"));
+    let [is_ready, is_aborted, is_finished] = [false; 3].map(AtomicBool::new);
+    let task = Arc::new(Task { work: Mutex::new(Some(work)), is_ready, is_aborted, is_finished, run });
+    TASKS.with_borrow_mut(|tasks| {
+        tasks.retain(|task| !task.is_finished.load(Ordering::Acquire));
+        tasks.push(task.clone());
+    });
+    task.wake_by_ref();
+    VirtualTask(task)
+}
+
+/// A simulated run, which is not a task itself.
+struct Run {
+    number: u64,
+    thread: Thread,
+    is_woken: AtomicBool,
+    /// Tasks that other threads have woken, and whether there are any.
+    from_elsewhere: Mutex<VecDeque<Arc<Task>>>,
+    has_elsewhere: AtomicBool,
+}
+
+impl Wake for Run {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.is_woken.store(true, Ordering::Release);
+        if !self.is_here() {
+            self.thread.unpark();
+        }
+    }
+}
+
+impl Run {
+    fn begin() -> Arc<Run> {
+        static RUNS: AtomicU64 = AtomicU64::new(1);
+        let number = RUNS.fetch_add(1, Ordering::Relaxed);
+        let (is_woken, has_elsewhere, from_elsewhere) =
+            (AtomicBool::new(true), AtomicBool::new(false), Mutex::new(VecDeque::new()));
+        let run = Arc::new(Run { number, thread: thread::current(), is_woken, from_elsewhere, has_elsewhere });
+        let start = Instant::now();
+        RUN_NUMBER.set(number);
+        RUN.set(Some(run.clone()));
+        NOW.set(Some(start));
+        CLOCK.with_borrow_mut(|clock| clock.start = Some(start));
+        run
+    }
+
+    /// Whether this thread executes the run.
+    fn is_here(&self) -> bool {
+        RUN_NUMBER.get() == self.number
+    }
+
+    fn next_task(&self) -> Option<Arc<Task>> {
+        READY.with_borrow_mut(|ready| {
+            if self.has_elsewhere.swap(false, Ordering::AcqRel) {
+                ready.append(&mut locked(&self.from_elsewhere));
+            }
+            ready.pop_front()
+        })
+    }
+}
+
+/// Executes a simulated run in virtual time, with all tasks that it begins. They end with it.
+///
+/// # Panics
+/// The thread executes a simulated run already.
+pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
+    assert!(NOW.get().is_none(), "a simulated run doesn't execute another one");
+    let (state, _end, mut run) = (Run::begin(), End, pin!(run));
+    let waker = Waker::from(state.clone());
+    let mut context = Context::from_waker(&waker);
+    loop {
+        if state.is_woken.swap(false, Ordering::AcqRel)
+            && let Poll::Ready(result) = run.as_mut().poll(&mut context)
+        {
+            return result;
+        }
+        let tasks = std::iter::from_fn(|| state.next_task()).take(TASKS_MOST);
+        let is_idle = tasks.map(Task::advance).count() < TASKS_MOST;
+        if is_idle && !state.is_woken.load(Ordering::Acquire) {
+            let due = CLOCK.with_borrow_mut(Clock::jump);
+            if due.is_empty() && !state.has_elsewhere.load(Ordering::Acquire) {
+                // only another thread can continue the run, for example with a stop
+                thread::park();
+            }
+            due.into_iter().for_each(Waker::wake);
+        }
+    }
+}
+
+/// The end of a run: its tasks, which may wait, are dropped before its clock.
+struct End;
+
+impl Drop for End {
+    fn drop(&mut self) {
+        let tasks = TASKS.take();
+        tasks.into_iter().for_each(|task| drop(locked(&task.work).take()));
+        READY.take();
+        RUN.take();
+        RUN_NUMBER.set(0);
+        NOW.set(None);
+        CLOCK.replace(Clock::new());
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,170 @@
+//! Time as drivers, emulators and runs see it: tokio's, or virtual time on a thread that a simulated run has for itself.
+//!
+//! A simulated run is executed by [`run_virtually`]. On its thread, time passes only when nothing else is left to do: it jumps to the
+//! next deadline. Everywhere else, every function here is tokio's of the same name, so a real rig never sees virtual time.
+
+mod executor;
+
+pub use executor::run_virtually;
+
+use executor::{Deadline, VirtualTask};
+use std::future::{Future, poll_fn};
+use std::ops::{Add, AddAssign, Sub};
+use std::pin::{Pin, pin};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+/// A moment of tokio's time, or of virtual time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Instant(tokio::time::Instant);
+
+impl Instant {
+    /// Returns the present moment.
+    pub fn now() -> Self {
+        Instant(executor::now().unwrap_or_else(tokio::time::Instant::now))
+    }
+
+    /// Returns the time since this moment.
+    pub fn elapsed(self) -> Duration {
+        Instant::now() - self
+    }
+
+    /// Returns the time since an earlier moment; zero if that is later.
+    pub fn duration_since(self, earlier: Instant) -> Duration {
+        self - earlier
+    }
+
+    /// Returns the time since an earlier moment; zero if that is later.
+    pub fn saturating_duration_since(self, earlier: Instant) -> Duration {
+        self - earlier
+    }
+}
+
+impl Add<Duration> for Instant {
+    type Output = Instant;
+
+    fn add(self, later: Duration) -> Instant {
+        Instant(self.0 + later)
+    }
+}
+
+impl AddAssign<Duration> for Instant {
+    fn add_assign(&mut self, later: Duration) {
+        self.0 += later;
+    }
+}
+
+impl Sub<Duration> for Instant {
+    type Output = Instant;
+
+    fn sub(self, earlier: Duration) -> Instant {
+        Instant(self.0 - earlier)
+    }
+}
+
+impl Sub for Instant {
+    type Output = Duration;
+
+    fn sub(self, earlier: Instant) -> Duration {
+        self.0 - earlier.0
+    }
+}
+
+/// Wait for a moment.
+#[derive(Debug)]
+#[must_use = "it waits when it is awaited"]
+pub struct Sleep(Wait);
+
+#[derive(Debug)]
+enum Wait {
+    /// Time of tokio.
+    Real(Pin<Box<tokio::time::Sleep>>),
+    /// Virtual time.
+    Virtual(Deadline),
+}
+
+impl Future for Sleep {
+    type Output = ();
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
+        match &mut self.0 {
+            Wait::Real(sleep) => sleep.as_mut().poll(context),
+            Wait::Virtual(deadline) => deadline.poll(context),
+        }
+    }
+}
+
+/// Waits for this time, to the next whole millisecond of the clock.
+pub fn sleep(time: Duration) -> Sleep {
+    sleep_until(Instant::now() + time)
+}
+
+/// Waits until a moment, to the next whole millisecond of the clock.
+pub fn sleep_until(moment: Instant) -> Sleep {
+    match Deadline::at(moment.0) {
+        Some(deadline) => Sleep(Wait::Virtual(deadline)),
+        None => Sleep(Wait::Real(Box::pin(tokio::time::sleep_until(moment.0)))),
+    }
+}
+
+/// The time of a wait has passed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the deadline has elapsed")]
+pub struct Elapsed;
+
+/// Waits for a result for at most this time.
+///
+/// # Errors
+/// There was no result in this time.
+pub fn timeout<T>(time: Duration, result: impl Future<Output = T>) -> impl Future<Output = Result<T, Elapsed>> {
+    timeout_at(Instant::now() + time, result)
+}
+
+/// Waits for a result until a moment.
+///
+/// # Errors
+/// There was no result until then.
+pub async fn timeout_at<T>(moment: Instant, result: impl Future<Output = T>) -> Result<T, Elapsed> {
+    let (mut result, mut end) = (pin!(result), pin!(sleep_until(moment)));
+    poll_fn(|context| match result.as_mut().poll(context) {
+        Poll::Ready(result) => Poll::Ready(Ok(result)),
+        Poll::Pending => end.as_mut().poll(context).map(|()| Err(Elapsed)),
+    })
+    .await
+}
+
+/// A task that runs beside the others of its thread. It continues if this is dropped.
+#[derive(Debug)]
+pub struct Task(Handle);
+
+#[derive(Debug)]
+enum Handle {
+    Real(tokio::task::JoinHandle<()>),
+    Virtual(VirtualTask),
+}
+
+/// Begins a task.
+pub fn spawn(future: impl Future<Output = ()> + Send + 'static) -> Task {
+    match executor::now() {
+        Some(_) => Task(Handle::Virtual(executor::spawn(Box::pin(future)))),
+        None => Task(Handle::Real(tokio::spawn(future))),
+    }
+}
+
+impl Task {
+    /// Whether the task has ended.
+    pub fn is_finished(&self) -> bool {
+        match &self.0 {
+            Handle::Real(task) => task.is_finished(),
+            Handle::Virtual(task) => task.is_finished(),
+        }
+    }
+
+    /// Ends the task at its next turn, wherever it waits.
+    pub fn abort(&self) {
+        match &self.0 {
+            Handle::Real(task) => task.abort(),
+            Handle::Virtual(task) => task.abort(),
+        }
+    }
+}
