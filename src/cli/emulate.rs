@@ -6,6 +6,7 @@ use super::summary::print;
 use crate::api::Failure;
 use crate::api::sources::read_rig;
 use miette::IntoDiagnostic;
+use palpate_link::time::Instant;
 use palpate_run::rig::{EmulatedDevice, FarEnd, RigSpec};
 use palpate_sim::emulator::Shared;
 use palpate_sim::emulator::listen::{self, ListenError, Listening};
@@ -15,7 +16,6 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use tokio::runtime::Builder;
-use palpate_link::time::Instant;
 
 const EXAMPLES: &str = "\
 Examples:

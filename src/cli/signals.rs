@@ -3,14 +3,14 @@
 use super::summary;
 use crate::api::Failure;
 use miette::{IntoDiagnostic, WrapErr};
+#[cfg(unix)]
+use palpate_link::time::timeout;
 use palpate_run::run::Cancel;
 use std::io::{self, IsTerminal};
 use std::thread;
 #[cfg(unix)]
 use std::time::Duration;
 use tokio::runtime::Builder;
-#[cfg(unix)]
-use palpate_link::time::timeout;
 
 /// Bit of SIGHUP, the first signal, in a mask of signals.
 #[cfg(unix)]

@@ -7,7 +7,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Asked, Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
 use palpate_testing::campaign;
-use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, in_virtual_time, plan, walked};
+use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, plan, run_virtually, walked};
 
 const WEIGHT_N: f64 = 0.5;
 
@@ -35,7 +35,7 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
 /// What the doctor finds with a weight that is known within this share of it; its true force follows from the seed.
 fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> Weighed {
     let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
-    let found = in_virtual_time(async {
+    let found = run_virtually(async {
         examine(spec, seed, &Cancel::default(), Asked::Weight(Weighing { weight, ask: &mut |_| {} }))
             .await
             .expect("a sound rig")

@@ -16,4 +16,5 @@ mod tilt;
 mod trips;
 mod uncertainty;
 mod unzeroed;
+mod virtual_time;
 mod wire_faults;

@@ -3,18 +3,18 @@
 
 use palpate_data::dataset::Memory;
 use palpate_data::recipe::Entry;
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use palpate_run::rig::{EmulatedDevice, RigSpec};
 use palpate_run::run::{Cancel, Halt, Listener, Walk, walk_on};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{Fault, FaultKind, Scene};
-use palpate_testing::walks::{in_virtual_time, plan};
+use palpate_testing::walks::{plan, run_virtually};
 use palpate_testing::{campaign, exchanged, shipped_text};
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
-use palpate_link::time::Instant;
 
 const RECIPE: &str = "
 name = \"reaction\"
@@ -123,7 +123,7 @@ fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_i
 
 /// When the presses begin and end where nothing goes wrong, s.
 fn presses_s(spec: &RigSpec) -> Range<f64> {
-    in_virtual_time(async {
+    run_virtually(async {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
         let (mut ledger, mut begin) = (Memory::default(), Begin(None));
         let errand = Walk { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
@@ -138,7 +138,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
 fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
     let mut spec = spec.clone();
     spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
-    in_virtual_time(async {
+    run_virtually(async {
         let (plan, origin) = (plan(&spec, RECIPE, 1), Instant::now());
         let simulated = spec.emulators(1).expect("emulators");
         let heard = Arc::new(Mutex::new(Heard::default()));
@@ -191,8 +191,8 @@ impl Line {
         let (heard, tap) = (self.heard.clone(), self.tap);
         Connector::Memory(Box::new(move || {
             let ((near, beside), (behind, far)) = (duplex(4096), duplex(4096));
-            tokio::spawn(serve(far, instrument.clone(), scene.clone(), origin));
-            tokio::spawn(relay(beside, behind, heard.clone(), tap));
+            palpate_link::time::spawn(serve(far, instrument.clone(), scene.clone(), origin));
+            palpate_link::time::spawn(relay(beside, behind, heard.clone(), tap));
             near
         }))
     }

@@ -8,7 +8,7 @@ use palpate_sim::emulator::{Instrument, Shared};
 use palpate_sim::scene::{Device, Mounting, Scene};
 use palpate_testing::campaign;
 use palpate_testing::safety::{STAIRCASE, recipe, rig_with, truthful};
-use palpate_testing::walks::{Deaths, bench, in_parallel, in_virtual_time, plan, walked, walked_with};
+use palpate_testing::walks::{Deaths, bench, in_parallel, plan, run_virtually, walked, walked_with};
 use proptest::prelude::*;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -24,7 +24,7 @@ struct Silent;
 impl Listener for Silent {}
 
 fn found(spec: &RigSpec, seed: u64) -> Result<Alignment, AlignError> {
-    in_virtual_time(align(spec, seed, &Cancel::default(), &mut Silent))
+    run_virtually(align(spec, seed, &Cancel::default(), &mut Silent))
 }
 
 /// A tilt of this angle, deeper in this direction.

@@ -10,7 +10,7 @@ use palpate_sim::emulator::{Instrument, Owed, Shared};
 use palpate_sim::scene::{Device, Fault, FaultKind, Mounting, Scene};
 use palpate_testing::campaign;
 use palpate_testing::walks::{
-    BENCHES, Deaths, bench, end_of, in_parallel, in_virtual_time, must_be_none, plan, walked_with,
+    BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, run_virtually, walked_with,
 };
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -126,7 +126,7 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
         let mut spec = specimen_at(name, 20.0);
         spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;
         let cancel = Cancel::default();
-        let found = in_virtual_time(examine(&spec, nth, &cancel, Asked::Nobody));
+        let found = run_virtually(examine(&spec, nth, &cancel, Asked::Nobody));
         match found {
             Ok(found) if matches!(found.air, Some(Ok(_))) => None,
             Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),

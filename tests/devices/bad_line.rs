@@ -10,7 +10,7 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::{ContactLaw, Latencies};
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
-use palpate_testing::walks::{in_parallel, in_virtual_time};
+use palpate_testing::walks::{in_parallel, run_virtually};
 use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;
@@ -143,7 +143,7 @@ fn rig(stage: &str, load_cell: &str, array: &str) -> RigSpec {
 
 fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     let tried = panic::catch_unwind(AssertUnwindSafe(|| {
-        in_virtual_time(async {
+        run_virtually(async {
             match subject {
                 Subject::Esp301 | Subject::Xps | Subject::Grbl | Subject::ProcessStage => {
                     stages::run(subject, seed, bad).await

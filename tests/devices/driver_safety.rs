@@ -5,19 +5,19 @@ use palpate_core::quantity::{Axis, Down, Steps};
 use palpate_drivers::Esp301;
 use palpate_drivers::modbus::{ModbusLoadCell, Profile, Transport};
 use palpate_link::device::{HomeSearch, LoadCell as _, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{Scene, Trajectory};
 use palpate_testing::made_ready;
 use palpate_testing::safety::{rig_with, truthful};
-use palpate_testing::walks::in_virtual_time;
+use palpate_testing::walks::run_virtually;
 use std::future::Future;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc;
-use palpate_link::time::{Instant, sleep};
 
 // ---- the stage's driver against its emulator -----------------------------------------------------------------------
 
@@ -39,7 +39,7 @@ impl StageBench {
         let dial = move || {
             let (near, far) = duplex(4096);
             let (instrument, scene) = (far_instrument.clone(), far_scene.clone());
-            tokio::spawn(async move { serve(far, instrument, scene, origin).await });
+            palpate_link::time::spawn(async move { serve(far, instrument, scene, origin).await });
             near
         };
         let usage = StageUse {
@@ -95,7 +95,7 @@ async fn sideways_in_contact(scene: Shared<Scene>, origin: Instant, contact_belo
 #[test]
 fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
     // z was homed and still presses; the x motor is off (a following error, or a hand on the front panel)
-    in_virtual_time(async {
+    run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
@@ -120,7 +120,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
 #[test]
 fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
     // a program that was killed left a motion behind; the next one must not take where it is for where it stays
-    in_virtual_time(async {
+    run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
         made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
@@ -135,7 +135,7 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
 #[test]
 fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
     for down in [Down::Minus, Down::Plus] {
-        in_virtual_time(async {
+        run_virtually(async {
             let spec = rig_with(|spec, _| spec.frame.down = down);
             let bench = StageBench::new(&spec);
             let into = down.sign();
@@ -148,7 +148,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
             let dial = move || {
                 let (near, far) = duplex(4096);
                 let (instrument, scene) = (instrument.clone(), far_scene.clone());
-                tokio::spawn(async move { serve(far, instrument, scene, origin).await });
+                palpate_link::time::spawn(async move { serve(far, instrument, scene, origin).await });
                 near
             };
             let mut driver = Esp301::new(Connector::Memory(Box::new(dial)), "bench".to_owned());
@@ -177,7 +177,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
 /// A driver whose far end is played by the test: line by line.
 fn scripted<F: Future<Output = ()> + Send + 'static>(play: impl FnOnce(DuplexStream) -> F) -> Esp301 {
     let (near, far) = duplex(4096);
-    tokio::spawn(play(far));
+    palpate_link::time::spawn(play(far));
     let near = Mutex::new(Some(near));
     Esp301::new(Connector::Memory(Box::new(move || near.lock().unwrap().take().unwrap())), "script".to_owned())
 }
@@ -192,7 +192,7 @@ async fn line_from(far: &mut DuplexStream) -> Option<String> {
 
 #[test]
 fn an_answer_that_came_twice_is_not_taken_for_the_next() {
-    in_virtual_time(async {
+    run_virtually(async {
         let mut driver = scripted(|mut far| async move {
             let mut first = true;
             while let Some(line) = line_from(&mut far).await {
@@ -214,7 +214,7 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
 
 #[test]
 fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
-    in_virtual_time(async {
+    run_virtually(async {
         let stopped_s = Arc::new(Mutex::new(None));
         let (told, began) = (stopped_s.clone(), Instant::now());
         let mut driver = scripted(move |mut far| async move {
@@ -264,7 +264,7 @@ fn serial_line(
     let (requests, mut requested) = mpsc::unbounded_channel::<Vec<u8>>();
     let port: Arc<tokio::sync::Mutex<Option<tokio::io::WriteHalf<DuplexStream>>>> = Arc::default();
     let (device, writer) = (instrument.clone(), port.clone());
-    tokio::spawn(async move {
+    palpate_link::time::spawn(async move {
         let mut count = 0;
         while let Some(request) = requested.recv().await {
             let now_s = origin.elapsed().as_secs_f64();
@@ -282,7 +282,7 @@ fn serial_line(
         let (mut reader, writer) = tokio::io::split(far);
         *port.try_lock().unwrap() = Some(writer);
         let (instrument, requests) = (instrument.clone(), requests.clone());
-        tokio::spawn(async move {
+        palpate_link::time::spawn(async move {
             let mut inbox = Vec::new();
             while let Ok(byte) = reader.read_u8().await {
                 inbox.push(byte);
@@ -297,7 +297,7 @@ fn serial_line(
 
 #[test]
 fn a_reading_beyond_the_range_says_so_with_itself() {
-    in_virtual_time(async {
+    run_virtually(async {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
@@ -322,7 +322,7 @@ fn a_reading_beyond_the_range_says_so_with_itself() {
 
 #[test]
 fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
-    in_virtual_time(async {
+    run_virtually(async {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();

@@ -2,17 +2,17 @@
 //! `cargo test --release --test devices lines:: -- --nocapture`.
 
 use palpate_drivers::lines::{LinePort, LineProfile, Received};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use palpate_run::rig;
 use palpate_sim::emulator::lines::{Board, Damage, DamageKind, Firmware, LineFault, LineFaultKind, Port, Sent};
 use palpate_sim::emulator::serve;
 use palpate_sim::scene::{Device, Scene};
-use palpate_testing::walks::in_virtual_time;
+use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, shipped_text};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::duplex;
-use palpate_link::time::Instant;
 
 /// How a board marks its readings.
 #[derive(Clone, Copy, Debug)]
@@ -114,12 +114,12 @@ fn received(skin: Skin, damage: f64, faults: &[LineFault], seconds: f64) -> Outc
     let damage = Damage { fraction: damage, kinds: DamageKind::ALL.to_vec(), seed: 3 };
     let board = faults.iter().fold(Board::new(skin).damaged(damage), |board, fault| board.with_fault(*fault));
     let board = Arc::new(Mutex::new(board));
-    in_virtual_time(async {
+    run_virtually(async {
         let origin = Instant::now();
         let served = board.clone();
         let dial = move || {
             let (near, far) = duplex(4096);
-            drop(tokio::spawn(serve(far, served.clone(), scene.clone(), origin)));
+            drop(palpate_link::time::spawn(serve(far, served.clone(), scene.clone(), origin)));
             near
         };
         let port = LinePort::new(Connector::Memory(Box::new(dial)), marks.profile(channels));

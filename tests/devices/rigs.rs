@@ -5,12 +5,12 @@ use palpate_core::quantity::{ArrayLayout, Axis, Place};
 use palpate_data::dataset::Recorded;
 use palpate_data::dataset::evaluate::Trial;
 use palpate_link::device::{DeviceProblem, Instruments, Reins, Stage};
+use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{Fault, FaultKind};
-use palpate_testing::walks::in_virtual_time;
+use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, SMALL, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep_until};
 
 /// The rig that the others are held against, and the others.
 const FIRST: &str = "sim";
@@ -120,7 +120,7 @@ fn x_and_y_of_an_xps_are_homed_only_with_z_away_also_if_z_is_in_contact_and_home
     let text =
         xps_in_groups()[1].clone() + "\n[scene]" + shipped_text("rigs/paper.toml").split_once("[scene]").unwrap().1;
     let spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
-    in_virtual_time(async {
+    run_virtually(async {
         let reins = Reins::default();
         let simulated = spec.emulators(1).expect("emulators");
         let (scene, origin) = (simulated.scene.clone(), Instant::now());
@@ -155,7 +155,7 @@ fn guard_ends_a_motion(rig: &str) {
     let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
     let leap_s = 20.0;
     spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s: leap_s, value: Some(5.0) });
-    in_virtual_time(async {
+    run_virtually(async {
         let (began, reins) = (Instant::now(), Reins::default());
         let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");
         made_ready(&mut stage, &stage_use, &reins).await.expect("a stage");

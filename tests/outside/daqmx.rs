@@ -5,6 +5,7 @@
 
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
+use palpate_link::time::{Instant, timeout};
 use palpate_link::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
 use palpate_testing::python::{Python, said};
 use palpate_testing::served::Served;
@@ -14,7 +15,6 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
-use palpate_link::time::{Instant, timeout};
 
 /// Longest wait for samples that come a thousand times a second.
 const PATIENCE: Duration = Duration::from_secs(5);

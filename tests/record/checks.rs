@@ -7,7 +7,7 @@ use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, Walk, expected_checks, walk};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
-use palpate_testing::walks::{bench, in_virtual_time, plan};
+use palpate_testing::walks::{bench, plan, run_virtually};
 use palpate_testing::{Bench, shipped_text};
 
 /// Five presses: fewer than the rules within a run need to compare.
@@ -41,7 +41,7 @@ impl Listener for Stopping<'_> {
 /// Walks a plan until so many more presses are made.
 fn walked(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
     let cancel = Cancel::default();
-    in_virtual_time(async {
+    run_virtually(async {
         let errand = Walk { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, &mut Stopping { cancel: &cancel, left: presses }).await
     })
@@ -232,7 +232,7 @@ fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever
         let plan = plan(&spec, TINY, 1);
         let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
         let (mut memory, cancel) = (Memory::default(), Cancel::default());
-        let ending = in_virtual_time(async {
+        let ending = run_virtually(async {
             let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
             walk(errand, &mut person).await
         });

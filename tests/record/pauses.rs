@@ -4,13 +4,13 @@
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{Contact, DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
 use palpate_data::recipe::Plan;
+use palpate_link::time::{Instant, sleep};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{Fault, FaultKind, Scene};
-use palpate_testing::walks::{bench, in_virtual_time, plan};
+use palpate_testing::walks::{bench, plan, run_virtually};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep};
 
 /// How far from where it is parked z may stand, mm: as far as a read-back may be off.
 const PARKED_MM: f64 = 0.003;
@@ -41,7 +41,7 @@ impl Listener for Restless {
         if self.pauses > 0 {
             self.pauses -= 1;
             let cancel = self.cancel.clone();
-            tokio::spawn(async move {
+            palpate_link::time::spawn(async move {
                 sleep(Duration::from_secs(1)).await;
                 cancel.pause();
             });
@@ -64,7 +64,7 @@ impl Listener for Restless {
 
 fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
     let cancel = listener.cancel.clone();
-    in_virtual_time(async {
+    run_virtually(async {
         let errand = Walk { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, listener).await
     })
@@ -147,7 +147,7 @@ impl Listener for Looking<'_> {
 fn a_run_that_pauses_is_parked_meanwhile() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
-    let stood_mm = in_virtual_time(async {
+    let stood_mm = run_virtually(async {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let z_mm = || z_mm(&spec, &scene, began);
@@ -207,7 +207,7 @@ fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     let (mut ledger, mut person) = (Full::default(), Restless::new(0, usize::MAX));
-    let (ending, z_mm) = in_virtual_time(async {
+    let (ending, z_mm) = run_virtually(async {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");

@@ -3,12 +3,12 @@
 
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{Contact, DatasetError, Journal, Origins, Provenance, Record, RunFacts, RunFolder, Status};
+use palpate_link::time::Instant;
 use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
-use palpate_testing::walks::{bench, in_virtual_time, plan};
+use palpate_testing::walks::{bench, plan, run_virtually};
 use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
 use std::fs;
 use std::path::{Path, PathBuf};
-use palpate_link::time::Instant;
 
 /// Presses that are acknowledged before the journal is meddled with.
 const BEFORE: usize = 2;
@@ -50,7 +50,7 @@ fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
     let folder = RunFolder::create(Some(&path), &origins, facts, Provenance::default(), &spec.array.layout);
     let mut folder = folder.expect("a run");
     let mut meddler = Meddler { acknowledged: 0, meddle: &|done| meddle(done, &path) };
-    let (ending, z_mm) = in_virtual_time(async {
+    let (ending, z_mm) = run_virtually(async {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");

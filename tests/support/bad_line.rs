@@ -2,6 +2,7 @@
 //! dropped, delayed, doubled, cut short, garbled or overtaken. All of it follows from a seed.
 
 use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::{Scene, Trajectory};
@@ -10,7 +11,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
-use palpate_link::time::{Instant, sleep_until};
 
 /// Part of the messages that meet with something, while the line is bad.
 pub const BAD_SHARE: f64 = 0.15;
@@ -273,8 +273,8 @@ pub fn connector(
 ) -> Connector {
     let wired = move |nears: UnboundedReceiver<DuplexStream>| {
         let (far, served) = duplex(LINE_BYTES);
-        drop(tokio::spawn(emulator::serve(served, instrument.clone(), scene.clone(), origin)));
-        drop(tokio::spawn(pass_on(nears, far, framing, fate.clone())));
+        drop(palpate_link::time::spawn(emulator::serve(served, instrument.clone(), scene.clone(), origin)));
+        drop(palpate_link::time::spawn(pass_on(nears, far, framing, fate.clone())));
     };
     let line: Mutex<Option<UnboundedSender<DuplexStream>>> = Mutex::new(None);
     Connector::Memory(Box::new(move || {

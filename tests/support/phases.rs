@@ -2,9 +2,9 @@
 
 use super::walks::Worst;
 use palpate_core::quantity::{Axis, Frame};
+use palpate_link::time::Instant;
 use palpate_sim::scene::{Device, Scene};
 use std::sync::{Arc, Mutex};
-use palpate_link::time::Instant;
 
 /// How long after the array was asked a window still counts as open, s: it is asked every 5 ms, and takes 1 to 2 over it.
 const WINDOW_S: f64 = 0.02;

@@ -1,16 +1,16 @@
 //! Whole walks through the simulated rig, real drivers and framing included, in virtual time. What really happened is asked of
 //! the scene, so that the loop is judged against the truth and not against its own load cell.
 
-use super::walks::in_virtual_time;
+use super::walks::run_virtually;
 use palpate_control::Rule;
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate_data::recipe::{self, Plan};
+use palpate_link::time::Instant;
 use palpate_run::rig::{self, RigSpec};
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
 use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
-use palpate_link::time::Instant;
 
 /// What the conversion of the load cell to whole mN may add to what is shown, N.
 pub const COUNT_N: f64 = 0.001;
@@ -94,7 +94,7 @@ impl Bench {
         }
         let Bench { spec, plan, folder, .. } = self;
         let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
-        let (ending, virtual_s, z_mm) = in_virtual_time(async {
+        let (ending, virtual_s, z_mm) = run_virtually(async {
             let rig = spec.emulators(plan.seed).expect("emulators");
             let (scene, began) = (rig.scene.clone(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");

@@ -7,6 +7,8 @@ use palpate_core::quantity::Axis;
 use palpate_data::dataset::Memory;
 use palpate_data::recipe::{self, Plan};
 use palpate_link::device::Identity;
+pub use palpate_link::time::run_virtually;
+use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
 use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
@@ -16,7 +18,6 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep, timeout};
 
 /// The benches, by name.
 pub const BENCHES: [(&str, &str); 2] = [
@@ -139,7 +140,7 @@ pub enum Deaths {
 
 /// Walks a plan on a rig that was tampered with.
 pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Walked {
-    in_virtual_time(async {
+    run_virtually(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
         let scene = rig.scene.clone();
@@ -253,7 +254,8 @@ pub fn must_be_none(broken: &[String]) {
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
 }
 
-pub fn in_virtual_time<T>(future: impl Future<Output = T>) -> T {
+/// As [`run_virtually`](palpate_link::time::run_virtually), by tokio's paused clock.
+pub fn in_tokios_virtual_time<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
 }
 

@@ -6,9 +6,9 @@
 use super::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, Range, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep_until};
 
 /// Longest wait for an answer. The controller can be silent for 2 to 5 s after it hit a travel limit.
 const ANSWER_DEADLINE: Duration = Duration::from_secs(6);

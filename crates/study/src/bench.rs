@@ -4,9 +4,9 @@ use super::StudyError;
 use palpate_data::dataset::{Contact, Memory};
 use palpate_data::recipe::Plan;
 use palpate_document::Problems;
+use palpate_link::time::run_virtually;
 use palpate_run::rig::{self, RigSpec};
 use palpate_run::run::{Cancel, Ending, Listener, Walk, walk};
-use palpate_link::time::run_virtually;
 
 /// Simulated benches on which conditions are measured: one plant with two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,6 +16,7 @@ use palpate_data::acceptance::{Judgement, Verdict, limit_used};
 use palpate_data::dataset::sensor_file::SensorFile;
 use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
 use palpate_data::recipe::Plan;
+use palpate_link::time::{sleep, spawn};
 use palpate_run::batch::chart::{LIMIT_SIGMAS, Shown};
 use palpate_run::batch::{
     Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
@@ -26,7 +27,6 @@ use palpate_solver::{Model, UnitChange};
 use std::fmt::Write as _;
 use std::fs;
 use std::time::Duration;
-use palpate_link::time::{sleep, spawn};
 
 /// Minutes of a run that is timed in seconds.
 const SECONDS_PER_MINUTE: f64 = 60.0;
@@ -166,8 +166,7 @@ impl Desk {
     /// Checks without pressing that every device answers, and that zero and noise are sound. Returns the end of a sensor that fails.
     fn quick_check(&self, sensor: &Prepared) -> Result<Option<Outcome>, Failure> {
         let spec = &sensor.rig.spec;
-        let found =
-            execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody))?;
+        let found = execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody))?;
         let halt = match found {
             Err(halt) => Some(halt),
             Ok(found) => {

@@ -8,6 +8,7 @@ use palpate_drivers::process::{ProcessArray, ProcessLoadCell};
 use palpate_drivers::xps::XpsAnalog;
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, LoadCell, SensorArray};
+use palpate_link::time::{Instant, sleep, timeout};
 use palpate_link::wire::Connector;
 use palpate_link::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use palpate_sim::emulator::{DaqmxEmulator, Shared};
@@ -16,7 +17,6 @@ use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passe
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep, timeout};
 
 pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 

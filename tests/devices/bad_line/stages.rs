@@ -7,6 +7,7 @@ use palpate_drivers::process::ProcessStage;
 use palpate_drivers::xps::{Grouping, Xps};
 use palpate_drivers::{AnyStage, Esp301};
 use palpate_link::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep, timeout};
 use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate_sim::scene::Scene;
 use palpate_testing::bad_line::{Fate, Framing, connector, lock};
@@ -14,7 +15,6 @@ use palpate_testing::made_ready;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep, timeout};
 
 /// Longest wait for a program's first answer.
 const START: Duration = Duration::from_secs(10);

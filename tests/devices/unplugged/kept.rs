@@ -4,16 +4,16 @@ use super::RECIPE;
 use super::far::{Fate, beset};
 use palpate_data::dataset::{Contact, Manifest, Origins, Provenance, RunFacts, RunFolder};
 use palpate_data::recipe::{Entry, Plan};
+use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
 use palpate_sim::emulator::Shared;
 use palpate_testing::phases::{Phase, Watcher};
-use palpate_testing::walks::{Worst, in_virtual_time};
+use palpate_testing::walks::{Worst, run_virtually};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tempfile::TempDir;
-use palpate_link::time::{Instant, sleep, timeout};
 
 /// No run here is as long: one that is doesn't end by itself.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
@@ -63,7 +63,7 @@ impl Kept {
     /// Walks what is left of the plan and ends the run.
     pub(super) fn walk(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Walked {
         let folder = &mut self.folder;
-        let walked = in_virtual_time(async {
+        let walked = run_virtually(async {
             let mut rig = spec.emulators(plan.seed).expect("emulators");
             let watcher = Arc::new(Mutex::new(Watcher::new(rig.scene.clone(), spec.frame)));
             beset(&mut rig, &watcher, fate);

@@ -1,9 +1,9 @@
 //! One task that samples all inputs with the card's own clock.
 
 use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, TaskHandle};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep};
 
 /// Amount of unread data that the library may hold, s. Nothing is read while the indenter rests in air.
 const BUFFER_S: f64 = 10.0;

@@ -3,10 +3,10 @@
 use super::Acquisition;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, Identity, LoadCell, SensorArray};
+use palpate_link::time::Instant;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
-use palpate_link::time::Instant;
 
 /// One task that a load cell and an array read from.
 pub type SharedAcquisition = Arc<Mutex<Acquisition>>;

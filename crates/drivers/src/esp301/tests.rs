@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
-use tokio::task::JoinHandle;
 use palpate_link::time::sleep;
+use tokio::task::JoinHandle;
 
 /// A driver whose far end follows a script.
 fn stage(script: Script) -> (Esp301, JoinHandle<()>) {

@@ -2,10 +2,10 @@
 
 use super::report::{GrblStatus, Report, alarm_name, error_name, parse_report};
 use palpate_link::device::{DeviceError, DeviceProblem, Reins};
+use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, Lines, WireError, silent};
 use std::collections::BTreeMap;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// Longest wait for an answer. GRBL answers a line as soon as there is room for its motion, and a `?` within 20 ms.
 pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(1);

@@ -7,9 +7,9 @@ use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, Settings};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep_until};
 
 /// Longest search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);

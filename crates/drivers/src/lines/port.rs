@@ -5,13 +5,13 @@ use super::moment::DeviceClock;
 use super::profile::LineProfile;
 use palpate_core::quantity::seconds;
 use palpate_link::device::shown;
+use palpate_link::time::{Instant, Task, sleep_until, spawn, timeout_at};
 use palpate_link::wire::{ByteStream, Connector};
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, Task, sleep_until, spawn, timeout_at};
 
 /// Number of bytes that are received at once. A full piece comes from a queue, so its readings may be old.
 const PIECE_BYTES: usize = 4096;

@@ -4,8 +4,8 @@ use super::port::{LinePort, Received};
 use super::profile::{ForceColumn, OutputColumns};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
-use std::time::Duration;
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Longest wait for a reading beyond the time of one conversion. It is twice the age at which a reading is stale.
 const READING_DEADLINE: Duration = Duration::from_millis(500);
@@ -42,7 +42,7 @@ impl LineLoadCell {
     fn reading(&self, received: &Received) -> ForceReading {
         let number = received.numbers[self.force.column];
         let saturated = self.force.saturated_at.is_some_and(|ends| number <= ends.min || number >= ends.max);
-        let at_s = received.at.saturating_duration_since(self.origin).as_secs_f64();
+        let at_s = received.at.duration_since(self.origin).as_secs_f64();
         ForceReading { at_s, force_n: self.force.newton(number), health: Health { saturated, fault: false } }
     }
 }

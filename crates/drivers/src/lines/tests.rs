@@ -4,11 +4,11 @@ use super::framing::{Checksum, Finder, Frame, Framing, NumberType, Order, TextLi
 use super::*;
 use crate::script::scripted;
 use palpate_link::device::{LoadCell, SensorArray};
+use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use std::sync::Mutex;
 use std::time::Duration;
 use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
-use palpate_link::time::{Instant, sleep};
 
 fn text(columns: usize, separator: &str, before: &str, after: &str) -> Framing {
     let [separator, before, after] = [separator, before, after].map(str::to_owned);

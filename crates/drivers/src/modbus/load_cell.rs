@@ -5,9 +5,9 @@ use super::profile::{Force, Probe, Profile, StatusWord};
 use super::request::{Framing, Function};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// Number of weight readings between two readings of the status word, which needs its own request. Every mean that decides a step
 /// includes a status word.

@@ -3,9 +3,9 @@
 use super::*;
 use crate::script::{Script, closing, scripted};
 use palpate_link::device::LoadCell;
+use palpate_link::time::Instant;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use palpate_link::time::Instant;
 
 #[tokio::test(start_paused = true)]
 async fn the_manuals_frame_of_the_generic_transmitter_is_132_counts() {

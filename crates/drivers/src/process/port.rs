@@ -1,11 +1,11 @@
 //! One program: sends requests and receives answers, matched by their numbers.
 
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, Reins};
+use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, Lines, WireError, silent};
 use serde_json::{Map, Value, json};
 use std::io::ErrorKind;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// Number of the protocol version (docs/process.md).
 const PROTOCOL: u64 = 1;

@@ -3,10 +3,10 @@
 use super::port::{ANSWER_DEADLINE, FORCE_DEADLINE, Object, ProgramPort};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use serde_json::Value;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// A load cell behind a program.
 pub struct ProcessLoadCell {

@@ -4,10 +4,10 @@ use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep_until};
 
 /// Interval of status questions while a motion is late.
 const STATUS_EVERY: Duration = Duration::from_millis(2);

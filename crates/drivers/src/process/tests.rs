@@ -4,9 +4,9 @@ use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
 use palpate_core::quantity::Axis;
 use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 const START: Duration = Duration::from_secs(10);
 

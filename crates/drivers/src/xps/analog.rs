@@ -5,9 +5,9 @@ use super::socket::Socket;
 use super::text::number_in;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// Voltage from which a reading may be beyond the end of the range, V. The inputs' range is +-10 V.
 const FULL_SCALE_V: f64 = 9.99;

@@ -6,11 +6,11 @@ use super::socket::Socket;
 use super::text::Answer;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, Reins};
+use palpate_link::time::Instant;
 use std::cell::Cell;
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::task::Poll;
-use palpate_link::time::Instant;
 
 /// Number of attempts for the abort, each on a new socket.
 const ABORT_TRIES: usize = 2;

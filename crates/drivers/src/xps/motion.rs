@@ -7,8 +7,8 @@ use super::text::GroupState;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, DeviceProblem, Reins, Stage};
-use std::time::Duration;
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Longest time from a motion's call until the group moves or has moved.
 const TAKEN_DEADLINE: Duration = Duration::from_secs(1);

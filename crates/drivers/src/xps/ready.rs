@@ -6,8 +6,8 @@ use super::text::{Answer, GroupState};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, Reins, Stage, StageUse};
-use std::time::Duration;
 use palpate_link::time::{Instant, sleep};
+use std::time::Duration;
 
 /// Longest time for initialisation and search for home.
 const HOME_DEADLINE: Duration = Duration::from_secs(120);

@@ -2,9 +2,9 @@
 
 use super::text::{Answer, error_name, parse_answer};
 use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, Lines, WireError, silent};
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// End of every answer (PROTOCOLS: socket interface of the programmer's manual).
 const END: &str = "EndOfAPI";

@@ -8,9 +8,9 @@ use super::text::{GroupState, group_state, number_in};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep};
 
 /// Interval of questions for a group's status while waiting for something that no socket reports (EPICS: 10 ms).
 const STATUS_EVERY: Duration = Duration::from_millis(10);

@@ -4,9 +4,9 @@ use super::*;
 use crate::script::{Script, made_ready, scripted, unused, usage};
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceProblem, LoadCell, Reins, Stage};
+use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use tokio::task::JoinHandle;
-use palpate_link::time::Instant;
 
 fn group(home_search: bool) -> Grouping {
     Grouping::one("XYZ", ["X", "Y", "Z"], home_search)

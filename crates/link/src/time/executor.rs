@@ -4,8 +4,9 @@
 //! Otherwise the clock jumps to the next deadline, and wakes those who wait for it in the order in which they began to wait.
 //! Deadlines are rounded up to whole milliseconds after the start, as tokio's timers are.
 
+use super::Instant;
 use std::cell::{Cell, RefCell};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
@@ -13,8 +14,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
-use std::time::Duration;
-use tokio::time::Instant;
 
 /// Number of tasks that run before the run itself is asked again, though others are ready: tokio's `event_interval` of a run.
 const TASKS_MOST: usize = 1024;
@@ -22,8 +21,8 @@ const TASKS_MOST: usize = 1024;
 type Work = Pin<Box<dyn Future<Output = ()> + Send>>;
 
 thread_local! {
-    /// The present moment, on a thread that executes a simulated run.
-    static NOW: Cell<Option<Instant>> = const { Cell::new(None) };
+    /// The present moment, on a thread that executes a simulated run; else 0.
+    static NOW_NS: Cell<u64> = const { Cell::new(0) };
     static CLOCK: RefCell<Clock> = const { RefCell::new(Clock::new()) };
     /// The run that this thread executes, and its number; 0 without a run.
     static RUN: RefCell<Option<Arc<Run>>> = const { RefCell::new(None) };
@@ -33,70 +32,79 @@ thread_local! {
     static READY: RefCell<VecDeque<Arc<Task>>> = const { RefCell::new(VecDeque::new()) };
 }
 
+/// Start of virtual time, ns: a moment like any other, so that nothing relies on it.
+const START_NS: u64 = 3_600_000_000_000;
+const MS: u64 = 1_000_000;
+
 /// Returns the present moment of virtual time; `None` on a thread that has none.
 pub(super) fn now() -> Option<Instant> {
-    NOW.get()
+    let now = NOW_NS.get();
+    (now > 0).then_some(Instant(now))
 }
 
-/// Who waits for which moment.
+/// A wait that has begun, and who waits. Those of one moment are numbered in the order in which they began.
+struct Waiting {
+    moment_ns: u64,
+    number: u64,
+    who: Waker,
+}
+
+/// The waits, the next one last. There are a few at a time.
 struct Clock {
-    start: Option<Instant>,
-    /// Present, ms after the start.
-    now_ms: u64,
-    /// Number of waits so far.
-    waits: u64,
-    /// By moment, ms after the start, then in the order in which they began.
-    waiting: BTreeMap<(u64, u64), Waker>,
+    begun: u64,
+    waiting: Vec<Waiting>,
 }
 
 impl Clock {
     const fn new() -> Self {
-        Clock { start: None, now_ms: 0, waits: 0, waiting: BTreeMap::new() }
+        Clock { begun: 0, waiting: Vec::new() }
     }
 
-    /// Jumps to the next deadline, and returns those who wait for it; none if there is no deadline.
-    fn jump(&mut self) -> Vec<Waker> {
-        let Some((&(next_ms, _), _)) = self.waiting.first_key_value() else { return Vec::new() };
-        self.now_ms = next_ms;
-        NOW.set(self.start.map(|start| start + Duration::from_millis(next_ms)));
-        let mut due = Vec::new();
-        while let Some(first) = self.waiting.first_entry().filter(|first| first.key().0 <= next_ms) {
-            due.push(first.remove());
-        }
-        due
+    /// Returns the index of a wait, or the one at which it belongs.
+    fn find(&self, moment_ns: u64, number: u64) -> Result<usize, usize> {
+        self.waiting.binary_search_by(|wait| (moment_ns, number).cmp(&(wait.moment_ns, wait.number)))
+    }
+
+    /// Jumps to the next deadline, and returns those who wait for it, the first one last; none if there is no deadline.
+    fn jump(&mut self) -> Vec<Waiting> {
+        let Some(&Waiting { moment_ns, .. }) = self.waiting.last() else { return Vec::new() };
+        NOW_NS.set(moment_ns);
+        let later = self.waiting.partition_point(|wait| wait.moment_ns > moment_ns);
+        self.waiting.split_off(later)
     }
 }
 
 /// A moment of virtual time that is waited for.
 #[derive(Debug)]
 pub(super) struct Deadline {
-    moment_ms: u64,
+    moment_ns: u64,
     /// Number of the wait, once it has begun.
-    wait: Option<u64>,
+    number: Option<u64>,
 }
 
 impl Deadline {
     /// Returns a deadline on a thread that has virtual time.
-    pub(super) fn at(moment: Instant) -> Option<Deadline> {
-        NOW.get()?;
-        CLOCK.with_borrow(|clock| {
-            let after = moment.saturating_duration_since(clock.start?);
-            let moment_ms = u64::try_from(after.as_nanos().div_ceil(1_000_000)).unwrap_or(u64::MAX);
-            Some(Deadline { moment_ms, wait: None })
-        })
+    pub(super) fn at(Instant(moment_ns): Instant) -> Option<Deadline> {
+        // virtual time begins at a whole millisecond
+        (NOW_NS.get() > 0).then(|| Deadline { moment_ns: moment_ns.div_ceil(MS).saturating_mul(MS), number: None })
     }
 
     pub(super) fn poll(&mut self, context: &Context<'_>) -> Poll<()> {
+        if self.moment_ns <= NOW_NS.get() {
+            return Poll::Ready(());
+        }
         CLOCK.with_borrow_mut(|clock| {
-            if self.moment_ms <= clock.now_ms {
-                return Poll::Ready(());
-            }
-            let wait = *self.wait.get_or_insert_with(|| {
-                clock.waits += 1;
-                clock.waits
+            let number = *self.number.get_or_insert_with(|| {
+                clock.begun += 1;
+                clock.begun
             });
-            let waker = clock.waiting.entry((self.moment_ms, wait)).or_insert_with(|| context.waker().clone());
-            waker.clone_from(context.waker());
+            match clock.find(self.moment_ns, number) {
+                Ok(at) => clock.waiting[at].who.clone_from(context.waker()),
+                Err(at) => {
+                    let wait = Waiting { moment_ns: self.moment_ns, number, who: context.waker().clone() };
+                    clock.waiting.insert(at, wait);
+                }
+            }
             Poll::Pending
         })
     }
@@ -104,10 +112,12 @@ impl Deadline {
 
 impl Drop for Deadline {
     fn drop(&mut self) {
-        if let Some(wait) = self.wait {
-            // a run that ends drops its waits after its clock
-            let _ = CLOCK.try_with(|clock| clock.borrow_mut().waiting.remove(&(self.moment_ms, wait)));
-        }
+        let Some(number) = self.number.filter(|_| self.moment_ns > NOW_NS.get()) else { return };
+        CLOCK.with_borrow_mut(|clock| {
+            if let Ok(at) = clock.find(self.moment_ns, number) {
+                clock.waiting.remove(at);
+            }
+        });
     }
 }
 
@@ -217,11 +227,9 @@ impl Run {
         let (is_woken, has_elsewhere, from_elsewhere) =
             (AtomicBool::new(true), AtomicBool::new(false), Mutex::new(VecDeque::new()));
         let run = Arc::new(Run { number, thread: thread::current(), is_woken, from_elsewhere, has_elsewhere });
-        let start = Instant::now();
         RUN_NUMBER.set(number);
         RUN.set(Some(run.clone()));
-        NOW.set(Some(start));
-        CLOCK.with_borrow_mut(|clock| clock.start = Some(start));
+        NOW_NS.set(START_NS);
         run
     }
 
@@ -245,7 +253,7 @@ impl Run {
 /// # Panics
 /// The thread executes a simulated run already.
 pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
-    assert!(NOW.get().is_none(), "a simulated run doesn't execute another one");
+    assert!(now().is_none(), "a simulated run doesn't execute another one");
     let (state, _end, mut run) = (Run::begin(), End, pin!(run));
     let waker = Waker::from(state.clone());
     let mut context = Context::from_waker(&waker);
@@ -263,7 +271,7 @@ pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
                 // only another thread can continue the run, for example with a stop
                 thread::park();
             }
-            due.into_iter().for_each(Waker::wake);
+            due.into_iter().rev().for_each(|wait| wait.who.wake());
         }
     }
 }
@@ -278,7 +286,7 @@ impl Drop for End {
         READY.take();
         RUN.take();
         RUN_NUMBER.set(0);
-        NOW.set(None);
+        NOW_NS.set(0);
         CLOCK.replace(Clock::new());
     }
 }

@@ -4,6 +4,8 @@
 //! next deadline. Everywhere else, every function here is tokio's of the same name, so a real rig never sees virtual time.
 
 mod executor;
+#[cfg(test)]
+mod tests;
 
 pub use executor::run_virtually;
 
@@ -11,17 +13,28 @@ use executor::{Deadline, VirtualTask};
 use std::future::{Future, poll_fn};
 use std::ops::{Add, AddAssign, Sub};
 use std::pin::{Pin, pin};
+use std::sync::OnceLock;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-/// A moment of tokio's time, or of virtual time.
+/// A moment of tokio's time, or of virtual time: nanoseconds since an origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Instant(tokio::time::Instant);
+pub struct Instant(u64);
+
+/// Origin of [`Instant`] before the program's first look at a clock. A paused clock of tokio may have begun before that.
+const ORIGIN_BEFORE: Duration = Duration::from_secs(3600);
+
+/// Returns the origin of real moments.
+fn origin() -> tokio::time::Instant {
+    static ORIGIN: OnceLock<tokio::time::Instant> = OnceLock::new();
+    *ORIGIN.get_or_init(|| (std::time::Instant::now() - ORIGIN_BEFORE).into())
+}
 
 impl Instant {
     /// Returns the present moment.
     pub fn now() -> Self {
-        Instant(executor::now().unwrap_or_else(tokio::time::Instant::now))
+        let real = || Instant(nanoseconds(tokio::time::Instant::now() - origin()));
+        executor::now().unwrap_or_else(real)
     }
 
     /// Returns the time since this moment.
@@ -34,23 +47,27 @@ impl Instant {
         self - earlier
     }
 
-    /// Returns the time since an earlier moment; zero if that is later.
-    pub fn saturating_duration_since(self, earlier: Instant) -> Duration {
-        self - earlier
+    fn real(self) -> tokio::time::Instant {
+        origin() + Duration::from_nanos(self.0)
     }
+}
+
+/// Returns a time in ns; the longest possible one instead of more.
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl Add<Duration> for Instant {
     type Output = Instant;
 
     fn add(self, later: Duration) -> Instant {
-        Instant(self.0 + later)
+        Instant(self.0.saturating_add(nanoseconds(later)))
     }
 }
 
 impl AddAssign<Duration> for Instant {
     fn add_assign(&mut self, later: Duration) {
-        self.0 += later;
+        *self = *self + later;
     }
 }
 
@@ -58,15 +75,16 @@ impl Sub<Duration> for Instant {
     type Output = Instant;
 
     fn sub(self, earlier: Duration) -> Instant {
-        Instant(self.0 - earlier)
+        Instant(self.0.saturating_sub(nanoseconds(earlier)))
     }
 }
 
+/// The time between two moments; zero if the second is later.
 impl Sub for Instant {
     type Output = Duration;
 
     fn sub(self, earlier: Instant) -> Duration {
-        self.0 - earlier.0
+        Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
 }
 
@@ -101,9 +119,9 @@ pub fn sleep(time: Duration) -> Sleep {
 
 /// Waits until a moment, to the next whole millisecond of the clock.
 pub fn sleep_until(moment: Instant) -> Sleep {
-    match Deadline::at(moment.0) {
+    match Deadline::at(moment) {
         Some(deadline) => Sleep(Wait::Virtual(deadline)),
-        None => Sleep(Wait::Real(Box::pin(tokio::time::sleep_until(moment.0)))),
+        None => Sleep(Wait::Real(Box::pin(tokio::time::sleep_until(moment.real())))),
     }
 }
 
@@ -143,8 +161,9 @@ enum Handle {
     Virtual(VirtualTask),
 }
 
-/// Begins a task.
-pub fn spawn(future: impl Future<Output = ()> + Send + 'static) -> Task {
+/// Begins a task. Its result is dropped.
+pub fn spawn<T>(future: impl Future<Output = T> + Send + 'static) -> Task {
+    let future = async move { drop(future.await) };
     match executor::now() {
         Some(_) => Task(Handle::Virtual(executor::spawn(Box::pin(future)))),
         None => Task(Handle::Real(tokio::spawn(future))),

@@ -1,11 +1,11 @@
 //! Opening of links.
 
 use super::{Link, Parity, program};
+use crate::time::timeout;
 use std::io;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
-use crate::time::timeout;
 use tokio_serial::{FlowControl, SerialPortBuilderExt, StopBits};
 
 /// Longest wait until a TCP server accepts.

@@ -2,9 +2,9 @@
 
 use super::Connector;
 use super::lines::{Lines, WireError, silent};
+use crate::time::Instant;
 use std::time::Duration;
 use tokio::sync::Notify;
-use crate::time::Instant;
 
 /// Longest accepted answer line, bytes. The longest real line is an error text of some 60.
 const LINE_MAX_BYTES: usize = 1024;

@@ -1,13 +1,13 @@
 //! Lines on a link, and errors of the link.
 
 use super::{ByteStream, Connector};
+use crate::time::{Instant, timeout, timeout_at};
 use std::future::poll_fn;
 use std::io;
 use std::pin::Pin;
 use std::task::Poll;
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWriteExt, ReadBuf};
-use crate::time::{Instant, timeout, timeout_at};
 
 /// Error of a link.
 #[derive(Debug, thiserror::Error)]

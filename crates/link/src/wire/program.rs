@@ -1,6 +1,7 @@
 //! A program whose standard input and output are a link, and the way it is ended.
 
 use super::ByteStream;
+use crate::time::{Sleep, sleep};
 use std::future::Future;
 use std::io;
 use std::pin::Pin;
@@ -11,7 +12,6 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::process::{ChildStdin, ChildStdout};
-use crate::time::{Sleep, sleep};
 
 /// Time from the end of a program's input to the program's own end (docs/process.md). During this time the program brings its
 /// device to rest.

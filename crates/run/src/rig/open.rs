@@ -7,12 +7,12 @@ use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
 use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
+use palpate_link::time::{Instant, spawn};
 use palpate_link::wire::{Claims, Connector, Link};
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::Scene;
 use std::cell::{OnceCell, RefCell};
 use tokio::io::duplex;
-use palpate_link::time::{Instant, spawn};
 
 /// Number of bytes that can wait in a link in memory before its writer has to wait.
 const DUPLEX_BYTES: usize = 4096;
@@ -150,8 +150,7 @@ fn dial(instrument: Shared<dyn Instrument>, scene: Shared<Scene>, origin: Instan
     Connector::Memory(Box::new(move || {
         let (near, far) = duplex(DUPLEX_BYTES);
         // its only error is that the near end has gone
-        let served = emulator::serve(far, instrument.clone(), scene.clone(), origin);
-        drop(spawn(async move { drop(served.await) }));
+        drop(spawn(emulator::serve(far, instrument.clone(), scene.clone(), origin)));
         near
     }))
 }

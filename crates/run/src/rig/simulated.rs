@@ -4,10 +4,10 @@ use super::emulated::EmulatedDevice;
 use super::spec::{Home, RigSpec};
 use palpate_core::quantity::{Axis, Place, Position};
 use palpate_link::device::{DeviceError, DeviceProblem};
+use palpate_link::time::Instant;
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use palpate_link::time::Instant;
 
 /// Half the side of the loading area (PAPER S8), mm.
 const LOADING_HALF_MM: f64 = 6.0;

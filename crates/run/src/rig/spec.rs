@@ -12,6 +12,7 @@ use palpate_drivers::daqmx::SharedAcquisition;
 use palpate_drivers::lines::{LinePort, LineProfile};
 use palpate_drivers::{AnyArray, AnyLoadCell, AnyStage};
 use palpate_link::device::DeviceError;
+use palpate_link::time::Instant;
 use palpate_link::wire::{ClaimError, Claims, Connector, Link};
 use palpate_sim::emulator::{STAGE_TRAVEL_MM, Shared};
 use palpate_sim::scene::{Device, Scene, SceneSpec};
@@ -19,7 +20,6 @@ use std::any::Any;
 use std::cell::{OnceCell, RefCell};
 use std::fmt::Debug;
 use std::sync::Arc;
-use palpate_link::time::Instant;
 
 /// Clearance above the highest possible surface at which the indenter travels before the surface is learned, mm.
 const CLEARANCE_MM: f64 = 0.3;

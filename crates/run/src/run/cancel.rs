@@ -1,9 +1,9 @@
 //! Requests of a person to a run.
 
 use super::Halt;
+use palpate_link::time::sleep;
 use std::time::Duration;
 use tokio::sync::watch;
-use palpate_link::time::sleep;
 
 /// Requests of a person to a run; clones share the state.
 #[derive(Clone, Debug)]

@@ -7,8 +7,8 @@ use crate::rig::SceneProbe;
 use palpate_control::{Mean, Rule, Trip, Zero, mean_of};
 use palpate_core::quantity::{COVERAGE, Certificate, GRAVITY_M_S2, WeightCheck};
 use palpate_link::device::LoadCell;
-use std::time::Duration;
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Number of times that the weight is put on.
 pub const WEIGHT_TIMES: u32 = 3;

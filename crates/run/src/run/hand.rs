@@ -8,12 +8,12 @@ use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::Air;
 use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
+use palpate_link::time::{Instant, sleep, sleep_until};
 use palpate_link::wire::Claims;
 use std::cmp::Ordering::{Equal, Less};
 use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep, sleep_until};
 
 /// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
 const AIR_S: f64 = 0.3;

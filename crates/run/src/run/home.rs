@@ -13,10 +13,10 @@ use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
 };
+use palpate_link::time::{Instant, sleep, timeout};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep, timeout};
 
 /// Least number of readings before anything moves, and least time for them, s.
 const STILL_READINGS: usize = 20;

@@ -6,10 +6,10 @@ use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
+use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 
 /// Largest distance from the target, mm, without an error, that a stage with coarser steps than stated explains. At a larger
 /// distance something blocks the axis.

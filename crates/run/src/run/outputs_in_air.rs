@@ -7,10 +7,10 @@ use crate::rig::ArraySpec;
 use palpate_control::{Rule, Trip};
 use palpate_core::quantity::seconds;
 use palpate_link::device::{Reins, SensorArray};
+use palpate_link::time::{Instant, sleep_until};
 use std::cell::Cell;
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep_until};
 
 /// Readings of a stage at rest from which the noise of each output follows.
 const READINGS: u32 = 20;

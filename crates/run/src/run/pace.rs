@@ -1,7 +1,7 @@
 //! Virtual time slowed down to the wall clock.
 
-use std::time::{Duration, Instant as WallInstant};
 use palpate_link::time::{Instant, sleep};
+use std::time::{Duration, Instant as WallInstant};
 
 /// Interval at which virtual time is compared with the wall clock.
 const GRAIN: Duration = Duration::from_millis(10);

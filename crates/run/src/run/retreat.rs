@@ -5,9 +5,9 @@ use super::hand::{Gauge, Hand};
 use palpate_control::{MotionProfile, Rule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
+use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep, timeout};
 
 /// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
 /// triggers once. A third attempt costs only seconds.

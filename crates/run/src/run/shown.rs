@@ -7,8 +7,8 @@ use crate::rig::RigSpec;
 use palpate_control::{Rule, Trip, Zero};
 use palpate_data::dataset::Memory;
 use palpate_link::device::LoadCell;
-use std::time::Duration;
 use palpate_link::time::Instant;
+use std::time::Duration;
 
 /// Longest wait for a finger on the tip.
 pub const FINGER_WAIT: Duration = Duration::from_secs(20);

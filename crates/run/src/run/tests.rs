@@ -7,10 +7,10 @@ use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Pl
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
 };
+use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Claims;
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
-use palpate_link::time::{Instant, sleep};
 
 /// A stage that is where it was sent as soon as it was, and keeps its commands.
 struct StrawStage<'a> {

@@ -13,10 +13,10 @@ use palpate_core::quantity::Place;
 use palpate_data::dataset::{Air, Check, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::{Identity, LoadCell, SensorArray, Stage};
+use palpate_link::time::Instant;
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 /// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
 /// again. Then noise and hum are up to date too.
@@ -364,7 +364,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     ) -> Result<(), Halt> {
         let rested = Instant::now() + Duration::from_secs_f64(seconds);
         loop {
-            let rest = rested.saturating_duration_since(Instant::now());
+            let rest = rested.duration_since(Instant::now());
             if !rest.is_zero() {
                 self.standby = self.standby.take().map(|standby| Standby { air: None, ..standby });
                 listener.rests(rest.as_secs_f64());

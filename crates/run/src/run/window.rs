@@ -4,9 +4,9 @@ use super::Halt;
 use super::hand::Hand;
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
+use palpate_link::time::{Instant, sleep_until};
 use std::time::Duration;
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep_until};
 
 /// Least number of readings in a window of any duration.
 const READINGS_LEAST: u32 = 2;

@@ -2,11 +2,11 @@
 
 use super::{Instrument, Shared, serve};
 use crate::scene::Scene;
+use palpate_link::time::{Instant, sleep};
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::{JoinHandle, JoinSet};
-use palpate_link::time::{Instant, sleep};
 
 /// Largest number of clients at once on one TCP port. A further client is accepted and closed at once, so that it sees a refusal
 /// instead of a wait.

@@ -3,13 +3,13 @@
 use super::{Instrument, Owed, Shared};
 use crate::scene::Scene;
 use palpate_core::quantity::seconds;
+use palpate_link::time::{Instant, sleep_until, timeout};
 use std::future::pending;
 use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::sync::Notify;
-use palpate_link::time::{Instant, sleep_until, timeout};
 
 /// Largest number of bytes that wait for a device on one link. The longest request of any protocol here has some 1000 bytes. A
 /// client that sends more at once waits. If the full inbox contains no request, it is discarded.

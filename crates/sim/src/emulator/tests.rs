@@ -3,10 +3,10 @@
 use super::{Instrument, Shared, serve};
 use crate::scene::{ContactLaw, Elastomer, Latencies, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
 use palpate_core::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position, Tilt};
+use palpate_link::time::{Instant, timeout};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
-use palpate_link::time::{Instant, timeout};
 
 /// Where the axes stand when the controller of [`scene`] is switched on, true mm.
 pub(super) const POWER_ON: Position = Position { x_mm: -1.0, y_mm: 2.0, z_mm: 8.0 };

@@ -1,11 +1,11 @@
 //! The library on its own thread.
 
 use super::NiDaqmx;
+use crate::time::timeout;
 use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 use tokio::sync::oneshot;
-use crate::time::timeout;
 
 /// Longest duration of a library call. None of this program's calls waits, but a device that is being unplugged can block a call.
 const CALL_DEADLINE: Duration = Duration::from_secs(5);

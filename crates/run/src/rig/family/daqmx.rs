@@ -8,13 +8,13 @@ use palpate_document::{Problem, Table, keys, words};
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{self, DeviceError, Identity};
+use palpate_link::time::Instant;
 use palpate_link::wire::daqmx::{DaqmxLibrary, Functions, NiDaqmx};
 use palpate_link::wire::{ClaimError, Claims, Link};
 use palpate_sim::emulator::{DaqmxEmulator, Shared};
 use palpate_sim::scene::{Device, Scene};
 use std::sync::Arc;
 use tokio::sync::Mutex;
-use palpate_link::time::Instant;
 
 pub(super) const FAMILY: Family = Family {
     name: "daqmx",

@@ -10,10 +10,10 @@ use super::Shared;
 use crate::scene::{Device, Scene};
 use channels::{Channel, INPUTS};
 use errors::DaqmxStatus;
+use palpate_link::time::Instant;
 use palpate_link::wire::daqmx::{AUTO, NiDaqmx, TaskHandle};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use palpate_link::time::Instant;
 
 /// Largest number of scans times channels per second. There is one converter.
 const RATE_MOST_HZ: f64 = 500_000.0;

@@ -4,10 +4,10 @@ use super::*;
 use crate::emulator::tests::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
 use crate::scene::{Fault, FaultKind, Trajectory};
 use palpate_core::quantity::Axis;
+use palpate_link::time::sleep;
 use palpate_link::wire::daqmx::{DIFF, PSEUDO_DIFF, RSE};
 use proptest::prelude::*;
 use std::time::Duration;
-use palpate_link::time::sleep;
 
 /// The load cell on ai9, the nine taxels on ai0 to ai8, 2 V/N.
 fn emulator(scene: Scene) -> DaqmxEmulator {

@@ -5,9 +5,9 @@ use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::scene::Servo;
 use palpate_core::quantity::Axis;
+use palpate_link::time::Instant;
 use proptest::prelude::*;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
 

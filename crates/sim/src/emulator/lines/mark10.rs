@@ -184,8 +184,8 @@ mod tests {
     use crate::emulator::lines::Board;
     use crate::emulator::lines::tests::{listen, opened};
     use crate::emulator::tests::{Wire, pressed, scene, shared};
-    use std::time::Duration;
     use palpate_link::time::Instant;
+    use std::time::Duration;
 
     fn answers(force_n: f64, requests: &str) -> String {
         let (mut gauge, mut scene) = (Mark10::new(10.0), pressed(force_n));

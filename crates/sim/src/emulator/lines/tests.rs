@@ -4,10 +4,10 @@ use super::*;
 use crate::emulator::tests::{Wire, pressed, scene, scene_with, shared};
 use crate::scene::{Fault, FaultKind, Trajectory};
 use palpate_core::quantity::Axis;
+use palpate_link::time::Instant;
 use proptest::prelude::*;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
-use palpate_link::time::Instant;
 
 /// Opens a link.
 pub(super) fn opened<F: Firmware>(mut board: Board<F>) -> Board<F> {
@@ -251,7 +251,9 @@ fn damage_is_the_same_for_the_same_seed() {
 async fn heard(wire: &mut Wire) -> Vec<u8> {
     let mut bytes = vec![0; 1 << 16];
     let mut count = 0;
-    while let Ok(read) = palpate_link::time::timeout(Duration::from_micros(1), wire.stream().read(&mut bytes[count..])).await {
+    while let Ok(read) =
+        palpate_link::time::timeout(Duration::from_micros(1), wire.stream().read(&mut bytes[count..])).await
+    {
         count += read.expect("the far end is open");
     }
     bytes.truncate(count);

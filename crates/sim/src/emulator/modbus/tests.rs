@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::emulator::tests::{Wire, pressed, scene, shared};
-use proptest::prelude::*;
 use palpate_link::time::Instant;
+use proptest::prelude::*;
 
 /// The manual's worked exchange: gross weight 132.
 const READ_GROSS: [u8; 8] = [0x01, 0x03, 0x00, 0x50, 0x00, 0x02, 0xC4, 0x1A];

@@ -4,9 +4,9 @@ use super::*;
 use crate::emulator::tests::{POWER_ON, Wire, pressed, scene, shared};
 use crate::emulator::{INBOX_MOST, Owed};
 use palpate_core::quantity::{Axis, Range, Steps};
+use palpate_link::time::Instant;
 use proptest::prelude::*;
 use std::time::Duration;
-use palpate_link::time::Instant;
 
 const PREPARE: &str = r#"{"id": 2, "do": "prepare", "travel_mm": {"x": [-12.5, 12.5], "y": [-12.5, 12.5], "z": [-12.5, 12.5]}, "away": 1, "speed_mm_s": 10.0, "acceleration_mm_s2": 100.0}"#;
 

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::emulator::tests::{Wire, shared};
-use std::time::Duration;
 use palpate_link::time::{Instant, sleep};
+use std::time::Duration;
 
 /// Sends a text on one socket, and reads exactly the expected answer.
 async fn exchange(wire: &mut Wire, sent: &str, answered: &str) {

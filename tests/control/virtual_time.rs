@@ -1,0 +1,49 @@
+//! Shipped recipes on shipped rigs: the same presses in virtual time as by tokio's paused clock, to the last bit.
+
+use palpate_data::dataset::{Contact, Memory};
+use palpate_link::time::run_virtually;
+use palpate_run::rig;
+use palpate_run::run::{Cancel, Listener, Walk, walk};
+use palpate_testing::walks::{in_parallel, in_tokios_virtual_time};
+use palpate_testing::{campaign, shipped_text};
+
+/// Presses of a recipe that are made in the quick tier.
+const QUICK: usize = 6;
+
+const RECIPES: [&str; 6] = ["paper", "calibrate", "characterise", "test", "bench", "batch"];
+const RIGS: [&str; 11] =
+    ["sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"];
+
+struct Deaf;
+
+impl Listener for Deaf {}
+
+#[test]
+fn presses_are_those_of_tokios_paused_clock() {
+    // quickly, each recipe on the simulated rig, and one recipe on each rig
+    let is_quick = campaign::is_quick();
+    let pairs = RIGS.into_iter().flat_map(|rig| RECIPES.map(|recipe| (rig, recipe)));
+    let tried = |(rig, recipe): &(&str, &str)| !is_quick || *rig == "sim" || *recipe == "test";
+    let pairs: Vec<(&str, &str)> = pairs.filter(tried).collect();
+    let made = in_parallel(&pairs, |(rig, recipe)| (contacts(rig, recipe, true), contacts(rig, recipe, false)));
+    for ((rig, recipe), (ours, tokios)) in pairs.iter().zip(made) {
+        assert_eq!(ours, tokios, "{recipe} on {rig}");
+    }
+}
+
+/// Makes the first presses of a recipe on a simulated rig. A rig whose limits the recipe exceeds makes none.
+fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
+    let beside = |name: &str| Ok(shipped_text(&format!("rigs/{name}")));
+    let spec = rig::parse(rig, &shipped_text(&format!("rigs/{rig}.toml")), &beside).expect("a shipped rig").simulated();
+    let recipe =
+        palpate_data::recipe::parse(recipe, &shipped_text(&format!("recipes/{recipe}.toml"))).expect("a recipe");
+    let Ok(mut plan) = palpate_data::recipe::Plan::new(&recipe, &spec.ground(), 3) else { return Vec::new() };
+    plan.entries.truncate(campaign::size(QUICK, plan.entries.len().min(120)));
+    let (mut memory, cancel) = (Memory::default(), Cancel::default());
+    let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+    let mut deaf = Deaf;
+    let walk = walk(errand, &mut deaf);
+    let ending = if ours { run_virtually(walk) } else { in_tokios_virtual_time(walk) };
+    let told = [format!("{:?} {} s", ending.told(), ending.t_s)].into_iter();
+    told.chain(memory.contacts().map(|contact: &Contact| format!("{contact:?}"))).collect()
+}
