@@ -56,7 +56,7 @@ pub(crate) fn rule_of(run: &Recorded, note: Note<'_>) -> Option<Rule> {
     if run.manifest.facts.imported.is_some() {
         return None;
     }
-    match parse_kept_recipe(&run.path, &run.texts) {
+    match parse_kept_recipe(&run.path, &run.texts, note) {
         Ok(read) => read.recipe.rule().cloned(),
         Err(_) => {
             note(&format!("warning: {}: its recipe can't be read, so it gives no verdict", run.path.display()));

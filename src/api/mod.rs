@@ -19,6 +19,7 @@ pub(crate) mod labels;
 pub(crate) mod method;
 pub(crate) mod provenance;
 pub(crate) mod recorded;
+mod removed;
 pub(crate) mod report;
 mod results;
 pub(crate) mod run;

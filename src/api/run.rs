@@ -170,7 +170,7 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     rig_of(run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(options, &texts)?;
     let changes = changes(&rig_path, &texts, &rig_text)?;
-    let mut sources = Sources::of_run(run, &texts, &rig, Chosen::of_run(rig_path, rig_text.clone()))?;
+    let mut sources = Sources::of_run(run, &texts, &rig, Chosen::of_run(rig_path, rig_text.clone()), note)?;
     sources.rig.scene.specimen = facts.specimen;
     let plan = sources.plan(facts.seed)?;
     options.manner.check(&sources.rig)?;

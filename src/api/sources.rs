@@ -1,9 +1,10 @@
 //! Recipes and rigs as a person names them.
 
-use super::Failure;
+use super::removed::with_remaining_methods;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
 use super::stdin;
 use super::which_rig::Chosen;
+use super::{Failure, Note};
 use palpate_control::Strategy;
 use palpate_data::dataset::{Origins, Texts};
 use palpate_data::recipe::{self, Accept, PRESSES_CEILING, Plan, Recipe};
@@ -74,8 +75,14 @@ impl Sources {
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.
-    pub(crate) fn of_run(run: &Path, texts: &Texts, rig: &RigOptions, chosen: Chosen) -> Result<Sources, Failure> {
-        let recipe = parse_kept_recipe(run, texts);
+    pub(crate) fn of_run(
+        run: &Path,
+        texts: &Texts,
+        rig: &RigOptions,
+        chosen: Chosen,
+        note: Note<'_>,
+    ) -> Result<Sources, Failure> {
+        let recipe = parse_kept_recipe(run, texts, note);
         let began = parse_rig(&run.join("rig.toml"), texts.first_rig(), texts)?;
         let full_scale_n = Some(began.limits.force_n);
         let spec = parse_rig(&chosen.path, &chosen.text, texts);
@@ -145,8 +152,9 @@ pub(crate) fn parse_recipe(
 }
 
 /// The recipe of a run, as its journal keeps it.
-pub(crate) fn parse_kept_recipe(run: &Path, texts: &Texts) -> Result<ReadRecipe, Failure> {
-    parse_recipe(&run.join("recipe.toml"), texts.recipe().to_owned(), &kept(texts))
+pub(crate) fn parse_kept_recipe(run: &Path, texts: &Texts, note: Note<'_>) -> Result<ReadRecipe, Failure> {
+    let text = with_remaining_methods(&run.display().to_string(), texts.recipe(), note);
+    parse_recipe(&run.join("recipe.toml"), text, &kept(texts))
 }
 
 /// Returns the text files stored in a run's journal, found by their names.

@@ -193,9 +193,9 @@ fn what_is_no_contact_is_said_and_an_output_that_is_left_out_counts_for_nothing(
             assert!(ours.place.distance_mm(theirs.place) < 0.01, "{method}");
         }
     }
-    let other = Model::fit("whitened", calibration, &setting).unwrap();
+    let other = Model::fit("extra-trees", calibration, &setting).unwrap();
     let refusal = c_file(&other, "x").unwrap_err().to_string();
-    assert_eq!(refusal, "`whitened` can't be exported as C: only pearson, pearson-lsq, surrogate and physics can");
+    assert_eq!(refusal, "`extra-trees` can't be exported as C: only pearson, pearson-lsq, surrogate and physics can");
 }
 
 #[test]

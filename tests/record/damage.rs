@@ -9,7 +9,7 @@ use std::fs::{self, File};
 
 /// Commands that read a run and answer from it.
 const READERS: [&str; 4] = [
-    "evaluate run --solver pearson-knn --json",
+    "evaluate run --solver pearson-lsq --json",
     "solve --calibration run --solver pearson --quiet",
     "report run --out page.html",
     "report --compare run again --solver pearson --out page.html",

@@ -5,7 +5,7 @@ use palpate_data::dataset::{Journal, Memory, Record, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig;
 use palpate_run::run::{Cancel, Listener, Walk, walk};
-use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts, sealed};
+use palpate_testing::interrupted::{change_text, change_the_world, cut_to_lines, lines_before_contacts, sealed};
 use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 
@@ -60,6 +60,26 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     };
     walk_on(&records);
     walk_on(&records); // what is there isn't made again
+}
+
+#[test]
+fn a_run_of_a_removed_method_is_resumed_and_evaluated_with_the_others() {
+    let bench = Bench::with([("r.toml", SMALL)]);
+    bench.palpate_ends(0, "run r.toml --out run");
+    let named = format!("{SMALL}\n[evaluate]\nsolvers = [\"whitened\", \"pearson\"]\n");
+    change_text(&bench, "run", "recipe.toml", &named);
+    cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 3);
+    let told = bench.palpate_ends(0, "resume run --evaluate recipe");
+    let removed = "whitened was removed from palpate";
+    assert_eq!(told.running().matches(removed).count(), 1, "{}", told.err);
+    assert!(told.out.contains("pearson") && !told.out.contains("whitened"), "{}", told.out);
+    for words in ["evaluate run --solver pearson", "report run", "verify run"] {
+        let told = bench.palpate_ends(0, words);
+        assert_eq!(told.running().contains(removed), !words.starts_with("verify"), "{words}: {}", told.err);
+    }
+    bench.write("new.toml", &named);
+    let told = bench.palpate_ends(2, "check new.toml --rig sim");
+    assert!(told.running().contains("`solvers` has \"whitened\", expected some of"), "{}", told.err);
 }
 
 #[test]

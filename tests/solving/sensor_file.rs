@@ -11,7 +11,7 @@ const CALIBRATION: &str = include_str!("sensor_files/calibration.csv");
 const READINGS: &str = include_str!("sensor_files/readings.csv");
 
 /// Methods whose parts are all that any method has.
-const WRITTEN: [&str; 6] = ["pearson", "pearson-knn", "whitened", "surrogate", "blend", "extra-trees"];
+const WRITTEN: [&str; 4] = ["pearson", "surrogate", "blend", "extra-trees"];
 
 #[test]
 fn a_model_that_is_read_answers_to_the_last_bit() {
@@ -39,6 +39,17 @@ fn a_model_that_is_read_answers_to_the_last_bit() {
 
 /// When a struct that a model holds is changed, files that are out there can't be read any more: then `sensor_file::MARK` counts on, and
 /// these are made again (`palpate fit calibration.csv --solver NAME --out NAME.palpate`, `palpate solve --model`).
+#[test]
+fn files_of_removed_methods_are_refused() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
+    for name in palpate_solver::REMOVED {
+        let file = folder.join(format!("{name}.palpate"));
+        let told = solved(&Bench::with([]), &format!("--model {}", file.display()), 2);
+        assert!(told.running().contains(&format!("has the method `{name}`, which was removed")), "{}", told.err);
+        assert!(told.running().contains("fit the sensor again"), "{}", told.err);
+    }
+}
+
 #[test]
 fn files_of_this_version_answer_as_when_they_were_written() {
     for name in WRITTEN {
@@ -156,7 +167,7 @@ fn presses_that_find_no_room_are_left_out() {
         })
         .collect();
     let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
-    let model = Model::fit("whitened", calibration, &Setting::default()).unwrap();
+    let model = Model::fit("pearson", calibration, &Setting::default()).unwrap();
     let file = palpate_data::dataset::sensor_file::SensorFile::within(3 << 20, model, None, Vec::new()).unwrap();
     assert!(!file.card.keeps_presses && file.card.bytes < 3 << 20, "{:?}", file.card);
     let bench = Bench::with([]);

@@ -174,8 +174,8 @@ fn columns_that_look_like_what_is_read_are_named() {
     let bench = Bench::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
     let told = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
     let warning =
-        "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n; or name it in --columns)\n";
-    assert_eq!(told.err, warning);
+        "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n; or name it in --columns)";
+    assert_eq!(told.running(), warning);
 }
 
 #[test]

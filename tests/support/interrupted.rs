@@ -1,6 +1,7 @@
 //! Runs as a power cut leaves them, and worlds that change before they go on.
 
 use super::Bench;
+use palpate_data::dataset::Fingerprint;
 use serde_json::{Value, json};
 use std::fs;
 
@@ -51,21 +52,32 @@ pub fn lines_before_contacts(bench: &Bench, run: &str) -> usize {
 /// Changes the simulated world that a run is made in, not its rig: the text of the rig is another in the folder and in the
 /// journal, as if it had always been.
 pub fn change_the_world(bench: &Bench, run: &str, rig: &str) {
+    change_text(bench, run, "rig.toml", rig);
+}
+
+/// Changes a text of a run in its folder and in the journal, as if it had always been.
+pub fn change_text(bench: &Bench, run: &str, name: &str, new: &str) {
     let path = format!("{run}/journal.log");
-    let another = |line: &str| {
-        let mut text = record(line);
-        if text["text"]["name"] != "rig.toml" {
-            return line.to_owned();
+    let stated = |session: &mut Value| {
+        for text in session["texts"].as_array_mut().into_iter().flatten().filter(|text| text["name"] == name) {
+            *text = json!(Fingerprint::of(name, new.as_bytes()));
         }
-        text["text"]["text"] = rig.into();
+    };
+    let another = |line: &str| {
+        let mut read = record(line);
+        if read["text"]["name"] == name {
+            read["text"]["text"] = new.into();
+        }
+        read.get_mut("session").into_iter().for_each(stated);
         let sequence = line.split(' ').next().and_then(|number| number.parse().ok()).expect("a sequence number");
-        sealed(sequence, &text.to_string()) + "\n"
+        sealed(sequence, &read.to_string()) + "\n"
     };
     let journal: String = bench.read(&path).split_inclusive('\n').map(another).collect();
     bench.write(&path, &journal);
-    bench.write(&format!("{run}/rig.toml"), rig);
+    bench.write(&format!("{run}/{name}"), new);
     let mut manifest = bench.manifest(run);
     manifest["files"] = json!([]); // it vouches for the journal as it was
+    manifest["sessions"].as_array_mut().into_iter().flatten().for_each(stated);
     bench.write(&format!("{run}/manifest.json"), &manifest.to_string());
 }
 

@@ -30,8 +30,6 @@
 //! | name | file | description |
 //! |---|---|---|
 //! | `pearson`, `pearson-lsq` | `pearson` | the paper's: the calibration point of the highest correlation |
-//! | `pearson-knn` | `knn` | the mean of the four best points |
-//! | `whitened` | `whitened` | the point of the highest cosine, each unit weighed by its noise |
 //! | `surrogate` | `surrogate` | a smooth map of the calibration, inverted |
 //! | `physics` | `physics` | an elastic map with four parameters a unit, inverted |
 //! | `gaussian-process` | `gaussian_process` | a regression from readings to places |
@@ -72,7 +70,6 @@ mod fitted;
 mod forward;
 mod gaussian_process;
 mod heldout;
-mod knn;
 mod kriging;
 mod method;
 mod model;
@@ -99,7 +96,6 @@ pub mod tables;
 mod threshold;
 mod tridiagonal;
 mod view;
-mod whitened;
 mod widths;
 mod workspace;
 
@@ -116,8 +112,6 @@ pub use evaluation::{
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Candidate, Choice, Fitted, Tie};
-pub use knn::NEIGHBOURS;
-pub(crate) use knn::PearsonKnn;
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
@@ -129,25 +123,17 @@ pub use prior::{Belongs, Deviation, Prior, SENSORS_LEAST, Sibling, Spread};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{Covariance, Solution, Verdict};
-pub(crate) use whitened::Whitened;
 pub use widths::HalfWidths;
 pub use workspace::Workspace;
 
 pub use palpate_core::quantity::{ArrayLayout, Place};
 
 /// Names that [`fit`] accepts; the paper's own method is first.
-pub const SOLVERS: [&str; 10] = [
-    "pearson",
-    "pearson-lsq",
-    "pearson-knn",
-    "whitened",
-    "surrogate",
-    "physics",
-    "gaussian-process",
-    "pattern-map",
-    "blend",
-    "extra-trees",
-];
+pub const SOLVERS: [&str; 8] =
+    ["pearson", "pearson-lsq", "surrogate", "physics", "gaussian-process", "pattern-map", "blend", "extra-trees"];
+
+/// Names of methods that are no longer there: others answer better in every scene that was tried.
+pub const REMOVED: [&str; 2] = ["pearson-knn", "whitened"];
 
 /// A fitted method.
 pub trait Solver: Send + Sync {

@@ -5,21 +5,26 @@ use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
 use super::gaussian_process::GaussianProcess;
 use super::pattern_map::PatternMap;
-use super::{Locate, Located, Pearson, PearsonKnn, SolveError, Whitened, Workspace};
+use super::{Locate, Located, Pearson, SolveError, Workspace};
 use serde::{Deserialize, Serialize};
 
 /// Fitted method. A sensor file contains one, so the order of the variants is fixed, and a new variant is added last.
 #[derive(Serialize, Deserialize)]
 pub(super) enum Method {
     Pearson(Pearson),
-    PearsonKnn(PearsonKnn),
-    Whitened(Whitened),
+    /// Places of the [removed](super::REMOVED) methods: the variants after them keep their numbers.
+    PearsonKnn(Removed),
+    Whitened(Removed),
     Forward(Box<Forward>),
     GaussianProcess(GaussianProcess),
     PatternMap(PatternMap),
     Blend(Blend),
     ExtraTrees(ExtraTrees),
 }
+
+/// A method that no file can have.
+#[derive(Serialize, Deserialize)]
+pub(super) enum Removed {}
 
 /// Names of the methods that can be fitted in several ways.
 pub(super) const SURROGATE: &str = "surrogate";
@@ -33,8 +38,7 @@ impl Method {
     fn inner(&self) -> &dyn Locate {
         match self {
             Method::Pearson(method) => method,
-            Method::PearsonKnn(method) => method,
-            Method::Whitened(method) => method,
+            Method::PearsonKnn(never) | Method::Whitened(never) => match *never {},
             Method::Forward(method) => &**method,
             Method::GaussianProcess(method) => method,
             Method::PatternMap(method) => method,

@@ -401,9 +401,8 @@ fn length(outputs: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::CalibrationPoint;
-    use crate::knn::PearsonKnn;
     use crate::method::Method;
+    use crate::{CalibrationPoint, ForceRule, Pearson};
     use rand::distr::Distribution;
     use rand_distr::StandardNormal;
 
@@ -435,7 +434,7 @@ mod tests {
         let calibration = Calibration::new(&points).unwrap();
         let methods = [
             Method::PatternMap(PatternMap::fit(&calibration, ForceKnown::Unknown, &Correlations::default()).unwrap().0),
-            Method::PearsonKnn(PearsonKnn::fit(&calibration).unwrap()),
+            Method::Pearson(Pearson::fit(&calibration, None, ForceRule::LeastSquares).unwrap()),
         ];
         let errors = methods.map(|method| {
             let error = |(place, outputs): &(Place, [f64; 4])| {

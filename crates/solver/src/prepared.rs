@@ -19,8 +19,8 @@ use super::surrogate::{surrogate, surrogate_with};
 use super::threshold::Unexplained;
 use super::view::has_several_lengths;
 use super::{
-    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceKnown, ForceRule, Locate, Pearson, PearsonKnn,
-    SOLVERS, Setting, Solver as _, Whitened, best,
+    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceKnown, ForceRule, Locate, Pearson, SOLVERS,
+    Setting, Solver as _, best,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -486,8 +486,6 @@ impl<'a> Prepared<'a> {
             PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),
             "pearson" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
             "pearson-lsq" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
-            "pearson-knn" => Method::PearsonKnn(PearsonKnn::fit(part)?),
-            "whitened" => Method::Whitened(Whitened::fit(part, &self.response()?.typical_sd())?),
             EXTRA_TREES => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
             name => return Err(FitError::UnknownSolver { name: name.to_owned() }),
         })

@@ -15,8 +15,6 @@ pub struct Workspace {
     pub(super) buffers: Buffers,
     /// Expected pattern at the place.
     pub(super) pattern: Vec<f64>,
-    /// Expected pattern, centred.
-    pub(super) centred: Vec<f64>,
     /// Starting places for the best fit, each with the similarity of the reading to the response there.
     pub(super) starts: Vec<(f32, Place)>,
     /// Buffers for the search of a table.

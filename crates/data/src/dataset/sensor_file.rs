@@ -7,7 +7,7 @@ use super::files;
 use super::fingerprint::Fingerprint;
 use super::session::shown_label;
 use miette::Diagnostic;
-use palpate_solver::{Broken, ForceKnown, Model, ModelError, Solver as _, Validity};
+use palpate_solver::{Broken, ForceKnown, Model, ModelError, REMOVED, Solver as _, Validity};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, Read};
@@ -104,6 +104,15 @@ pub enum SensorFileError {
         /// Version of the file.
         found: String,
     },
+    /// The method of the file was removed from the program.
+    #[error("{} has the method `{method}`, which was removed", path.display())]
+    #[diagnostic(help("fit the sensor again: `palpate fit RUN --out FILE` chooses a better method"))]
+    Removed {
+        /// The file.
+        path: PathBuf,
+        /// The method.
+        method: String,
+    },
     /// The file's description can't be read, or doesn't agree with the file.
     #[error("{} is damaged: {why}", path.display())]
     #[diagnostic(help("take another copy of the file, or fit the sensor again"))]
@@ -115,9 +124,7 @@ pub enum SensorFileError {
     },
     /// The file would be too large.
     #[error("the model has {} MB without its presses; a sensor file holds {} MB", bytes >> 20, MOST_BYTES >> 20)]
-    #[diagnostic(help(
-        "choose another --solver: models of many channels are large, those of `pearson` and `whitened` are small"
-    ))]
+    #[diagnostic(help("choose another --solver: models of many channels are large, those of `pearson` are small"))]
     TooLarge {
         /// Size of the file.
         bytes: usize,
@@ -240,6 +247,9 @@ pub fn read_sensor_file(path: &Path) -> Result<(Card, Model), SensorFileError> {
     }
     let card = line(&mut rest, CARD_MOST_BYTES).ok_or_else(|| damaged("its second line is incomplete"))?;
     let card: Card = serde_json::from_slice(card).map_err(|why| damaged(&format!("its second line: {why}")))?;
+    if REMOVED.contains(&card.method.as_str()) {
+        return Err(SensorFileError::Removed { path: path.to_owned(), method: card.method });
+    }
     if rest.len() as u64 != card.bytes {
         return Err(damaged(&format!("its model has {} bytes, but was written with {}", rest.len(), card.bytes)));
     }

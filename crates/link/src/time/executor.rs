@@ -60,17 +60,24 @@ impl Clock {
         Clock { begun: 0, waiting: Vec::new() }
     }
 
-    /// Returns the index of a wait, or the one at which it belongs.
+    /// Returns the index of a wait, or the one at which it belongs. Those that are asked for are mostly near the end.
     fn find(&self, moment_ns: u64, number: u64) -> Result<usize, usize> {
-        self.waiting.binary_search_by(|wait| (moment_ns, number).cmp(&(wait.moment_ns, wait.number)))
+        let is_before = |wait: &Waiting| (wait.moment_ns, wait.number) < (moment_ns, number);
+        let at = self.waiting.iter().rposition(|wait| !is_before(wait)).map_or(0, |at| at + 1);
+        match at.checked_sub(1).filter(|at| self.waiting[*at].number == number) {
+            Some(found) => Ok(found),
+            None => Err(at),
+        }
     }
 
-    /// Jumps to the next deadline, and returns those who wait for it, the first one last; none if there is no deadline.
-    fn jump(&mut self) -> Vec<Waiting> {
-        let Some(&Waiting { moment_ns, .. }) = self.waiting.last() else { return Vec::new() };
-        NOW_NS.set(moment_ns);
-        let later = self.waiting.partition_point(|wait| wait.moment_ns > moment_ns);
-        self.waiting.split_off(later)
+    /// Jumps to the next deadline. Returns whether there is one.
+    fn jump(&mut self) -> bool {
+        self.waiting.last().inspect(|next| NOW_NS.set(next.moment_ns)).is_some()
+    }
+
+    /// Takes the first of those whose moment has come.
+    fn next_due(&mut self) -> Option<Waker> {
+        self.waiting.pop_if(|next| next.moment_ns <= NOW_NS.get()).map(|due| due.who)
     }
 }
 
@@ -266,12 +273,14 @@ pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
         let tasks = std::iter::from_fn(|| state.next_task()).take(TASKS_MOST);
         let is_idle = tasks.map(Task::advance).count() < TASKS_MOST;
         if is_idle && !state.is_woken.load(Ordering::Acquire) {
-            let due = CLOCK.with_borrow_mut(Clock::jump);
-            if due.is_empty() && !state.has_elsewhere.load(Ordering::Acquire) {
+            let has_next = CLOCK.with_borrow_mut(Clock::jump);
+            if !has_next && !state.has_elsewhere.load(Ordering::Acquire) {
                 // only another thread can continue the run, for example with a stop
                 thread::park();
             }
-            due.into_iter().rev().for_each(|wait| wait.who.wake());
+            while let Some(due) = CLOCK.with_borrow_mut(Clock::next_due) {
+                due.wake();
+            }
         }
     }
 }

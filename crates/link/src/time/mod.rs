@@ -10,9 +10,10 @@ mod tests;
 pub use executor::run_virtually;
 
 use executor::{Deadline, VirtualTask};
-use std::future::{Future, poll_fn};
+use pin_project_lite::pin_project;
+use std::future::Future;
 use std::ops::{Add, AddAssign, Sub};
-use std::pin::{Pin, pin};
+use std::pin::Pin;
 use std::sync::OnceLock;
 use std::task::{Context, Poll};
 use std::time::Duration;
@@ -130,25 +131,37 @@ pub fn sleep_until(moment: Instant) -> Sleep {
 #[error("the deadline has elapsed")]
 pub struct Elapsed;
 
+pin_project! {
+    /// Wait for a result, which has a deadline.
+    #[derive(Debug)]
+    #[must_use = "it waits when it is awaited"]
+    pub struct Timeout<F> {
+        #[pin]
+        result: F,
+        end: Sleep,
+    }
+}
+
+impl<F: Future> Future for Timeout<F> {
+    type Output = Result<F::Output, Elapsed>;
+
+    fn poll(self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
+        let this = self.project();
+        match this.result.poll(context) {
+            Poll::Ready(result) => Poll::Ready(Ok(result)),
+            Poll::Pending => Pin::new(this.end).poll(context).map(|()| Err(Elapsed)),
+        }
+    }
+}
+
 /// Waits for a result for at most this time.
-///
-/// # Errors
-/// There was no result in this time.
-pub fn timeout<T>(time: Duration, result: impl Future<Output = T>) -> impl Future<Output = Result<T, Elapsed>> {
+pub fn timeout<F: Future>(time: Duration, result: F) -> Timeout<F> {
     timeout_at(Instant::now() + time, result)
 }
 
 /// Waits for a result until a moment.
-///
-/// # Errors
-/// There was no result until then.
-pub async fn timeout_at<T>(moment: Instant, result: impl Future<Output = T>) -> Result<T, Elapsed> {
-    let (mut result, mut end) = (pin!(result), pin!(sleep_until(moment)));
-    poll_fn(|context| match result.as_mut().poll(context) {
-        Poll::Ready(result) => Poll::Ready(Ok(result)),
-        Poll::Pending => end.as_mut().poll(context).map(|()| Err(Elapsed)),
-    })
-    .await
+pub fn timeout_at<F: Future>(moment: Instant, result: F) -> Timeout<F> {
+    Timeout { result, end: sleep_until(moment) }
 }
 
 /// A task that runs beside the others of its thread. It continues if this is dropped.

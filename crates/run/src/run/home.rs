@@ -351,11 +351,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Hand { stage, cell, usage, array, unzeroed, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
         let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
-        let motion = async {
+        let motion = Box::pin(async {
             let moved = motion(stage, usage, &reins).await;
             over.notify_one();
             Ok(moved)
-        };
+        });
         let motion = async {
             match reading {
                 Reading::Watched => {

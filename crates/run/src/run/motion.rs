@@ -8,6 +8,7 @@ use palpate_core::quantity::{Axis, Place, Range, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 use std::cell::Cell;
+use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::Notify;
 
@@ -93,7 +94,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
         let ends_after = seconds(withdrawal.duration_s() + heard_s);
         let stage = &mut self.stage;
-        let motion = async {
+        // pinned where it is: it is large, and moving it into the next would copy it
+        let motion = Box::pin(async {
             stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &reins).await?;
             let begun = Instant::now();
             due.set(Some(begun + due_after));
@@ -124,7 +126,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
             Ok((places_mm, refused))
-        };
+        });
         self.outputs_in_air = OutputMeans::default();
         let motion = async {
             let moved = motion.await;
@@ -141,7 +143,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
         };
-        let (places_mm, refused) = watched(&mut self.cell, motion, &reins, &due, steer).await?;
+        let (places_mm, refused) = watched(&mut self.cell, pin!(motion), &reins, &due, steer).await?;
         if let Some(trip) = refused {
             return Err(trip.into());
         }
@@ -203,11 +205,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now() + expected)));
         let ends = Cell::new(None);
         let stage = &mut self.stage;
-        let motion = async {
+        let motion = pin!(async {
             stage.begin(targets, speed_mm_s, &reins).await?;
             ends.set(Some(Instant::now() + expected));
             Ok(stage.follow(&axes, expected, &reins).await?)
-        };
+        });
         let steered = |gauge: &mut Gauge<'_, C>, force_n: f64| steer(force_n, gauge.now_s());
         let places_mm = watched(&mut self.cell, motion, &reins, &due, steered).await?;
         let stopped = reins.stopped();
@@ -249,7 +251,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     async fn watch_z(&mut self) -> Result<(), Halt> {
         let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
         let stage = &mut self.stage;
-        let look = async { Ok(stage.position_mm(Axis::Z, &reins).await?) };
+        let look = pin!(async { Ok(stage.position_mm(Axis::Z, &reins).await?) });
         let at_mm = watched(&mut self.cell, look, &reins, &due, |_, _| Steer::On).await?;
         self.z_mm = self.frame.z_from_stage(at_mm);
         Ok(())

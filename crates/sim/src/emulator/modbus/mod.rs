@@ -225,10 +225,26 @@ fn refuse(frame: &mut Frame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Res
     frame.finalize_response()
 }
 
+/// The CRC of each byte, for [`checks_out`].
+const CRCS: [u16; 256] = {
+    let mut crcs = [0; 256];
+    let mut byte = 0;
+    while byte < crcs.len() {
+        let (mut crc, mut bit) = (byte as u16, 0);
+        while bit < 8 {
+            crc = crc >> 1 ^ if crc & 1 == 1 { 0xA001 } else { 0 };
+            bit += 1;
+        }
+        crcs[byte] = crc;
+        byte += 1;
+    }
+    crcs
+};
+
 /// Whether the CRC of an RTU frame matches its bytes. `rmodbus` doesn't export its own check.
 fn checks_out(frame: &[u8]) -> bool {
-    let shifted = |crc: u16, _| crc >> 1 ^ if crc & 1 == 1 { 0xA001 } else { 0 };
-    let crc_of = |body: &[u8]| body.iter().fold(0xFFFF, |crc, byte| (0..8).fold(crc ^ u16::from(*byte), shifted));
+    let next = |crc: u16, byte: &u8| crc >> 8 ^ CRCS[usize::from(crc as u8 ^ byte)];
+    let crc_of = |body: &[u8]| body.iter().fold(0xFFFF, next);
     frame.split_last_chunk().is_some_and(|(body, crc)| crc_of(body).to_le_bytes() == *crc)
 }
 

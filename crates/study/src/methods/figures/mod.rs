@@ -26,8 +26,6 @@ fn look(solver: &str) -> Look {
     let (hue, shape) = match solver {
         "pearson" => (Hue::Blue, Shape::Circle),
         "pearson-lsq" => (Hue::Teal, Shape::Diamond),
-        "pearson-knn" => (Hue::Purple, Shape::Square),
-        "whitened" => (Hue::Orange, Shape::Triangle),
         "surrogate" => (Hue::Green, Shape::Circle),
         "physics" => (Hue::Red, Shape::Square),
         "gaussian-process" => (Hue::Brown, Shape::Triangle),
