@@ -1,5 +1,6 @@
 //! `palpate.run` and `palpate.simulate`: runs on a rig, with their events.
 
+use palpate_core::parallel::lock;
 use super::given::noted;
 use super::refused::{raised, warn};
 use super::run::{Run, load};
@@ -15,7 +16,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict as _, PyCFunction, PyDict, PyTuple};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::Duration;
 
 /// Time after which a wait looks whether Python has received a signal, such as Ctrl-C.
@@ -138,7 +139,7 @@ fn manner(pace: Option<f64>, durability: Option<String>, confirmed: &[String]) -
 impl Events {
     fn of(heard: Heard) -> Self {
         let walker = heard.walker().clone();
-        let mut running = locked(&RUNNING);
+        let mut running = lock(&RUNNING);
         running.retain(|walker| walker.strong_count() > 0);
         running.push(Arc::downgrade(&walker));
         drop(running);
@@ -218,7 +219,7 @@ impl Events {
     /// Stops the run at once, and returns when the stage is parked. No event follows.
     fn close(&self, py: Python<'_>) {
         self.is_closed.store(true, Ordering::SeqCst);
-        let heard = locked(&self.heard).take();
+        let heard = lock(&self.heard).take();
         py.detach(|| {
             self.walker.park();
             drop(heard);
@@ -230,7 +231,7 @@ impl Events {
     }
 
     fn __next__<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let heard = locked(&self.heard).take();
+        let heard = lock(&self.heard).take();
         let Some(mut heard) = heard else {
             let waits = || PyRuntimeError::new_err("another thread waits for the next event");
             return if self.is_closed.load(Ordering::SeqCst) { Ok(None) } else { Err(waits()) };
@@ -239,7 +240,7 @@ impl Events {
         if self.is_closed.load(Ordering::SeqCst) {
             py.detach(|| drop(heard));
         } else {
-            *locked(&self.heard) = Some(heard);
+            *lock(&self.heard) = Some(heard);
         }
         event?.map(|event| worded(py, event, &self.out)).transpose()
     }
@@ -260,7 +261,7 @@ impl Events {
 
 impl Drop for Events {
     fn drop(&mut self) {
-        let mut heard = locked(&self.heard).take();
+        let mut heard = lock(&self.heard).take();
         // other threads of Python continue while the stage is parked
         _ = Python::try_attach(|py| py.detach(|| drop(heard.take())));
     }
@@ -269,7 +270,7 @@ impl Drop for Events {
 /// Stops and parks all runs when the interpreter ends.
 pub fn park_at_exit(py: Python<'_>) -> PyResult<()> {
     let park = PyCFunction::new_closure(py, None, None, |arguments, _| {
-        let running: Vec<Arc<Walker>> = locked(&RUNNING).iter().filter_map(Weak::upgrade).collect();
+        let running: Vec<Arc<Walker>> = lock(&RUNNING).iter().filter_map(Weak::upgrade).collect();
         arguments.py().detach(|| running.iter().for_each(|walker| walker.park()));
     })?;
     py.import("atexit")?.call_method1("register", (park,))?;
@@ -336,6 +337,3 @@ fn press_into(press: &Press, dict: &Bound<'_, PyDict>) -> PyResult<()> {
     Ok(())
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}

@@ -1,5 +1,6 @@
 //! `palpate.fit`, models and sessions: place and force of unknown contacts.
 
+use palpate_core::parallel::lock;
 use super::contact::{Contact, Contacts};
 use super::given::{Place, noted};
 use super::readings::Readings;
@@ -10,7 +11,7 @@ use palpate_solver::{self as solver, Solver as _};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Largest number of idle sessions that a model keeps, so that calls of many threads find their memory ready.
 const IDLE_MAX: usize = 16;
@@ -79,11 +80,11 @@ impl Model {
 
     /// Runs with a session that knows no reading.
     fn with_session(&self, solve: &mut dyn FnMut(&mut solver::Session)) {
-        let idle = locked(&self.idle).pop();
+        let idle = lock(&self.idle).pop();
         let mut session = idle.unwrap_or_else(|| solver::Session::new(self.model.clone()));
         solve(&mut session);
         session.restart();
-        let mut idle = locked(&self.idle);
+        let mut idle = lock(&self.idle);
         if idle.len() < IDLE_MAX {
             idle.push(session);
         }
@@ -170,19 +171,19 @@ impl Model {
 impl Session {
     /// Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        solved(py, readings, self.outputs, |solve| solve(&mut locked(&self.session)))
+        solved(py, readings, self.outputs, |solve| solve(&mut lock(&self.session)))
     }
 
     /// Whether so many contacts didn't fit the calibration that the sensor should be calibrated again.
     #[getter]
     fn is_out_of_date(&self, py: Python<'_>) -> bool {
-        py.detach(|| locked(&self.session).is_out_of_date())
+        py.detach(|| lock(&self.session).is_out_of_date())
     }
 
     /// Outputs that are excluded, counted from 1.
     #[getter]
     fn broken(&self, py: Python<'_>) -> Vec<usize> {
-        let broken = || locked(&self.session).broken().iter().map(|broken| broken.unit + 1).collect();
+        let broken = || lock(&self.session).broken().iter().map(|broken| broken.unit + 1).collect();
         py.detach(broken)
     }
 }
@@ -228,6 +229,3 @@ fn solved<'py>(
     }
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}

@@ -4,6 +4,7 @@
 //! then. Events about the progress are lost if too many of them wait.
 
 use super::{Begun, Failure};
+use palpate_core::parallel::lock;
 use palpate_data::dataset::{Contact, DatasetError, JOURNAL, Journal, Press, Record, Retouch, Status};
 use palpate_data::recipe::{Entry, Phase};
 use palpate_link::device::Identity;
@@ -12,7 +13,7 @@ use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -83,7 +84,7 @@ impl Walker {
     /// Stops the run as a second Ctrl-C does, and returns when the stage is parked.
     pub fn park(&self) {
         self.cancel.ask();
-        let thread = locked(&self.thread).take();
+        let thread = lock(&self.thread).take();
         // the end of a panic is in the queue
         thread.into_iter().for_each(|thread| drop(thread.join()));
     }
@@ -135,7 +136,7 @@ impl Events {
             let shown = |force_n: f64| latest.store(force_n.to_bits(), Ordering::Relaxed);
             let walked = catch_unwind(AssertUnwindSafe(|| begun.walk(&asked, &shown, &mut Heard(&heard))));
             let end = walked.unwrap_or_else(|_| Err(Failure::of_panic()));
-            locked(&heard.state).end = Some(end);
+            lock(&heard.state).end = Some(end);
             heard.changed.notify_all();
         };
         let thread = thread::Builder::new().name("run".to_owned()).spawn(walk);
@@ -177,7 +178,7 @@ impl Events {
             if self.is_over {
                 return Next::Over;
             }
-            let mut state = locked(&self.queue.state);
+            let mut state = lock(&self.queue.state);
             if state.is_idle() {
                 let waited = self.queue.changed.wait_timeout_while(state, most, |state| state.is_idle());
                 let (waited, timeout) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -199,7 +200,7 @@ impl Events {
                     self.is_over = true;
                     return Next::Failed(Failure::dataset(error));
                 }
-                let mut state = locked(&self.queue.state);
+                let mut state = lock(&self.queue.state);
                 state.is_behind = self.taken < state.recorded;
             } else if let Some(end) = state.end.take() {
                 self.is_over = true;
@@ -251,7 +252,7 @@ struct Heard<'a>(&'a Queue);
 
 impl Heard<'_> {
     fn progress(&self, event: Event) {
-        let mut state = locked(&self.0.state);
+        let mut state = lock(&self.0.state);
         state.order += 1;
         let order = state.order;
         if state.progress.len() == PROGRESS_MAX {
@@ -280,7 +281,7 @@ impl Listener for Heard<'_> {
     }
 
     fn recorded(&mut self, contact: &Contact) {
-        let mut state = locked(&self.0.state);
+        let mut state = lock(&self.0.state);
         state.order += 1;
         state.recorded += 1;
         let order = state.order;
@@ -291,10 +292,6 @@ impl Listener for Heard<'_> {
         }
         self.0.changed.notify_one();
     }
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -335,9 +332,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let count = 2 * CONTACTS_MAX + 5;
         let mut events = started(&folder, &random(count));
-        let thread = locked(&events.walker.thread).take();
+        let thread = lock(&events.walker.thread).take();
         thread.unwrap().join().unwrap();
-        assert_eq!(locked(&events.queue.state).contacts.len(), CONTACTS_MAX);
+        assert_eq!(lock(&events.queue.state).contacts.len(), CONTACTS_MAX);
         let (presses, others, end) = drained(&mut events);
         let (recorded, ..) = read_run(events.path(), &|_| {}).unwrap();
         let expected: Vec<Press> = recorded.contacts.into_iter().flat_map(|contact| contact.levels).collect();

@@ -1,12 +1,11 @@
 //! `palpate adapt`: updates an older calibration, or that of a similar sensor, with a few new presses.
 
-use super::fit::write;
+use super::fit::{SensorFileArgs, write};
 use super::method::fitted_to;
-use super::output::OutputArgs;
 use super::summary::{note, tell};
+use crate::api::Failure;
 use crate::api::fit::note_left_out;
 use crate::api::method::Source;
-use crate::api::{Failure, MethodOptions};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
 use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors};
@@ -39,29 +38,25 @@ pub(super) struct AdaptArgs {
     /// The new presses: a run folder or a table
     #[arg(long, value_name = "RUN")]
     with: PathBuf,
-    /// Output file; an existing sensor file is replaced
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
     #[command(flatten)]
-    method: MethodOptions,
-    #[command(flatten)]
-    output: OutputArgs,
+    file: SensorFileArgs,
 }
 
 /// Changes the old presses, fits, and writes the file.
 pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
-    check_replaceable(&args.out).map_err(Failure::usage)?;
-    let old = Source::read_older(&args.from, &args.method, &note)?;
-    let new = Source::read(&args.with, &args.method, &note)?;
-    let setting = args.method.setting(&old)?;
-    let adapted = Adapted::new(args.method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
+    let SensorFileArgs { out, method, output } = &args.file;
+    check_replaceable(out).map_err(Failure::usage)?;
+    let old = Source::read_older(&args.from, method, &note)?;
+    let new = Source::read(&args.with, method, &note)?;
+    let setting = method.setting(&old)?;
+    let adapted = Adapted::new(method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
     let adapted = adapted
         .wrap_err_with(|| format!("{}: can't update this calibration", old.path.display()))
         .map_err(Failure::usage)?;
     tell(&format!("{}\n", fitted_to(&adapted.model)))?;
     note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
-    args.output.text(&told(&adapted, is_relative))?;
+    output.text(&told(&adapted, is_relative))?;
     let HeldOut { presses, before, after } = adapted.held_out;
     let errors = |errors: MeanErrors| {
         let force_n = (!is_relative).then_some(errors.force_n);
@@ -70,10 +65,10 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let (before, after, units) = (errors(before), errors(after), adapted.change.units.clone());
     let made_from = vec![old.fingerprint()?, new.fingerprint()?];
     let file = SensorFile::new(adapted.model, new.sensor, made_from).map_err(Failure::usage)?;
-    let (text, file) = write(&file, &args.out)?;
+    let (text, file) = write(&file, out)?;
     let content =
         json!({ "file": file, "presses": presses, "mean_error_before": before, "mean_error": after, "units": units });
-    args.output.print(&text, &content)?;
+    output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 

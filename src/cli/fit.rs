@@ -31,24 +31,32 @@ paper does, so its cross-validation errors differ slightly.";
 pub(super) struct FitArgs {
     /// A run folder, or a table of presses
     calibration: PathBuf,
+    #[command(flatten)]
+    file: SensorFileArgs,
+}
+
+/// The sensor file that is written, and how it is fitted.
+#[derive(Debug, clap::Args)]
+pub(super) struct SensorFileArgs {
     /// Output file; an existing sensor file is replaced
     #[arg(long, value_name = "FILE")]
-    out: PathBuf,
+    pub out: PathBuf,
     #[command(flatten)]
-    method: MethodOptions,
+    pub method: MethodOptions,
     #[command(flatten)]
-    output: OutputArgs,
+    pub output: OutputArgs,
 }
 
 /// Fits, and writes the file.
 pub(super) fn fit(args: &FitArgs) -> Result<ExitCode, Failure> {
-    check_replaceable(&args.out).map_err(Failure::usage)?;
-    let sensor = api::fit(&args.calibration, &args.method, &note)?;
+    let SensorFileArgs { out, method, output } = &args.file;
+    check_replaceable(out).map_err(Failure::usage)?;
+    let sensor = api::fit(&args.calibration, method, &note)?;
     tell_sensor(&sensor, true)?;
     tell_constant_load(&sensor.model)?;
     let file = SensorFile::new(sensor.model, sensor.sensor, sensor.made_from).map_err(Failure::usage)?;
-    let (text, content) = write(&file, &args.out)?;
-    args.output.print(&text, &content)?;
+    let (text, content) = write(&file, out)?;
+    output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
 }
 

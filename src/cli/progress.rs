@@ -5,6 +5,7 @@ use super::signals::{forget_typed, go_on_at_enter, is_attended};
 use super::summary;
 use crate::api::Failure;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use palpate_core::parallel::lock;
 use palpate_data::dataset::{Check, Contact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
@@ -14,7 +15,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::fmt;
 use std::io::{self, IsTerminal, Write};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// Number of readings between two looks at the force on a terminal: ten looks per second with a cell of 200 Hz.
@@ -118,7 +119,7 @@ impl<'a> Progress<'a> {
         Box::new(move |force_n| {
             count.set(count.get() + 1);
             if count.get() % FORCE_EVERY == 0 {
-                locked(&shown).message = format!("{force_n:+.3} N");
+                lock(&shown).message = format!("{force_n:+.3} N");
             }
         })
     }
@@ -157,7 +158,7 @@ impl Listener for Progress<'_> {
     fn begins(&mut self, entry: &Entry) {
         if self.phase != Some(entry.phase) {
             self.phase = Some(entry.phase);
-            locked(&self.shown).phase = entry.phase.name().to_owned();
+            lock(&self.shown).phase = entry.phase.name().to_owned();
             if !self.on_terminal {
                 self.line(&format!("{}: from press {} of {}", entry.phase.name(), self.done + 1, self.planned));
             }
@@ -166,7 +167,7 @@ impl Listener for Progress<'_> {
 
     fn recorded(&mut self, contact: &Contact) {
         self.done += 1;
-        locked(&self.shown).timed = true;
+        lock(&self.shown).timed = true;
         self.bar.set_position(self.done);
         if self.json {
             let lines: String = contact.levels.iter().flat_map(|press| [press.to_json(), "\n".to_owned()]).collect();
@@ -206,7 +207,7 @@ impl Listener for Progress<'_> {
     }
 
     fn rests(&mut self, seconds: f64) {
-        locked(&self.shown).message = format!("rest {seconds:.0} s");
+        lock(&self.shown).message = format!("rest {seconds:.0} s");
     }
 
     fn paused(&mut self) -> bool {
@@ -219,9 +220,9 @@ impl Listener for Progress<'_> {
                 self.done, self.planned
             ));
             let before =
-                std::mem::replace(&mut *locked(&self.shown), Shown { phase: "PAUSED".to_owned(), ..Shown::default() });
+                std::mem::replace(&mut *lock(&self.shown), Shown { phase: "PAUSED".to_owned(), ..Shown::default() });
             go_on_at_enter(&self.cancel);
-            *locked(&self.shown) = before;
+            *lock(&self.shown) = before;
             self.bar.reset_eta(); // the pause isn't part of a press
         }
         is_attended
@@ -232,7 +233,7 @@ impl Listener for Progress<'_> {
 fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
     let shown = shown.clone();
     let line = move |state: &ProgressState, out: &mut dyn fmt::Write| {
-        let shown = locked(&shown);
+        let shown = lock(&shown);
         let left = shown.timed.then(|| format!("{:#}", HumanDuration(state.eta())));
         _ = out.write_str(&line(
             &shown,
@@ -273,10 +274,6 @@ fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize
         format!("{phase} [{:<room$}] {count}", "=".repeat(filled) + head)
     };
     text.chars().take(width).collect()
-}
-
-fn locked(shown: &Mutex<Shown>) -> MutexGuard<'_, Shown> {
-    shown.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

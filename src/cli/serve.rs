@@ -7,6 +7,7 @@ use crate::api::read_sensor;
 use crate::api::solutions::Solutions;
 use crate::api::stream::Stream;
 use miette::{IntoDiagnostic, WrapErr};
+use palpate_core::parallel::lock;
 use palpate_data::dataset::Mapping;
 use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{Lines, Readings};
@@ -17,7 +18,7 @@ use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -149,7 +150,7 @@ impl Service {
             _ = silent.set_nonblocking(true);
             self.refuse(silent, "closed because it was silent, and all connections are in use");
         };
-        let admitted = locked(&self.clients).admit(stream, Instant::now(), close);
+        let admitted = lock(&self.clients).admit(stream, Instant::now(), close);
         let (number, client) = match admitted {
             Ok(admitted) => admitted,
             Err(stream) => return self.refuse(&stream, &format!("{CONNECTIONS_MAX} connections are served already")),
@@ -159,11 +160,11 @@ impl Service {
             // a connection that ends or fails concerns nobody else
             _ = service.converse(&client, &peer.to_string());
             _ = client.stream.shutdown(Shutdown::Both);
-            locked(&service.clients).served.remove(&number);
+            lock(&service.clients).served.remove(&number);
         };
         if thread::Builder::new().stack_size(STACK_BYTES).spawn(connection).is_err() {
             // the stream is closed
-            locked(&self.clients).served.remove(&number);
+            lock(&self.clients).served.remove(&number);
         }
     }
 
@@ -210,7 +211,7 @@ impl Clients {
         mut close: impl FnMut(&TcpStream),
     ) -> Result<(u64, Arc<Client>), TcpStream> {
         if self.served.len() >= self.most {
-            let silent = self.served.iter().map(|(number, client)| (*locked(&client.heard), *number)).min();
+            let silent = self.served.iter().map(|(number, client)| (*lock(&client.heard), *number)).min();
             match silent.filter(|(heard, _)| now.saturating_duration_since(*heard) >= self.silent_after) {
                 Some((_, number)) => self.served.remove(&number).into_iter().for_each(|client| {
                     close(&client.stream);
@@ -229,13 +230,9 @@ impl Clients {
 impl Read for &Client {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = (&self.stream).read(buffer)?;
-        *locked(&self.heard) = Instant::now();
+        *lock(&self.heard) = Instant::now();
         Ok(read)
     }
-}
-
-fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn address(text: &str) -> Result<SocketAddr, String> {
@@ -266,7 +263,7 @@ mod tests {
         let (number, second) = clients.admit(second, now, told).unwrap();
         // both were silent for less than a minute
         let third = clients.admit(third, now + MINUTE - Duration::from_secs(1), told).unwrap_err();
-        *locked(&second.heard) = now + Duration::from_secs(50);
+        *lock(&second.heard) = now + Duration::from_secs(50);
         clients.admit(third, now + MINUTE, told).unwrap();
         let mut text = String::new();
         first_far.read_to_string(&mut text).unwrap();

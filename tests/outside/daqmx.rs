@@ -59,7 +59,7 @@ async fn samples_come_through_the_loaded_library_in_order_and_whole() {
     let library = load(&path).expect("the library");
     let mut task = 0;
     assert_eq!(library.create_task("", &mut task), 0);
-    assert_eq!(library.create_ai_voltage_channel(task, "Dev1/ai2:4", RSE, -10.0, 10.0), 0);
+    assert_eq!(library.create_ai_voltage_channel(task, "Dev1/ai2:4", RSE, [-10.0, 10.0]), 0);
     assert_eq!(library.configure_sample_clock(task, RATE_HZ, 10_000), 0);
     let began = Instant::now();
     assert_eq!(library.start_task(task), 0);

@@ -1,13 +1,14 @@
 //! A bad line between a driver and an emulator: what goes either way is passed on message by message, and some of it is
 //! dropped, delayed, doubled, cut short, garbled or overtaken. All of it follows from a seed.
 
+use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Stream, stream};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use palpate_sim::emulator::{self, Instrument, Shared};
 use palpate_sim::scene::{Scene, Trajectory};
 use rand::RngExt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
@@ -126,7 +127,7 @@ impl Fate {
 
     /// Notes the axes' motions, if they are new.
     pub fn look(&mut self) {
-        let scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        let scene = lock(&self.scene);
         let motions = Axis::ALL.map(|axis| scene.motion(axis).clone());
         let now_s = self.origin.elapsed().as_secs_f64();
         if self.motions.last().is_none_or(|last| last.axes != motions) {
@@ -392,8 +393,4 @@ async fn at(due: Option<Instant>) {
         Some(due) => sleep_until(due).await,
         None => std::future::pending().await,
     }
-}
-
-pub fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -254,7 +254,7 @@ pub fn must_be_none(broken: &[String]) {
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
 }
 
-/// As [`run_virtually`](palpate_link::time::run_virtually), by tokio's paused clock.
+/// As [`run_virtually`], by tokio's paused clock.
 pub fn in_tokios_virtual_time<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
 }

@@ -1,6 +1,7 @@
-//! Distributes work to all processors.
+//! Distributes work to all processors, and shares values between threads.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 /// Returns each input's output, in order. Uses as many threads as there are processors.
@@ -25,6 +26,11 @@ pub fn in_parallel<I: Sync, O: Send>(inputs: &[I], work: impl Fn(&I) -> O + Sync
     });
     outputs.sort_by_key(|(index, _)| *index);
     outputs.into_iter().map(|(_, output)| output).collect()
+}
+
+/// Locks a value, also after a thread that held the lock has panicked: what is shared here is whole after each change.
+pub fn lock<T: ?Sized>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Fits of one model without some of its units, which sessions share.
 
 use super::{Broken, FitError, Fitted, Model};
-use std::sync::{Arc, Mutex, PoisonError};
+use palpate_core::parallel::lock;
+use std::sync::{Arc, Mutex};
 
 /// Largest number of fits that are kept at the same time, for all sessions of a model.
 pub(crate) const MOST_FITS: usize = 64;
@@ -38,7 +39,7 @@ impl Fits {
         }
         // other sessions continue meanwhile; one of them may make the same fit
         let fitted = self.model.fit_without(units).ok_or(Unmade::NoPresses)?.map(Arc::new);
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut made = lock(&self.made);
         if let Some(known) = made.iter().find(|made| made.without == units) {
             return Ok(known.fitted.clone());
         }
@@ -51,7 +52,7 @@ impl Fits {
     }
 
     fn known(&self, units: &[Broken]) -> Option<Result<Arc<Fitted>, FitError>> {
-        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let made = lock(&self.made);
         made.iter().find(|made| made.without == units).map(|made| made.fitted.clone())
     }
 }

@@ -1,6 +1,7 @@
 //! Load cells and arrays: what is read is held against the force that there can have been.
 
 use super::{Outcome, Subject, rig};
+use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Stream, stream};
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
 use palpate_drivers::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
@@ -13,7 +14,7 @@ use palpate_link::wire::Connector;
 use palpate_link::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use palpate_sim::emulator::{DaqmxEmulator, Shared};
 use palpate_sim::scene::{Scene, Trajectory};
-use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, lock, passes};
+use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, passes};
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -285,15 +286,8 @@ impl NiDaqmx for BadTable {
     fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32 {
         self.table.create_task(name, task)
     }
-    fn create_ai_voltage_channel(
-        &self,
-        task: TaskHandle,
-        physical: &str,
-        terminal: i32,
-        least_v: f64,
-        most_v: f64,
-    ) -> i32 {
-        self.table.create_ai_voltage_channel(task, physical, terminal, least_v, most_v)
+    fn create_ai_voltage_channel(&self, task: TaskHandle, physical: &str, terminal: i32, range_v: [f64; 2]) -> i32 {
+        self.table.create_ai_voltage_channel(task, physical, terminal, range_v)
     }
     fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32 {
         self.table.configure_sample_clock(task, rate_hz, samples_per_channel)

@@ -1,6 +1,7 @@
 //! Stages: where they say they are is held against where they can have been, and where they end against where they were sent.
 
 use super::{Outcome, Subject, rig};
+use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Range, Steps, Stream, Travel, stream};
 use palpate_drivers::grbl::Grbl;
 use palpate_drivers::process::ProcessStage;
@@ -10,7 +11,7 @@ use palpate_link::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate_sim::scene::Scene;
-use palpate_testing::bad_line::{Fate, Framing, connector, lock};
+use palpate_testing::bad_line::{Fate, Framing, connector};
 use palpate_testing::made_ready;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};

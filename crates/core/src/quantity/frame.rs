@@ -115,6 +115,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Returns the frame of a level specimen whose middle is at the origin of the stage's x and y, with its edges along them.
+    pub fn level(surface_z_mm: f64, uncertainty_mm: f64, down: Down) -> Self {
+        let (origin, tilt) = (Place::default(), Tilt::LEVEL);
+        Frame { origin, rotation_deg: 0.0, surface_z_mm, uncertainty_mm, down, tilt }
+    }
+
     /// Stage coordinates of a point of the specimen frame; `z_mm` grows into the specimen.
     pub fn to_stage(&self, place: Place, z_mm: f64) -> Position {
         let turned = place.turned(self.rotation_deg);

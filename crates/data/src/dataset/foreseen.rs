@@ -66,7 +66,7 @@ mod tests {
     use super::*;
     use crate::acceptance::Verdict;
     use crate::recipe::Ground;
-    use palpate_core::quantity::{Down, Frame, Limits, Place, Range, Tilt, Travel};
+    use palpate_core::quantity::{Down, Frame, Limits, Range, Travel};
 
     /// The reasons why a recipe with these steps and this rule can't be decided.
     fn reasons(characterised: &str, tests: usize, rule: &str, u_place_mm: Option<f64>) -> Vec<String> {
@@ -78,14 +78,7 @@ mod tests {
              [accept]\n{rule}\n"
         );
         let recipe = crate::recipe::parse("r.toml", &text).unwrap();
-        let frame = Frame {
-            origin: Place::default(),
-            rotation_deg: 0.0,
-            surface_z_mm: 0.0,
-            uncertainty_mm: 0.3,
-            down: Down::Minus,
-            tilt: Tilt::LEVEL,
-        };
+        let frame = Frame::level(0.0, 0.3, Down::Minus);
         let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
         let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
         let layout = ArrayLayout::grid(3, 3, 4.5);

@@ -2,7 +2,7 @@
 
 use super::{Checks, Ground, PRESSES_CEILING, PRESSES_MAX, Phase, Plan, Recipe, parse};
 use palpate_control::Strategy;
-use palpate_core::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Tilt, Travel};
+use palpate_core::quantity::{ArrayLayout, Down, Frame, Limits, Place, Range, Travel};
 use palpate_document::Problems;
 
 fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
@@ -11,14 +11,7 @@ fn plan(steps: &str, seed: u64) -> Result<Plan, Vec<String>> {
 
 fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Result<Plan, Problems> {
     let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
-    let frame = Frame {
-        origin: Place::default(),
-        rotation_deg: 0.0,
-        surface_z_mm: 0.0,
-        uncertainty_mm: 0.3,
-        down: Down::Minus,
-        tilt: Tilt::LEVEL,
-    };
+    let frame = Frame::level(0.0, 0.3, Down::Minus);
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout };

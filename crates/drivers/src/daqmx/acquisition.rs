@@ -210,7 +210,7 @@ fn make(ni: &dyn NiDaqmx, inputs: &[Inputs], rate_hz: f64) -> Result<TaskHandle,
     let mut task = 0;
     check(ni, ni.create_task("", &mut task))?;
     let channels = |inputs: &Inputs| {
-        ni.create_ai_voltage_channel(task, &inputs.physical, inputs.terminal.code(), -inputs.range_v, inputs.range_v)
+        ni.create_ai_voltage_channel(task, &inputs.physical, inputs.terminal.code(), [-inputs.range_v, inputs.range_v])
     };
     let samples = (BUFFER_S * rate_hz) as u64;
     let started = inputs

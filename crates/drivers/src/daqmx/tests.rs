@@ -12,7 +12,7 @@ impl NiDaqmx for Table {
         *task = 1;
         0
     }
-    fn create_ai_voltage_channel(&self, _: TaskHandle, _: &str, _: i32, _: f64, _: f64) -> i32 {
+    fn create_ai_voltage_channel(&self, _: TaskHandle, _: &str, _: i32, _: [f64; 2]) -> i32 {
         0
     }
     fn configure_sample_clock(&self, _: TaskHandle, _: f64, _: u64) -> i32 {

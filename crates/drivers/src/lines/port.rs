@@ -3,12 +3,13 @@
 use super::framing::{Finder, Rejected};
 use super::moment::DeviceClock;
 use super::profile::LineProfile;
+use palpate_core::parallel::lock;
 use palpate_core::quantity::seconds;
 use palpate_link::device::shown;
 use palpate_link::time::{Instant, Task, sleep_until, spawn, timeout_at};
 use palpate_link::wire::{ByteStream, Connector};
 use std::io;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::Notify;
@@ -267,8 +268,4 @@ async fn send(stream: &mut ByteStream, command: Option<&str>) -> io::Result<()> 
         stream.flush().await
     });
     sent.await.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "it takes no command"))?
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

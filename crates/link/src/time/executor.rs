@@ -5,13 +5,14 @@
 //! Deadlines are rounded up to whole milliseconds after the start, as tokio's timers are.
 
 use super::Instant;
+use palpate_core::parallel::lock;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::fmt;
 use std::future::Future;
 use std::pin::{Pin, pin};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::task::{Context, Poll, Wake, Waker};
 use std::thread::{self, Thread};
 
@@ -169,7 +170,7 @@ impl Wake for Task {
         if self.run.is_here() {
             READY.with_borrow_mut(|ready| ready.push_back(self.clone()));
         } else {
-            locked(&self.run.from_elsewhere).push_back(self.clone());
+            lock(&self.run.from_elsewhere).push_back(self.clone());
             self.run.has_elsewhere.store(true, Ordering::Release);
             self.run.thread.unpark();
         }
@@ -179,14 +180,14 @@ impl Wake for Task {
 impl Task {
     fn advance(self: Arc<Self>) {
         self.is_ready.store(false, Ordering::Release);
-        let Some(mut work) = locked(&self.work).take() else { return };
+        let Some(mut work) = lock(&self.work).take() else { return };
         if self.is_aborted.load(Ordering::Acquire) {
             return self.is_finished.store(true, Ordering::Release);
         }
         let waker = Waker::from(self.clone());
         match work.as_mut().poll(&mut Context::from_waker(&waker)) {
             Poll::Ready(()) => self.is_finished.store(true, Ordering::Release),
-            Poll::Pending => *locked(&self.work) = Some(work),
+            Poll::Pending => *lock(&self.work) = Some(work),
         }
     }
 }
@@ -248,7 +249,7 @@ impl Run {
     fn next_task(&self) -> Option<Arc<Task>> {
         READY.with_borrow_mut(|ready| {
             if self.has_elsewhere.swap(false, Ordering::AcqRel) {
-                ready.append(&mut locked(&self.from_elsewhere));
+                ready.append(&mut lock(&self.from_elsewhere));
             }
             ready.pop_front()
         })
@@ -291,15 +292,11 @@ struct End;
 impl Drop for End {
     fn drop(&mut self) {
         let tasks = TASKS.take();
-        tasks.into_iter().for_each(|task| drop(locked(&task.work).take()));
+        tasks.into_iter().for_each(|task| drop(lock(&task.work).take()));
         READY.take();
         RUN.take();
         RUN_NUMBER.set(0);
         NOW_NS.set(0);
         CLOCK.replace(Clock::new());
     }
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

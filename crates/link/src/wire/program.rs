@@ -2,11 +2,12 @@
 
 use super::ByteStream;
 use crate::time::{Sleep, sleep};
+use palpate_core::parallel::lock;
 use std::future::Future;
 use std::io;
 use std::pin::Pin;
 use std::process::{Child, Command, Stdio};
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 use std::task::{Context, Poll, ready};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -84,7 +85,7 @@ fn not_started(program: &str, error: &io::Error) -> io::Error {
 
 /// Waits until every program whose link was dropped has ended or couldn't be ended.
 pub(super) fn wait_for_ends() {
-    let ending = std::mem::take(&mut *ENDING.lock().unwrap_or_else(PoisonError::into_inner));
+    let ending = std::mem::take(&mut *lock(&ENDING));
     for thread in ending {
         let _ = thread.join(); // whichever way it went, nothing more can be done
     }
@@ -96,7 +97,7 @@ impl Drop for Program {
         // a thread of its own, since whoever drops a link has a stage to park; the input ends when this returns
         let thread = thread::Builder::new().name("ending".to_owned()).spawn(move || running.see_to_its_end());
         // without a thread the end of its input is all that it gets
-        ENDING.lock().unwrap_or_else(PoisonError::into_inner).extend(thread);
+        lock(&ENDING).extend(thread);
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) fn description(frame: &Frame, manifest: &Manifest) -> String {
 }
 
 /// Returns a text as a cell, in quotation marks if it needs them.
-fn cell(text: &str) -> Cow<'_, str> {
+pub(crate) fn cell(text: &str) -> Cow<'_, str> {
     match text.contains([',', '"', '\n', '\r']) {
         true => Cow::Owned(format!("\"{}\"", text.replace('"', "\"\""))),
         false => Cow::Borrowed(text),

@@ -6,7 +6,7 @@
 pub mod arrow;
 mod bench;
 mod c;
-mod csv;
+pub(crate) mod csv;
 mod format;
 pub mod frame;
 #[cfg(feature = "files")]

@@ -1,6 +1,7 @@
 //! Numbers of a figure, as a table.
 
 use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
+use crate::export::csv::cell;
 
 /// A table: names of the columns, each ending with its unit, then rows.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +70,7 @@ impl Numbers {
     pub fn csv(&self) -> String {
         let line = |cells: Vec<String>| cells.join(",") + "\n";
         let rows = self.rows.iter().map(|row| line(row.iter().map(told).collect()));
-        line(self.head.iter().map(|name| quoted(name)).collect()) + &rows.collect::<String>()
+        line(self.head.iter().map(|name| cell(name).into_owned()).collect()) + &rows.collect::<String>()
     }
 }
 
@@ -80,15 +81,7 @@ fn told(value: &Value) -> String {
             format!("{number:.11e}").parse::<f64>().unwrap_or(*number).to_string()
         }
         Value::Number(_) | Value::None => String::new(),
-        Value::Words(words) => quoted(words),
-    }
-}
-
-fn quoted(words: &str) -> String {
-    if words.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", words.replace('"', "\"\""))
-    } else {
-        words.to_owned()
+        Value::Words(words) => cell(words).into_owned(),
     }
 }
 
@@ -228,6 +221,5 @@ mod tests {
         assert_eq!(csv, "drawn_as,error_mm,share_percent,error_from_mm,error_to_mm\npoint,0.3,1,,\ncolumn,,25,0,0.1\n");
         let cells = Figure { panels: vec![panel(vec![Mark::Cells(axis("output, V"), vec![cell])])], ..figure };
         assert_eq!(Numbers::of(&cells).csv(), "error_mm,share_percent,output_v\n0.2,0.5,7\n");
-        assert_eq!(quoted("one, \"two\""), "\"one, \"\"two\"\"\"");
     }
 }

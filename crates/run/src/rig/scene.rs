@@ -63,8 +63,6 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
     let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
     let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
     Some(SceneSpec {
-        skin: skin?,
-        contact: contact?,
         relaxation: relaxation?,
         mounting,
         surface_tilt_mm,
@@ -72,12 +70,11 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         surface_wave,
         relief,
         stiffness,
-        edges: None,
         stage,
         load_cell,
         latencies: latencies?,
         faults: faults?,
-        specimen: None,
+        ..SceneSpec::of(skin?, contact?)
     })
 }
 

@@ -2,12 +2,13 @@
 
 use super::emulated::EmulatedDevice;
 use super::spec::{Home, RigSpec};
+use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, Place, Position};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Instant;
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Half the side of the loading area (PAPER S8), mm.
 const LOADING_HALF_MM: f64 = 6.0;
@@ -130,7 +131,7 @@ impl SceneProbe {
     }
 
     fn scene(&self) -> MutexGuard<'_, Scene> {
-        self.scene.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.scene)
     }
 
     fn now_s(&self) -> f64 {

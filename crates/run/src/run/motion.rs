@@ -2,6 +2,7 @@
 
 use super::Halt;
 use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
+use super::retreat::then_notify;
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
@@ -341,11 +342,7 @@ async fn with_outputs<A: SensorArray, T>(
     means: &mut OutputMeans,
 ) -> Result<T, Halt> {
     let over = Notify::new();
-    let motion = async {
-        let moved = motion.await;
-        over.notify_one();
-        moved
-    };
+    let motion = then_notify(motion, &over);
     let goes_on = |readings| readings < OUTPUTS_ON_THE_WAY;
     let outputs = means.take_while(array, &over, || clear.get(), goes_on, |_, _| Ok(()));
     let (moved, read) = tokio::join!(motion, outputs);

@@ -210,13 +210,16 @@ pub(super) async fn unless_it_rises<C: LoadCell, T>(
     reins: &Reins,
 ) -> Result<T, Halt> {
     let over = Notify::new();
-    let motion = async {
-        let moved = motion.await;
-        over.notify_one();
-        moved
-    };
+    let motion = then_notify(motion, &over);
     let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
     risen?;
+    moved
+}
+
+/// Awaits a motion, and notifies that it is over.
+pub(super) async fn then_notify<T>(motion: impl Future<Output = T>, over: &Notify) -> T {
+    let moved = motion.await;
+    over.notify_one();
     moved
 }
 

@@ -3,7 +3,7 @@
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
 use palpate_control::{Permit, Rule, Timing, Watch, Zero};
-use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Tilt, Travel};
+use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Travel};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
 };
@@ -105,14 +105,7 @@ fn hand<'a>(
         load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
         array: StrawArray,
     };
-    let frame = Frame {
-        origin: Place::default(),
-        rotation_deg: 0.0,
-        surface_z_mm: 0.0,
-        uncertainty_mm: 0.3,
-        down: Down::Minus,
-        tilt: Tilt::LEVEL,
-    };
+    let frame = Frame::level(0.0, 0.3, Down::Minus);
     let usage = StageUse {
         travel: Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] },
         away: 1.0,

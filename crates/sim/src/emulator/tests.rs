@@ -1,8 +1,8 @@
 //! What the tests of this room share: a scene, and the near end of a wire to an instrument.
 
 use super::{Instrument, Shared, serve};
-use crate::scene::{ContactLaw, Elastomer, Latencies, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
-use palpate_core::quantity::{ArrayLayout, Axis, Down, Frame, Place, Position, Tilt};
+use crate::scene::{ContactLaw, Elastomer, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
+use palpate_core::quantity::{ArrayLayout, Axis, Down, Frame, Position};
 use palpate_link::time::{Instant, timeout};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -31,33 +31,11 @@ pub(super) fn scene_with(change: impl FnOnce(&mut SceneSpec)) -> Scene {
 
 /// A quiet scene with other taxels, but for what is changed.
 pub(super) fn scene_of(layout: ArrayLayout, change: impl FnOnce(&mut SceneSpec)) -> Scene {
-    let latencies = Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None };
-    let mut spec = SceneSpec {
-        skin: SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() },
-        contact: ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 },
-        relaxation: Vec::new(),
-        mounting: None,
-        surface_tilt_mm: 0.0,
-        surface_tilt: Tilt::LEVEL,
-        surface_wave: None,
-        relief: None,
-        stiffness: None,
-        edges: None,
-        stage: None,
-        load_cell: None,
-        latencies,
-        faults: Vec::new(),
-        specimen: None,
-    };
+    let skin = SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() };
+    let contact = ContactLaw { linear_n_mm: STIFFNESS_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    let mut spec = SceneSpec::of(skin, contact);
     change(&mut spec);
-    let frame = Frame {
-        origin: Place::new(0.0, 0.0),
-        rotation_deg: 0.0,
-        surface_z_mm: 0.0,
-        uncertainty_mm: 0.3,
-        down: Down::Minus,
-        tilt: Tilt::LEVEL,
-    };
+    let frame = Frame::level(0.0, 0.3, Down::Minus);
     let setting = Surroundings {
         frame,
         layout,

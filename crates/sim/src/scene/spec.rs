@@ -41,6 +41,34 @@ pub struct SceneSpec {
     pub specimen: Option<u64>,
 }
 
+impl SceneSpec {
+    /// Returns a scene with these terms and no other.
+    pub fn of(skin: SkinSpec, contact: ContactLaw) -> Self {
+        SceneSpec {
+            skin,
+            contact,
+            relaxation: Vec::new(),
+            mounting: None,
+            surface_tilt_mm: 0.0,
+            surface_tilt: Tilt::LEVEL,
+            surface_wave: None,
+            relief: None,
+            stiffness: None,
+            edges: None,
+            stage: None,
+            load_cell: None,
+            latencies: Latencies {
+                stage_s: (0.0, 0.0),
+                load_cell_s: (0.0, 0.0),
+                array_s: (0.0, 0.0),
+                stage_spikes: None,
+            },
+            faults: Vec::new(),
+            specimen: None,
+        }
+    }
+}
+
 /// Relaxed contact force at depth s: `linear s + quadratic s^2`, with a parabolic toe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactLaw {

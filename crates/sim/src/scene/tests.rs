@@ -2,7 +2,7 @@
 
 use super::*;
 use palpate_core::mechanics::Medium;
-use palpate_core::quantity::{ArrayLayout, Down, Frame, Place, Position, Tilt};
+use palpate_core::quantity::{ArrayLayout, Down, Frame, Place, Position};
 
 const CONTACT: ContactLaw = ContactLaw { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 };
 
@@ -21,35 +21,13 @@ fn looped_skin(percent: f64) -> SkinSpec {
 }
 
 fn plain() -> SceneSpec {
-    SceneSpec {
-        skin: skin(),
-        contact: CONTACT,
-        relaxation: vec![RelaxationBranch { share: 0.05, time_s: 0.3 }, RelaxationBranch { share: 0.05, time_s: 5.0 }],
-        mounting: None,
-        surface_tilt_mm: 0.0,
-        surface_tilt: Tilt::LEVEL,
-        surface_wave: None,
-        relief: None,
-        stiffness: None,
-        edges: None,
-        stage: None,
-        load_cell: None,
-        latencies: Latencies { stage_s: (0.0, 0.0), load_cell_s: (0.0, 0.0), array_s: (0.0, 0.0), stage_spikes: None },
-        faults: vec![],
-        specimen: None,
-    }
+    let relaxation = [0.3, 5.0].map(|time_s| RelaxationBranch { share: 0.05, time_s }).to_vec();
+    SceneSpec { relaxation, ..SceneSpec::of(skin(), CONTACT) }
 }
 
 /// A scene above the origin; stage z falls toward the specimen, whose nominal surface is at 0.
 fn scene(spec: SceneSpec, seed: u64) -> Scene {
-    let frame = Frame {
-        origin: Place::default(),
-        rotation_deg: 0.0,
-        surface_z_mm: 0.0,
-        uncertainty_mm: 0.3,
-        down: Down::Minus,
-        tilt: Tilt::LEVEL,
-    };
+    let frame = Frame::level(0.0, 0.3, Down::Minus);
     let setting = Surroundings {
         frame,
         layout: ArrayLayout::grid(3, 3, 4.5),

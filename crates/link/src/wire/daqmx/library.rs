@@ -117,20 +117,13 @@ impl NiDaqmx for DaqmxLibrary {
         status
     }
 
-    fn create_ai_voltage_channel(
-        &self,
-        task: TaskHandle,
-        physical: &str,
-        terminal: i32,
-        least_v: f64,
-        most_v: f64,
-    ) -> i32 {
+    fn create_ai_voltage_channel(&self, task: TaskHandle, physical: &str, terminal: i32, range_v: [f64; 2]) -> i32 {
         let Ok(physical) = CString::new(physical) else { return BAD_VALUE };
         let (name, scale) = (c"".as_ptr(), std::ptr::null());
         // SAFETY: all texts end with a zero byte; no custom scale is NULL by the header
         unsafe {
             let create = self.create_ai_voltage_channel;
-            create(task as Handle, physical.as_ptr(), name, terminal, least_v, most_v, VOLTS, scale)
+            create(task as Handle, physical.as_ptr(), name, terminal, range_v[0], range_v[1], VOLTS, scale)
         }
     }
 

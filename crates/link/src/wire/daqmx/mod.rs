@@ -36,14 +36,7 @@ pub trait NiDaqmx: Send + Sync {
     fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32;
 
     /// `DAQmxCreateAIVoltageChan` with units of volts and no custom scale. `physical` may be a range: `Dev1/ai0:8`.
-    fn create_ai_voltage_channel(
-        &self,
-        task: TaskHandle,
-        physical: &str,
-        terminal: i32,
-        least_v: f64,
-        most_v: f64,
-    ) -> i32;
+    fn create_ai_voltage_channel(&self, task: TaskHandle, physical: &str, terminal: i32, range_v: [f64; 2]) -> i32;
 
     /// `DAQmxCfgSampClkTiming` on the device's own clock: rising edge, continuous, with a buffer of `samples_per_channel`.
     fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32;

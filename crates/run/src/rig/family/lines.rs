@@ -9,7 +9,7 @@ use palpate_drivers::lines::{LineArray, LineLoadCell, LineProfile, SHIPPED};
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::wire::Link;
-use palpate_sim::emulator::lines::{Board, Firmware, Hx711, Hx711Sketch, Mark10, MlxText, ReSkin, Velostat};
+use palpate_sim::emulator::lines::{Board, Firmware, Hx711, Hx711Sketch, Mark10, ReSkin, Velostat};
 use palpate_sim::scene::Device;
 use std::sync::Arc;
 
@@ -167,7 +167,7 @@ impl ArrayDriver for Array {
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
         match self.0.file.name.as_str() {
             "reskin" => Ok(board(ReSkin::new(MAGNETOMETERS_HZ))),
-            "mlx90393-text" => Ok(board(MlxText::new(MAGNETOMETERS_HZ))),
+            "mlx90393-text" => Ok(board(ReSkin::text(MAGNETOMETERS_HZ))),
             "velostat-16" => Ok(board(Velostat::new(b',', MATRIX_BAUD))),
             _ => Err(self.0.not_emulated(Device::Array)),
         }

@@ -10,10 +10,11 @@ use super::Shared;
 use crate::scene::{Device, Scene};
 use channels::{Channel, INPUTS};
 use errors::DaqmxStatus;
+use palpate_core::parallel::lock;
 use palpate_link::time::Instant;
 use palpate_link::wire::daqmx::{AUTO, NiDaqmx, TaskHandle};
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard};
 
 /// Largest number of scans times channels per second. There is one converter.
 const RATE_MOST_HZ: f64 = 500_000.0;
@@ -101,7 +102,7 @@ impl DaqmxEmulator {
 
     /// Locks the library. The library is locked before the scene.
     fn library(&self) -> MutexGuard<'_, Library> {
-        self.library.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.library)
     }
 
     /// Acts on a task. An error is stored as the last error.
@@ -116,7 +117,7 @@ impl DaqmxEmulator {
 
     /// Looks at the scene under its lock. Passes the scene and the present time, s, to `look` and returns its result.
     fn look<T>(&self, look: impl FnOnce(&mut Scene, f64) -> T) -> T {
-        let mut scene = self.scene.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scene = lock(&self.scene);
         let now_s = (Instant::now() - self.origin).as_secs_f64();
         look(&mut scene, now_s)
     }
@@ -129,14 +130,7 @@ impl NiDaqmx for DaqmxEmulator {
         library.report(None, result)
     }
 
-    fn create_ai_voltage_channel(
-        &self,
-        task: TaskHandle,
-        physical: &str,
-        terminal: i32,
-        least_v: f64,
-        most_v: f64,
-    ) -> i32 {
+    fn create_ai_voltage_channel(&self, task: TaskHandle, physical: &str, terminal: i32, range_v: [f64; 2]) -> i32 {
         self.with_task(task, |acquisition| {
             acquisition.must_stand()?;
             let inputs = channels::inputs(physical, &self.device)?;
@@ -144,7 +138,7 @@ impl NiDaqmx for DaqmxEmulator {
                 return Err(DaqmxStatus::BAD_VALUE);
             }
             let added: Result<Vec<Channel>, DaqmxStatus> =
-                inputs.into_iter().map(|input| Channel::new(input, terminal, least_v, most_v)).collect();
+                inputs.into_iter().map(|input| Channel::new(input, terminal, range_v[0], range_v[1])).collect();
             acquisition.channels.extend(added?);
             Ok(())
         })

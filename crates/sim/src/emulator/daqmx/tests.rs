@@ -24,7 +24,7 @@ fn running(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> T
 fn prepared(daqmx: &DaqmxEmulator, physical: &str, rate_hz: f64, scans: u64) -> TaskHandle {
     let mut task = 0;
     assert_eq!(daqmx.create_task("", &mut task), 0);
-    assert_eq!(daqmx.create_ai_voltage_channel(task, physical, RSE, -10.0, 10.0), 0);
+    assert_eq!(daqmx.create_ai_voltage_channel(task, physical, RSE, [-10.0, 10.0]), 0);
     assert_eq!(daqmx.configure_sample_clock(task, rate_hz, scans), 0);
     task
 }
@@ -81,8 +81,8 @@ async fn a_differential_channel_is_the_difference_of_its_two_inputs_and_a_range_
     let daqmx = DaqmxEmulator::new(shared(pressed(3.0)), Instant::now(), "Dev1", Some(8), 10, 2.0);
     let mut task = 0;
     assert_eq!(daqmx.create_task("cell", &mut task), 0);
-    assert_eq!(daqmx.create_ai_voltage_channel(task, "Dev1/ai0", DIFF, -10.0, 10.0), 0);
-    assert_eq!(daqmx.create_ai_voltage_channel(task, "Dev1/ai8", RSE, -1.0, 1.0), 0);
+    assert_eq!(daqmx.create_ai_voltage_channel(task, "Dev1/ai0", DIFF, [-10.0, 10.0]), 0);
+    assert_eq!(daqmx.create_ai_voltage_channel(task, "Dev1/ai8", RSE, [-1.0, 1.0]), 0);
     assert_eq!(daqmx.configure_sample_clock(task, 10.0, 10), 0);
     assert_eq!(daqmx.start_task(task), 0);
     wait_ms(1).await;
@@ -169,7 +169,7 @@ async fn tasks_are_refused_what_they_cant_do() {
     assert_eq!(daqmx.start_task(task), -200478);
     assert!(daqmx.extended_error_info().ends_with("Task Name: cell\n\nStatus Code: -200478"));
     let channel =
-        |physical, terminal, most_v: f64| daqmx.create_ai_voltage_channel(task, physical, terminal, -most_v, most_v);
+        |physical, terminal, most_v: f64| daqmx.create_ai_voltage_channel(task, physical, terminal, [-most_v, most_v]);
     assert_eq!(channel("Dev2/ai0", RSE, 10.0), -200220);
     assert_eq!(channel("Dev1/ai32", RSE, 10.0), -200170);
     assert_eq!(channel("Dev1/ai8", DIFF, 10.0), -200077);
@@ -211,7 +211,7 @@ proptest! {
         let daqmx = emulator(scene());
         let mut task = 0;
         daqmx.create_task("", &mut task);
-        let status = daqmx.create_ai_voltage_channel(task, &physical, [10083, -1, 10106, 7, 0][(terminal + 2) as usize], -1.0, 1.0);
+        let status = daqmx.create_ai_voltage_channel(task, &physical, [10083, -1, 10106, 7, 0][(terminal + 2) as usize], [-1.0, 1.0]);
         prop_assert!(status == 0 || DaqmxStatus(status).text().is_some());
     }
 }

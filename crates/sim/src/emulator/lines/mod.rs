@@ -11,14 +11,12 @@
 //! - [`Hx711`]: an Arduino with the HX711 amplifier of a load cell.
 //! - [`Mark10`]: a Mark-10 force gauge, which also answers requests.
 //! - [`ReSkin`]: binary frames of magnetometers, ReSkin and AnySkin.
-//! - [`MlxText`]: the same magnetometers as text.
 //! - [`Velostat`]: a pressure matrix at the converter of an Arduino.
 
 mod fault;
 mod hx711;
 mod mark10;
 mod mlx90393;
-mod mlx_text;
 mod port;
 mod print;
 mod reskin;
@@ -29,7 +27,6 @@ mod velostat;
 pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
 pub use hx711::{Hx711, Hx711Sketch};
 pub use mark10::Mark10;
-pub use mlx_text::MlxText;
 pub use mlx90393::REST_MICROTESLA;
 pub use port::Port;
 pub use reskin::ReSkin;

@@ -1,16 +1,22 @@
-//! ReSkin and AnySkin: binary frames of magnetometers (raunaqbhirangi/reskin_sensor and raunaqbhirangi/anyskin, both
-//! `arduino/5X_binary_burst_stream/5X_binary_burst_stream.ino`).
+//! ReSkin and AnySkin: magnetometers as binary frames (raunaqbhirangi/reskin_sensor and raunaqbhirangi/anyskin, both
+//! `arduino/5X_binary_burst_stream/5X_binary_burst_stream.ino`) or as text (`arduino/5X_burst_stream/5X_burst_stream.ino`).
 
+use super::print::print_float;
 use super::{Firmware, LINE_END, Port, mlx90393};
 use crate::scene::{Device, Scene};
 
+/// Decimals of `Serial.print` of a float.
+const DECIMALS: u32 = 2;
+
 /// A board with one MLX90393 for three outputs of the scene, on a Trinket M0 or QT Py, thus with native USB.
 ///
-/// Each frame has four floats for each chip, little-endian with 32 bits: temperature in °C, then x, y and z in microtesla. It ends
-/// with CR LF and has no checksum; the floats may contain any bytes. With five chips it has 82 bytes. The board pushes frames
-/// without a command and listens to nothing. `setup()` waits until the port is opened for the first time.
+/// A frame has four floats for each chip, little-endian with 32 bits: temperature in °C, then x, y and z in microtesla. It ends
+/// with CR LF and has no checksum; the floats may contain any bytes. With five chips it has 82 bytes. As text it has x, y, z and the
+/// temperature with two decimals, each followed by a tab. The board pushes frames without a command and listens to nothing.
+/// `setup()` waits until the port is opened for the first time.
 pub struct ReSkin {
     rate_hz: f64,
+    is_text: bool,
 }
 
 impl ReSkin {
@@ -20,7 +26,12 @@ impl ReSkin {
 
     /// Creates the firmware with a number of frames per second.
     pub fn new(rate_hz: f64) -> Self {
-        ReSkin { rate_hz }
+        ReSkin { rate_hz, is_text: false }
+    }
+
+    /// Creates the firmware that sends text.
+    pub fn text(rate_hz: f64) -> Self {
+        ReSkin { rate_hz, is_text: true }
     }
 }
 
@@ -38,12 +49,27 @@ impl Firmware for ReSkin {
     }
 
     fn read(&mut self, scene: &mut Scene, now_s: f64) -> Vec<f64> {
-        mlx90393::read(scene, now_s).iter().flat_map(|chip| chip.0).map(f64::from).collect()
+        let chips = mlx90393::read(scene, now_s).into_iter().map(|chip| chip.0.map(f64::from));
+        let in_order = |mut chip: [f64; 4]| {
+            // the text has the temperature last
+            chip.rotate_left(usize::from(self.is_text));
+            chip
+        };
+        chips.flat_map(in_order).collect()
     }
 
     fn line(&self, reading: &[f64]) -> Vec<u8> {
-        let floats = reading.iter().flat_map(|&value| (value as f32).to_le_bytes());
-        floats.chain(LINE_END.iter().copied()).collect()
+        let mut line = Vec::new();
+        for &value in reading {
+            if self.is_text {
+                print_float(value, DECIMALS, &mut line);
+                line.push(b'\t');
+            } else {
+                line.extend((value as f32).to_le_bytes());
+            }
+        }
+        line.extend_from_slice(LINE_END);
+        line
     }
 }
 
@@ -82,5 +108,14 @@ mod tests {
             let expected = 500.0 + 100.0 * units;
             assert!((microtesla - expected).abs() < 0.17, "output {output}: {microtesla} {expected}");
         }
+    }
+
+    #[test]
+    fn a_line_has_a_tab_after_each_number_and_the_temperature_last() {
+        let mut firmware = ReSkin::text(400.0);
+        let reading = firmware.read(&mut scene(), 0.0);
+        let chip = "500.00\t500.00\t500.13\t27.35\t";
+        assert_eq!(String::from_utf8(firmware.line(&reading)).expect("text"), chip.repeat(3) + "\r\n");
+        assert_eq!(firmware.line(&[-12.345, 0.0]), b"-12.35\t0.00\t\r\n");
     }
 }

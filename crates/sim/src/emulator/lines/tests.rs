@@ -336,7 +336,7 @@ proptest! {
         upset(Hx711::new(Hx711Sketch::Demo, 80.0), &chunks);
         upset(Mark10::new(10.0), &chunks);
         upset(ReSkin::new(400.0), &chunks);
-        upset(MlxText::new(400.0), &chunks);
+        upset(ReSkin::text(400.0), &chunks);
         upset(Velostat::new(b'\t', 9600.0), &chunks);
     }
 

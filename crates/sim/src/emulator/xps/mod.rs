@@ -27,9 +27,10 @@ use crate::scene::{Device, Scene};
 use controller::{Answer, Controller};
 use errors::Code;
 use group::{Group, Outcome};
+use palpate_core::parallel::lock;
 use palpate_core::quantity::Axis;
 use positioner::Positioner;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use syntax::Call;
 use tokio::sync::Notify;
 
@@ -74,7 +75,7 @@ impl Xps {
 
     /// Locks the controller. It is locked last, after the instrument and the scene.
     fn controller(&self) -> MutexGuard<'_, Controller> {
-        self.controller.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.controller)
     }
 }
 
