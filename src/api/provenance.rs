@@ -1,6 +1,6 @@
 //! Which program on which machine.
 
-use jiff::Zoned;
+use jiff::ZonedDateTime;
 use palpate_data::dataset::{Durability, Provenance};
 use std::sync::OnceLock;
 
@@ -21,12 +21,13 @@ pub(crate) fn version() -> String {
 fn commit() -> Option<&'static str> {
     COMMIT.get().copied().flatten()
 }
+
 /// This program, on this machine, now.
 pub(crate) fn session(durability: Durability) -> Provenance {
     Provenance {
         palpate: env!("CARGO_PKG_VERSION").to_owned(),
         commit: commit().map(str::to_owned),
-        host: gethostname::gethostname().to_string_lossy().into_owned(),
+        host: host(),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
         started: now(),
         durability,
@@ -35,7 +36,19 @@ pub(crate) fn session(durability: Durability) -> Provenance {
     }
 }
 
+/// Name of this machine.
+#[cfg(unix)]
+fn host() -> String {
+    rustix::system::uname().nodename().to_string_lossy().into_owned()
+}
+
+/// Name of this machine.
+#[cfg(not(unix))]
+fn host() -> String {
+    std::env::var("COMPUTERNAME").unwrap_or_default()
+}
+
 /// The time by the clock on the wall, with its zone. Nothing rests on it: it may be set back at any moment.
 pub(crate) fn now() -> String {
-    Zoned::now().to_string()
+    ZonedDateTime::now().to_string()
 }

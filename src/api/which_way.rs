@@ -1,7 +1,7 @@
 //! What a person has confirmed about a stage: which way z goes, where the zero of a stage without switches is, and that z may home
 //! toward the specimen; and a store of earlier confirmations.
 
-use palpate_core::quantity::Down;
+use palpate_core::quantity::{Down, hexadecimal};
 use palpate_link::device::{HomeSearch, Identity};
 use palpate_run::rig::{RigSpec, WhichWay};
 use sha2::{Digest, Sha256};
@@ -131,7 +131,7 @@ impl WhichWay for Absent {
 
 /// Returns the text that identifies a stage, its link and a direction.
 fn key(stage: &Identity, down: Down) -> String {
-    format!("{:x}", Sha256::digest(format!("{}\0{}\0{}", stage.identity, stage.link, down.sign())))
+    hexadecimal(&Sha256::digest(format!("{}\0{}\0{}", stage.identity, stage.link, down.sign())))
 }
 
 /// Returns the folder in which programs store their state on this machine.

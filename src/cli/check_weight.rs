@@ -3,7 +3,7 @@
 use super::rig_file::{check_text, replace};
 use super::summary::tell;
 use crate::api::Failure;
-use jiff::Zoned;
+use jiff::ZonedDateTime;
 use miette::IntoDiagnostic;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{GAIN_OFF_MOST, WeightCheck};
@@ -126,7 +126,7 @@ pub(super) fn concluded(
     rig: &RigSpec,
     (file, text, invented): (&Path, &str, bool),
 ) -> Result<Concluded, Failure> {
-    let found = weighed.check(&Zoned::now().date().to_string(), false);
+    let found = weighed.check(&ZonedDateTime::now().date().to_string(), false);
     let (gain, gain_sd) = (round(found.gain, GAIN_DECIMALS), round(found.gain_sd, GAIN_DECIMALS));
     let found = WeightCheck { gain, gain_sd, ..found };
     let before = rig.load_cell.check.as_ref();

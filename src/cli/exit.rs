@@ -1,13 +1,40 @@
 //! Exit codes of commands, and failures as a person sees them.
 
+use super::summary;
 use crate::api::{Failure, Kind};
+use miette::{MietteHandler, MietteHandlerOpts};
 use palpate_document::Problems;
-use std::io::Write;
+use std::env;
+use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
+use textwrap::{WordSeparator, WordSplitter};
 
 /// The exit code of a command that ends like this.
 pub(super) fn exit_code(kind: Kind) -> ExitCode {
     ExitCode::from(kind.code())
+}
+
+/// How failures are laid out: in the width, the colours and the lines that standard error can show.
+pub(super) fn handler() -> MietteHandler {
+    let stderr = io::stderr();
+    // a link, a path or an option is one word: it isn't broken at slashes or hyphens
+    MietteHandlerOpts::new()
+        .word_separator(WordSeparator::AsciiSpace)
+        .word_splitter(WordSplitter::NoHyphenation)
+        .break_words(false)
+        .width(summary::width(&stderr))
+        .color(console::colors_enabled_stderr())
+        .unicode(!stderr.is_terminal() || shows_unicode())
+        .terminal_links(false)
+        .build()
+}
+
+/// Whether the terminal shows the lines and arrows of an error. The console of Linux has no such letters; elsewhere the locale
+/// decides.
+fn shows_unicode() -> bool {
+    let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(|name| env::var(name).ok()).unwrap_or_default();
+    let is_utf8 = ["UTF-8", "UTF8"].iter().any(|ending| locale.to_ascii_uppercase().ends_with(ending));
+    (is_utf8 || cfg!(windows)) && env::var("TERM").as_deref() != Ok("linux")
 }
 
 /// Prints a failure, and returns its exit code.

@@ -53,11 +53,9 @@ use crate::api::stdin::DASH;
 use crate::api::{Failure, built_from, provenance};
 use clap::error::ErrorKind;
 use clap::{FromArgMatches as _, Parser, Subcommand};
-use miette::MietteHandlerOpts;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::{ExitCode, exit};
-use textwrap::{WordSeparator, WordSplitter};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -119,16 +117,8 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     let matches = help::command().version(&*provenance::version().leak()).try_get_matches();
     let parsed = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let command = parsed.unwrap_or_else(|error| refuse(&error)).command;
-    // a link, a path or an option is one word: it isn't broken at slashes or hyphens
-    let handler = || {
-        MietteHandlerOpts::new()
-            .word_separator(WordSeparator::AsciiSpace)
-            .word_splitter(WordSplitter::NoHyphenation)
-            .break_words(false)
-            .build()
-    };
     // fails only if one is set already, which is as good
-    let _ = miette::set_hook(Box::new(move |_| Box::new(handler())));
+    let _ = miette::set_hook(Box::new(|_| Box::new(exit::handler())));
     let outcome = check_stdin(&command).and_then(|()| match &command {
         Command::Demo(args) => demo::demo(args),
         Command::Check(args) => check::check(args),

@@ -1,6 +1,6 @@
 //! Prediction of a value at a place from the values at the places around it, and how far such predictions have missed.
 
-use nalgebra::{DMatrix, DVector};
+use palpate_core::algebra::{cholesky, substitute};
 use palpate_core::quantity::Place;
 
 /// Number of nearest presses for a prediction.
@@ -101,24 +101,32 @@ pub(super) fn remember<T>(all: &mut Vec<T>, value: T, most: usize, place: impl F
 }
 
 /// Returns the weights of ordinary kriging: the value at `to` is expected to be the weighted sum of the values at `places`. Values
-/// apart by the field's length are alike by `exp(-1/2)`. Each place has an additional scatter of its own, in `own`.
+/// apart by the field's length are alike by `exp(-1/2)`. Each place has an additional scatter of its own, in `own`. There are at
+/// most [`NEAREST`] places.
 pub(super) fn weights(places: &[Place], own: &[f64], to: Place, field: Field) -> Option<Weights> {
     let alike = |distance_mm: f64| (-0.5 * (distance_mm / field.length_mm).powi(2)).exp();
-    let count = places.len();
     let noise = |own: f64| (own.hypot(OWN) / field.spread).powi(2);
-    let covariance = DMatrix::from_fn(count, count, |row, column| {
-        alike(places[row].distance_mm(places[column])) + if row == column { noise(own[row]) } else { 0.0 }
-    });
-    let to = DVector::from_fn(count, |row, _| alike(places[row].distance_mm(to)));
-    let ones = DVector::from_element(count, 1.0);
-    let solved = covariance.cholesky()?;
-    let (simple, of_mean) = (solved.solve(&to), solved.solve(&ones));
+    // a row without a place is that of a value unlike all others, so its weight is 0
+    let mut covariance: [[f64; NEAREST]; NEAREST] =
+        std::array::from_fn(|row| std::array::from_fn(|column| if row == column { 1.0 } else { 0.0 }));
+    let (mut near, mut ones) = ([0.0; NEAREST], [0.0; NEAREST]);
+    for (row, place) in places.iter().enumerate() {
+        for (column, other) in places[..=row].iter().enumerate() {
+            covariance[row][column] = alike(place.distance_mm(*other));
+        }
+        covariance[row][row] += noise(own[row]);
+        (near[row], ones[row]) = (alike(place.distance_mm(to)), 1.0);
+    }
+    let solved = cholesky(&covariance)?;
+    let (simple, of_mean) = (substitute(&solved, near), substitute(&solved, ones));
+    let sum = |values: &[f64]| values.iter().sum::<f64>();
     // the mean is unknown: the weights sum to one
-    let missing = (1.0 - simple.sum()) / of_mean.sum();
-    let variance = 1.0 - to.dot(&simple) + missing.powi(2) * of_mean.sum();
-    let each = simple + missing * of_mean;
+    let missing = (1.0 - sum(&simple)) / sum(&of_mean);
+    let alone: f64 = near.iter().zip(&simple).map(|(near, weight)| near * weight).sum();
+    let variance = 1.0 - alone + missing.powi(2) * sum(&of_mean);
+    let each = simple.iter().zip(&of_mean).take(places.len()).map(|(simple, of_mean)| simple + missing * of_mean);
     let sigma = field.spread * variance.max(0.0).sqrt();
-    Some(Weights { each: each.iter().copied().collect(), sigma: sigma.hypot(OWN) })
+    Some(Weights { each: each.collect(), sigma: sigma.hypot(OWN) })
 }
 
 #[cfg(test)]

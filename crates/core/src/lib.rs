@@ -4,10 +4,12 @@
 //! |---|---|
 //! | [`quantity`] | the vocabulary, with units and frames |
 //! | [`mechanics`] | linear elasticity: what a taxel reads of a load |
+//! | [`algebra`] | small matrices |
 //! | [`parallel`] | work on all processors |
 
 #![forbid(unsafe_code)]
 
+pub mod algebra;
 pub mod mechanics;
 pub mod parallel;
 pub mod quantity;

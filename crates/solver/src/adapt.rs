@@ -3,7 +3,7 @@
 use super::response::Response;
 use super::surrogate::surrogate;
 use super::{Calibration, CalibrationPoint, FitError};
-use nalgebra::{Matrix4, Vector4};
+use palpate_core::algebra::{Matrix, Vector, cholesky, substitute};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -40,7 +40,7 @@ const STRAYS: i32 = 14;
 const ROUNDS: usize = 4;
 
 /// Change of one unit or of all units: relative gain, displacement of the map in x and in y, mm, and relative width.
-pub(super) type Moved = Vector4<f64>;
+pub(super) type Moved = Vector<4>;
 
 /// Properties of an array that are assumed to have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,7 +69,7 @@ impl Change {
 impl UnitChange {
     /// Returns the same change as parameters of the map.
     pub(super) fn moved(&self) -> Moved {
-        Moved::new(self.gain - 1.0, -self.x_mm, -self.y_mm, self.width)
+        Moved::column([self.gain - 1.0, -self.x_mm, -self.y_mm, self.width])
     }
 }
 
@@ -110,7 +110,7 @@ impl<'a> Older<'a> {
         let common_gains = if forces_are_known { &GAINS[..] } else { &[0.0] };
         let own_gains = if extent == Extent::CommonGain { &[0.0] } else { &GAINS[..] };
         // first what all have in common, then what each has for itself
-        let common = fit.likeliest(std::slice::from_ref(&all), Moved::zeros(), common_gains, &places);
+        let common = fit.likeliest(std::slice::from_ref(&all), Moved::ZERO, common_gains, &places);
         let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
         let own = fit.likeliest(&each, common[0], own_gains, &places);
         Change::of(&own)
@@ -151,7 +151,7 @@ impl Map<'_> {
     pub(crate) fn slopes(&self, unit: usize, place: Place, moved: &Moved) -> (f64, Moved) {
         let [value, along_x, along_y, wider] = self.felt(unit, place, moved);
         let gain = 1.0 + moved[0];
-        (value, Moved::new(value, gain * along_x, gain * along_y, gain * wider))
+        (value, Moved::column([value, gain * along_x, gain * along_y, gain * wider]))
     }
 
     /// Returns the response of a displaced unit to 1 N at a place, and its derivatives with respect to the displacement along x
@@ -186,7 +186,8 @@ impl Fit<'_> {
     /// Returns the most likely changes of groups of units, relative to a known change.
     fn likeliest(&self, groups: &[Vec<usize>], about: Moved, gains: &[f64], places: &[f64]) -> Vec<Moved> {
         let mut moved = vec![about; groups.len()];
-        let sds = gains.iter().flat_map(|&gain| places.iter().map(move |&place| Moved::new(gain, place, place, 0.0)));
+        let sds =
+            gains.iter().flat_map(|&gain| places.iter().map(move |&place| Moved::column([gain, place, place, 0.0])));
         let tried: Vec<_> = sds.flat_map(|sd| (0..STRAYS).map(move |doubled| (sd, 2f64.powi(doubled)))).collect();
         for _ in 0..ROUNDS {
             let rows: Vec<Vec<Row>> =
@@ -217,8 +218,8 @@ impl Fit<'_> {
             let force_n = if self.forces_are_known { point.force_n } else { self.force_n(&point, at) };
             for &unit in units {
                 let (value, slopes) = self.map.slopes(unit, point.place, at);
-                let (gain, slopes) = (1.0 + at[0], force_n * slopes);
-                let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(at - about));
+                let (gain, slopes) = (1.0 + at[0], slopes * force_n);
+                let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(*at - about));
                 let variance = response.variance(unit, force_n, gain * value, leverage[unit]);
                 rows.push(Row { slopes, left, variance });
             }
@@ -249,22 +250,22 @@ struct Posterior {
 impl Posterior {
     /// Returns the posterior of changes with these standard deviations about 0. The rows' variance is multiplied by `times`.
     fn of(rows: &[Row], sd: Moved, times: f64) -> Self {
-        let (mut normal, mut right) = (Matrix4::identity(), Moved::zeros());
+        let (mut normal, mut right) = (Matrix::<4, 4>::identity(), Moved::ZERO);
         let (mut squares, mut logs) = (0.0, 0.0);
         for Row { slopes, left, variance } in rows {
             let variance = times * variance;
-            let scaled = slopes.component_mul(&sd);
+            let scaled = slopes.times(sd);
             normal += scaled * scaled.transpose() / variance;
             right += scaled * (left / variance);
             squares += left * left / variance;
             logs += variance.ln();
         }
-        let Some(factor) = normal.cholesky() else {
-            return Posterior { moved: Moved::zeros(), evidence: f64::NEG_INFINITY };
+        let Some(factor) = cholesky(normal.rows()) else {
+            return Posterior { moved: Moved::ZERO, evidence: f64::NEG_INFINITY };
         };
-        let solved = factor.solve(&right);
-        let determinant: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum::<f64>();
+        let solved = Moved::column(substitute(&factor, right.values()));
+        let determinant = 2.0 * (0..4).map(|i| factor[i][i].ln()).sum::<f64>();
         let evidence = -0.5 * (logs + determinant + squares - right.dot(&solved));
-        Posterior { moved: solved.component_mul(&sd), evidence }
+        Posterior { moved: solved.times(sd), evidence }
     }
 }

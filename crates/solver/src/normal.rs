@@ -1,5 +1,7 @@
 //! Normal equations of three unknowns.
 
+use palpate_core::algebra::{cholesky, substitute};
+
 /// Normal equations of three unknowns: J'WJ and J'Wr, summed over weighted rows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Normal {
@@ -8,9 +10,6 @@ pub(super) struct Normal {
     /// J'Wr, half the decrease of the sum of squares along each unknown.
     pub slope: [f64; 3],
 }
-
-/// Fraction of a pivot that must remain. Below it only rounding errors are left.
-const LEAST_PIVOT: f64 = 1e-12;
 
 impl Normal {
     /// Adds a row. The half above the diagonal is left to [`finish`](Self::finish).
@@ -63,31 +62,6 @@ pub(super) fn inverse(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     };
     let inverse = [column(0), column(1), column(2)]; // symmetric: columns are rows
     inverse.iter().flatten().all(|value| value.is_finite()).then_some(inverse)
-}
-
-fn cholesky(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let mut l = [[0.0; 3]; 3];
-    for i in 0..3 {
-        for j in 0..=i {
-            let rest: f64 = a[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
-            l[i][j] = match i == j {
-                true if rest > LEAST_PIVOT * a[i][i] => rest.sqrt(),
-                true => return None, // NaN too
-                false => rest / l[j][j],
-            };
-        }
-    }
-    Some(l)
-}
-
-fn substitute(l: &[[f64; 3]; 3], mut x: [f64; 3]) -> [f64; 3] {
-    for i in 0..3 {
-        x[i] = (x[i] - (0..i).map(|k| l[i][k] * x[k]).sum::<f64>()) / l[i][i];
-    }
-    for i in (0..3).rev() {
-        x[i] = (x[i] - (i + 1..3).map(|k| l[k][i] * x[k]).sum::<f64>()) / l[i][i];
-    }
-    x
 }
 
 #[cfg(test)]

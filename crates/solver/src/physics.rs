@@ -4,9 +4,7 @@ use super::field::{Area, Field};
 use super::response::Response;
 use super::spots::Spots;
 use super::{Calibration, FitError};
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::storage::Owned;
-use nalgebra::{DVector, Dyn, Matrix4, OMatrix, U4, Vector4};
+use palpate_core::algebra::{Matrix, Vector};
 use palpate_core::mechanics::{Medium, Passage, Response as Shape};
 use palpate_core::quantity::{ArrayLayout, Place};
 
@@ -104,13 +102,21 @@ const X: usize = 1;
 const Y: usize = 2;
 const DEPTH: usize = 3;
 
+/// Damping of the first step of a fit, factor by which a step changes it, and the damping above which no step helps.
+const FIRST_DAMPING: f64 = 1e-3;
+const DAMPING_FACTOR: f64 = 10.0;
+const MOST_DAMPING: f64 = 1e12;
+/// Largest number of steps of a fit, and the step relative to the parameters at which it ends.
+const MOST_STEPS: usize = 200;
+const LEAST_STEP: f64 = 1e-13;
+
 /// One unit under the cover.
 #[derive(Clone)]
 struct Taxel {
     shape: Shape,
-    parameters: Vector4<f64>,
+    parameters: Vector<4>,
     /// (J'J)^-1 at the fit; `None` if the parameters can't be distinguished.
-    spread: Option<Matrix4<f64>>,
+    spread: Option<Matrix<4, 4>>,
     /// Sum of the squares of the residuals; above 0.
     left: f64,
 }
@@ -121,19 +127,54 @@ impl Taxel {
         let loudest = (0..outputs.len()).max_by(|&a, &b| outputs[a].abs().total_cmp(&outputs[b].abs())).unwrap_or(0);
         let at = start.unwrap_or(places[loudest]);
         let fits = STARTS.map(|share| {
-            let parameters = Vector4::new(outputs[loudest], at.x_mm, at.y_mm, (share * side).ln());
+            let parameters = Vector::column([outputs[loudest], at.x_mm, at.y_mm, (share * side).ln()]);
             let taxel = Taxel { shape: shape.clone(), parameters, spread: None, left: f64::INFINITY };
-            let (problem, report) = LevenbergMarquardt::new().minimize(Fitting { taxel, places, outputs });
-            let spread = problem.jacobian().and_then(|jacobian| (jacobian.transpose() * jacobian).try_inverse());
-            let left = if report.objective_function.is_finite() { report.objective_function } else { f64::INFINITY };
-            Taxel { spread, left: (2.0 * left).max(f64::MIN_POSITIVE), ..problem.taxel }
+            taxel.settled(places, outputs)
         });
         let [first, others @ ..] = fits;
         others.into_iter().fold(first, |best, next| if next.left < best.left { next } else { best })
     }
 
+    /// Returns the unit with the parameters of the least squares near its own, by the method of Levenberg and Marquardt (Marquardt
+    /// 1963, equations 12 to 14, with the diagonal of J'J as the scale).
+    fn settled(mut self, places: &[Place], outputs: &[f64]) -> Self {
+        let mut sums = self.sums(places, outputs);
+        let mut damping = FIRST_DAMPING;
+        for _ in 0..MOST_STEPS {
+            let damped = sums.information + Matrix::diagonal(sums.information.of_diagonal() * damping);
+            let Some(step) = damped.solve(sums.slope) else { break };
+            let next = Taxel { parameters: self.parameters - step, ..self.clone() };
+            let found = next.sums(places, outputs);
+            if found.squares <= sums.squares {
+                let is_settled = step.dot(&step) <= LEAST_STEP.powi(2) * next.parameters.dot(&next.parameters);
+                (self, sums, damping) = (next, found, damping / DAMPING_FACTOR);
+                if is_settled {
+                    break;
+                }
+            } else if damping > MOST_DAMPING {
+                break;
+            } else {
+                damping *= DAMPING_FACTOR;
+            }
+        }
+        let left = if sums.squares.is_finite() { sums.squares.max(f64::MIN_POSITIVE) } else { f64::INFINITY };
+        Taxel { spread: sums.information.inverse(), left, ..self }
+    }
+
+    fn sums(&self, places: &[Place], outputs: &[f64]) -> Sums {
+        let mut sums = Sums { information: Matrix::ZERO, slope: Vector::ZERO, squares: 0.0 };
+        for (place, output) in places.iter().zip(outputs) {
+            let (value, jacobian) = self.at(*place);
+            let residual = value - output;
+            sums.information += jacobian * jacobian.transpose();
+            sums.slope += jacobian * residual;
+            sums.squares += residual * residual;
+        }
+        sums
+    }
+
     /// Returns the output per newton at a place, and its derivatives with respect to each parameter.
-    fn at(&self, place: Place) -> (f64, Vector4<f64>) {
+    fn at(&self, place: Place) -> (f64, Vector<4>) {
         let p = &self.parameters;
         let depth_mm = p[DEPTH].exp();
         let (dx, dy) = (place.x_mm - p[X], place.y_mm - p[Y]);
@@ -142,46 +183,44 @@ impl Taxel {
         let (value, slope) = self.shape.with_slope(k); // a depth of 1
         // d/dx of value(k) is slope dk/dx, and dk/dx = -dx / (distance depth): 0 straight above
         let along = if distance_mm > 0.0 { -p[GAIN] * slope / (depth_mm * distance_mm) } else { 0.0 };
-        (p[GAIN] * value, Vector4::new(value, along * dx, along * dy, -p[GAIN] * slope * k))
+        (p[GAIN] * value, Vector::column([value, along * dx, along * dy, -p[GAIN] * slope * k]))
     }
 
     /// Ratio of the prediction's variance at a place to the variance of one measurement.
     fn leverage(&self, place: Place) -> f64 {
         let jacobian = self.at(place).1;
-        self.spread.map_or(0.0, |spread| (jacobian.transpose() * spread * jacobian)[0].max(0.0))
+        self.spread.map_or(0.0, |spread| jacobian.dot(&(spread * jacobian)).max(0.0))
     }
 }
 
-struct Fitting<'a> {
-    taxel: Taxel,
-    places: &'a [Place],
-    outputs: &'a [f64],
+/// Sums over the places for one step of a fit: J'J, J'r and r'r.
+struct Sums {
+    information: Matrix<4, 4>,
+    slope: Vector<4>,
+    squares: f64,
 }
 
-impl LeastSquaresProblem<f64, Dyn, U4> for Fitting<'_> {
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, U4>;
-    type ParameterStorage = Owned<f64, U4>;
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    fn set_params(&mut self, parameters: &Vector4<f64>) {
-        self.taxel.parameters = *parameters;
-    }
-
-    fn params(&self) -> Vector4<f64> {
-        self.taxel.parameters
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        let residual = |(place, output): (&Place, &f64)| self.taxel.at(*place).0 - output;
-        let residuals = self.places.iter().zip(self.outputs).map(residual);
-        Some(DVector::from_iterator(self.places.len(), residuals))
-    }
-
-    fn jacobian(&self) -> Option<OMatrix<f64, Dyn, U4>> {
-        let mut jacobian = OMatrix::<f64, Dyn, U4>::zeros(self.places.len());
-        for (mut row, place) in jacobian.row_iter_mut().zip(self.places) {
-            row.tr_copy_from(&self.taxel.at(*place).1);
+    #[test]
+    fn a_fit_ends_at_the_least_sum_of_squares() {
+        let shape = Shape::new(Passage::half_space(1.0));
+        let places: Vec<Place> = (0..25).map(|n| Place::new(f64::from(n % 5) - 2.0, f64::from(n / 5) - 2.0)).collect();
+        let parameters = Vector::column([0.8, 0.4, -0.3, 1.5f64.ln()]);
+        let truth = Taxel { shape: shape.clone(), parameters, spread: None, left: 1.0 };
+        for error in [0.0, 0.02] {
+            let output = |(n, place): (usize, &Place)| truth.at(*place).0 + if n % 2 == 0 { error } else { -error };
+            let outputs: Vec<f64> = places.iter().enumerate().map(output).collect();
+            let found = Taxel::fit(&shape, &places, &outputs, None, 4.0);
+            let sums = found.sums(&places, &outputs);
+            for (i, truth) in parameters.values().into_iter().enumerate() {
+                let most = 1e-9 * (sums.information.rows()[i][i] * sums.squares).sqrt() + 1e-14;
+                assert!(sums.slope[i].abs() <= most, "{error}: the slope along parameter {i} is {}", sums.slope[i]);
+                let off = (found.parameters[i] - truth).abs();
+                assert!(if error == 0.0 { off < 1e-9 } else { off < 0.1 }, "{error}: parameter {i} is off by {off}");
+            }
         }
-        Some(jacobian)
     }
 }

@@ -1,6 +1,6 @@
 //! The plane of a touched surface.
 
-use nalgebra::{DMatrix, DVector};
+use palpate_core::algebra::{Matrix, Vector};
 use palpate_core::quantity::{Place, Tilt};
 
 /// A plane through heights at places, by least squares.
@@ -17,29 +17,38 @@ pub struct Plane {
     pub tilt_sigma: f64,
 }
 
+/// Least width of an area relative to its length. Places in a narrower area are in a line.
+const LEAST_WIDTH: f64 = 1e-6;
+
 impl Plane {
     /// Returns the plane through heights, mm, at places. `None` for fewer than four places, or for places in a line.
     pub fn through(heights: &[(Place, f64)]) -> Option<Plane> {
         if heights.len() < 4 {
             return None;
         }
-        let basis = DMatrix::from_fn(heights.len(), 3, |row, column| {
-            let place = heights[row].0;
-            [1.0, place.x_mm, place.y_mm][column]
-        });
-        let values = DVector::from_iterator(heights.len(), heights.iter().map(|(_, height)| *height));
-        let svd = basis.clone().svd(true, true);
-        if svd.rank(1e-9 * svd.singular_values.max()) < 3 {
+        let count = heights.len() as f64;
+        let mean = |of: fn(&(Place, f64)) -> f64| heights.iter().map(of).sum::<f64>() / count;
+        let (x_mm, y_mm, height_mm) = (mean(|(at, _)| at.x_mm), mean(|(at, _)| at.y_mm), mean(|(_, height)| *height));
+        // about the mean, the height at the centre and the slopes don't depend on each other
+        let centred =
+            heights.iter().map(|(at, height)| (Vector::column([at.x_mm - x_mm, at.y_mm - y_mm]), height - height_mm));
+        let (mut squares, mut products) = (Matrix::<2, 2>::ZERO, Vector::<2>::ZERO);
+        for (at, height) in centred.clone() {
+            squares += at * at.transpose();
+            products += at * height;
+        }
+        let [[xx, xy], [_, yy]] = *squares.rows();
+        let (middle_mm2, half_mm2) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+        let least_mm2 = middle_mm2 - half_mm2;
+        if least_mm2.is_nan() || least_mm2 <= LEAST_WIDTH.powi(2) * (middle_mm2 + half_mm2) {
             return None;
         }
-        let plane = svd.solve(&values, 0.0).ok()?;
-        let left = (&basis * &plane - values).norm_squared();
-        let scatter_mm = (left / (heights.len() - 3) as f64).sqrt();
-        let covariance = (basis.transpose() * &basis).try_inverse()?;
-        let slopes = covariance.fixed_view::<2, 2>(1, 1).into_owned();
-        let tilt_sigma = scatter_mm * slopes.symmetric_eigenvalues().max().max(0.0).sqrt();
-        let tilt = Tilt { per_x: plane[1], per_y: plane[2] };
-        Some(Plane { height_mm: plane[0], tilt, scatter_mm, tilt_sigma })
+        let slopes = squares.solve(products)?;
+        let left: f64 = centred.map(|(at, height)| (height - slopes.dot(&at)).powi(2)).sum();
+        let scatter_mm = (left / (count - 3.0)).sqrt();
+        let tilt = Tilt { per_x: slopes[0], per_y: slopes[1] };
+        let height_mm = height_mm - tilt.per_x * x_mm - tilt.per_y * y_mm;
+        Some(Plane { height_mm, tilt, scatter_mm, tilt_sigma: scatter_mm / least_mm2.sqrt() })
     }
 
     /// Height of the plane at a place, mm.

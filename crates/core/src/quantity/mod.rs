@@ -26,7 +26,7 @@ pub use frame::{Axis, Down, Frame, Place, Position};
 pub use identity::{Identity, SHOWN_MAX_CHARS, shortened, shown};
 pub use layout::ArrayLayout;
 pub use limits::{Limits, Range, Travel};
-pub use number::{percentile, round, seconds};
+pub use number::{hexadecimal, percentile, round, seconds};
 pub use reading::{ForceReading, Health};
 pub use steps::Steps;
 pub use stream::{Stream, stream};

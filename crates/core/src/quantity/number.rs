@@ -14,6 +14,11 @@ pub fn round(value: f64, decimals: i32) -> f64 {
     if rounded == 0.0 { 0.0 } else { rounded } // no "-0"
 }
 
+/// Returns bytes as hexadecimal digits, two each.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Returns the nearest integer, half away from 0, like `f64::round`. That function is a call into the system's library on
 /// processors of 2003, for which programs are compiled.
 #[inline]

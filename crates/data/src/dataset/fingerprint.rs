@@ -1,9 +1,10 @@
 //! Identifies a file by its content: its size and its SHA-256.
 
 use super::files;
+use palpate_core::quantity::hexadecimal;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::io::{self, ErrorKind, Read};
+use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 /// Fingerprint of a file's content.
@@ -20,7 +21,7 @@ pub struct Fingerprint {
 impl Fingerprint {
     /// Returns the fingerprint of some bytes, with a name.
     pub fn of(name: &str, bytes: &[u8]) -> Fingerprint {
-        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: format!("{:x}", Sha256::digest(bytes)) }
+        Fingerprint { name: name.to_owned(), bytes: bytes.len() as u64, sha256: hexadecimal(&Sha256::digest(bytes)) }
     }
 
     /// Returns the fingerprint of a file in a folder. The file is read piece by piece.
@@ -42,9 +43,9 @@ impl Fingerprint {
 
     /// Returns the fingerprint of all bytes of an input, read piece by piece.
     pub(super) fn of_reader(name: &str, mut input: impl Read) -> io::Result<Fingerprint> {
-        let mut hasher = Sha256::new();
+        let mut hasher = Hasher(Sha256::new());
         let bytes = io::copy(&mut input, &mut hasher)?;
-        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: format!("{:x}", hasher.finalize()) })
+        Ok(Fingerprint { name: name.to_owned(), bytes, sha256: hexadecimal(&hasher.0.finalize()) })
     }
 
     /// Returns a description of what is wrong with the file of this name in a folder; `None` if the file is unchanged.
@@ -60,6 +61,20 @@ impl Fingerprint {
             Err(error) if error.kind() == ErrorKind::InvalidInput => Some(error.to_string()),
             Err(error) => return Err(error),
         })
+    }
+}
+
+/// Hashes what is written to it.
+struct Hasher(Sha256);
+
+impl Write for Hasher {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 

@@ -65,10 +65,7 @@ impl Clock {
     fn find(&self, moment_ns: u64, number: u64) -> Result<usize, usize> {
         let is_before = |wait: &Waiting| (wait.moment_ns, wait.number) < (moment_ns, number);
         let at = self.waiting.iter().rposition(|wait| !is_before(wait)).map_or(0, |at| at + 1);
-        match at.checked_sub(1).filter(|at| self.waiting[*at].number == number) {
-            Some(found) => Ok(found),
-            None => Err(at),
-        }
+        at.checked_sub(1).filter(|at| self.waiting[*at].number == number).ok_or(at)
     }
 
     /// Jumps to the next deadline. Returns whether there is one.

@@ -4,6 +4,7 @@
 //! file stays, because its removal would take the lock from a program that has just opened it.
 
 use super::{Link, program};
+use palpate_core::quantity::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
@@ -82,7 +83,7 @@ impl Claims {
         if self.claims.iter().any(|claim| claim.identity == identity) {
             return Ok(());
         }
-        let path = folder.join(format!("palpate-link-{:x}.lock", Sha256::digest(&identity)));
+        let path = folder.join(format!("palpate-link-{}.lock", hexadecimal(&Sha256::digest(&identity))));
         match lock(&path) {
             Ok(Lock::Taken(file)) => self.claims.push(Claim { identity, _lock: file }),
             Ok(Lock::Held(process)) => return Err(ClaimError::Held { link: told, process }),

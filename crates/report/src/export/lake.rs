@@ -8,6 +8,7 @@ use super::arrow::ParquetFile;
 use super::frame::{self, Frame};
 use super::{BenchError, bench_of, rows};
 use miette::Diagnostic;
+use palpate_core::quantity::hexadecimal;
 use palpate_data::acceptance::{Judgement, Rule};
 use palpate_data::dataset::evaluate::Trial;
 use palpate_data::dataset::sensor_file::SensorFileError;
@@ -285,7 +286,7 @@ fn run_id(manifest: &Manifest) -> String {
     let facts = &manifest.facts;
     let tables: Vec<&str> = facts.imported.iter().flat_map(|its| &its.tables).map(|its| its.sha256.as_str()).collect();
     let hash = Sha256::digest(format!("{began:?} {} {} {tables:?}", facts.recipe, facts.seed));
-    hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+    hexadecimal(&hash[..8])
 }
 
 /// Returns the folder of a sensor's files within a table: `design=D/batch=B/sensor=S`.

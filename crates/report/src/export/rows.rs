@@ -142,5 +142,5 @@ fn word(verdict: Verdict) -> &'static str {
 
 /// Returns a time with its zone as UTC in microseconds, which other programs read; an unknown form stays as it is.
 fn utc(time: &str) -> String {
-    time.parse::<jiff::Zoned>().map_or_else(|_| time.to_owned(), |time| format!("{:.6}", time.timestamp()))
+    time.parse::<jiff::ZonedDateTime>().map_or_else(|_| time.to_owned(), |time| format!("{:.6}", time.timestamp()))
 }

@@ -1,7 +1,7 @@
 //! How far the stage's zero moved sideways, from presses that were repeated: the array feels where it is pressed.
 
-use nalgebra::{DVector, Matrix2, Matrix3, MatrixXx2, Vector2, Vector3};
 use palpate_control::Felt;
+use palpate_core::algebra::{Matrix, Vector};
 use palpate_core::quantity::Place;
 
 /// Number of the nearest places that show how the outputs change from place to place.
@@ -13,36 +13,38 @@ const NEIGHBOURS: usize = 8;
 ///
 /// The outputs are linear in the place near each press; least squares over all outputs of all repeated presses.
 pub(super) fn sideways_shift(repeated: &[(Felt, Felt)], known: &[Felt]) -> Option<Place> {
-    let mut normal = Matrix3::zeros();
-    let mut right = Vector3::zeros();
+    let mut normal = Matrix::<3, 3>::ZERO;
+    let mut right = Vector::<3>::ZERO;
     for (before, now) in repeated {
         let gradient = gradient(before, known)?;
-        for ((was, is), slope) in before.per_n().zip(now.per_n()).zip(gradient.row_iter()) {
-            let row = Vector3::new(slope[0], slope[1], was);
+        for ((was, is), slope) in before.per_n().zip(now.per_n()).zip(gradient) {
+            let row = Vector::column([slope[0], slope[1], was]);
             normal += row * row.transpose();
             right += row * (is - was);
         }
     }
-    let [x_mm, y_mm, _] = normal.try_inverse().map(|inverse| inverse * right)?.into();
+    let shift = normal.solve(right)?;
+    let (x_mm, y_mm) = (shift[0], shift[1]);
     (x_mm.is_finite() && y_mm.is_finite()).then_some(Place { x_mm, y_mm })
 }
 
 /// Returns the change of each output per mm along x and y, from the nearest other places.
-fn gradient(at: &Felt, known: &[Felt]) -> Option<MatrixXx2<f64>> {
+fn gradient(at: &Felt, known: &[Felt]) -> Option<Vec<Vector<2>>> {
     let is_other = |felt: &&Felt| felt.place != at.place && felt.outputs.len() == at.outputs.len();
     let mut others: Vec<&Felt> = known.iter().filter(is_other).collect();
     others.sort_by(|a, b| a.place.distance_mm(at.place).total_cmp(&b.place.distance_mm(at.place)));
     others.truncate(NEIGHBOURS);
-    let mut normal = Matrix2::zeros();
-    let mut right = MatrixXx2::zeros(at.outputs.len());
+    let mut normal = Matrix::<2, 2>::ZERO;
+    let mut right = vec![Vector::<2>::ZERO; at.outputs.len()];
     for other in others {
-        let way = Vector2::new(other.place.x_mm - at.place.x_mm, other.place.y_mm - at.place.y_mm);
-        let weight = 1.0 / way.norm_squared();
-        normal += weight * way * way.transpose();
+        let way = Vector::column([other.place.x_mm - at.place.x_mm, other.place.y_mm - at.place.y_mm]);
+        let weight = 1.0 / way.dot(&way);
+        normal += way * weight * way.transpose();
         let rises = other.per_n().zip(at.per_n()).map(|(other, at)| other - at);
-        right += weight * DVector::from_iterator(at.outputs.len(), rises) * way.transpose();
+        right.iter_mut().zip(rises).for_each(|(right, rise)| *right += way * (weight * rise));
     }
-    normal.try_inverse().map(|inverse| right * inverse)
+    let inverse = normal.inverse()?;
+    Some(right.into_iter().map(|right| inverse * right).collect())
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::spread::Spread;
 use crate::adapt::{Fit, Map, Moved};
 use crate::threshold::chi2_quantile;
 use crate::{Calibration, CalibrationPoint};
-use nalgebra::Matrix4;
+use palpate_core::algebra::Matrix;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -135,15 +135,15 @@ const SPREAD_MARGIN: f64 = 1.5;
 impl Belongs {
     pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
         let own = spread.own.squares();
-        let found = estimates(fit, units, &(WEAK * own.map(f64::sqrt)));
+        let found = estimates(fit, units, &(own.map(f64::sqrt) * WEAK));
         let (common, covariance_of_common) = common(&found, &own);
         let mut outside = Vec::new();
         for (unit, (moved, covariance)) in found.iter().enumerate() {
             // what all units have in common is checked below
-            let alone = moved - common;
-            let sigmas = |index: usize| alone[index].abs() / (own[index] + covariance[(index, index)]).sqrt();
+            let alone = *moved - common;
+            let sigmas = |index: usize| alone[index].abs() / (own[index] + covariance.rows()[index][index]).sqrt();
             let (unit, gain) = (unit + 1, 1.0 + moved[0]);
-            if is_other_gain(gain / (1.0 + common[0]), own[0].sqrt(), covariance[(0, 0)].sqrt()) {
+            if is_other_gain(gain / (1.0 + common[0]), own[0].sqrt(), covariance.rows()[0][0].sqrt()) {
                 outside.push(if gain < DEAD_GAIN { Deviation::Dead { unit } } else { Deviation::Gain { unit, gain } });
             }
             if sigmas(1).max(sigmas(2)) > UNIT_SIGMAS {
@@ -157,7 +157,7 @@ impl Belongs {
         outside.extend(rotated(units, &found, &own, fit.map));
         let in_common = |known: &Moved, limit: f64| {
             let is_beyond = |index: usize| {
-                common[index].abs() / (known[index] + covariance_of_common[(index, index)]).sqrt() > limit
+                common[index].abs() / (known[index] + covariance_of_common.rows()[index][index]).sqrt() > limit
             };
             let gains = is_beyond(0).then_some(Deviation::AllGains { gain: 1.0 + common[0] });
             let distance_mm = common[1].hypot(common[2]);
@@ -198,7 +198,7 @@ impl Prior {
                 let (x, y) = (place.x_mm - centre.x_mm, place.y_mm - centre.y_mm);
                 let [x, y] = turn.map(|[along_x, along_y]| along_x * x + along_y * y);
                 let on_sensor = Place::new(centre.x_mm + x, centre.y_mm + y);
-                (0..outputs).map(|unit| press_n * self.map.felt(unit, on_sensor, &Moved::zeros())[0]).collect()
+                (0..outputs).map(|unit| press_n * self.map.felt(unit, on_sensor, &Moved::ZERO)[0]).collect()
             };
             let readings: Vec<Vec<f64>> = places.iter().map(read).collect();
             let points = places.iter().zip(&readings);
@@ -229,7 +229,7 @@ fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[Estimate]) -> Vec<Deviat
     let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &Estimate))| {
         let rows = fit.rows(of, moved, *moved);
         let squares: f64 = rows.iter().map(|row| row.left * row.left / row.variance).sum();
-        let used: f64 = rows.iter().map(|row| row.slopes.dot(&(covariance * row.slopes)) / row.variance).sum();
+        let used: f64 = rows.iter().map(|row| row.slopes.dot(&(*covariance * row.slopes)) / row.variance).sum();
         let free = rows.len() as f64 - used;
         if free < 1.0 {
             return None;
@@ -255,9 +255,9 @@ fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>)
         let along = [y, -x];
         let shown = moved[1] * along[0] + moved[2] * along[1];
         let variance = square * own[1]
-            + along[0] * along[0] * covariance[(1, 1)]
-            + 2.0 * along[0] * along[1] * covariance[(1, 2)]
-            + along[1] * along[1] * covariance[(2, 2)];
+            + along[0] * along[0] * covariance.rows()[1][1]
+            + 2.0 * along[0] * along[1] * covariance.rows()[1][2]
+            + along[1] * along[1] * covariance.rows()[2][2];
         let weight = square / variance;
         information += weight * square;
         toward += weight * shown;
@@ -269,14 +269,14 @@ fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>)
 
 /// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.
 fn common(found: &[Estimate], own: &Moved) -> Estimate {
-    let own = Matrix4::from_diagonal(own);
-    let (mut information, mut toward) = (Matrix4::zeros(), Moved::zeros());
+    let own = Matrix::<4, 4>::diagonal(*own);
+    let (mut information, mut toward) = (Matrix::ZERO, Moved::ZERO);
     for (moved, covariance) in found {
-        let weight = (own + covariance).try_inverse().unwrap_or_else(Matrix4::zeros);
+        let weight = (own + *covariance).inverse().unwrap_or(Matrix::ZERO);
         information += weight;
-        toward += weight * moved;
+        toward += weight * *moved;
     }
-    let covariance = information.try_inverse().unwrap_or_else(Matrix4::zeros);
+    let covariance = information.inverse().unwrap_or(Matrix::ZERO);
     (covariance * toward, covariance)
 }
 
@@ -285,7 +285,7 @@ fn unlikely(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Option<Devi
     let own = (spread.own.squares() + spread.common.squares()) * (SPREAD_MARGIN * SPREAD_MARGIN);
     let (mut squares, mut count) = (0.0, 0);
     for of in units {
-        let rows = fit.rows(of, &Moved::zeros(), Moved::zeros());
+        let rows = fit.rows(of, &Moved::ZERO, Moved::ZERO);
         let informed = super::posterior::Information::of(&rows);
         let (moved, _) = informed.with(&own);
         squares += rows.iter().map(|row| row.left * row.left / row.variance).sum::<f64>();

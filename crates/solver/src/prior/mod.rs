@@ -20,7 +20,7 @@ use super::forward::{Forward, MapKind};
 use super::response::Response;
 use super::surrogate::surrogate;
 use super::{Calibration, CalibrationPoint, Change, FitError, Model, Setting};
-use nalgebra::Matrix4;
+use palpate_core::algebra::Matrix;
 use palpate_core::quantity::{ArrayLayout, Place};
 use posterior::{Posterior, informed};
 use std::borrow::Cow;
@@ -183,7 +183,7 @@ impl Prior {
     /// Returns the expected mean location error of a sensor if its change were known exactly, mm. More presses can't reduce the error
     /// below it.
     pub fn least_mm(&self, sibling: &Sibling) -> f64 {
-        let known = self.response(&sibling.change, &vec![Matrix4::zeros(); self.units.len()]);
+        let known = self.response(&sibling.change, &vec![Matrix::ZERO; self.units.len()]);
         let calibration = self.map.changed(&self.calibration, &sibling.change);
         let forward = Forward::new(MapKind::Smooth, known, &calibration, &sibling.model.setting());
         forward.expected_mean_mm(sibling.contact_n)
@@ -209,7 +209,7 @@ impl Prior {
     }
 
     /// Returns the map after a change, whose own error contains the covariance of each unit's change.
-    fn response(&self, change: &Change, covariances: &[Matrix4<f64>]) -> Response {
+    fn response(&self, change: &Change, covariances: &[Matrix<4, 4>]) -> Response {
         let (typical, outputs) = (&*self.map.response, self.calibration.units());
         let moved: Vec<Moved> = change.units.iter().map(super::UnitChange::moved).collect();
         let mut unit_of = vec![0; outputs];
@@ -240,7 +240,7 @@ impl Prior {
 
 /// Returns the change of each output from that of each unit.
 fn each_output(moved: &[Moved], units: &[Vec<usize>], outputs: usize) -> Change {
-    let mut each = vec![Moved::zeros(); outputs];
+    let mut each = vec![Moved::ZERO; outputs];
     units.iter().zip(moved).for_each(|(of, moved)| of.iter().for_each(|&output| each[output] = *moved));
     Change::of(&each)
 }

@@ -6,7 +6,7 @@ use super::spread::Deviations;
 use crate::Covariance;
 use crate::adapt::Moved;
 use crate::normal::{Normal, inverse};
-use nalgebra::Matrix4;
+use palpate_core::algebra::Matrix;
 use palpate_core::quantity::Place;
 
 /// Number of places along a side of the area where a press can be chosen. The second constant is the number of cells along a
@@ -56,12 +56,12 @@ impl Prior {
     pub fn repeats_of_means(&self, places: &[Place], press_n: f64) -> Deviations {
         let informed = self.informed_by(places, press_n);
         let own = self.spread.own.squares();
-        let mut sum = Moved::zeros();
+        let mut sum = Moved::ZERO;
         for of in &informed {
             let (_, covariance) = of.with(&own);
             // noise alone: the part of the covariance that the presses leave, not what the prior leaves out
             let noise = covariance * of.matrix * covariance;
-            sum += noise.diagonal();
+            sum += noise.of_diagonal();
         }
         let count = informed.len() as f64;
         Deviations::of(&(sum / (count * count)))
@@ -78,7 +78,7 @@ impl Prior {
     }
 
     fn felt_at(&self, place: Place) -> Felt {
-        let of = |output: usize| self.map.slopes(output, place, &Moved::zeros());
+        let of = |output: usize| self.map.slopes(output, place, &Moved::ZERO);
         Felt { place, outputs: (0..self.calibration.units()).map(of).collect() }
     }
 
@@ -88,7 +88,7 @@ impl Prior {
         for (unit, of) in informed.iter_mut().zip(&self.units) {
             for &output in of {
                 let (value, slopes) = press.outputs[output];
-                let slopes = press_n * slopes;
+                let slopes = slopes * press_n;
                 unit.add(&slopes, 0.0, noise.variance(output, press_n * value));
             }
         }
@@ -97,7 +97,7 @@ impl Prior {
     fn expected_mm(&self, informed: &[Information], contacts: &[Felt], contact_n: f64) -> f64 {
         let spread = &self.spread;
         let (own, common) = (spread.own.squares(), spread.common.squares());
-        let [own, common] = [own, common].map(|squares| Matrix4::from_diagonal(&squares));
+        let [own, common] = [own, common].map(Matrix::diagonal);
         let Posterior { covariances, .. } = Posterior::joint(informed, &own, &[common]);
         let noise = &self.map.response.noise;
         let error_mm = |contact: &Felt| {
@@ -105,7 +105,7 @@ impl Prior {
             for (covariance, of) in covariances.iter().zip(&self.units) {
                 for &output in of {
                     let (value, slopes) = contact.outputs[output];
-                    let of_map = contact_n * contact_n * slopes.dot(&(covariance * slopes));
+                    let of_map = contact_n * contact_n * slopes.dot(&(*covariance * slopes));
                     let variance = noise.variance(output, contact_n * value) + of_map;
                     normal.add(1.0 / variance, [contact_n * slopes[1], contact_n * slopes[2], value], 0.0);
                 }

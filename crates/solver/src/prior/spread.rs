@@ -26,7 +26,7 @@ pub struct Deviations {
 impl Deviations {
     pub(super) fn squares(&self) -> Moved {
         let Deviations { gain, place_mm, width } = *self;
-        Moved::new(gain, place_mm, place_mm, width).map(|sd| sd * sd)
+        Moved::column([gain, place_mm, place_mm, width]).map(|sd| sd * sd)
     }
 
     pub(super) fn of(squares: &Moved) -> Self {
@@ -39,13 +39,13 @@ impl Spread {
     /// Returns the spread of a further sensor from the changes of some sensors about their mean: sensors x units.
     pub(super) fn of(found: &[Vec<Moved>]) -> Self {
         let (sensors, units) = (found.len() as f64, found[0].len() as f64);
-        let mean = |of: &[Moved]| of.iter().sum::<Moved>() / of.len() as f64;
-        let square = |moved: Moved| moved.component_mul(&moved);
-        let (mut own, mut common) = (Moved::zeros(), Moved::zeros());
+        let mean = |of: &[Moved]| of.iter().copied().sum::<Moved>() / of.len() as f64;
+        let square = |moved: Moved| moved.times(moved);
+        let (mut own, mut common) = (Moved::ZERO, Moved::ZERO);
         for sensor in found {
             let mean = mean(sensor);
             common += square(mean);
-            own += sensor.iter().map(|moved| square(moved - mean)).sum::<Moved>();
+            own += sensor.iter().map(|moved| square(*moved - mean)).sum::<Moved>();
         }
         // the mean of the sensors is subtracted; a further sensor differs from this mean and not from the true one
         let further = 1.0 + 1.0 / sensors;
@@ -59,5 +59,5 @@ impl Spread {
 pub(super) fn about_their_mean(changes: &[Vec<Moved>]) -> Vec<Vec<Moved>> {
     let mean = |unit: usize| changes.iter().map(|of| of[unit]).sum::<Moved>() / changes.len() as f64;
     let means: Vec<Moved> = (0..changes[0].len()).map(mean).collect();
-    changes.iter().map(|of| of.iter().zip(&means).map(|(moved, mean)| moved - mean).collect()).collect()
+    changes.iter().map(|of| of.iter().zip(&means).map(|(moved, mean)| *moved - *mean).collect()).collect()
 }

@@ -6,7 +6,7 @@
 //! area, is biased. Such a method can be better than a large bound: at low force, and in the corners.
 
 use super::specimen::{KnownContact, KnownReadings};
-use nalgebra::Matrix3;
+use palpate_core::algebra::Matrix;
 use palpate_core::quantity::Place;
 use palpate_sim::scene::{NoiseOf, Skin, SkinSpec, TaxelFaultKind};
 use palpate_solver::Covariance;
@@ -52,15 +52,14 @@ pub(crate) fn bound(skin: &Skin, spec: &SkinSpec, full_scale_n: f64, place: Plac
         [outputs(x_mm + STEP_MM, y_mm), outputs(x_mm - STEP_MM, y_mm)],
         [outputs(x_mm, y_mm + STEP_MM), outputs(x_mm, y_mm - STEP_MM)],
     ];
-    let mut information = Matrix3::zeros();
+    let mut information = Matrix::<3, 3>::ZERO;
     for (unit, per_n) in here.iter().enumerate() {
         let Some(sd) = error_sd(spec, full_scale_n, unit, force_n * per_n) else { continue };
         let slope = |[after, before]: &[Vec<f64>; 2]| force_n * (after[unit] - before[unit]) / (2.0 * STEP_MM);
-        let row = [slope(&sides[0]), slope(&sides[1]), *per_n].map(|value| value / sd);
-        information += Matrix3::from_fn(|i, j| row[i] * row[j]);
+        let row = Matrix::of([[slope(&sides[0]), slope(&sides[1]), *per_n]]) / sd;
+        information += row.transpose() * row;
     }
-    let inverse = information.try_inverse()?;
-    let covariance: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| inverse[(i, j)]));
+    let covariance = *information.inverse()?.rows();
     (0..3).all(|i| (0.0..MOST).contains(&covariance[i][i])).then_some(Covariance(covariance))
 }
 
