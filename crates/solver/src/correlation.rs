@@ -1,6 +1,7 @@
 //! Correlation of outputs at two places.
 
 use faer::Mat;
+use pulp::Arch;
 use serde::{Deserialize, Serialize};
 
 /// Similarity of the outputs at two places.
@@ -34,24 +35,45 @@ impl Smoothness {
 
 impl Correlation {
     pub(crate) fn at(&self, apart: f64) -> f64 {
-        let lengths = apart / self.length;
-        match self.smoothness {
-            Smoothness::Rough => (-lengths).exp(),
-            Smoothness::Even => {
-                let r = 3f64.sqrt() * lengths;
-                (1.0 + r) * (-r).exp()
-            }
-            Smoothness::Smooth => {
-                let r = 5f64.sqrt() * lengths;
-                (1.0 + r + r * r / 3.0) * (-r).exp()
-            }
-            Smoothness::Gaussian => (-0.5 * lengths * lengths).exp(),
+        let mut value = [apart];
+        self.replace(&mut value);
+        value[0]
+    }
+
+    /// Replaces distances by their correlations.
+    #[inline(always)]
+    fn replace(&self, distances: &mut [f64]) {
+        // one loop for each, so that several values are computed at once
+        #[inline(always)]
+        fn each(distances: &mut [f64], per_distance: f64, of: impl Fn(f64) -> f64) {
+            distances.iter_mut().for_each(|value| *value = of(per_distance * *value));
         }
+        let per_distance = 1.0 / self.length;
+        match self.smoothness {
+            Smoothness::Rough => each(distances, per_distance, |r| exp_of_negative(-r)),
+            Smoothness::Even => each(distances, 3f64.sqrt() * per_distance, |r| (1.0 + r) * exp_of_negative(-r)),
+            Smoothness::Smooth => {
+                each(distances, 5f64.sqrt() * per_distance, |r| (1.0 + r + r * r / 3.0) * exp_of_negative(-r));
+            }
+            Smoothness::Gaussian => each(distances, per_distance, |r| exp_of_negative(-0.5 * r * r)),
+        }
+    }
+
+    /// Returns the correlation for each distance in a matrix.
+    pub(crate) fn of_all(&self, mut distances: Mat<f64>) -> Mat<f64> {
+        for column in 0..distances.ncols() {
+            let column = distances.col_as_slice_mut(column);
+            Arch::new().dispatch(
+                #[inline(always)]
+                || self.replace(column),
+            );
+        }
+        distances
     }
 
     /// Returns the correlation for each distance below the diagonal of a matrix, and on the diagonal.
     pub(crate) fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
-        Mat::from_fn(apart.nrows(), apart.ncols(), |i, j| if i >= j { self.at(apart[(i, j)]) } else { 0.0 })
+        self.of_all(apart.clone())
     }
 
     /// Returns the distance over which outputs look smooth, in the places' unit.
@@ -75,6 +97,32 @@ impl Correlation {
         }
         nearest
     }
+}
+
+/// Returns `e^x` for an `x` of at most 0, within two units of the last place, and at least `e^-708`. It has no branch, so several
+/// values are computed at once, and no call into the system's library, so they are the same on every machine.
+#[inline(always)]
+fn exp_of_negative(x: f64) -> f64 {
+    /// A sum with this number is rounded to an integer, which its last bits contain.
+    const ROUND: f64 = 1.5 * (1_u64 << 52) as f64;
+    /// The natural logarithm of 2 in two parts. The first has zeros at its end, so its product with an integer is exact.
+    const LN_2: [f64; 2] = [f64::from_bits(0x3fe6_2e42_fee0_0000), f64::from_bits(0x3dea_39ef_3579_3c76)];
+    /// Inverses of the factorials from 13 to 0: the series of Taylor.
+    const TERMS: [f64; 14] = {
+        let (mut terms, mut factorial, mut n) = ([1.0; 14], 1.0, 1);
+        while n < 14 {
+            factorial *= n as f64;
+            terms[13 - n] = 1.0 / factorial;
+            n += 1;
+        }
+        terms
+    };
+    let x = x.max(-708.0);
+    let shifted = x * std::f64::consts::LOG2_E + ROUND;
+    let power = shifted - ROUND;
+    let rest = (x - power * LN_2[0]) - power * LN_2[1];
+    let sum = TERMS.into_iter().fold(0.0, |sum, term| sum * rest + term);
+    sum * f64::from_bits((shifted.to_bits() << 52).wrapping_add(1.0f64.to_bits()))
 }
 
 /// Number of lengths that are tried for each smoothness, evenly spaced on a logarithmic scale from the spacing of the places to
@@ -155,4 +203,32 @@ pub(super) fn distances(places: &[f64], dimensions: usize) -> Mat<f64> {
 /// The distance between two places.
 pub(super) fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_exponential_is_that_of_the_library_within_two_units_of_the_last_place() {
+        for step in 0..=70_800 {
+            let x = -0.01 * f64::from(step) - 1e-7 * f64::from(step % 97);
+            let (found, library) = (exp_of_negative(x), x.max(-708.0).exp());
+            assert!((found / library - 1.0).abs() <= 2.0 * f64::EPSILON, "{x}: {found}, by the library {library}");
+        }
+        assert_eq!(exp_of_negative(0.0), 1.0);
+        assert!(exp_of_negative(f64::NEG_INFINITY) < 1e-300);
+    }
+
+    #[test]
+    fn a_value_is_the_same_alone_and_among_others() {
+        let distances = Mat::from_fn(37, 3, |i, j| 0.17 * i as f64 + 0.05 * j as f64);
+        for smoothness in Smoothness::ALL {
+            let correlation = Correlation { smoothness, length: 1.3 };
+            let all = correlation.of_all(distances.clone());
+            for (i, j) in (0..37).flat_map(|i| (0..3).map(move |j| (i, j))) {
+                assert_eq!(all[(i, j)], correlation.at(distances[(i, j)]), "{smoothness:?}");
+            }
+        }
+    }
 }

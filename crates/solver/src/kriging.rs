@@ -148,7 +148,7 @@ impl Kriging {
     fn correlations(&self, places: &[f64]) -> Mat<f64> {
         let own: Vec<&[f64]> = self.process.inputs.chunks_exact(self.dimensions).collect();
         let others: Vec<&[f64]> = places.chunks_exact(self.dimensions).collect();
-        Mat::from_fn(own.len(), others.len(), |i, j| self.process.correlation.at(distance(own[i], others[j])))
+        self.process.correlation.of_all(Mat::from_fn(own.len(), others.len(), |i, j| distance(own[i], others[j])))
     }
 
     /// Returns the inverse of the eigenvalue plus the noise ratio, eigenvalues x outputs.
