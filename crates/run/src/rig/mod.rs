@@ -28,7 +28,7 @@ pub use emulated::{EmulatedDevice, FarEnd};
 pub use family::{FAMILIES, Family, Links, Role};
 pub use open::OpenRig;
 pub use parse::parse;
-pub use simulated::SceneProbe;
+pub use simulated::GroundTruth;
 pub use simulated::SimulatedRig;
 pub use spec::ArrayDriver;
 pub use spec::ArraySpec;

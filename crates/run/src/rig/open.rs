@@ -2,7 +2,7 @@
 
 use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
-use super::simulated::{SceneProbe, SimulatedRig};
+use super::simulated::{GroundTruth, SimulatedRig};
 use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
 use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
@@ -23,8 +23,8 @@ pub struct OpenRig {
     pub instruments: Instruments<AnyStage, AdjustedCell, AnyArray>,
     /// Settings for the use of the stage.
     pub stage_use: StageUse,
-    /// Access to the truth of a simulated rig.
-    pub probe: Option<SceneProbe>,
+    /// What the scene of a simulated rig knows.
+    pub truth: GroundTruth,
     /// Real links, reserved for this program as long as the drivers exist.
     pub claims: Claims,
 }
@@ -98,8 +98,8 @@ impl RigSpec {
             load_cell: self.adjusted_cell(load_cell, &wiring)?,
             array: self.array.driver.open(array, &wiring)?,
         };
-        let probe = wiring.scene.map(|scene| SceneProbe { scene, origin });
-        Ok(OpenRig { instruments, stage_use: self.stage_use(), probe, claims: Claims::default() })
+        let truth = GroundTruth::new(wiring.scene, origin);
+        Ok(OpenRig { instruments, stage_use: self.stage_use(), truth, claims: Claims::default() })
     }
 
     /// Returns the settings for the use of the stage, as this rig states them.

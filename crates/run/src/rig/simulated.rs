@@ -8,7 +8,7 @@ use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Instant;
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 
 /// Half the side of the loading area (PAPER S8), mm.
 const LOADING_HALF_MM: f64 = 6.0;
@@ -35,11 +35,12 @@ pub struct SimulatedRig {
 /// Time in which a simulated person puts a weight on or takes it off after the request, s.
 const PERSON_S: f64 = 2.0;
 
-/// Access of a run to a simulated scene: names the presses, reads the truth, and requests actions of a person.
+/// What only the scene of a simulated rig knows or does: the true forces, and the actions of a person. A real rig has no scene, and
+/// nothing happens here.
 #[derive(Clone)]
-pub struct SceneProbe {
-    pub(super) scene: Shared<Scene>,
-    pub(super) origin: Instant,
+pub struct GroundTruth {
+    scene: Option<Shared<Scene>>,
+    origin: Instant,
 }
 
 impl RigSpec {
@@ -99,42 +100,43 @@ impl SimulatedRig {
     }
 }
 
-impl SceneProbe {
+impl GroundTruth {
+    pub(crate) fn new(scene: Option<Shared<Scene>>, origin: Instant) -> GroundTruth {
+        GroundTruth { scene, origin }
+    }
+
     /// Sets the number of the next press.
     pub fn begin_press(&self, press: u64) {
-        self.scene().begin_press(press, self.now_s());
+        self.in_scene(|scene, now_s| scene.begin_press(press, now_s));
     }
 
     /// Begins to average the true force.
     pub fn open_window(&self) {
-        self.scene().open_window(self.now_s());
+        self.in_scene(Scene::open_window);
     }
 
     /// Ends the average of the true force.
     pub fn close_window(&self) {
-        self.scene().close_window(self.now_s());
+        self.in_scene(Scene::close_window);
     }
 
-    /// Returns the true values since the previous call.
-    pub fn take_truth(&self) -> Truth {
-        self.scene().take_truth(self.now_s())
+    /// Returns the true values since the previous call; `None` with a real rig.
+    pub fn take(&self) -> Option<Truth> {
+        self.in_scene(Scene::take_truth)
     }
 
     /// Requests a known weight on the tip.
     pub fn put_weight(&self, nominal_n: f64, u_n: f64) {
-        self.scene().put_weight(nominal_n, u_n, self.now_s() + PERSON_S);
+        self.in_scene(|scene, now_s| scene.put_weight(nominal_n, u_n, now_s + PERSON_S));
     }
 
     /// Requests the removal of the weight.
     pub fn take_weight(&self) {
-        self.scene().take_weight(self.now_s() + PERSON_S);
+        self.in_scene(|scene, now_s| scene.take_weight(now_s + PERSON_S));
     }
 
-    fn scene(&self) -> MutexGuard<'_, Scene> {
-        lock(&self.scene)
-    }
-
-    fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
+    fn in_scene<T>(&self, act: impl FnOnce(&mut Scene, f64) -> T) -> Option<T> {
+        let scene = self.scene.as_ref()?;
+        Some(act(&mut lock(scene), self.origin.elapsed().as_secs_f64()))
     }
 }

@@ -3,7 +3,7 @@
 
 use super::Halt;
 use super::hand::Gauge;
-use crate::rig::SceneProbe;
+use crate::rig::GroundTruth;
 use palpate_control::{Mean, Rule, Trip, Zero, mean_of};
 use palpate_core::quantity::{COVERAGE, Certificate, GRAVITY_M_S2, WeightCheck};
 use palpate_link::device::LoadCell;
@@ -114,7 +114,7 @@ impl Weighed {
 /// Returns a halt if the operator stops the check, the cell fails, or the weight isn't put on, isn't taken off or doesn't repeat.
 pub(super) async fn weigh<C: LoadCell>(
     gauge: &mut Gauge<'_, C>,
-    probe: Option<&SceneProbe>,
+    truth: &GroundTruth,
     weighing: &mut Weighing<'_>,
 ) -> Result<Weighed, Halt> {
     let weight = weighing.weight;
@@ -126,14 +126,10 @@ pub(super) async fn weigh<C: LoadCell>(
     let mut weighed = Weighed { weight, gains: Vec::new(), noise: 0.0 };
     for time in 1..=WEIGHT_TIMES {
         (weighing.ask)(Ask::PutOn(time));
-        if let Some(probe) = probe {
-            probe.put_weight(sign * weight.weight_n, weight.u_n);
-        }
+        truth.put_weight(sign * weight.weight_n, weight.u_n);
         let on = scale.wait(gauge, before.value, Waits::On).await?;
         (weighing.ask)(Ask::TakeOff(time));
-        if let Some(probe) = probe {
-            probe.take_weight();
-        }
+        truth.take_weight();
         let after = scale.wait(gauge, before.value, Waits::Off { read_n: on.value - before.value }).await?;
         // the zero as it was when the weight was read, evenly with the time
         let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);

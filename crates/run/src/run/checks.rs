@@ -214,9 +214,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     pub(super) async fn weigh_after(&mut self, listener: &mut dyn Listener) -> Option<CellAfter> {
         let (cell, weight) = (&self.conditions.spec.load_cell, listener.weight()?);
         let before = cell.check.as_ref()?;
-        let probe = self.hand.probe.clone();
         let mut weighing = Weighing { weight, ask: &mut |ask| listener.ask(ask) };
-        let weighed = weigh(&mut self.hand.cell, probe.as_ref(), &mut weighing).await.ok()?;
+        let weighed = weigh(&mut self.hand.cell, &self.hand.truth, &mut weighing).await.ok()?;
         Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
     }
 

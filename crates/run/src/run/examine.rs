@@ -87,8 +87,7 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: Asked<'_
         .is_some_and(|air| air.as_ref().is_ok_and(|air| air.zero.sigma_n <= NOISE_SHARE * spec.limits.force_n));
     match asked {
         Asked::Weight(mut weighing) => {
-            let probe = hand.probe.clone();
-            let weighed = unless_halted(weigh(&mut hand.cell, probe.as_ref(), &mut weighing).await)?;
+            let weighed = unless_halted(weigh(&mut hand.cell, &hand.truth, &mut weighing).await)?;
             found.shown = Some(weighed.as_ref().map(|_| ShownBy::Weight).map_err(Trip::clone));
             found.weighed = Some(weighed);
         }

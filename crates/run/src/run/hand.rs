@@ -3,7 +3,7 @@
 use super::outputs_in_air::OutputsInAir;
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
-use crate::rig::{ArraySpec, SceneProbe};
+use crate::rig::{ArraySpec, GroundTruth};
 use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::Air;
@@ -42,7 +42,7 @@ pub(super) struct Hand<'a, S, C, A> {
     pub frame: Frame,
     pub usage: StageUse,
     pub timing: Timing,
-    pub probe: Option<SceneProbe>,
+    pub truth: GroundTruth,
     /// Outputs in air; outputs are relative to them.
     pub air: Vec<f64>,
     /// Standard deviation of one reading of each output.
@@ -299,7 +299,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         frame: Frame,
         usage: StageUse,
         timing: Timing,
-        probe: Option<SceneProbe>,
+        truth: GroundTruth,
         claims: Claims,
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
@@ -313,7 +313,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
             frame,
             usage,
             timing,
-            probe,
+            truth,
             air,
             air_sigmas,
             watches_outputs: false,

@@ -93,11 +93,11 @@ fn hand_of<'a>(
     cancel: &'a Cancel,
     shown: &'a dyn Fn(f64),
 ) -> Hand<'a, AnyStage, AdjustedCell, AnyArray> {
-    let OpenRig { instruments, stage_use, probe, claims } = rig;
+    let OpenRig { instruments, stage_use, truth, claims } = rig;
     let Instruments { stage, load_cell, array } = instruments;
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
     let parts = Instruments { stage, load_cell: gauge, array };
-    Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), probe, claims)
+    Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), truth, claims)
 }
 
 /// Moves z away from the specimen and does nothing else. The load cell is read if it answers. A stage that can't move before

@@ -146,9 +146,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.go_to(place).await?;
         self.hand.stage.afresh();
         self.hand.cell.begin().await;
-        if let Some(probe) = &self.hand.probe {
-            probe.begin_press(number);
-        }
+        self.hand.truth.begin_press(number);
         let mut air = self.air().await?;
         let mut air_s = -air.force.age_s;
         let first_mm = self.first_mm(place, next);
@@ -314,7 +312,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
 
     /// Returns the true events since the last call, in a simulated run.
     pub(super) fn truth(&self) -> Option<PressTruth> {
-        let truth = self.hand.probe.as_ref()?.take_truth();
+        let truth = self.hand.truth.take()?;
         Some(PressTruth {
             force_true_n: truth.force_true_n,
             force_peak_n: truth.force_peak_n,

@@ -2,6 +2,7 @@
 
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
+use crate::rig::GroundTruth;
 use palpate_control::{Permit, Rule, Timing, Watch, Zero};
 use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Travel};
 use palpate_link::device::{
@@ -126,7 +127,7 @@ fn hand<'a>(
         acceleration_mm_s2: 100.0,
         reaction_s: 0.05,
     };
-    let mut hand = Hand::new(parts, frame, usage, timing, None, Claims::default());
+    let mut hand = Hand::new(parts, frame, usage, timing, GroundTruth::new(None, Instant::now()), Claims::default());
     hand.air = vec![0.1, 0.2];
     hand
 }

@@ -109,9 +109,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         // two readings more, so that the whole periods lie within
         let seconds = if hums { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
         let until = began + Duration::from_secs_f64(seconds);
-        if let Some(probe) = &self.probe {
-            probe.open_window();
-        }
+        self.truth.open_window();
         let mut means = OutputMeans::default();
         let (mut saturated, mut late) = (false, false);
         // the cell shows a force later, by its lag: its readings are those of the outputs' time
@@ -139,10 +137,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             saturated |= is_saturated(now, range_v)?;
             Ok(())
         };
-        let probe = &self.probe;
+        let truth = &self.truth;
         let outputs = async {
             let outputs = means.take_while(array, &over, || true, goes_on, check).await;
-            probe.iter().for_each(|probe| probe.close_window());
+            truth.close_window();
             outputs
         };
         let (force, outputs) = tokio::join!(forces, outputs);
