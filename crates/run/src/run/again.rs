@@ -4,11 +4,11 @@ use super::Halt;
 use super::past::{Past, TouchedPlace};
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::shift::sideways_shift;
-use super::walk::{Listener, Standby, Walker};
+use super::walk::{Standby, Walker};
 use crate::rig::Home;
 use palpate_control::{Rule, Standing, Strategy, Task, Trip};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Air, Ledger, Record, Retouch};
+use palpate_data::dataset::{Air, Record, Retouch};
 use palpate_data::recipe::Plan;
 use palpate_link::device::{LoadCell, SensorArray, Stage};
 
@@ -43,16 +43,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
     /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
     /// that the zero moved sideways.
-    pub(super) async fn touch_again(
-        &mut self,
-        past: &Past,
-        plan: &Plan,
-        next: Place,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
+    pub(super) async fn touch_again(&mut self, past: &Past, next: Place) -> Result<(), Halt> {
         let by_hand = self.conditions.spec.stage.home == Home::ByHand;
-        let (landmarks, mut repeated) = (past.landmarks(plan), Vec::new());
+        let (landmarks, mut repeated) = (past.landmarks(self.plan), Vec::new());
         for (nth, known) in landmarks.iter().enumerate() {
             let next = landmarks.get(nth + 1).map_or(next, |known| known.place);
             let force_n = known.force_n.min(TOUCH_SHARE * self.conditions.spec.limits.force_n);
@@ -64,13 +57,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
             };
-            let task = if by_hand { again(known, plan).unwrap_or(task) } else { task };
+            let task = if by_hand { again(known, self.plan).unwrap_or(task) } else { task };
             let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;
             let touched_mm = pressed.touched_mm.unwrap_or(f64::NAN);
             let t_s = self.conditions.clock.now_s();
             let retouch = Retouch { t_s, place: known.place, before_mm: known.z_mm, touched_mm };
-            ledger.record(&Record::Retouch(retouch))?;
-            listener.retouched(&retouch);
+            self.ledger.record(&Record::Retouch(retouch))?;
+            self.listener.retouched(&retouch);
             let moved_mm = touched_mm - known.z_mm;
             let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
             if !is_there {

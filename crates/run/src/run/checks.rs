@@ -4,11 +4,11 @@ use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
 use super::estimate::estimated_s;
 use super::past::felt;
-use super::walk::{Listener, Standby, Walker};
+use super::walk::{Standby, Walker};
 use crate::rig::RigSpec;
 use palpate_control::{Changed, Felt, Strategy, Task};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Change, Check, Contact, Ledger, Left, Record};
+use palpate_data::dataset::{Change, Check, Contact, Left, Record};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
 use palpate_link::device::{LoadCell, SensorArray, Stage};
 
@@ -184,48 +184,31 @@ impl Checking {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Makes the check that is due before an entry of the plan.
-    pub(super) async fn check_before(
-        &mut self,
-        next: &Entry,
-        plan: &Plan,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
-        match self.checks.due(plan, next) {
-            Some(entry) => self.check(&entry, Some(next.place), ledger, listener).await,
+    pub(super) async fn check_before(&mut self, next: &Entry) -> Result<(), Halt> {
+        match self.checks.due(self.plan, next) {
+            Some(entry) => self.check(&entry, Some(next.place)).await,
             None => Ok(()),
         }
     }
 
     /// Makes the check after the last press of the plan.
-    pub(super) async fn check_at_end(
-        &mut self,
-        plan: &Plan,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
-        let Some(entry) = self.checks.closing(plan) else { return Ok(()) };
-        self.rest(0.0, entry.place, ledger, listener).await?; // as before every press, a person may pause or stop
-        self.check(&entry, None, ledger, listener).await
+    pub(super) async fn check_at_end(&mut self) -> Result<(), Halt> {
+        let Some(entry) = self.checks.closing(self.plan) else { return Ok(()) };
+        self.rest(0.0, entry.place).await?; // as before every press, a person may pause or stop
+        self.check(&entry, None).await
     }
 
     /// Asks for a known weight after the run, if a person is there. A weight that isn't put on within the time limit, or doesn't
     /// rest, leaves the load cell unchecked.
-    pub(super) async fn weigh_after(&mut self, listener: &mut dyn Listener) -> Option<CellAfter> {
-        let (cell, weight) = (&self.conditions.spec.load_cell, listener.weight()?);
+    pub(super) async fn weigh_after(&mut self) -> Option<CellAfter> {
+        let (cell, weight) = (&self.conditions.spec.load_cell, self.listener.weight()?);
         let before = cell.check.as_ref()?;
-        let mut weighing = Weighing { weight, ask: &mut |ask| listener.ask(ask) };
+        let mut weighing = Weighing { weight, ask: &mut |ask| self.listener.ask(ask) };
         let weighed = weigh(&mut self.hand.cell, &self.hand.truth, &mut weighing).await.ok()?;
         Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
     }
 
-    async fn check(
-        &mut self,
-        entry: &Entry,
-        next: Option<Place>,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
+    async fn check(&mut self, entry: &Entry, next: Option<Place>) -> Result<(), Halt> {
         // the press before ended in the clear above its own place or the next one; here the surface may be higher
         self.hand.withdraw(self.park_mm()).await?;
         self.standby = None;
@@ -237,10 +220,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
         let Some(check) = self.compared(contact, next.is_none()) else { return Ok(()) };
         let record = Record::Check(check);
-        ledger.record(&record)?;
+        self.ledger.record(&record)?;
         if let Record::Check(check) = &record {
             self.checks.take_check(check);
-            listener.checked(check);
+            self.listener.checked(check);
         }
         Ok(())
     }

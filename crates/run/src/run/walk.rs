@@ -114,6 +114,9 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
             let full_zero_n = hand.cell.watch.zero().offset_n;
             let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
             let mut walker = Walker {
+                plan,
+                ledger,
+                listener,
                 hand,
                 permit,
                 map,
@@ -127,19 +130,19 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
                 felt,
                 checks: Checking::default(),
             };
-            ending.halt = walker.begin(plan, past, devices, &zero, ledger, listener).await.err();
+            ending.halt = walker.begin(past, devices, &zero).await.err();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
             let peaks = walker.truth().map(|truth| {
                 let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
                 Peaks { force_peak_n, depth_peak_mm }
             });
-            note_trip(ledger, &ending, walker.pressing, peaks, clock.now_s());
+            note_trip(walker.ledger, &ending, walker.pressing, peaks, clock.now_s());
             ending.unparked = walker.leave(ending.halt.as_ref()).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
                 ending.remaining = walker.hand.remaining(doubted).await;
             } else {
-                ending.cell = walker.weigh_after(listener).await;
+                ending.cell = walker.weigh_after().await;
             }
         }
         Err(halt) => {
@@ -216,6 +219,9 @@ pub(super) struct Standby {
 
 /// Driver of the run, which goes from press to press.
 pub(super) struct Walker<'a, S, C, A> {
+    pub plan: &'a Plan,
+    pub ledger: &'a mut dyn Ledger,
+    pub listener: &'a mut dyn Listener,
     pub hand: Hand<'a, S, C, A>,
     pub permit: Permit,
     pub map: Map,
@@ -239,36 +245,28 @@ pub(super) struct Walker<'a, S, C, A> {
 
 impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     /// Records the rig's devices, checks that they are those with which the run began, and executes the plan.
-    async fn begin(
-        &mut self,
-        plan: &Plan,
-        past: Past,
-        devices: Vec<Identity>,
-        zero: &Record,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
-        listener.ready(&devices);
+    async fn begin(&mut self, past: Past, devices: Vec<Identity>, zero: &Record) -> Result<(), Halt> {
+        self.listener.ready(&devices);
         past.check_devices(&devices)?;
-        ledger.record(&Record::Devices(devices))?;
-        ledger.record(zero)?;
-        let left: VecDeque<&Entry> = plan.entries.iter().filter(|entry| !ledger.has(entry.press)).collect();
+        self.ledger.record(&Record::Devices(devices))?;
+        self.ledger.record(zero)?;
+        let left: VecDeque<&Entry> = self.plan.entries.iter().filter(|entry| !self.ledger.has(entry.press)).collect();
         let first = left.front().map(|first| first.place);
-        let Some(first) = first.or_else(|| past.checks.closing_place(plan)) else { return Ok(()) };
-        self.touch_again(&past, plan, first, ledger, listener).await?;
+        let Some(first) = first.or_else(|| past.checks.closing_place(self.plan)) else { return Ok(()) };
+        self.touch_again(&past, first).await?;
         (self.map, self.checks) = (past.map, past.checks);
         past.felt.into_iter().for_each(|felt| self.response.learn(self.with_noise(felt)));
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
             // how much of it had passed isn't known
-            owed_s = plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
+            owed_s = self.plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
             if let Some(how) = how {
                 self.go_back(first, how).await?;
             }
         }
-        self.rest(owed_s, first, ledger, listener).await?;
-        self.presses(plan, left, ledger, listener).await?;
-        self.check_at_end(plan, ledger, listener).await
+        self.rest(owed_s, first).await?;
+        self.presses(left).await?;
+        self.check_at_end().await
     }
 
     /// Position where the stage is parked: at clearance height, or at the top before the specimen was touched.
@@ -289,17 +287,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
         }
     }
 
-    async fn presses(
-        &mut self,
-        plan: &Plan,
-        mut left: VecDeque<&Entry>,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
+    async fn presses(&mut self, mut left: VecDeque<&Entry>) -> Result<(), Halt> {
         while let Some(entry) = left.pop_front() {
-            self.check_before(entry, plan, ledger, listener).await?;
+            self.check_before(entry).await?;
             self.pressing = Some(entry.press);
-            listener.begins(entry);
+            self.listener.begins(entry);
             let next = left.front().map(|next| next.place);
             let contact = self.press(entry, next).await?;
             if let Some((felt, _)) = felt(&contact) {
@@ -309,17 +301,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
             let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
             self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
             let record = Record::Contact(contact);
-            ledger.record(&record)?;
+            self.ledger.record(&record)?;
             self.pressing = None;
             if let Some(contact) = record.contact() {
                 self.checks.take_contact(contact);
-                listener.recorded(contact);
+                self.listener.recorded(contact);
             }
             let Some(next) = next else { break };
             if drifted_n.abs() > NEW_ZERO_SHARE * self.conditions.spec.limits.force_n {
-                self.zero_again(next, ledger).await?;
+                self.zero_again(next).await?;
             }
-            self.rest(entry.rest_after_s, next, ledger, listener).await?;
+            self.rest(entry.rest_after_s, next).await?;
         }
         Ok(())
     }
@@ -331,23 +323,23 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.
-    async fn pause(&mut self, next: Place, ledger: &mut dyn Ledger, listener: &mut dyn Listener) -> Result<(), Halt> {
+    async fn pause(&mut self, next: Place) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
-        if !listener.paused() {
+        if !self.listener.paused() {
             return Err(Halt::Cancelled);
         }
         self.conditions.cancel.while_pausing().await;
         self.conditions.cancel.check()?;
-        self.zero_again(next, ledger).await
+        self.zero_again(next).await
     }
 
     /// Takes a new zero, away from the specimen, and goes back to where the last contact ended.
-    async fn zero_again(&mut self, next: Place, ledger: &mut dyn Ledger) -> Result<(), Halt> {
+    async fn zero_again(&mut self, next: Place) -> Result<(), Halt> {
         self.hand.withdraw(self.park_mm()).await?;
         let zero = take_zero(&mut self.hand, &self.conditions).await?;
         self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
         (self.zeroed, self.full_zero_n) = (Instant::now(), self.hand.cell.watch.zero().offset_n);
-        ledger.record(&zero)?;
+        self.ledger.record(&zero)?;
         match self.standby.take() {
             Some(before) => self.go_back(next, before).await,
             None => Ok(()),
@@ -355,24 +347,18 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
     }
 
     /// Rests in air for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
-    pub(super) async fn rest(
-        &mut self,
-        seconds: f64,
-        next: Place,
-        ledger: &mut dyn Ledger,
-        listener: &mut dyn Listener,
-    ) -> Result<(), Halt> {
+    pub(super) async fn rest(&mut self, seconds: f64, next: Place) -> Result<(), Halt> {
         let rested = Instant::now() + Duration::from_secs_f64(seconds);
         loop {
             let rest = rested.duration_since(Instant::now());
             if !rest.is_zero() {
                 self.standby = self.standby.take().map(|standby| Standby { air: None, ..standby });
-                listener.rests(rest.as_secs_f64());
+                self.listener.rests(rest.as_secs_f64());
                 self.conditions.cancel.sleep(rest).await;
             }
             self.conditions.cancel.check()?;
             if self.conditions.cancel.pausing() {
-                self.pause(next, ledger, listener).await?;
+                self.pause(next).await?;
             } else if Instant::now() >= rested {
                 return Ok(());
             }
