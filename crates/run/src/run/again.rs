@@ -10,7 +10,6 @@ use palpate_control::{Rule, Standing, Strategy, Task, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Air, Record, Retouch};
 use palpate_data::recipe::Plan;
-use palpate_link::device::{LoadCell, SensorArray, Stage};
 
 /// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
 const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
@@ -39,7 +38,7 @@ fn again(known: &TouchedPlace, plan: &Plan) -> Option<Task> {
     Some(Task { levels: Task::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+impl Walker<'_> {
     /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
     /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
     /// that the zero moved sideways.

@@ -10,7 +10,6 @@ use palpate_control::{Changed, Felt, Strategy, Task};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Change, Check, Contact, Left, Record};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
-use palpate_link::device::{LoadCell, SensorArray, Stage};
 
 /// Number of the first check, for random values. It is far above the numbers of planned contacts.
 const CHECKED: u64 = 1 << 61;
@@ -182,7 +181,7 @@ impl Checking {
     }
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+impl Walker<'_> {
     /// Makes the check that is due before an entry of the plan.
     pub(super) async fn check_before(&mut self, next: &Entry) -> Result<(), Halt> {
         match self.checks.due(self.plan, next) {

@@ -1,7 +1,7 @@
 //! Identity and speed of each device, checked without pressing.
 
 use super::check_weight::{Ask, Weighed, Weighing, weigh};
-use super::hand::Hand;
+use super::hand::RigHand;
 use super::home::{AtHome, at_home};
 use super::ready::{NOISE_SHARE, check_air};
 use super::shown::{ShownBy, finger, press};
@@ -115,12 +115,7 @@ fn unless_halted<T>(result: Result<T, Halt>) -> Result<Result<T, Trip>, Halt> {
     }
 }
 
-async fn look<S: Stage, C: LoadCell, A: SensorArray>(
-    hand: &mut Hand<'_, S, C, A>,
-    spec: &RigSpec,
-    cancel: &Cancel,
-    found: &mut Examination,
-) -> Result<(), Halt> {
+async fn look(hand: &mut RigHand<'_>, spec: &RigSpec, cancel: &Cancel, found: &mut Examination) -> Result<(), Halt> {
     let answers: Vec<bool> = found.devices.iter().map(|(_, device)| device.is_ok()).collect();
     let mut outputs = vec![0.0; hand.array.units()];
     for (device, answers) in answers.iter().enumerate() {
@@ -159,10 +154,7 @@ async fn look<S: Stage, C: LoadCell, A: SensorArray>(
     Ok(())
 }
 
-async fn in_air<S: Stage, C: LoadCell, A: SensorArray>(
-    hand: &mut Hand<'_, S, C, A>,
-    has_array: bool,
-) -> Result<Result<CellInAir, Trip>, Halt> {
+async fn in_air(hand: &mut RigHand<'_>, has_array: bool) -> Result<Result<CellInAir, Trip>, Halt> {
     let readings = match hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
         Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
         readings => readings?,

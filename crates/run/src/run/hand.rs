@@ -3,10 +3,11 @@
 use super::outputs_in_air::OutputsInAir;
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
-use crate::rig::{ArraySpec, GroundTruth};
+use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
 use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::Air;
+use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, sleep_until};
 use palpate_link::wire::Claims;
@@ -291,6 +292,9 @@ impl ForcesInAir {
         self.readings.push_back((now, read_n));
     }
 }
+
+/// The hand of a rig. Tests have a hand with other instruments.
+pub(super) type RigHand<'a> = Hand<'a, AnyStage, AdjustedCell, AnyArray>;
 
 impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     /// Creates prepared instruments with a measured zero; the axes are read back.

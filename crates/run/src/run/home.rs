@@ -1,15 +1,14 @@
 //! Homing of the stage before there is a zero: identify it, confirm the direction of z, home it, move z to the top. The cell is
 //! read all the time.
 
-use super::hand::{Gauge, Hand};
+use super::hand::{Gauge, Hand, RigHand};
 use super::motion::watched;
 use super::outputs_in_air::OutputsInAir;
 use super::retreat::unless_it_rises;
 use super::{Cancel, Halt};
-use crate::rig::{AdjustedCell, Home, HomeSide, OpenRig, RigSpec};
+use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{Permit, Reaction, Rule, Standing, Steer, Trip, Watch, Zero, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
 };
@@ -55,8 +54,8 @@ const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 
 /// Rig whose stage is home, with z at the top. If the stage or the load cell can't be used, nothing moves, because the force
 /// couldn't be read.
-pub(super) struct AtHome<'a, S, C, A> {
-    pub hand: Hand<'a, S, C, A>,
+pub(super) struct AtHome<'a> {
+    pub hand: RigHand<'a>,
     pub stage: Result<Identity, DeviceError>,
     pub load_cell: Result<Identity, DeviceError>,
     pub array: Result<Identity, DeviceError>,
@@ -69,7 +68,7 @@ pub(super) async fn at_home<'a>(
     spec: &RigSpec,
     cancel: &'a Cancel,
     shown: &'a dyn Fn(f64),
-) -> Result<AtHome<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+) -> Result<AtHome<'a>, Halt> {
     let mut hand = hand_of(rig, spec, cancel, shown);
     let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
     let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
@@ -87,12 +86,7 @@ pub(super) async fn at_home<'a>(
     Ok(AtHome { hand, stage, load_cell, array })
 }
 
-fn hand_of<'a>(
-    rig: OpenRig,
-    spec: &RigSpec,
-    cancel: &'a Cancel,
-    shown: &'a dyn Fn(f64),
-) -> Hand<'a, AnyStage, AdjustedCell, AnyArray> {
+fn hand_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> RigHand<'a> {
     let OpenRig { instruments, stage_use, truth, claims } = rig;
     let Instruments { stage, load_cell, array } = instruments;
     let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);

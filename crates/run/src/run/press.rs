@@ -9,7 +9,7 @@ use palpate_control::{
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Air, Contact, Flag, Left, PressTruth};
 use palpate_data::recipe::Entry;
-use palpate_link::device::{LoadCell, SensorArray, Stage};
+use palpate_link::device::Stage;
 use palpate_link::time::Instant;
 
 /// Clearance above the learned surface at which the indenter travels from place to place, mm.
@@ -75,7 +75,7 @@ impl ZeroMoved {
     }
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+impl Walker<'_> {
     /// Executes one entry of the plan, from the clear to the clear above the `next` place.
     pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;

@@ -1,14 +1,14 @@
 //! Prepares a rig: moves the stage to the clear, homes it, measures the time of the links, and measures the zero.
 
 use super::clock::RunClock;
-use super::hand::Hand;
+use super::hand::RigHand;
 use super::home::{AtHome, at_home};
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{Reaction, Rule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{Axis, Range};
 use palpate_data::dataset::Record;
-use palpate_link::device::{Identity, LoadCell, Reins, SensorArray, Stage};
+use palpate_link::device::{Identity, LoadCell, Reins, Stage};
 use palpate_link::time::Instant;
 
 /// Number of exchanges that are timed to measure the rig's reaction time.
@@ -22,8 +22,8 @@ pub const NOISE_SHARE: f64 = 0.02;
 const DRIFT_SHARE: f64 = 0.2;
 
 /// Rig whose instruments are identified, homed, at clearance height, timed and zeroed.
-pub(super) struct Ready<'a, S, C, A> {
-    pub hand: Hand<'a, S, C, A>,
+pub(super) struct Ready<'a> {
+    pub hand: RigHand<'a>,
     pub devices: Vec<Identity>,
     pub reaction: Reaction,
     pub zero: Record,
@@ -41,10 +41,7 @@ pub(super) struct Conditions<'a> {
 
 /// Identifies each device, homes the axes that aren't homed (z first, away), goes to clearance height, times the links and takes
 /// the zero.
-pub(super) async fn make_ready<'a>(
-    rig: OpenRig,
-    conditions: &Conditions<'a>,
-) -> Result<Ready<'a, impl Stage + use<>, impl LoadCell + use<>, impl SensorArray + use<>>, Halt> {
+pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) -> Result<Ready<'a>, Halt> {
     conditions.spec.load_cell.check_gain()?;
     conditions.cancel.preparing();
     let AtHome { mut hand, stage, load_cell, array } =
@@ -58,10 +55,7 @@ pub(super) async fn make_ready<'a>(
     Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
 
-async fn time<S: Stage, C: LoadCell, A: SensorArray>(
-    hand: &mut Hand<'_, S, C, A>,
-    lag_s: f64,
-) -> Result<Reaction, Halt> {
+async fn time(hand: &mut RigHand<'_>, lag_s: f64) -> Result<Reaction, Halt> {
     let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
     for _ in 0..TIMED {
         let asked = Instant::now();
@@ -75,10 +69,7 @@ async fn time<S: Stage, C: LoadCell, A: SensorArray>(
 }
 
 /// Takes the zero, in air.
-pub(super) async fn take_zero<S: Stage, C: LoadCell, A: SensorArray>(
-    hand: &mut Hand<'_, S, C, A>,
-    conditions: &Conditions<'_>,
-) -> Result<Record, Halt> {
+pub(super) async fn take_zero(hand: &mut RigHand<'_>, conditions: &Conditions<'_>) -> Result<Record, Halt> {
     let readings = hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
     let zero = Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64());
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;

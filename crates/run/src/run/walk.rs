@@ -3,7 +3,7 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
-use super::hand::Hand;
+use super::hand::RigHand;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::{Cancel, Halt, Remaining};
@@ -12,7 +12,7 @@ use palpate_control::{AIR_READINGS, Felt, Map, Permit, Reaction, Response};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Air, Check, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
 use palpate_data::recipe::{Entry, Plan};
-use palpate_link::device::{Identity, LoadCell, SensorArray, Stage};
+use palpate_link::device::Identity;
 use palpate_link::time::Instant;
 use std::collections::VecDeque;
 use std::pin::Pin;
@@ -204,7 +204,7 @@ fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks
     }
 }
 
-fn permit<S, C, A>(hand: &Hand<'_, S, C, A>, spec: &RigSpec, reaction: &Reaction) -> Permit {
+fn permit(hand: &RigHand<'_>, spec: &RigSpec, reaction: &Reaction) -> Permit {
     Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
         .on(spec.stage.steps)
 }
@@ -218,11 +218,11 @@ pub(super) struct Standby {
 }
 
 /// Driver of the run, which goes from press to press.
-pub(super) struct Walker<'a, S, C, A> {
+pub(super) struct Walker<'a> {
     pub plan: &'a Plan,
     pub ledger: &'a mut dyn Ledger,
     pub listener: &'a mut dyn Listener,
-    pub hand: Hand<'a, S, C, A>,
+    pub hand: RigHand<'a>,
     pub permit: Permit,
     pub map: Map,
     /// Outputs that the presses so far have shown.
@@ -243,7 +243,7 @@ pub(super) struct Walker<'a, S, C, A> {
     pub checks: Checking,
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Walker<'_, S, C, A> {
+impl Walker<'_> {
     /// Records the rig's devices, checks that they are those with which the run began, and executes the plan.
     async fn begin(&mut self, past: Past, devices: Vec<Identity>, zero: &Record) -> Result<(), Halt> {
         self.listener.ready(&devices);
