@@ -111,6 +111,12 @@ impl<'d> Table<'d> {
         }
     }
 
+    /// Reads several numbers, so that each problem is reported; `None` if one of them is missing.
+    pub fn numbers<const N: usize>(&self, keys: [Key; N]) -> Option<[f64; N]> {
+        let read = keys.map(|key| self.number(&key));
+        read.iter().all(Option::is_some).then(|| read.map(Option::unwrap_or_default))
+    }
+
     /// Reads a number, with another default than the key's own.
     pub fn number_or(&self, key: &Key, default: f64) -> Option<f64> {
         if self.has(key) { self.number(key) } else { Some(default) }

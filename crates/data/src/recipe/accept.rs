@@ -114,17 +114,13 @@ pub(super) fn read_rule(table: &Table) -> Option<Rule> {
 
 fn limit(table: &Table, figure: Figure) -> Option<Limit> {
     let plain = |limit: f64| Limit { figure, limit, reach: None };
+    let within = |key: Key, parts: [Key; 2]| {
+        let [reach, limit] = table.table(&key)?.numbers(parts)?;
+        Some(Limit { figure, limit, reach: Some(reach) })
+    };
     match figure {
-        Figure::LocationWithin => {
-            let table = table.table(&accept::location_within)?;
-            let (reach, share) = (table.number(&location_within::mm), table.number(&location_within::share));
-            Some(Limit { figure, limit: share?, reach: Some(reach?) })
-        }
-        Figure::ForceWithin => {
-            let table = table.table(&accept::force_within)?;
-            let (reach, share) = (table.number(&force_within::n), table.number(&force_within::share));
-            Some(Limit { figure, limit: share?, reach: Some(reach?) })
-        }
+        Figure::LocationWithin => within(accept::location_within, [location_within::mm, location_within::share]),
+        Figure::ForceWithin => within(accept::force_within, [force_within::n, force_within::share]),
         Figure::BrokenChannels => table.whole(&accept::broken_channels_most).map(|most| plain(most as f64)),
         Figure::FlaggedPresses => table.whole(&accept::flagged_presses_most).map(|most| plain(most as f64)),
         Figure::LocationMean => table.number(&accept::location_mean_mm).map(plain),

@@ -262,9 +262,9 @@ fn read_outputs(table: &Table) -> Option<OutputColumns> {
         }
         listed
     });
-    let (scale, offset) = (table.number(&outputs::scale), table.number(&outputs::offset));
     let possible = table.range(&outputs::possible);
-    Some(OutputColumns { columns: listed?, scale: scale?, offset: offset?, possible })
+    let [scale, offset] = table.numbers([outputs::scale, outputs::offset])?;
+    Some(OutputColumns { columns: listed?, scale, offset, possible })
 }
 
 /// Reads the number of a column, from 1, and returns it from 0.

@@ -18,16 +18,15 @@ pub(super) fn read_certificate(table: &Table) -> Option<Certificate> {
 pub(super) fn read_stage_certificate(table: &Table) -> Option<StageCertificate> {
     let number = read_number(table, &stage_certificate::number);
     let date = table.day(&stage_certificate::date).map(str::to_owned);
-    let (u_mm, k) = (table.number(&stage_certificate::u_mm), table.number(&stage_certificate::k));
-    Some(StageCertificate { number: number?, date: date?, u_mm: u_mm?, k: k? })
+    let [u_mm, k] = table.numbers([stage_certificate::u_mm, stage_certificate::k])?;
+    Some(StageCertificate { number: number?, date: date?, u_mm, k })
 }
 
 pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
-    let [weight_n, weight_u_n, gain, gain_sd] =
-        [check::weight_n, check::weight_u_n, check::gain, check::gain_sd].map(|key| table.number(&key));
+    let numbers = table.numbers([check::weight_n, check::weight_u_n, check::gain, check::gain_sd]);
     let (times, date) = (table.whole(&check::times), table.day(&check::date).map(str::to_owned));
     let (pull, adjusted) = (table.flag(&check::pull), table.flag(&check::adjusted));
-    let (gain, adjusted) = (gain?, adjusted?);
+    let ([weight_n, weight_u_n, gain, gain_sd], adjusted) = (numbers?, adjusted?);
     if adjusted && (gain - 1.0).abs() > GAIN_OFF_MOST {
         let (least, most) = (1.0 - GAIN_OFF_MOST, 1.0 + GAIN_OFF_MOST);
         let told = format!("`gain` is {gain} with `adjusted`, but only gains of {least} to {most} are adjusted");
@@ -35,16 +34,8 @@ pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
         table.complain(Problem::new(table.span_of(&check::gain), told).help(help));
         return None;
     }
-    Some(WeightCheck {
-        weight_n: weight_n?,
-        weight_u_n: weight_u_n?,
-        pull: pull?,
-        gain,
-        gain_sd: gain_sd?,
-        times: u32::try_from(times?).ok()?,
-        date: date?,
-        adjusted,
-    })
+    let times = u32::try_from(times?).ok()?;
+    Some(WeightCheck { weight_n, weight_u_n, pull: pull?, gain, gain_sd, times, date: date?, adjusted })
 }
 
 /// Reads the error in the one form in which a certificate states it.

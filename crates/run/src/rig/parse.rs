@@ -78,10 +78,7 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         let [Some(x), Some(y), Some(z)] = axes else { return None };
         Some(Travel { axes: [x, y, z] })
     });
-    let speed_mm_s = table.number(&stage::speed_mm_s);
-    let acceleration_mm_s2 = table.number(&stage::acceleration_mm_s2);
-    let approach_mm_s = table.number(&stage::approach_mm_s);
-    let settle_s = table.number(&stage::settle_ms).map(|ms| ms / 1000.0);
+    let numbers = table.numbers([stage::speed_mm_s, stage::acceleration_mm_s2, stage::approach_mm_s, stage::settle_ms]);
     let steps = document::optional(table.table(&stage::step_mm), read_steps);
     let certificate = document::optional(table.table(&stage::certificate), read_stage_certificate);
     let homed = table.flag(&stage::homed);
@@ -96,14 +93,15 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
         let told = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
         table.complain(Problem::new(table.span_of(&stage::home), told).help("remove `home`"));
     }
+    let [speed_mm_s, acceleration_mm_s2, approach_mm_s, settle_ms] = numbers?;
     Some(StageSpec {
         driver,
         link,
         travel: travel?,
-        speed_mm_s: speed_mm_s?,
-        acceleration_mm_s2: acceleration_mm_s2?,
-        approach_mm_s: approach_mm_s?,
-        settle_s: settle_s?,
+        speed_mm_s,
+        acceleration_mm_s2,
+        approach_mm_s,
+        settle_s: settle_ms / 1000.0,
         steps: steps?.unwrap_or(Steps::FINE),
         certificate: certificate?,
         home_z_mm: table.number(&stage::home_z_mm),
@@ -114,22 +112,19 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
 }
 
 fn read_steps(table: &Table) -> Option<Steps> {
-    let [Some(x), Some(y), Some(z)] = [step_mm::x, step_mm::y, step_mm::z].map(|axis| table.number(&axis)) else {
-        return None;
-    };
-    Some(Steps { mm: [x, y, z] })
+    Some(Steps { mm: table.numbers([step_mm::x, step_mm::y, step_mm::z])? })
 }
 
 fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let driver = read_load_cell_driver(table, beside);
-    let conversions_hz = table.number(&load_cell::conversions_hz);
-    let lag_s = table.number(&load_cell::lag_ms).map(|ms| ms / 1000.0);
+    let numbers = table.numbers([load_cell::conversions_hz, load_cell::lag_ms]);
     let certificate = document::optional(table.table(&load_cell::certificate), read_certificate);
     let check = document::optional(table.table(&load_cell::check), read_check);
     let (driver, link) = driver?;
     let (certificate, check) = (certificate?, check?);
     let air_n = table.range(&load_cell::air_n);
-    Some(LoadCellSpec { driver, link, conversions_hz: conversions_hz?, lag_s: lag_s?, air_n, certificate, check })
+    let [conversions_hz, lag_ms] = numbers?;
+    Some(LoadCellSpec { driver, link, conversions_hz, lag_s: lag_ms / 1000.0, air_n, certificate, check })
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
@@ -157,8 +152,8 @@ const LAYOUT: LayoutKeys =
 
 fn read_limits(table: &Table) -> Option<Limits> {
     let [force_n, depth_mm, stiffness_n_mm] =
-        [limits::force_n, limits::depth_mm, limits::stiffness_n_mm].map(|limit| table.number(&limit));
-    Some(Limits { force_n: force_n?, depth_mm: depth_mm?, stiffness_n_mm: stiffness_n_mm? })
+        table.numbers([limits::force_n, limits::depth_mm, limits::stiffness_n_mm])?;
+    Some(Limits { force_n, depth_mm, stiffness_n_mm })
 }
 
 /// Reads the least stiffness if it is declared. The outer value is `None` if it is invalid.
@@ -177,17 +172,12 @@ fn read_least(table: &Table) -> Option<Option<f64>> {
 }
 
 fn read_frame(table: &Table) -> Option<Frame> {
-    let surface = table.table(&frame::surface_mm).and_then(|table| {
-        let (z, uncertainty) = (table.number(&surface_mm::z), table.number(&surface_mm::uncertainty));
-        Some((z?, uncertainty?))
-    });
+    let surface = table.table(&frame::surface_mm);
+    let surface = surface.and_then(|table| table.numbers([surface_mm::z, surface_mm::uncertainty]));
     let down = table.word(&frame::down, &keys::DOWN);
     let origin = match table.table(&frame::origin_mm) {
         None => Some(Place::default()),
-        Some(table) => {
-            let (x, y) = (table.number(&origin_mm::x), table.number(&origin_mm::y));
-            x.zip(y).map(|(x, y)| Place::new(x, y))
-        }
+        Some(table) => table.numbers([origin_mm::x, origin_mm::y]).map(|[x, y]| Place::new(x, y)),
     };
     let rotation_deg = table.number(&frame::rotation_deg);
     let tilt = read_tilt(table, &frame::tilt_mm_per_mm);
@@ -197,15 +187,15 @@ fn read_frame(table: &Table) -> Option<Frame> {
         table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), told).help(help));
         return None;
     }
-    let (surface_z_mm, uncertainty_mm) = surface?;
+    let [surface_z_mm, uncertainty_mm] = surface?;
     Some(Frame { origin: origin?, rotation_deg: rotation_deg?, surface_z_mm, uncertainty_mm, down: down?, tilt: tilt? })
 }
 
 /// Reads a tilt that may be missing; then the surface is level.
 pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
     let tilt = document::optional(table.table(key), |table| {
-        let (per_x, per_y) = (table.number(&tilt_mm_per_mm::x), table.number(&tilt_mm_per_mm::y));
-        Some(Tilt { per_x: per_x?, per_y: per_y? })
+        let [per_x, per_y] = table.numbers([tilt_mm_per_mm::x, tilt_mm_per_mm::y])?;
+        Some(Tilt { per_x, per_y })
     });
     tilt.map(|tilt| tilt.unwrap_or(Tilt::LEVEL))
 }

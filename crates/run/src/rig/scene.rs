@@ -30,34 +30,32 @@ pub(super) fn paper_scene(units: usize) -> Result<SceneSpec, Problems> {
 pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpec> {
     let skin = read_skin(table, units);
     let contact = table.table(&scene::contact).and_then(|table| {
-        let linear_n_mm = table.number(&contact::linear_n_mm);
-        let quadratic_n_mm2 = table.number(&contact::quadratic_n_mm2);
-        let toe_mm = table.number(&contact::toe_mm);
-        Some(ContactLaw { linear_n_mm: linear_n_mm?, quadratic_n_mm2: quadratic_n_mm2?, toe_mm: toe_mm? })
+        let [linear_n_mm, quadratic_n_mm2, toe_mm] =
+            table.numbers([contact::linear_n_mm, contact::quadratic_n_mm2, contact::toe_mm])?;
+        Some(ContactLaw { linear_n_mm, quadratic_n_mm2, toe_mm })
     });
     let relaxation = document::all(table.tables(&scene::relaxation).iter().map(|table| {
-        let (share, time_s) = (table.number(&relaxation::share), table.number(&relaxation::time_s));
-        Some(RelaxationBranch { share: share?, time_s: time_s? })
+        let [share, time_s] = table.numbers([relaxation::share, relaxation::time_s])?;
+        Some(RelaxationBranch { share, time_s })
     }));
     // a term that is named and wrong has been reported
     let mounting = table.table(&scene::mounting).and_then(|table| {
-        let [x, y, z_mm, rotation_deg] =
-            [mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg].map(|key| table.number(&key));
-        Some(Mounting { origin: Place::new(x?, y?), rotation_deg: rotation_deg?, z_mm: z_mm? })
+        let [x_mm, y_mm, z_mm, rotation_deg] =
+            table.numbers([mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg])?;
+        Some(Mounting { origin: Place { x_mm, y_mm }, rotation_deg, z_mm })
     });
     let surface = table.table(&scene::surface);
     let surface_tilt = surface.as_ref().map_or(Some(Tilt::LEVEL), |table| read_tilt(table, &surface::tilt_mm_per_mm));
     let (surface_tilt_mm, surface_wave, relief) =
         surface.and_then(|table| read_surface(&table)).unwrap_or((0.0, None, None));
     let stiffness = table.table(&scene::stiffness).and_then(|table| {
-        let (smooth_percent, white_percent) =
-            (table.number(&stiffness::smooth_percent), table.number(&stiffness::white_percent));
-        Some(Stiffness { smooth_percent: smooth_percent?, white_percent: white_percent? })
+        let [smooth_percent, white_percent] = table.numbers([stiffness::smooth_percent, stiffness::white_percent])?;
+        Some(Stiffness { smooth_percent, white_percent })
     });
     let stage = table.table(&scene::stage).and_then(|table| {
         let [servo_ms, quantum_mm, backlash_mm] =
-            [stage::servo_ms, stage::quantum_mm, stage::backlash_mm].map(|key| table.number(&key));
-        Some(Servo { lag_s: servo_ms? / 1000.0, quantum_mm: quantum_mm?, backlash_mm: backlash_mm? })
+            table.numbers([stage::servo_ms, stage::quantum_mm, stage::backlash_mm])?;
+        Some(Servo { lag_s: servo_ms / 1000.0, quantum_mm, backlash_mm })
     });
     let load_cell = table.table(&scene::load_cell).and_then(|table| read_load_cell(&table));
     let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
@@ -80,7 +78,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
 
 /// Reads the plane's tilt, mm, and the deviations from the plane.
 fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
-    let tilt_mm = table.number(&surface::tilt_mm);
+    let numbers = table.numbers([surface::tilt_mm, surface::wave_mm, surface::wave_s]);
     let bumps_mm = table.number(&surface::bumps_mm);
     let wavelength = table.range(&surface::bumps_wavelength_mm);
     let roughness_mm = table.number(&surface::roughness_mm);
@@ -94,8 +92,8 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
         bumps_wavelength_mm: (min, max),
         roughness_mm: roughness_mm.unwrap_or(0.0),
     });
-    let (wave_mm, wave_s) = (table.number(&surface::wave_mm), table.number(&surface::wave_s));
-    Some((tilt_mm?, wave(wave_mm?, wave_s?), relief))
+    let [tilt_mm, wave_mm, wave_s] = numbers?;
+    Some((tilt_mm, wave(wave_mm, wave_s), relief))
 }
 
 fn read_fault(table: &Table) -> Option<Fault> {
@@ -119,23 +117,24 @@ fn wave(amplitude: f64, period_s: f64) -> Option<Wave> {
 
 fn read_load_cell(table: &Table) -> Option<LoadCell> {
     use load_cell as key;
-    let [noise_n, noise_ahead_n, offset_n, drift_n_min, gain_error_percent, transport_ms] =
-        [key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min, key::gain_error_percent, key::transport_ms]
-            .map(|key| table.number(&key));
-    let [wander_n, wander_s, hum_n, hum_hz, tool_kg] =
-        [key::wander_n, key::wander_s, key::hum_n, key::hum_hz, key::tool_kg].map(|key| table.number(&key));
+    let (low_pass_hz, stiffness_n_mm) = (table.number(&key::low_pass_hz), table.number(&key::stiffness_n_mm));
+    let noise = table.numbers([key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min]);
+    let waves = table.numbers([key::wander_n, key::wander_s, key::hum_n, key::hum_hz]);
+    let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg]);
+    let [noise_n, noise_ahead_n, offset_n, drift_n_min] = noise?;
+    let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg]) = (waves?, others?);
     Some(LoadCell {
-        noise_n: noise_n?,
-        noise_ahead_n: noise_ahead_n?,
-        offset_n: offset_n?,
-        drift_n_s: drift_n_min? / 60.0,
-        wander: wave(wander_n?, wander_s?),
-        hum: wave(hum_n?, 1.0 / hum_hz?),
-        gain: 1.0 + gain_error_percent? / 100.0,
-        transport_s: transport_ms? / 1000.0,
-        low_pass_hz: table.number(&key::low_pass_hz),
-        stiffness_n_mm: table.number(&key::stiffness_n_mm),
-        tool_kg: tool_kg?,
+        noise_n,
+        noise_ahead_n,
+        offset_n,
+        drift_n_s: drift_n_min / 60.0,
+        wander: wave(wander_n, wander_s),
+        hum: wave(hum_n, 1.0 / hum_hz),
+        gain: 1.0 + gain_error_percent / 100.0,
+        transport_s: transport_ms / 1000.0,
+        low_pass_hz,
+        stiffness_n_mm,
+        tool_kg,
     })
 }
 
@@ -147,8 +146,8 @@ fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
     let (stage_s, load_cell_s, array_s) =
         (seconds(latency_ms::stage), seconds(latency_ms::load_cell), seconds(latency_ms::array));
     let stage_spikes = table.and_then(|table| table.table(&latency_ms::spikes)).and_then(|table| {
-        let (share, longer_ms) = (table.number(&spikes::share), table.number(&spikes::ms));
-        Some(Spikes { share: share?, longer_s: longer_ms? / 1000.0 })
+        let [share, longer_ms] = table.numbers([spikes::share, spikes::ms])?;
+        Some(Spikes { share, longer_s: longer_ms / 1000.0 })
     });
     Some(Latencies { stage_s: stage_s?, load_cell_s: load_cell_s?, array_s: array_s?, stage_spikes })
 }

@@ -49,16 +49,13 @@ fn read_elastomer(table: &Table) -> Option<Elastomer> {
 
 fn read_taxels(table: &Table, elastomer: Option<Elastomer>) -> Option<Taxels> {
     let radius_mm = read_radius(table, &taxels::radius_mm, elastomer);
-    let [gain, place, depth, baseline] =
-        [taxels::gain_spread_percent, taxels::place_spread_mm, taxels::depth_spread_percent, taxels::baseline]
-            .map(|key| table.number(&key));
-    Some(Taxels {
-        radius_mm: radius_mm?,
-        gain_spread_percent: gain?,
-        place_spread_mm: place?,
-        depth_spread_percent: depth?,
-        baseline: baseline?,
-    })
+    let [gain_spread_percent, place_spread_mm, depth_spread_percent, baseline] = table.numbers([
+        taxels::gain_spread_percent,
+        taxels::place_spread_mm,
+        taxels::depth_spread_percent,
+        taxels::baseline,
+    ])?;
+    Some(Taxels { radius_mm: radius_mm?, gain_spread_percent, place_spread_mm, depth_spread_percent, baseline })
 }
 
 /// Reads the radius of an indenter or a taxel, mm.
