@@ -1,14 +1,14 @@
 //! `palpate.run` and `palpate.simulate`: runs on a rig, with their events.
 
-use palpate_core::parallel::lock;
 use super::given::noted;
 use super::refused::{raised, warn};
 use super::run::{Run, load};
 use palpate::api::events::{Event, Events as Heard, Next, Walker};
 use palpate::api::{
-    self, Confirmed, ConfirmOptions, DurabilityChoice, Failure, LabelOptions, MannerOptions, ResumeOptions, Resumed, RigOptions,
-    RunOptions,
+    self, ConfirmOptions, Confirmed, DurabilityChoice, Failure, LabelOptions, MannerOptions, ResumeOptions, Resumed,
+    RigOptions, RunOptions,
 };
+use palpate_core::parallel::lock;
 use palpate_data::dataset::{COLUMNS, Press, Retouch, Value};
 use palpate_link::device::Identity;
 use pyo3::exceptions::PyRuntimeError;
@@ -336,4 +336,3 @@ fn press_into(press: &Press, dict: &Bound<'_, PyDict>) -> PyResult<()> {
     }
     Ok(())
 }
-

@@ -1,11 +1,11 @@
 //! `palpate.fit`, models and sessions: place and force of unknown contacts.
 
-use palpate_core::parallel::lock;
 use super::contact::{Contact, Contacts};
 use super::given::{Place, noted};
 use super::readings::Readings;
 use super::refused::{raised, warn};
 use palpate::api::{self, ColumnsOptions, MethodOptions, Sensor};
+use palpate_core::parallel::lock;
 use palpate_data::dataset::Fingerprint;
 use palpate_solver::{self as solver, Solver as _};
 use pyo3::exceptions::PyValueError;
@@ -228,4 +228,3 @@ fn solved<'py>(
         }
     }
 }
-

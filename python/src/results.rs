@@ -59,7 +59,8 @@ impl Evaluation {
     }
 
     fn __repr__(&self) -> String {
-        let methods: Vec<String> = self.0.outcomes.iter().filter_map(|(_, outcome)| line(outcome.as_ref().ok()?)).collect();
+        let methods: Vec<String> =
+            self.0.outcomes.iter().filter_map(|(_, outcome)| line(outcome.as_ref().ok()?)).collect();
         format!("<palpate.Evaluation {}>", methods.join("; "))
     }
 }

@@ -73,18 +73,18 @@ impl<const N: usize> Vector<N> {
 
 impl<const N: usize> Matrix<N, N> {
     /// Returns the matrix with these values on the diagonal.
-    pub fn diagonal(values: Vector<N>) -> Self {
+    pub fn from_diagonal(values: Vector<N>) -> Self {
         Matrix(from_fn(|i| from_fn(|j| if i == j { values[i] } else { 0.0 })))
     }
 
     /// Returns the values on the diagonal.
-    pub fn of_diagonal(&self) -> Vector<N> {
+    pub fn diagonal(&self) -> Vector<N> {
         Matrix(from_fn(|i| [self.0[i][i]]))
     }
 
     /// Returns the matrix with ones on the diagonal.
     pub fn identity() -> Self {
-        Self::diagonal(Vector::column([1.0; N]))
+        Self::from_diagonal(Vector::column([1.0; N]))
     }
 
     /// Returns `x` with `self * x = right`, or `None` for a singular matrix.

@@ -141,7 +141,7 @@ impl Taxel {
         let mut sums = self.sums(places, outputs);
         let mut damping = FIRST_DAMPING;
         for _ in 0..MOST_STEPS {
-            let damped = sums.information + Matrix::diagonal(sums.information.of_diagonal() * damping);
+            let damped = sums.information + Matrix::from_diagonal(sums.information.diagonal() * damping);
             let Some(step) = damped.solve(sums.slope) else { break };
             let next = Taxel { parameters: self.parameters - step, ..self.clone() };
             let found = next.sums(places, outputs);

@@ -269,7 +269,7 @@ fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>)
 
 /// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.
 fn common(found: &[Estimate], own: &Moved) -> Estimate {
-    let own = Matrix::<4, 4>::diagonal(*own);
+    let own = Matrix::<4, 4>::from_diagonal(*own);
     let (mut information, mut toward) = (Matrix::ZERO, Moved::ZERO);
     for (moved, covariance) in found {
         let weight = (own + *covariance).inverse().unwrap_or(Matrix::ZERO);

@@ -61,7 +61,7 @@ impl Prior {
             let (_, covariance) = of.with(&own);
             // noise alone: the part of the covariance that the presses leave, not what the prior leaves out
             let noise = covariance * of.matrix * covariance;
-            sum += noise.of_diagonal();
+            sum += noise.diagonal();
         }
         let count = informed.len() as f64;
         Deviations::of(&(sum / (count * count)))
@@ -97,7 +97,7 @@ impl Prior {
     fn expected_mm(&self, informed: &[Information], contacts: &[Felt], contact_n: f64) -> f64 {
         let spread = &self.spread;
         let (own, common) = (spread.own.squares(), spread.common.squares());
-        let [own, common] = [own, common].map(Matrix::diagonal);
+        let [own, common] = [own, common].map(Matrix::from_diagonal);
         let Posterior { covariances, .. } = Posterior::joint(informed, &own, &[common]);
         let noise = &self.map.response.noise;
         let error_mm = |contact: &Felt| {

@@ -47,7 +47,7 @@ impl Information {
 
     /// Returns the estimate and its covariance if changes about 0 have these variances.
     pub(super) fn with(&self, variances: &Moved) -> Estimate {
-        let variances = Matrix::diagonal(*variances);
+        let variances = Matrix::from_diagonal(*variances);
         let covariance = variances * inverse(Matrix::identity() + self.matrix * variances);
         (covariance * self.vector, covariance)
     }
@@ -56,7 +56,7 @@ impl Information {
 impl Posterior {
     /// Returns the posterior of each unit's change with the spread of the design.
     pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
-        let own = Matrix::diagonal(spread.own.squares());
+        let own = Matrix::from_diagonal(spread.own.squares());
         let commons = commons(&spread.common.squares());
         let mut posterior = Posterior { moved: vec![Moved::ZERO; units.len()], covariances: vec![own; units.len()] };
         for _ in 0..ROUNDS {
@@ -135,7 +135,7 @@ const MOST_WIDTH: f64 = 0.5;
 fn commons(variances: &Moved) -> Vec<Matrix<4, 4>> {
     let times = |gain: f64, place: f64, width: f64| {
         let factors = Moved::column([gain, place, place, width]);
-        Matrix::diagonal(variances.times(factors.times(factors)))
+        Matrix::from_diagonal(variances.times(factors.times(factors)))
     };
     let mut tried = Vec::new();
     for gain in COMMON {
