@@ -38,7 +38,9 @@ pub fn raised(failure: Failure) -> PyErr {
 
 /// Warns of the lines that a command prints about its input. Mere notes are no warning.
 pub fn warn(py: Python<'_>, notes: &[String]) -> PyResult<()> {
-    for note in notes.iter().filter(|note| !note.starts_with("note: ")) {
+    // what is stated of a sound input is no warning
+    let is_statement = |note: &&String| note.starts_with("note: ") || note.starts_with("hold-out: ");
+    for note in notes.iter().filter(|note| !is_statement(note)) {
         let text = note.trim_start_matches("warning: ").replace('\0', "");
         PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(text)?, 1)?;
     }

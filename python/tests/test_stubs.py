@@ -13,7 +13,8 @@ FUNCTIONS = {node.name: node for node in STUBS.body if isinstance(node, ast.Func
 
 
 def names(arguments):
-    return [argument.arg for argument in arguments.posonlyargs + arguments.args + arguments.kwonlyargs]
+    starred = [arguments.vararg] if arguments.vararg else []
+    return [argument.arg for argument in arguments.posonlyargs + arguments.args + starred + arguments.kwonlyargs]
 
 
 def test_the_module_has_what_the_stubs_state_and_no_more():
