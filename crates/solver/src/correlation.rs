@@ -60,20 +60,26 @@ impl Correlation {
     }
 
     /// Returns the correlation for each distance in a matrix.
-    pub(crate) fn of_all(&self, mut distances: Mat<f64>) -> Mat<f64> {
+    pub(crate) fn of_all(&self, distances: Mat<f64>) -> Mat<f64> {
+        self.of_columns(distances, |_| 0)
+    }
+
+    /// Returns the correlation for each distance below the diagonal of a square matrix, and on the diagonal.
+    pub(crate) fn of_lower(&self, distances: Mat<f64>) -> Mat<f64> {
+        self.of_columns(distances, |column| column)
+    }
+
+    /// Replaces the distances of each column from its `first` row on.
+    fn of_columns(&self, mut distances: Mat<f64>, first: impl Fn(usize) -> usize) -> Mat<f64> {
+        let arch = Arch::new();
         for column in 0..distances.ncols() {
-            let column = distances.col_as_slice_mut(column);
-            Arch::new().dispatch(
+            let distances = &mut distances.col_as_slice_mut(column)[first(column)..];
+            arch.dispatch(
                 #[inline(always)]
-                || self.replace(column),
+                || self.replace(distances),
             );
         }
         distances
-    }
-
-    /// Returns the correlation for each distance below the diagonal of a matrix, and on the diagonal.
-    pub(crate) fn of_lower(&self, apart: &Mat<f64>) -> Mat<f64> {
-        self.of_all(apart.clone())
     }
 
     /// Returns the distance over which outputs look smooth, in the places' unit.

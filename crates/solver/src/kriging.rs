@@ -181,7 +181,7 @@ impl Eigen {
     /// Returns the eigenvalues and eigenvectors. If there are counts, each row and each column is multiplied by the square root
     /// of its count. The noise is then the same everywhere.
     fn of(places: &[f64], dimensions: usize, correlation: Correlation, counts: Option<&[f64]>) -> Self {
-        let mut correlations = correlation.of_lower(&distances(places, dimensions));
+        let mut correlations = correlation.of_lower(distances(places, dimensions));
         scale_both(&mut correlations, counts);
         match correlations.self_adjoint_eigen(Side::Lower) {
             Ok(eigen) => Eigen {

@@ -136,19 +136,18 @@ impl Taxel {
     }
 
     /// Returns the unit with the parameters of the least squares near its own, by the method of Levenberg and Marquardt (Marquardt
-    /// 1963, equations 12 to 14, with the diagonal of J'J as the scale).
+    /// 1963), with the diagonal of J'J as the scale.
     fn settled(mut self, places: &[Place], outputs: &[f64]) -> Self {
         let mut sums = self.sums(places, outputs);
-        let mut damping = FIRST_DAMPING;
+        let (mut best, mut damping) = (self.parameters, FIRST_DAMPING);
         for _ in 0..MOST_STEPS {
             let damped = sums.information + Matrix::from_diagonal(sums.information.diagonal() * damping);
             let Some(step) = damped.solve(sums.slope) else { break };
-            let next = Taxel { parameters: self.parameters - step, ..self.clone() };
-            let found = next.sums(places, outputs);
+            self.parameters = best - step;
+            let found = self.sums(places, outputs);
             if found.squares <= sums.squares {
-                let is_settled = step.dot(&step) <= LEAST_STEP.powi(2) * next.parameters.dot(&next.parameters);
-                (self, sums, damping) = (next, found, damping / DAMPING_FACTOR);
-                if is_settled {
+                (best, sums, damping) = (self.parameters, found, damping / DAMPING_FACTOR);
+                if step.dot(&step) <= LEAST_STEP.powi(2) * best.dot(&best) {
                     break;
                 }
             } else if damping > MOST_DAMPING {
@@ -157,6 +156,7 @@ impl Taxel {
                 damping *= DAMPING_FACTOR;
             }
         }
+        self.parameters = best;
         let left = if sums.squares.is_finite() { sums.squares.max(f64::MIN_POSITIVE) } else { f64::INFINITY };
         Taxel { spread: sums.information.inverse(), left, ..self }
     }

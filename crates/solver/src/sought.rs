@@ -86,7 +86,7 @@ impl Sought {
         scale_rows(&mut few_values, few_counts.as_deref());
         let apart = distances(&few_places, dimensions);
         let noise = |correlation: Correlation| {
-            let mut correlations = correlation.of_lower(&apart);
+            let mut correlations = correlation.of_lower(apart.clone());
             scale_both(&mut correlations, few_counts.as_deref());
             let mut turned = few_values.clone();
             let tridiagonal = Tridiagonal::of(correlations, &mut turned);

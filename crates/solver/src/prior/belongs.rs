@@ -1,7 +1,7 @@
 //! Whether few presses are those of a sensor of a design.
 
 use super::Prior;
-use super::posterior::{Estimate, estimates};
+use super::posterior::{Estimate, estimates, inverse};
 use super::spread::Spread;
 use crate::adapt::{Fit, Map, Moved};
 use crate::threshold::chi2_quantile;
@@ -272,11 +272,11 @@ fn common(found: &[Estimate], own: &Moved) -> Estimate {
     let own = Matrix::<4, 4>::from_diagonal(*own);
     let (mut information, mut toward) = (Matrix::ZERO, Moved::ZERO);
     for (moved, covariance) in found {
-        let weight = (own + *covariance).inverse().unwrap_or(Matrix::ZERO);
+        let weight = inverse(own + *covariance);
         information += weight;
         toward += weight * *moved;
     }
-    let covariance = information.inverse().unwrap_or(Matrix::ZERO);
+    let covariance = inverse(information);
     (covariance * toward, covariance)
 }
 

@@ -146,6 +146,7 @@ fn commons(variances: &Moved) -> Vec<Matrix<4, 4>> {
     tried
 }
 
-fn inverse(matrix: Matrix<4, 4>) -> Matrix<4, 4> {
+/// Returns the inverse; of a singular matrix zeros, so that it has no weight.
+pub(super) fn inverse(matrix: Matrix<4, 4>) -> Matrix<4, 4> {
     matrix.inverse().unwrap_or(Matrix::ZERO)
 }
