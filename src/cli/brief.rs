@@ -1,10 +1,12 @@
 //! The result of a run in a few lines. Where there isn't room for all, the least important lines are left out.
 
-use super::tables::{COLUMN, Detail, LABEL, PAPER_COLUMN, evaluation_rows};
+use super::tables::evaluation_rows;
+use super::text_table::TextTable;
 use super::verdict::{NO_RULE, head};
 use crate::api::Results;
 use palpate_data::acceptance::{Check, Figure, Verdict};
 use palpate_data::dataset::characteristics::{Repeatability, UnitCharacteristics, characterise};
+use palpate_report::errors::Detail;
 use palpate_solver::Evaluation;
 
 /// Most lines of a run on standard output.
@@ -59,17 +61,17 @@ impl<'a> Brief<'a> {
 
     /// The errors of as many methods as there is room for: the last was chosen, the first are those of the recipe.
     fn errors(&self) -> Vec<Line> {
-        let columns = |paper: usize| self.width.saturating_sub(LABEL + paper) / COLUMN;
-        let has_paper = self.results.is_beside_paper && columns(PAPER_COLUMN) > 0;
-        let room = columns(if has_paper { PAPER_COLUMN } else { 0 }).max(1);
         let Some((last, others)) = self.results.evaluations.split_last() else { return Vec::new() };
-        let shown: Vec<&Evaluation> = others.iter().take(room - 1).chain([last]).collect();
-        let ranked = |(detail, row)| match detail {
-            Detail::Means => Some((Rank::Error, row)),
-            Detail::Shares => Some((Rank::MoreErrors, row)),
-            Detail::All => None,
+        let is_beside_paper = self.results.is_beside_paper;
+        let table = |(room, has_paper): (usize, bool)| {
+            let shown: Vec<&Evaluation> = others.iter().take(room).chain([last]).collect();
+            evaluation_rows(&shown, has_paper, Detail::Shares)
         };
-        evaluation_rows(&shown, has_paper).into_iter().filter_map(ranked).collect()
+        let fits = |(_, table): &(Vec<Detail>, TextTable)| table.width() <= self.width;
+        let rooms = (0..=others.len()).rev().map(|room| (room, is_beside_paper));
+        let (details, table) = rooms.map(table).find(fits).unwrap_or_else(|| table((0, false)));
+        let rank = |detail| if detail == Detail::Means { Rank::Error } else { Rank::MoreErrors };
+        details.into_iter().map(rank).zip(table.lines()).collect()
     }
 
     /// Each characteristic of its worst unit, beside its limit.

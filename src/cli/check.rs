@@ -3,6 +3,7 @@
 use super::output::OutputArgs;
 use super::summary::{duration, tell};
 use super::tables::filled;
+use super::text_table::{TextTable, cells};
 use crate::api::Failure;
 use crate::api::sources::{RigOptions, Sources};
 use palpate_control::{LEARNED, safe_speed_mm_s};
@@ -216,13 +217,16 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let travel = &rig.stage.travel.axes;
     // writing to a string can't fail
     let _ = writeln!(text, "plan {}, seed {}", plan.name, plan.seed);
-    let _ = writeln!(text, "  {:<18}{:>8}{:>8}   estimated", "phase", "presses", "levels");
+    let mut table = TextTable::new(1, ["phase", "presses", "levels", "estimated"]);
+    let mut row = |name: &str, entries: &[Entry], seconds: f64| {
+        table.row(cells![name, entries.len(), levels(entries), duration(seconds)]);
+    };
     for (phase, part) in parts(plan) {
-        let _ = writeln!(text, "{}", row(phase.name(), &part, estimated_s(&part, rig)));
+        row(phase.name(), &part, estimated_s(&part, rig));
     }
     let checks = expected_checks(plan, rig);
-    let all_s = estimated_s(&plan.entries, rig) + estimated_s(&checks, rig);
-    let _ = writeln!(text, "{}", row("together", &plan.entries, all_s));
+    row("together", &plan.entries, estimated_s(&plan.entries, rig) + estimated_s(&checks, rig));
+    text += &table.to_string();
     text.push_str(&checked(&checks));
     let _ = writeln!(text, "limits of the rig");
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
@@ -344,11 +348,6 @@ fn permitted(rig: &RigSpec) -> String {
         1000.0 * EXCHANGES_S[1],
         1000.0 * EXCHANGES_S[0],
     )
-}
-
-/// Returns one line of the plan: the number of presses and levels, and their expected time.
-fn row(name: &str, entries: &[Entry], seconds: f64) -> String {
-    format!("  {name:<18}{:>8}{:>8}   {}", entries.len(), levels(entries), duration(seconds))
 }
 
 /// Describes the checks, whose time is in the line before; nothing if there are none.

@@ -42,6 +42,7 @@ mod solve;
 mod study;
 mod summary;
 mod tables;
+mod text_table;
 mod texts;
 mod verdict;
 mod verify;

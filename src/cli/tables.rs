@@ -1,129 +1,76 @@
 //! Tables for a person, in at most 80 columns. They show the paper's numbers only for an array and a protocol like the paper's,
 //! see [`palpate_report::report::is_beside_paper`].
 
+use super::text_table::{TextTable, cells};
 use crate::api::Outcome;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
+use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
-use palpate_solver::{BEST, Candidate, Choice, Coverage, ErrorSummary, Evaluation, LoadGain, Tie, Verdicts};
+use palpate_solver::{BEST, Candidate, Choice, ErrorSummary, Evaluation, LoadGain, Tie, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
 pub(super) const WIDTH: usize = 80;
 
-/// Width of a row's label in the table of errors, of the paper's column, and of a method's.
-pub(super) const LABEL: usize = 27;
-pub(super) const PAPER_COLUMN: usize = 9;
-pub(super) const COLUMN: usize = 14;
-
 /// Blank at which [`filled`] doesn't break a line.
 const NO_BREAK: char = '\u{a0}';
 
-/// Rows that a table of errors has, from those that every table has to those that only the longest one has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Detail {
-    Means,
-    Shares,
-    All,
-}
-
-/// The results of any number of solvers on the same test, the paper's before them or not, in at most 80 columns for up to three.
+/// The results of any number of solvers on the same test, the paper's before them or not.
 pub(super) fn evaluation_table(evaluations: &[Evaluation], is_beside_paper: bool) -> String {
     let evaluations: Vec<&Evaluation> = evaluations.iter().collect();
-    let rows = evaluation_rows(&evaluations, is_beside_paper).into_iter().map(|(_, row)| row + "\n");
-    rows.collect::<String>() + &footnotes(&evaluations)
+    evaluation_rows(&evaluations, is_beside_paper, Detail::All).1.to_string() + &footnotes(&evaluations)
 }
 
-/// The rows of that table.
-pub(super) fn evaluation_rows(evaluations: &[&Evaluation], is_beside_paper: bool) -> Vec<(Detail, String)> {
-    let mut rows = Vec::new();
-    let mut row = |detail: Detail, label: &str, paper: &str, ours: &dyn Fn(&Evaluation) -> String| {
-        let ours: String = evaluations.iter().map(|evaluation| format!("{:>COLUMN$}", ours(evaluation))).collect();
-        let paper = if is_beside_paper { format!("{paper:>PAPER_COLUMN$}") } else { String::new() };
-        rows.push((detail, format!("{label:<LABEL$}{paper}{ours}").trim_end().to_owned()));
-    };
-    let of = |error: Option<ErrorSummary>, part: fn(&ErrorSummary) -> f64, unit: &str| match error {
-        Some(error) => format!("{:.3} {unit}", part(&error)),
-        None => "-".to_owned(),
-    };
-    let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
-    let papers = |share: f64| format!("{:.0} %", 100.0 * share);
-    row(Detail::Means, "", "paper", &|e| e.solver.clone());
-    row(Detail::All, "points", &paper::POINTS.to_string(), &|e| e.points.to_string());
-    row(Detail::Means, "location error, mean", &format!("{} mm", paper::LOCATION_ERROR_MM), &|e| {
-        of(Some(e.location_error_mm), |error| error.mean, "mm")
-    });
-    row(Detail::All, "  median", "", &|e| of(Some(e.location_error_mm), |error| error.median, "mm"));
-    row(Detail::All, "  95th percentile", "", &|e| of(Some(e.location_error_mm), |error| error.p95, "mm"));
-    row(Detail::All, "  largest", "", &|e| of(Some(e.location_error_mm), |error| error.max, "mm"));
-    row(Detail::Means, "force error, mean", &format!("{} N", paper::FORCE_ERROR_N), &|e| {
-        of(e.force_error_n, |error| error.mean, "N")
-    });
-    row(Detail::All, "  median", "", &|e| of(e.force_error_n, |error| error.median, "N"));
-    row(Detail::All, "  95th percentile", "", &|e| of(e.force_error_n, |error| error.p95, "N"));
-    row(Detail::All, "  largest", "", &|e| of(e.force_error_n, |error| error.max, "N"));
-    if evaluations.iter().any(|evaluation| evaluation.force_error_load_cell_n.is_some()) {
-        row(Detail::All, "  mean, by the load cell", "", &|e| of(e.force_error_load_cell_n, |error| error.mean, "N"));
+/// The rows of that table up to a detail, and the detail of each.
+pub(super) fn evaluation_rows(
+    evaluations: &[&Evaluation],
+    is_beside_paper: bool,
+    most: Detail,
+) -> (Vec<Detail>, TextTable) {
+    let paper_cell = |cell: &str| is_beside_paper.then(|| cell.to_owned());
+    let head = [String::new()].into_iter().chain(paper_cell("paper"));
+    let mut table = TextTable::new(1, head.chain(evaluations.iter().map(|evaluation| evaluation.solver.clone())));
+    let mut details = vec![Detail::Means];
+    for number in errors::known(evaluations, most) {
+        let label = [number.name.to_owned()].into_iter().chain(paper_cell(&number.shown_of_paper()));
+        table.row(label.chain(evaluations.iter().map(|evaluation| number.shown(evaluation))));
+        details.push(number.detail);
     }
-    row(Detail::Shares, "location error under 1 mm", &papers(paper::WITHIN_1MM), &|e| {
-        share(Some(e.within.location_1mm))
-    });
-    row(Detail::Shares, "force error under 0.1 N", &papers(paper::WITHIN_0_1N), &|e| share(e.within.force_0_1n));
-    row(Detail::Shares, "both", &papers(paper::WITHIN_BOTH), &|e| share(e.within.both));
-    let has_half_widths = |e: &&Evaluation| e.coverage.as_ref().is_some_and(|coverage| coverage.location_68.is_some());
-    if evaluations.iter().any(has_half_widths) {
-        let both = |e: &Evaluation, parts: fn(&Coverage) -> [Option<f64>; 2]| {
-            let shares = e.coverage.as_ref().map(parts).and_then(|[narrow, wide]| Some((narrow?, wide?)));
-            shares.map_or("-".to_owned(), |(narrow, wide)| format!("{:.1}, {:.1} %", 100.0 * narrow, 100.0 * wide))
-        };
-        row(Detail::All, "inside stated 68, 95 %", "", &|e| both(e, |c| [c.location_68, c.location_95]));
-        row(Detail::All, "  of the force", "", &|e| both(e, |c| [c.force_68, c.force_95]));
-    }
-    if evaluations.iter().any(|evaluation| evaluation.ns_per_solve.is_some()) {
-        row(Detail::All, "time a solve", "", &|e| {
-            e.ns_per_solve.map_or("-".to_owned(), |ns| format!("{:.2} us", ns / 1000.0))
-        });
-    }
-    rows
+    (details, table)
 }
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
 pub(super) fn solvers_table(outcomes: &[Outcome], is_beside_paper: bool) -> String {
-    let line = |name: &str, [location, force, within]: [&[String]; 3], time: &str| {
-        let cells =
-            |cells: &[String], width: usize| cells.iter().map(|cell| format!("{cell:>width$}")).collect::<String>();
-        let numbers = cells(location, 8) + &cells(force, 7) + &cells(within, 6);
-        format!("{name:<22}{numbers}{time:>7}").trim_end().to_owned() + "\n"
-    };
-    let words = |words: &str| words.split(' ').map(str::to_owned).collect::<Vec<_>>();
-    let mut text = format!("{:<22}{:<31}{:>8}{:>12}{:>7}\n", "", "  location error, mm", "force, N", "within, %", "us");
-    text += &line("", [&words("mean median p95 largest"), &words("mean"), &words("1mm both")], "solve");
+    let mut table = TextTable::new(1, ["", "mean", "median", "p95", "largest", "N", "1 mm", "both", "us"]);
+    let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
+    let number = |value: Option<f64>| value.map_or("-".to_owned(), figures);
     if is_beside_paper {
-        let papers = [
-            format!("{} - - -", paper::LOCATION_ERROR_MM),
-            paper::FORCE_ERROR_N.to_string(),
-            format!("{:.1} {:.1}", 100.0 * paper::WITHIN_1MM, 100.0 * paper::WITHIN_BOTH),
-        ];
-        text += &line("paper", [&words(&papers[0]), &words(&papers[1]), &words(&papers[2])], "-");
+        let within = [paper::WITHIN_1MM, paper::WITHIN_BOTH].map(|share| percent(Some(share)));
+        let [within_1mm, both] = &within;
+        let (mm, n) = (paper::LOCATION_ERROR_MM, paper::FORCE_ERROR_N);
+        table.row(cells!["paper", mm, "-", "-", "-", n, within_1mm, both, "-"]);
     }
     for (name, outcome) in outcomes {
         let evaluation = match outcome {
             Ok(evaluation) => evaluation,
             Err(reason) => {
-                text += &filled(&format!("{name:<22}{reason}"), &" ".repeat(22));
+                table.line(filled(&format!("{name}: {reason}"), "  "));
                 continue;
             }
         };
         let name = if *name == BEST { format!("{BEST}: {}", evaluation.solver) } else { (*name).to_owned() };
         let ErrorSummary { mean, median, p95, max } = evaluation.location_error_mm;
-        let force = evaluation.force_error_n.map_or("-".to_owned(), |error| figures(error.mean));
-        let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
-        let within = [Some(evaluation.within.location_1mm), evaluation.within.both].map(percent);
-        let us = evaluation.ns_per_solve.map_or("-".to_owned(), |ns| figures(ns / 1000.0));
-        text += &line(&name, [&[mean, median, p95, max].map(figures), &[force], &within], &us);
+        let [mean, median, p95, max] = [mean, median, p95, max].map(figures);
+        let force = number(evaluation.force_error_n.map(|error| error.mean));
+        let within_1mm = percent(Some(evaluation.within.location_1mm));
+        let us = number(evaluation.ns_per_solve.map(|ns| ns / 1000.0));
+        table.row(cells![name, mean, median, p95, max, force, within_1mm, percent(evaluation.within.both), us]);
     }
     let evaluations: Vec<&Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.as_ref().ok()).collect();
-    text + &footnotes(&evaluations)
+    "location error in mm, mean force error in N, within limits in %, solve in us\n".to_owned()
+        + &table.to_string()
+        + &footnotes(&evaluations)
 }
 
 /// How a method was chosen, in a line or two.
@@ -176,12 +123,14 @@ const LITTLE_LEARNED: f64 = 0.75;
 /// Mean errors of methods on presses that were held out of the calibration in turn, for a calibration without a test.
 pub(super) fn cross_validated_table(candidates: &[Candidate]) -> String {
     let number = |error: Option<f64>| error.map_or("-".to_owned(), figures);
-    let mut text = "no test presses: cross-validated errors of the calibration, mean\n".to_owned();
-    let _ = writeln!(text, "{:<22}{:>14}{:>10}", "", "location, mm", "force, N");
+    let mut table = TextTable::new(1, ["", "location, mm", "force, N"]);
     for Candidate { solver, location_error_mm, force_error_n } in candidates {
-        let _ = writeln!(text, "{solver:<22}{:>14}{:>10}", number(*location_error_mm), number(*force_error_n));
+        table.row(cells![solver, number(*location_error_mm), number(*force_error_n)]);
     }
-    text + "each press was solved by the method fitted without the press's place\n"
+    format!(
+        "no test presses: cross-validated errors of the calibration, mean\n{table}\
+         each press was solved by the method fitted without the press's place\n"
+    )
 }
 
 /// Formats a number, not negative, in at most 6 characters.
@@ -198,7 +147,7 @@ pub(super) fn filled(text: &str, indent: &str) -> String {
     textwrap::fill(text, textwrap::Options::new(WIDTH).subsequent_indent(indent)).replace(NO_BREAK, " ") + "\n"
 }
 
-/// The characteristics of each unit, after the paper's where they stand, with their definitions in [`definitions`], in at most 80 columns.
+/// The characteristics of each unit, after the paper's where it has them. [`definitions`] has their definitions.
 pub(super) fn characteristics_table(
     staircases: &Staircases,
     repeatability: Repeatability,
@@ -210,71 +159,40 @@ pub(super) fn characteristics_table(
         Some((least, most)) => format!("{least:.2} to {most:.2}"),
         None => "-".to_owned(),
     };
-    // a column of the paper's, where it stands
-    let papers = |head: &str, column: Option<usize>, unit: Option<usize>| {
-        let cell = match (column, unit) {
-            (Some(column), Some(unit)) => number(paper::TABLE_1_PERCENT.get(unit - 1).map(|row| row[column])),
-            _ => head.to_owned(),
-        };
-        is_beside_paper.then_some((9, cell))
+    let paper_head = || is_beside_paper.then(|| "paper".to_owned());
+    let paper_cell = |column: usize, unit: usize| {
+        let value = || paper::TABLE_1_PERCENT.get(unit - 1).map(|row| row[column]);
+        is_beside_paper.then(|| number(value()))
     };
-    let units = || measured.iter().filter(|unit| !unit.is_none());
-    let plain = |width: usize, cell: String| Some((width, cell));
-    let line = |cells: Vec<Option<(usize, String)>>| {
-        cells.into_iter().flatten().map(|(width, cell)| format!("{cell:>width$}")).collect::<String>() + "\n"
+    let row = |name: &str, parts: [(Option<String>, &[String]); 2]| {
+        let mut row = vec![name.to_owned()];
+        for (paper, ours) in parts {
+            row.extend(paper);
+            row.extend_from_slice(ours);
+        }
+        row
     };
-    let repeats = |first: String, [loading, unloading]: [(String, String); 2], unit: Option<usize>| {
-        line(vec![
-            plain(4, first),
-            papers("paper", Some(0), unit),
-            plain(8, loading.0),
-            plain(18, loading.1),
-            papers("paper", Some(1), unit),
-            plain(8, unloading.0),
-            plain(18, unloading.1),
-        ])
-    };
-    let others = |first: String, [hysteresis, of_reading, linearity, zero_return]: [String; 4], unit: Option<usize>| {
-        line(vec![
-            plain(4, first),
-            papers("paper", Some(2), unit),
-            plain(8, hysteresis),
-            plain(18, of_reading),
-            plain(15, linearity),
-            plain(15, zero_return),
-        ])
-    };
-    let mut text = "Characteristics of each unit, % of full scale\n".to_owned();
-    text += &line(vec![
-        plain(4, String::new()),
-        papers("", None, None),
-        plain(26, "repeatability, loading".to_owned()),
-        papers("", None, None),
-        plain(26, "repeatability, unloading".to_owned()),
-    ]);
-    let head = || ("found".to_owned(), "95 % interval".to_owned());
-    text += &repeats("unit".to_owned(), [head(), head()], None);
-    for unit in units() {
+    let [loading, unloading] = ["loading", "unloading"].map(|branch| cells![branch, "95 % interval"]);
+    let mut repeats = TextTable::new(0, row("unit", [(paper_head(), &loading), (paper_head(), &unloading)]));
+    let heads = cells!["hysteresis", "of reading", "linearity", "zero return"];
+    let mut others = TextTable::new(0, row("unit", [(paper_head(), &heads), (None, &[])]));
+    for unit in measured.iter().filter(|unit| !unit.is_none()) {
         let loading =
-            (number(unit.repeatability_loading_percent), interval(unit.repeatability_loading_interval_percent));
+            [number(unit.repeatability_loading_percent), interval(unit.repeatability_loading_interval_percent)];
         let unloading =
-            (number(unit.repeatability_unloading_percent), interval(unit.repeatability_unloading_interval_percent));
-        text += &repeats(unit.name(), [loading, unloading], Some(unit.unit));
-    }
-    text.push('\n');
-    let width = if is_beside_paper { 21 } else { 12 };
-    text += &format!("{:>width$}{:>18}\n", "hysteresis", "hysteresis,");
-    let heads = ["found", "% of reading", "linearity", "zero return"].map(str::to_owned);
-    text += &others("unit".to_owned(), heads, None);
-    for unit in units() {
-        let cells = [
+            [number(unit.repeatability_unloading_percent), interval(unit.repeatability_unloading_interval_percent)];
+        let (name, of_paper) = (unit.name(), |column: usize| paper_cell(column, unit.unit));
+        repeats.row(row(&name, [(of_paper(0), &loading), (of_paper(1), &unloading)]));
+        let values = [
             unit.hysteresis_percent,
             unit.hysteresis_of_reading_percent,
             unit.linearity_percent,
             unit.zero_return_percent,
         ];
-        text += &others(unit.name(), cells.map(number), Some(unit.unit));
+        others.row(row(&name, [(of_paper(2), &values.map(number)), (None, &[])]));
     }
+    let mut text = format!("repeatability of each unit, % of full scale\n{repeats}\n");
+    let _ = write!(text, "other characteristics, % of full scale; hysteresis also in % of the reading\n{others}");
     if staircases.left_out > 0 {
         let _ = writeln!(text, "excluded: {} flagged levels", staircases.left_out);
     }
@@ -393,7 +311,8 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
     #[test]
     fn without_forces_the_force_column_is_empty() {
         let located = Evaluation { force_error_n: None, ..evaluation("pearson") };
-        assert!(evaluation_table(&[located], true).contains("force error, mean            0.043 N             -"));
+        let text = evaluation_table(&[located], true);
+        assert!(text.contains("\nforce error, mean                   0.043 N         -\n"), "{text}");
     }
 
     #[test]
@@ -459,7 +378,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
         let outcomes = outcomes.map(|(name, outcome)| (name.to_owned(), outcome));
         let text = solvers_table(&outcomes, true);
         assert!(text.lines().all(|line| line.len() <= 80), "{text}");
-        assert!(text.contains("\nbest: gaussian-process   1.0e6   100.0   1.0e4   1.2e5"), "{text}");
+        assert!(text.contains("\nbest: gaussian-process 1.0e6  100.0 1.0e4   1.2e5"), "{text}");
         assert_eq!(text.matches("excluded, unsolved by").count(), 2, "{text}");
     }
 

@@ -2,9 +2,9 @@
 
 use super::exit::exit_code;
 use super::tables::filled;
+use super::text_table::{TextTable, cells};
 use crate::api::Kind;
 use palpate_data::acceptance::{Check, Decision, Judgement, Verdict};
-use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Message if there is no rule.
@@ -36,13 +36,16 @@ pub(super) fn head(judgement: &Judgement) -> String {
 pub(super) fn verdict_table(judgement: &Judgement) -> String {
     let is_guarded = judgement.rule == Decision::Guarded.word();
     let mut text = filled(&head(judgement), "  ");
-    let bound = if is_guarded { "95 % bound" } else { "" };
-    let _ = writeln!(text, "{:<41}{:>9}{bound:>11}{:>9}{:>6}", "", "found", "limit", "n");
+    let row = |name: String, [found, bound, limit]: [String; 3], n: String| {
+        let bound = is_guarded.then_some(bound);
+        [name, found].into_iter().chain(bound).chain([limit, n])
+    };
+    let mut table = TextTable::new(1, row(String::new(), cells!["found", "95 % bound", "limit"], "n".to_owned()));
     for check in &judgement.checks {
-        let bound = if is_guarded { check.shown(check.bound) } else { String::new() };
-        let (found, limit) = (check.shown(check.value), check.shown(Some(check.limit)));
-        let _ = writeln!(text, "{:<41}{found:>9}{bound:>11}{limit:>9}{:>6}", named(check), check.n);
+        let values = [check.value, check.bound, Some(check.limit)].map(|value| check.shown(value));
+        table.row(row(named(check), values, check.n.to_string()));
     }
+    text += &table.to_string();
     for note in &judgement.notes {
         text += &filled(&format!("  {note}"), "    ");
     }

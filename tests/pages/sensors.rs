@@ -41,7 +41,7 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
 fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
     let bench = Bench::new();
     let told = bench.palpate_ends(0, "run paper").out;
-    assert!(told.contains("location error, mean         0.46 mm"), "{told}");
+    assert!(told.contains("location error, mean       0.46 mm"), "{told}");
     is_shown_in_the_book(&told);
     bench.palpate_ends(0, "report runs/paper");
     let page = bench.read("runs/paper/report.html");

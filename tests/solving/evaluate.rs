@@ -163,8 +163,7 @@ fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
     let told = bench.palpate(&format!("{WORDS} --solver all"));
     let expected = "\n\
-        pearson               all units have the same output at every calibration point,\n                      \
-        so the points can't be distinguished\n";
+        pearson: all units have the same output at every calibration point, so the\n  points can't be distinguished\n";
     assert!(told.out.contains(expected), "{}", told.out);
     // asked for alone, there is nothing else to say
     let told = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));

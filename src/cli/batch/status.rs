@@ -1,6 +1,7 @@
 //! `palpate batch status`.
 
 use super::super::output::OutputArgs;
+use super::super::text_table::{TextTable, cells};
 use crate::api::{Failure, batch_status};
 use palpate_run::batch::{Item, Standing, State};
 use serde::Serialize;
@@ -70,18 +71,16 @@ pub(super) fn described(state: &State) -> String {
     if state.refused + state.alarms > 0 {
         let _ = writeln!(text, "{} refused serial numbers, {} alarms", state.refused, state.alarms);
     }
+    let mut table = TextTable::new(3, ["serial", "state", "run", "minutes"]);
     for item in state.items.iter().filter(|item| item.standing != Standing::Waiting || item.times > 0) {
-        let minutes = item.minutes.map(|minutes| format!("{minutes:>7.1} min")).unwrap_or_default();
-        let line = format!(
-            "  {:<16} {:<13}{minutes:>11}  {}",
-            item.serial,
-            item.standing.name(),
-            item.run.as_deref().unwrap_or_default()
-        );
-        let _ = writeln!(text, "{}", line.trim_end());
+        let minutes = item.minutes.map(|minutes| format!("{minutes:.1}")).unwrap_or_default();
+        table.row(cells![item.serial, item.standing.name(), item.run.as_deref().unwrap_or_default(), minutes]);
         for remark in item.reason.iter().chain(&item.before()).chain(&item.note) {
-            let _ = writeln!(text, "    {remark}");
+            table.line(format!("  {remark}"));
         }
+    }
+    if !table.is_empty() {
+        text += &table.to_string();
     }
     if let Some(next) = state.next() {
         let _ = writeln!(text, "next: {}", next.serial);

@@ -2,6 +2,7 @@
 
 use super::begun::{Begun, Common};
 use crate::api::Failure;
+use crate::cli::text_table::TextTable;
 use palpate_study::ablation::{
     ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, TERMS, Term,
     TermRow, ablation,
@@ -26,60 +27,47 @@ fn summary(found: &AblationFindings, out: &Path) -> String {
          mean error of {tests} contacts on ±6 mm, calibrated with 1 N at {} places\n",
         side * side
     );
-    text += &format!("{:<24}{:<21}{:<21}{}\n", "", "paper", "surrogate", "physics");
-    text += &effects(found, &QUESTIONS[..6], &["mm", "mN", "mm", "mN", "mm", "mN"], None);
+    let heads = ["paper mm", "mN", "surrogate mm", "mN", "physics mm", "mN"];
+    text += &effects(found, &QUESTIONS[..6], &heads, None);
     text += "\nTable 1, mean over units, % of full scale; time of a reading of all units, ns\n";
     let heads = ["loading", "unloading", "hysteresis"];
-    text += &effects(found, &QUESTIONS[6..9], &heads, Some((PER_READING, "ns: off    on")));
+    text += &effects(found, &QUESTIONS[6..9], &heads, Some((PER_READING, "ns")));
     text += &format!(
         "\npresses of 1 N, ±50 mN, {} a seed, by the strategy guarded; time of a press, us\n",
         presses * presses
     );
     let heads = ["error mN", "peak mN", "time s"];
-    text += &effects(found, &QUESTIONS[9..], &heads, Some((PER_PRESS, "us: off    on")));
+    text += &effects(found, &QUESTIONS[9..], &heads, Some((PER_PRESS, "us")));
     text + &needs(found) + &format!("\nrows, and what each term is: {}\n", out.display())
 }
 
-/// Returns a table with a line for each term that can affect a question, or that has a cost there.
+/// Returns a table with a line for each term that can affect a question, or that has a cost there: `cost` is its name and its unit.
 fn effects(found: &AblationFindings, questions: &[Question], heads: &[&str], cost: Option<(&str, &str)>) -> String {
-    let cells = |told: &dyn Fn(&Question) -> String| -> String {
-        questions.iter().map(|question| format!("{:>1$}", told(question), width(question))).collect()
+    let row = |first: &str, cell: &dyn Fn(&Question) -> String, costs: [String; 2]| {
+        let cells = [first.to_owned()].into_iter().chain(questions.iter().map(cell));
+        cells.chain(costs.into_iter().filter(|_| cost.is_some())).collect::<Vec<_>>()
     };
-    let head: String =
-        questions.iter().zip(heads).map(|(question, head)| format!("{:>1$}", head, width(question))).collect();
+    let costs = cost.map_or_else(Default::default, |(_, unit)| ["off", "on"].map(|side| format!("{unit} {side}")));
+    let heads =
+        [""].iter().chain(heads).map(|head| (*head).to_owned()).chain(costs.into_iter().filter(|_| cost.is_some()));
+    let mut table = TextTable::new(1, heads);
     let base = |question: &Question| {
         let row = found.rows.iter().find(|row| row.question == question.name);
         row.map_or(String::new(), |row| shown(row.base, question))
     };
-    let mut text = line("", &head, cost.map(|(_, head)| head)) + &line("base", &cells(&base), None);
+    table.row(row("base", &base, Default::default()));
     for term in &TERMS {
-        let costs = cost.and_then(|(cost, _)| told_cost(found, term.name, cost));
+        let costs = cost.and_then(|(cost, _)| found.costs.iter().find(|its| its.term == term.name && its.cost == cost));
         if costs.is_some() || questions.iter().any(|question| term.touches(question.of)) {
-            text += &line(&named(term), &cells(&|question| cell(found, term.name, question)), costs.as_deref());
+            let costs = costs.map_or_else(Default::default, |its| [its.off, its.on].map(|cost| format!("{cost:.0}")));
+            table.row(row(&named(term), &|question| cell(found, term.name, question), costs));
         }
     }
-    text
-}
-
-fn width(question: &Question) -> usize {
-    match question.unit {
-        "mm" => 12,
-        "N" => 9,
-        _ => 14,
-    }
-}
-
-fn line(first: &str, cells: &str, last: Option<&str>) -> String {
-    format!("{first:<17}{cells}  {}", last.unwrap_or_default()).trim_end().to_owned() + "\n"
+    table.to_string()
 }
 
 fn named(term: &Term) -> String {
     format!("{}{}", term.name, if term.in_base { "*" } else { "" })
-}
-
-fn told_cost(found: &AblationFindings, term: &str, cost: &str) -> Option<String> {
-    let its = found.costs.iter().find(|its| its.term == term && its.cost == cost)?;
-    Some(format!("{:>5.0}{:>6.0}", its.off, its.on))
 }
 
 fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {

@@ -2,6 +2,7 @@
 
 use super::begun::{Begun, Common, number};
 use crate::api::Failure;
+use crate::cli::text_table::{TextTable, cells};
 use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
@@ -19,35 +20,30 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
     let size = findings.size;
     let mut text =
         format!("1 N at {0} x {0} places 0.5 mm apart: time, and error of the force, by tolerance\n\n", size.main);
-    let mut line = |told: String| text += &(told.trim_end().to_owned() + "\n");
-    line(format!(
-        "{:<9} {:<9}{:>6}{:>8}{:>7}{:>6}{:>9}{:>7}{:>7}{:>7}",
-        "bench", "strategy", "mN", "median", "p95", "/min", "mean mN", "p95", "max", "peak"
-    ));
+    let mut table =
+        TextTable::new(2, ["bench", "strategy", "mN", "median s", "p95", "/min", "mean mN", "p95", "max", "peak", ""]);
     for outcome in findings.of(Part::Tolerance) {
-        let best = if outcome.pareto == Some(true) { "*" } else { "" };
-        line(format!(
-            "{:<9} {:<9}{:>6}{:>8}{:>7}{:>6}{:>9}{:>7}{:>7}{:>7} {best}",
+        table.row(cells![
             outcome.rig,
             outcome.strategy.name(),
             1000.0 * outcome.tolerance_n,
-            number(outcome.median_s, 2) + " s",
+            number(outcome.median_s, 2),
             number(outcome.p95_s, 2),
             number(outcome.ratio, 2),
             number(outcome.error_mean_mn, 1),
             number(outcome.error_p95_mn, 1),
             number(outcome.error_max_mn, 1),
             number(outcome.peak_over_mn, 0),
-        ));
+            if outcome.pareto == Some(true) { "*" } else { "" },
+        ]);
         if let Some(rule) = &outcome.rule {
-            line(format!("{:19}ends after {} of {}: {rule}", "", outcome.done, outcome.points));
+            table.line(format!("{:19}ends after {} of {}: {rule}", "", outcome.done, outcome.points));
         }
     }
-    line(String::new());
-    line("/min: median divided by the least possible time; peak: above the set force;".to_owned());
-    line("*: nothing on its bench is both faster and more exact".to_owned());
-    line(String::new());
-
+    text += &format!(
+        "{table}\n/min: median divided by the least possible time; peak: above the set force;\n\
+         *: nothing on its bench is both faster and more exact\n\n"
+    );
     let cell = |outcome: &ConditionOutcome| match &outcome.rule {
         Some(rule) => format!("{rule} @{}", outcome.done),
         None => format!(
@@ -57,44 +53,38 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
             number(outcome.peak_over_mn, 0)
         ),
     };
-    let mut table = |title: String, first: &str, part: Part, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
-        line(title);
-        line(format!("{first:<24}{:>18}{:>18}{:>18}", "guarded", "velocity", "map"));
+    let mut table = |title: &str, part: Part, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
+        let mut table = TextTable::new(1, ["", "guarded", "velocity", "map"]);
         // the strategies of a row stand together
         let outcomes: Vec<(String, &ConditionOutcome)> =
             findings.of(part).filter_map(|outcome| Some((name(outcome)?, outcome))).collect();
         for row in outcomes.chunk_by(|a, b| a.0 == b.0) {
-            let cells: String = row.iter().map(|(_, outcome)| format!("{:>18}", cell(outcome))).collect();
-            line(format!("{:<24}{cells}", row[0].0));
+            table.row([row[0].0.clone()].into_iter().chain(row.iter().map(|(_, outcome)| cell(outcome))));
         }
-        line(String::new());
+        text += &format!("{title}\n{table}\n");
     };
     for (rig, side) in [("XPS-like", size.scene), ("ESP301", size.small)] {
         let title = format!("scenes, {rig}, {side} x {side} (steel 5 x 5): s, p95, peak over mN; or rule @presses");
-        table(title, "", Part::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
+        table(&title, Part::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
     }
-    let title = "the declared stiffness, on the nominal specimen".to_owned();
-    table(title, "", Part::Caution, &|outcome| Some(format!("{} N/mm", outcome.declared_n_mm)));
+    table("the declared stiffness, on the nominal specimen", Part::Caution, &|outcome| {
+        Some(format!("{} N/mm", outcome.declared_n_mm))
+    });
 
-    line("velocity on a stiffness other than declared: s, p95 mN, peak over mN".to_owned());
+    let mut table = TextTable::new(2, ["bench", "stiffness", "velocity"]);
     for outcome in findings.of(Part::Mismatch) {
-        line(format!(
-            "{:<24}{:>18}",
-            format!("{:<9}{}", outcome.rig, outcome.scene.replace("stiffness ", "")),
-            cell(outcome)
-        ));
+        table.row(cells![outcome.rig, outcome.scene.replace("stiffness ", ""), cell(outcome)]);
     }
-    line(String::new());
-    line(format!("a calibration of {0} x {0} places and its test of {1}, XPS-like", size.main, size.tests));
+    text += &format!("velocity on a stiffness other than declared: s, p95 mN, peak over mN\n{table}\n");
+    text += &format!("a calibration of {0} x {0} places and its test of {1}, XPS-like\n", size.main, size.tests);
+    let mut table = TextTable::new(1, ["", "mN", "minutes", "location error, mean, mm"]);
     for outcome in findings.of(Part::Tolerance).filter(|outcome| outcome.location_error_mm.is_some()) {
-        line(format!(
-            "{:<9}{:>6} mN{:>8} min{:>8} mm location error, mean",
+        table.row(cells![
             outcome.strategy.name(),
             1000.0 * outcome.tolerance_n,
             number(outcome.minutes, 1),
-            number(outcome.location_error_mm, 3)
-        ));
+            number(outcome.location_error_mm, 3),
+        ]);
     }
-    line(format!("\nfigures and rows: {}", out.display()));
-    text
+    format!("{text}{table}\nfigures and rows: {}\n", out.display())
 }

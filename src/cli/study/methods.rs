@@ -6,6 +6,7 @@ use crate::api::ColumnsOptions;
 use crate::api::Failure;
 use crate::api::recorded::{read_presses, read_run};
 use crate::cli::summary::note;
+use crate::cli::text_table::{TextTable, cells};
 use palpate_data::recipe::Phase;
 use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use palpate_study::methods::{
@@ -149,17 +150,12 @@ fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
 }
 
 fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {
-    let mut text = format!(
-        "{told}\n{:<18}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}\n",
-        "", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent"
-    );
+    let head = ["", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent", ""];
+    let mut table = TextTable::new(1, head);
     let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
     let (mut bound, mut refusals) = (None, String::new());
     for row in rows {
-        let best = if row.pareto == Some(true) { " *" } else { "" };
-        let _ = writeln!(
-            text,
-            "{:<18}{:>8}{:>8}{:>8}{:>9}{:>9}{:>8}{:>8}{best}",
+        table.row(cells![
             row.solver,
             number(row.mean_mm(), 3),
             number(row.location_error_within_mm, 3),
@@ -168,16 +164,19 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow
             number(row.ns_per_solve, 0),
             percent(row.wrong),
             percent(row.wrong_unflagged),
-        );
+            if row.pareto == Some(true) { "*" } else { "" },
+        ]);
         if let Some(refused) = &row.refused {
             let _ = writeln!(refusals, "{}: {refused}", row.solver);
         }
         bound = bound.or(row.location_bound_mm.zip(row.bound).zip(row.force_bound_n));
     }
+    let mut whose_bound = String::new();
     if let Some(((location_mm, whose), force_n)) = bound {
-        let _ = writeln!(text, "{:<18}{location_mm:>8.3}{:>25.4}  {whose}", "bound", force_n);
+        table.row(cells!["bound", number(Some(location_mm), 3), "", "", number(Some(force_n), 4)]);
+        whose_bound = format!("bound: {whose}\n");
     }
-    text + &refusals + "\n"
+    format!("{told}\n{table}{whose_bound}{refusals}\n")
 }
 
 /// Returns a table with a line for each method and a column for each number of presses. Minutes and bound are included if known.
@@ -185,23 +184,21 @@ fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
     let of = |solver: &str| -> Vec<&MethodRow> {
         found.iter().filter(|row| row.scene == scene && row.solver == solver).collect()
     };
-    let line = |name: &str, rows: &[&MethodRow], cell: &dyn Fn(&MethodRow) -> String| {
-        let cells: String = rows.iter().map(|row| format!("{:>7}", cell(row))).collect();
-        format!("{name:<18}{cells}\n")
+    let row = |name: &str, rows: &[&MethodRow], cell: &dyn Fn(&MethodRow) -> String| {
+        [name.to_owned()].into_iter().chain(rows.iter().map(|row| cell(row))).collect::<Vec<_>>()
     };
     let presses = of(BEST);
-    let name: String = told.chars().take(17).collect();
-    let mut text = line(&name, &presses, &|row| row.value.to_string());
+    let mut table = TextTable::new(1, row(told, &presses, &|row| row.value.to_string()));
     if presses.iter().any(|row| row.minutes.is_some()) {
-        text += &line("minutes", &presses, &|row| number(row.minutes, 1));
+        table.row(row("minutes", &presses, &|row| number(row.minutes, 1)));
     }
     for solver in Method::names() {
-        text += &line(solver, &of(solver), &|row| number(row.mean_mm(), 3));
+        table.row(row(solver, &of(solver), &|row| number(row.mean_mm(), 3)));
     }
     if presses.iter().any(|row| row.location_bound_mm.is_some()) {
-        text += &line("bound", &presses, &|row| number(row.location_bound_mm, 3));
+        table.row(row("bound", &presses, &|row| number(row.location_bound_mm, 3)));
     }
-    text + "\n"
+    format!("{table}\n")
 }
 
 /// Describes the value of each condition at which a method's mean error exceeds the paper's reference.
@@ -238,17 +235,18 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
     format!("location errors within the stated {stated} % half-width, at the worst value, %\n") + &table(&cell)
 }
 
-/// Largest number of characters in a cell, so that all methods fit on a terminal.
-const MOST_LETTERS: usize = 5;
-
 /// Returns a table with a line for each condition and a column for each method.
 fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
-    let line = |first: &str, cell: &dyn Fn(&'static str) -> String| {
-        let cells: String =
-            Method::names().map(|solver| format!(" {:>MOST_LETTERS$.MOST_LETTERS$}", cell(solver))).collect();
-        format!("{first:<13}{cells}\n")
+    let row = |first: &str, cell: &dyn Fn(&'static str) -> String| {
+        let letters = |solver| cell(solver).chars().take(MOST_LETTERS).collect();
+        [first.to_owned()].into_iter().chain(Method::names().map(letters)).collect::<Vec<String>>()
     };
-    let head = line("", &|solver| solver.rsplit('-').next().unwrap_or(solver).to_owned());
-    let lines = CONDITIONS.iter().map(|harm| line(harm.name, &|solver| cell(solver, harm)));
-    head + &lines.collect::<String>() + "\n"
+    let mut table = TextTable::new(1, row("", &|solver| solver.rsplit('-').next().unwrap_or(solver).to_owned()));
+    for harm in &CONDITIONS {
+        table.row(row(harm.name, &|solver| cell(solver, harm)));
+    }
+    format!("{table}\n")
 }
+
+/// Largest number of characters in a cell, so that all methods fit on a terminal.
+const MOST_LETTERS: usize = 5;

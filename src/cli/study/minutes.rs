@@ -2,9 +2,9 @@
 
 use super::begun::{Begun, Common, ended, number};
 use crate::api::Failure;
+use crate::cli::text_table::{TextTable, cells};
 use palpate_study::minutes::{Family, HANDLING_MIN, MinutesRow, MinutesSize, minutes, minutes_figures};
 use palpate_study::ndjson;
-use std::fmt::Write as _;
 use std::process::ExitCode;
 
 /// Carries the study out, writes its figure and prints the ways of calibrating that no other beats.
@@ -21,25 +21,13 @@ pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
 
 /// Returns the ways of a family that no other way beats, the fastest first, and the ways that rules ended.
 fn table(family: Family, found: &[MinutesRow]) -> String {
-    let mut text = format!(
-        "{}\nno other way is both faster and more exact\n\n{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}\n",
-        family.told(),
-        "minutes",
-        "presses",
-        "side",
-        "repeats",
-        "strategy",
-        "mean mm",
-        "+-",
-        "force N"
-    );
+    let mut table =
+        TextTable::new(0, ["minutes", "presses", "side", "repeats", "strategy", "mean mm", "+-", "force N"]);
     let of_it = || found.iter().filter(|row| row.found.scene == family.name());
     let mut best: Vec<&MinutesRow> = of_it().filter(|row| row.found.pareto == Some(true)).collect();
     best.sort_by(|a, b| a.found.minutes.partial_cmp(&b.found.minutes).unwrap_or(std::cmp::Ordering::Equal));
     for row in best {
-        let _ = writeln!(
-            text,
-            "{:>8}{:>9}{:>8}{:>9}  {:<10}{:>9}{:>8}{:>9}",
+        table.row(cells![
             number(row.found.minutes, 1),
             row.found.calibration_presses,
             row.side,
@@ -48,12 +36,12 @@ fn table(family: Family, found: &[MinutesRow]) -> String {
             number(row.found.mean_mm(), 3),
             number(row.found.location_error_within_mm, 3),
             number(row.found.force_error_n.map(|error| error.mean), 4),
-        );
+        ]);
     }
     for row in of_it() {
         if let Some(rule) = &row.rule {
-            let _ = writeln!(text, "{}, {} presses: ended by {rule}", row.strategy.name(), row.found.value);
+            table.line(format!("{}, {} presses: ended by {rule}", row.strategy.name(), row.found.value));
         }
     }
-    text + "\n"
+    format!("{}\nno other way is both faster and more exact\n\n{table}\n", family.told())
 }

@@ -1,10 +1,11 @@
 //! Comparison of runs.
 
-use super::figures::{LOOKS, WIDTH_PX};
+use super::figures::LOOKS;
 use super::frame::{Drawn, Page, Section, clock, counted, none, number, percent, section, table, words};
 use super::judged::PAPERS;
 use super::numbers::{Numbers, Value};
-use crate::chart::{Cell, ChartAxis, Figure, Grid, Look, Mark, Panel};
+use super::side_by_side::{Series, rows, spread};
+use crate::chart::{Cell, ChartAxis, Figure, Mark};
 use maud::{Markup, html};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
@@ -239,68 +240,40 @@ fn sd(values: &[f64]) -> Option<f64> {
     Some(values.std_dev()).filter(|sd| sd.is_finite())
 }
 
-/// Height of a run's row in a figure, px. The row contains the run's name and start time.
-const ROW_PX: f64 = 36.0;
-
-/// Returns the axis with a row for each run, named by its sensor and start time, and its height.
-fn rows(runs: &[&Compared]) -> (ChartAxis, f64) {
-    (ChartAxis::rows(runs.iter().map(|run| run.in_figure()).collect()), ROW_PX * runs.len() as f64)
-}
-
 /// First columns of a table of a figure's numbers.
 const ORIGIN: [&str; 3] = ["sensor", "run", "began"];
 
 /// Returns two figures, one for each of the two errors, with all runs.
 fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
-    let all: Vec<&Compared> = runs.iter().collect();
-    let (y, height_px) = rows(&all);
+    let names: Vec<String> = runs.iter().map(Compared::in_figure).collect();
     // a method that is compared with itself is drawn once
-    let methods: Vec<(usize, Look, &str)> = LOOKS
-        .into_iter()
-        .zip([PAPERS, solver])
-        .enumerate()
-        .map(|(method, (look, name))| (method, look, name))
-        .filter(|(method, _, name)| *method == 0 || *name != PAPERS)
-        .collect();
+    let methods = [PAPERS, solver].into_iter().enumerate().filter(|(method, name)| *method == 0 || *name != PAPERS);
+    let methods: Vec<(usize, &str)> = methods.collect();
     let of = |title: &str, label: &str, heads: [&str; 2], value: fn(&Evaluation) -> Option<ErrorSummary>| {
-        let (mut marks, mut numbers) = (Vec::new(), Vec::new());
-        let mut most = 0.0f64;
-        for (method, look, name) in &methods {
-            // one above the other, so that both are seen
-            let shift = if methods.len() == 1 { 0.0 } else { 0.3 * *method as f64 - 0.15 };
-            let (mut means, mut strokes) = (Vec::new(), Vec::new());
-            for (index, run) in runs.iter().enumerate() {
-                let Some(error) = run.evaluations[*method].as_ref().and_then(value) else { continue };
-                let at = index as f64 + shift;
-                means.push((error.mean, at));
-                strokes.push(((error.mean, at), (error.p95, at)));
-                most = most.max(error.p95);
-                let told = [Value::from(*name), Value::Number(error.mean), Value::Number(error.p95)];
-                numbers.push(run.origin().into_iter().chain(told).collect());
-            }
-            marks.extend([Mark::Strokes(look.hue, strokes), Mark::Curve(*look, means)]);
-        }
-        let figure = Figure {
-            title: title.to_owned(),
-            subtitle: "marks: means; strokes: up to the 95th percentile".to_owned(),
-            height_px,
-            panels: vec![Panel { x: ChartAxis::linear(label, (0.0, 1.05 * most)), y: y.clone(), marks }],
-            grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-            legend: vec![methods.iter().map(|(_, look, name)| (*look, (*name).to_owned())).collect()],
-            ..Figure::default()
-        };
+        let mut numbers = Vec::new();
+        let series: Vec<Series> = methods
+            .iter()
+            .map(|&(method, name)| {
+                let row = |run: &Compared| {
+                    let error = value(run.evaluations[method].as_ref()?)?;
+                    let values = [Value::from(name), Value::Number(error.mean), Value::Number(error.p95)];
+                    numbers.push(run.origin().into_iter().chain(values).collect());
+                    Some([error.mean, error.mean, error.p95])
+                };
+                Series { look: LOOKS[method], name: name.to_owned(), rows: runs.iter().map(row).collect() }
+            })
+            .collect();
         let head = ORIGIN.into_iter().chain(["solver"]).chain(heads).collect::<Vec<_>>();
-        (most > 0.0).then(|| Drawn::plain(figure).with(Numbers::new(&head, numbers)))
+        let figure = spread(title, "marks: means; strokes: up to the 95th percentile", label, &names, &series, None)?;
+        Some(Drawn::plain(figure).with(Numbers::new(&head, numbers)))
     };
     let location = ["location_error_mean_mm", "location_error_p95_mm"];
     let force = ["force_error_mean_n", "force_error_p95_n"];
-    [
+    let figures = [
         of("Location errors", "location error, mm", location, |e| Some(e.location_error_mm)),
         of("Force errors", "force error, N", force, |e| e.force_error_n),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
+    ];
+    figures.into_iter().flatten().collect()
 }
 
 /// Returns the figure of each unit's mean output relative to the first run. `None` if fewer than two runs have the same units.
@@ -322,25 +295,16 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
             numbers.push(run.origin().into_iter().chain([at, value].map(Value::Number)).collect());
         }
     }
-    let (y, height_px) = rows(&alike);
+    let names: Vec<String> = alike.iter().map(|run| run.in_figure()).collect();
+    let subtitle = format!("over the calibration, per newton, relative to {}", first.told());
+    let x = ChartAxis::count("output", (0.5, units as f64 + 0.5));
+    let marks = vec![Mark::Cells(ChartAxis::linear("change of the mean output, %", (-most, most)), cells)];
+    let excluded = (left_out > 0).then(|| {
+        format!("{} excluded: calibrated at other places or forces, or not calibrated", counted(left_out, "run"))
+    });
     let figure = Figure {
-        title: "Mean output of each unit".to_owned(),
-        subtitle: format!("over the calibration, per newton, relative to {}", first.told()),
-        height_px,
-        panels: vec![Panel {
-            x: ChartAxis::count("output", (0.5, units as f64 + 0.5)),
-            y,
-            marks: vec![Mark::Cells(ChartAxis::linear("change of the mean output, %", (-most, most)), cells)],
-        }],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        notes: match left_out {
-            0 => Vec::new(),
-            _ => vec![format!(
-                "{} excluded: calibrated at other places or forces, or not calibrated",
-                counted(left_out, "run")
-            )],
-        },
-        ..Figure::default()
+        notes: excluded.into_iter().collect(),
+        ..rows("Mean output of each unit", &subtitle, x, &names, marks)
     };
     let head = [&ORIGIN[..], &["output", "change_percent"]].concat();
     Some(Drawn::plain(figure).named("output-changes").with(Numbers::new(&head, numbers)))

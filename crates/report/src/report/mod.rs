@@ -18,6 +18,7 @@ mod headline;
 mod judged;
 mod numbers;
 mod record;
+mod side_by_side;
 mod subject;
 mod table_1;
 mod uncertainty;

@@ -2,23 +2,13 @@
 
 use super::{Validation, ValidationOutcome};
 use palpate_data::dataset::characteristics::UnitCharacteristics;
+use palpate_report::errors::{Detail, ErrorNumber, NUMBERS};
 use palpate_report::paper;
 use palpate_solver::Evaluation;
 use statrs::statistics::Statistics as _;
 
 /// Text of the page, with names in braces as placeholders for the results.
 const PAGE: &str = include_str!("page.md");
-
-/// Number of the paper, its digits and unit, and the function that reads it from an evaluation.
-type Number = (&'static str, f64, usize, &'static str, fn(&Evaluation) -> Option<f64>);
-
-const NUMBERS: [Number; 5] = [
-    ("mean location error", paper::LOCATION_ERROR_MM, 3, "mm", |e| Some(e.location_error_mm.mean)),
-    ("location error under 1 mm", 100.0 * paper::WITHIN_1MM, 1, "%", |e| Some(100.0 * e.within.location_1mm)),
-    ("mean force error", paper::FORCE_ERROR_N, 4, "N", |e| Some(e.force_error_n?.mean)),
-    ("force error under 0.1 N", 100.0 * paper::WITHIN_0_1N, 1, "%", |e| Some(100.0 * e.within.force_0_1n?)),
-    ("both under", 100.0 * paper::WITHIN_BOTH, 1, "%", |e| Some(100.0 * e.within.both?)),
-];
 
 impl Validation {
     /// Returns the page; the same seeds give the same bytes.
@@ -35,7 +25,10 @@ impl Validation {
             ("{last}", (seed + outcomes.len().saturating_sub(1) as u64).to_string()),
             ("{presses}", outcomes.first().map_or(0, |outcome| outcome.presses).to_string()),
             ("{hours}", format!("{:.1}", outcomes.iter().map(|outcome| outcome.hours).mean())),
-            ("{numbers}", NUMBERS.iter().map(|number| self.number(number)).collect()),
+            (
+                "{numbers}",
+                NUMBERS.iter().filter(|number| number.detail < Detail::All).map(|number| self.number(number)).collect(),
+            ),
             ("{best}", counted(&best)),
             ("{table_1}", self.table_1()),
             ("{claims}", claims),
@@ -43,17 +36,19 @@ impl Validation {
         found.iter().fold(PAGE.to_owned(), |page, (name, told)| page.replace(name, told))
     }
 
-    fn number(&self, (name, paper, digits, unit, of): &Number) -> String {
+    fn number(&self, number: &ErrorNumber) -> String {
         let values = |which: fn(&ValidationOutcome) -> &Evaluation| {
-            let known: Option<Vec<f64>> = self.outcomes.iter().map(|outcome| of(which(outcome))).collect();
+            let known: Option<Vec<f64>> = self.outcomes.iter().map(|outcome| number.value(which(outcome))).collect();
             known.unwrap_or_default()
         };
         let (papers, best) = (values(|outcome| &outcome.papers), values(|outcome| &outcome.best));
-        let told = |values: &[f64]| format!("{:.digits$} ± {:.digits$} {unit}", values.mean(), values.std_dev());
-        let away = (paper - papers.as_slice().mean()) / papers.as_slice().std_dev();
+        let shown = |values: &[f64]| {
+            format!("{} ± {} {}", number.digits_of(values.mean()), number.digits_of(values.std_dev()), number.unit)
+        };
+        let away = number.paper.unwrap_or(f64::NAN) - papers.as_slice().mean();
+        let away = away / papers.as_slice().std_dev();
         let away = if away.is_finite() { format!("{away:+.1}") } else { "-".to_owned() };
-        let short = if *unit == "%" { format!("{paper:.0}") } else { format!("{paper:.digits$}") };
-        format!("| {name} | {short} {unit} | {} | {away} | {} |\n", told(&papers), told(&best))
+        format!("| {} | {} | {} | {away} | {} |\n", number.name, number.shown_of_paper(), shown(&papers), shown(&best))
     }
 
     fn table_1(&self) -> String {

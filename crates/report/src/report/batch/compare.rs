@@ -3,24 +3,18 @@
 use super::complete;
 use super::headline::{Yield, a_day, alarms, listed, minutes};
 use super::limited::{Limited, is_exceeded, quartiles};
-use crate::chart::{ChartAxis, Figure, Grid, Hue, Look, Mark, Panel, Shape};
-use crate::report::figures::WIDTH_PX;
+use crate::chart::{Hue, Look, Shape};
 use crate::report::frame::{Drawn, Page, Section, capital, clock, counted, none, number, section, table, words};
+use crate::report::side_by_side::{Series, spread};
 use maud::{Markup, html};
 use palpate_run::batch::{Cause, History};
-
-/// Height of a batch's row in a figure, px.
-const ROW_PX: f64 = 40.0;
-
-/// Distance between the values and the edge of a panel, relative to the axis.
-const ROOM: f64 = 0.06;
 
 /// Creates a page about several batches, in the order they were given.
 pub fn batches_page(histories: &[History]) -> Page {
     let title = format!("{} side by side", counted(histories.len(), "batch"));
     let header = html! { h1 { (title) } p.lede { "In the given order: months, or benches." } };
     let quantities = Limited::all(histories);
-    let figures = [yields(histories)].into_iter().chain(quantities.iter().map(|quantity| spread(histories, quantity)));
+    let figures = [yields(histories)].into_iter().chain(quantities.iter().map(|quantity| figure(histories, quantity)));
     let figures = figures.chain([times(histories)]).flatten().collect();
     let sections = [
         Some(Section::from(section("Yield, time and alarms", &summary(histories)))),
@@ -112,46 +106,22 @@ fn limits(histories: &[History], quantities: &[Limited]) -> Markup {
     }
 }
 
-/// A value of each batch and the range around it; `None` for a batch without a value.
-type Rows = Vec<Option<[f64; 3]>>;
-
 /// Draws a value of each batch, with strokes over its range.
 fn drawn(
     histories: &[History],
     title: &str,
     label: &str,
-    told: &str,
-    rows: &Rows,
-    level: Option<(f64, String)>,
+    ranges: &str,
+    rows: Vec<Option<[f64; 3]>>,
+    limit: Option<(f64, String)>,
 ) -> Option<Drawn> {
-    let (mut points, mut strokes) = (Vec::new(), Vec::new());
-    for (row, values) in rows.iter().enumerate() {
-        let Some([low, middle, high]) = values else { continue };
-        points.push((*middle, row as f64));
-        strokes.push(((*low, row as f64), (*high, row as f64)));
-    }
-    let values = rows.iter().flatten().flatten().copied().chain(level.as_ref().map(|(level, _)| *level));
-    let most = values.filter(|value| value.is_finite()).fold(0.0, f64::max);
-    let names = histories.iter().enumerate().map(|(index, history)| {
+    let name = |(index, history): (usize, &History)| {
         let date: String = history.state.facts.at.chars().take("2026-01-01".len()).collect();
         format!("{}\n{date}", name(index, history))
-    });
-    let mut marks =
-        vec![Mark::Strokes(Hue::Blue, strokes), Mark::Curve(Look::markers(Hue::Blue, Shape::Circle), points.clone())];
-    marks.extend(level.map(|(level, told)| Mark::At(level, told)));
-    let figure = Figure {
-        title: title.to_owned(),
-        subtitle: told.to_owned(),
-        height_px: ROW_PX * histories.len() as f64,
-        panels: vec![Panel {
-            x: ChartAxis::linear(label, (0.0, (1.0 + ROOM) * most)),
-            y: ChartAxis::rows(names.collect()),
-            marks,
-        }],
-        grid: Some(Grid { columns: 1, width_px: WIDTH_PX, shared: false }),
-        ..Figure::default()
     };
-    (!points.is_empty()).then(|| Drawn::plain(figure))
+    let names: Vec<String> = histories.iter().enumerate().map(name).collect();
+    let series = Series { look: Look::markers(Hue::Blue, Shape::Circle), name: String::new(), rows };
+    Some(Drawn::plain(spread(title, ranges, label, &names, &[series], limit)?))
 }
 
 fn yields(histories: &[History]) -> Option<Drawn> {
@@ -160,20 +130,20 @@ fn yields(histories: &[History]) -> Option<Drawn> {
         Some([found.interval.0, found.share()?, found.interval.1].map(|share| 100.0 * share))
     };
     let rows = histories.iter().map(row).collect();
-    drawn(histories, "Yield", "accepted of judged, %", "strokes: 95 % interval", &rows, None)
+    drawn(histories, "Yield", "accepted of judged, %", "strokes: 95 % interval", rows, None)
 }
 
-fn spread(histories: &[History], quantity: &Limited) -> Option<Drawn> {
+fn figure(histories: &[History], quantity: &Limited) -> Option<Drawn> {
     let row = |history: &History| {
         quartiles(&quantity.sorted(history)).map(|values| values.map(|value| quantity.displayed(value)))
     };
     let rows = histories.iter().map(row).collect();
     let limit = complete(histories.last()?).filter_map(|(_, ended)| quantity.found(ended)).last();
     let limit = limit.map(|found| (quantity.displayed(found.limit), "limit".to_owned()));
-    drawn(histories, &capital(quantity.name()), &quantity.label(), "medians; strokes: quartiles", &rows, limit)
+    drawn(histories, &capital(quantity.name()), &quantity.label(), "medians; strokes: quartiles", rows, limit)
 }
 
 fn times(histories: &[History]) -> Option<Drawn> {
     let rows = histories.iter().map(minutes).collect();
-    drawn(histories, "Minutes a sensor", "minutes", "medians; strokes: quartiles", &rows, None)
+    drawn(histories, "Minutes a sensor", "minutes", "medians; strokes: quartiles", rows, None)
 }
