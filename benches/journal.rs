@@ -7,7 +7,7 @@ use cpu_time::ProcessTime;
 use palpate_control::{AirReadings, Lesson};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::{
-    Air, Contact, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder,
+    Air, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
 };
 use palpate_data::recipe::Phase;
 use std::path::Path;
@@ -56,7 +56,7 @@ fn written(path: &Path, layout: &ArrayLayout, durability: Durability, presses: u
 }
 
 /// A press as a guarded one leaves it, with as many digits.
-fn contact(press: u64) -> Contact {
+fn contact(press: u64) -> RecordedContact {
     let wave = |n: u64| (press * 7 + n * 13) as f64 * 1e-3 % 1.0 + 0.123_456_789;
     let row = Press {
         press,
@@ -79,7 +79,7 @@ fn contact(press: u64) -> Contact {
         let force = AirReadings { mean_n: wave(n) / 900.0, sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
         Air { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
     };
-    Contact {
+    RecordedContact {
         press,
         levels: vec![row.rounded()],
         budgets: Vec::new(),

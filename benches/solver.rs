@@ -9,7 +9,7 @@ use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{
     BEST, Calibration, CalibrationPoint, Fitted, ForceRule, Pearson, SOLVERS, Setting, Solver, Workspace, fit,
 };
-use palpate_study::ablation::{Cost, Model, cost_of_all_terms};
+use palpate_study::ablation::{Cost, TermModel, cost_of_all_terms};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::hint::black_box;
@@ -57,7 +57,7 @@ fn main() {
         println!("  {name:<24} {:>7.1} ms", times.fold(f64::INFINITY, f64::min));
     }
 
-    let (model, rig) = Model::base().expect("the shipped scene");
+    let (model, rig) = TermModel::base().expect("the shipped scene");
     let Cost { off, on, ratio, .. } = cost_of_all_terms(&model, &rig);
     println!("a reading of a simulated skin: plain {off:.0} ns, with all terms {on:.0} ns, {ratio:.2} times as long");
 

@@ -8,7 +8,7 @@ use palpate_solver::Session;
 struct Printed;
 
 impl Listener for Printed {
-    fn recorded(&mut self, contact: &palpate_data::dataset::Contact) {
+    fn recorded(&mut self, contact: &palpate_data::dataset::RecordedContact) {
         let press = &contact.levels[0];
         println!("press {}: {:.2}, {:.2} mm", press.press, press.x_mm, press.y_mm);
     }

@@ -1,8 +1,8 @@
 //! Solved contacts: one, or a batch as a frame.
 
-use super::frame::{Cells, Column, Frame};
+use super::frame::{ColumnValues, PyColumn, PyFrame};
 use palpate::api::{NUMBERS, UNSOLVED, numbers};
-use palpate_solver::{Solution, Unanswered, Verdict};
+use palpate_solver::{ContactVerdict, Solution, Unanswered};
 use pyo3::prelude::*;
 use std::collections::HashMap;
 
@@ -27,8 +27,8 @@ const ABOUT: [(&str, &str); NUMBERS.len()] = [
 ];
 
 /// The contact behind one reading. An unknown number is NaN.
-#[pyclass(frozen, get_all, module = "palpate")]
-pub struct Contact {
+#[pyclass(name = "Contact", frozen, get_all, module = "palpate")]
+pub struct PyContact {
     /// x of the contact, specimen frame, mm.
     x_mm: f64,
     /// y of the contact, specimen frame, mm.
@@ -71,13 +71,13 @@ pub struct Contact {
     error: Option<String>,
 }
 
-impl Contact {
+impl PyContact {
     /// Takes the answer to a reading.
-    pub fn of(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> Contact {
+    pub fn of(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> PyContact {
         let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved, forces_are_known);
         let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
         let [relative_force, half68_relative_force, half95_relative_force] = relative;
-        Contact {
+        PyContact {
             x_mm,
             y_mm,
             force_n,
@@ -103,9 +103,9 @@ impl Contact {
 }
 
 #[pymethods]
-impl Contact {
+impl PyContact {
     fn __repr__(&self) -> String {
-        let Contact { x_mm, y_mm, force_n, relative_force, verdict, .. } = self;
+        let PyContact { x_mm, y_mm, force_n, relative_force, verdict, .. } = self;
         let force = match relative_force.is_nan() {
             true => format!("{force_n:.3} N"),
             false => format!("relative force {relative_force:.3}"),
@@ -115,7 +115,7 @@ impl Contact {
 }
 
 /// Answers to a batch of readings, column by column.
-pub struct Contacts {
+pub struct PyContacts {
     numbers: [Vec<f64>; NUMBERS.len()],
     /// Positions in [`VERDICTS`].
     verdicts: Vec<i32>,
@@ -131,13 +131,18 @@ pub struct Contacts {
 const LOADS: [Option<&str>; 3] = [Some("any"), Some("calibrated"), None];
 
 /// All verdicts of a solution, in the order of their positions, and that of a reading without a solution.
-const VERDICTS: [Verdict; 5] =
-    [Verdict::Ok, Verdict::WeakSignal, Verdict::OutsideArea, Verdict::NotOneContact, Verdict::ChannelFault(0)];
+const VERDICTS: [ContactVerdict; 5] = [
+    ContactVerdict::Ok,
+    ContactVerdict::WeakSignal,
+    ContactVerdict::OutsideArea,
+    ContactVerdict::NotOneContact,
+    ContactVerdict::ChannelFault(0),
+];
 
-impl Contacts {
+impl PyContacts {
     /// Creates room for the answers to so many readings.
-    pub fn new(rows: usize) -> Contacts {
-        Contacts {
+    pub fn new(rows: usize) -> PyContacts {
+        PyContacts {
             numbers: std::array::from_fn(|_| Vec::with_capacity(rows)),
             verdicts: Vec::with_capacity(rows),
             units: Vec::with_capacity(rows),
@@ -151,11 +156,11 @@ impl Contacts {
     pub fn add(&mut self, solved: &Result<Solution, Unanswered>, forces_are_known: bool) {
         self.numbers.iter_mut().zip(shown(solved, forces_are_known)).for_each(|(column, number)| column.push(number));
         let (verdict, unit) = match solved.as_ref().map(|solution| solution.verdict) {
-            Ok(Verdict::Ok) => (0, 0),
-            Ok(Verdict::WeakSignal) => (1, 0),
-            Ok(Verdict::OutsideArea) => (2, 0),
-            Ok(Verdict::NotOneContact) => (3, 0),
-            Ok(Verdict::ChannelFault(unit)) => (4, unit as i64 + 1),
+            Ok(ContactVerdict::Ok) => (0, 0),
+            Ok(ContactVerdict::WeakSignal) => (1, 0),
+            Ok(ContactVerdict::OutsideArea) => (2, 0),
+            Ok(ContactVerdict::NotOneContact) => (3, 0),
+            Ok(ContactVerdict::ChannelFault(unit)) => (4, unit as i64 + 1),
             Err(_) => (5, 0),
         };
         self.verdicts.push(verdict);
@@ -177,23 +182,28 @@ impl Contacts {
 
     /// Returns a frame with the columns of `palpate solve`. `has_two_methods` states whether a second method answers readings with the
     /// load of the calibration.
-    pub fn frame(self, has_two_methods: bool) -> Frame {
+    pub fn frame(self, has_two_methods: bool) -> PyFrame {
         let rows = self.verdicts.len();
         let numbers = NUMBERS.into_iter().zip(ABOUT).zip(self.numbers);
-        let mut columns: Vec<Column> = numbers
-            .map(|((name, (unit, about)), values)| Column::new(name, unit, about, Cells::F64(values.into())))
+        let mut columns: Vec<PyColumn> = numbers
+            .map(|((name, (unit, about)), values)| PyColumn::new(name, unit, about, ColumnValues::F64(values.into())))
             .collect();
         if has_two_methods {
-            let loads = Cells::Text(LOADS.map(|load| load.map(str::to_owned)).to_vec(), self.loads);
-            columns.push(Column::new("load", "", "Load that the answer assumes: of the calibration, or any.", loads));
+            let loads = ColumnValues::Text(LOADS.map(|load| load.map(str::to_owned)).to_vec(), self.loads);
+            columns.push(PyColumn::new("load", "", "Load that the answer assumes: of the calibration, or any.", loads));
         }
-        let words = VERDICTS.into_iter().map(Verdict::word).chain([UNSOLVED]);
-        let verdicts = Cells::Text(words.map(|word| Some(word.to_owned())).collect(), self.verdicts);
-        columns.push(Column::new("verdict", "", "Whether the contact is credible.", verdicts));
+        let words = VERDICTS.into_iter().map(ContactVerdict::word).chain([UNSOLVED]);
+        let verdicts = ColumnValues::Text(words.map(|word| Some(word.to_owned())).collect(), self.verdicts);
+        columns.push(PyColumn::new("verdict", "", "Whether the contact is credible.", verdicts));
         let about = "The output that contradicts the others, counted from 1.";
-        columns.push(Column::new("unit", "", about, Cells::Ordinal(self.units.into())));
-        columns.push(Column::new("error", "", "Why there is no contact.", Cells::Text(self.errors, self.error)));
-        Frame::new("contacts", rows, columns, HashMap::new())
+        columns.push(PyColumn::new("unit", "", about, ColumnValues::Ordinal(self.units.into())));
+        columns.push(PyColumn::new(
+            "error",
+            "",
+            "Why there is no contact.",
+            ColumnValues::Text(self.errors, self.error),
+        ));
+        PyFrame::new("contacts", rows, columns, HashMap::new())
     }
 }
 
@@ -207,7 +217,7 @@ fn verdict(solved: &Result<Solution, Unanswered>) -> &'static str {
 
 fn unit(solved: &Result<Solution, Unanswered>) -> Option<usize> {
     match solved.as_ref().map(|solution| solution.verdict) {
-        Ok(Verdict::ChannelFault(unit)) => Some(unit + 1),
+        Ok(ContactVerdict::ChannelFault(unit)) => Some(unit + 1),
         _ => None,
     }
 }

@@ -2,14 +2,14 @@
 
 use super::given::noted;
 use super::refused::{raised, warn};
-use super::run::{Run, load};
-use palpate::api::events::{Event, Events as Heard, Next, Walker};
+use super::run::{PyRun, load};
+use palpate::api::events::{Next, RunEvent, RunEvents, RunThread};
 use palpate::api::{
     self, ConfirmOptions, Confirmed, DurabilityChoice, Failure, LabelOptions, MannerOptions, ResumeOptions, Resumed,
     RigOptions, RunOptions,
 };
 use palpate_core::parallel::lock;
-use palpate_data::dataset::{COLUMNS, Press, Retouch, Value};
+use palpate_data::dataset::{COLUMNS, CellValue, Press, Retouch};
 use palpate_link::device::Identity;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -23,7 +23,7 @@ use std::time::Duration;
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// Runs under way, which are parked when the interpreter ends.
-static RUNNING: Mutex<Vec<Weak<Walker>>> = Mutex::new(Vec::new());
+static RUNNING: Mutex<Vec<Weak<RunThread>>> = Mutex::new(Vec::new());
 
 /// The events of a run, an iterator of dicts.
 ///
@@ -38,13 +38,13 @@ static RUNNING: Mutex<Vec<Weak<Walker>>> = Mutex::new(Vec::new());
 /// The iterator raises `DeviceError`, `TripError` or `RecordError` if the run fails. The run is stopped and the stage is parked
 /// when the iterator is closed, leaves its `with` block or is deleted, and when Python ends. No signal handler is installed:
 /// Ctrl-C raises KeyboardInterrupt, as anywhere in Python.
-#[pyclass(module = "palpate", frozen)]
-pub struct Events {
+#[pyclass(name = "Events", module = "palpate", frozen)]
+pub struct PyEvents {
     out: PathBuf,
     planned: usize,
-    walker: Arc<Walker>,
+    walker: Arc<RunThread>,
     /// `None` while a thread waits for the next event, and when the events are closed.
-    heard: Mutex<Option<Heard>>,
+    heard: Mutex<Option<RunEvents>>,
     is_closed: AtomicBool,
 }
 
@@ -80,7 +80,7 @@ pub fn run(
     pace: Option<f64>,
     durability: Option<String>,
     confirmed: Vec<String>,
-) -> PyResult<Events> {
+) -> PyResult<PyEvents> {
     let begun = || {
         let strategy = strategy.map(|name| api::strategy(&name)).transpose()?;
         let options = RunOptions {
@@ -90,9 +90,9 @@ pub fn run(
             out,
             manner: manner(pace, durability, &confirmed)?,
         };
-        Heard::start(api::begin(&options)?)
+        RunEvents::start(api::begin(&options)?)
     };
-    Ok(Events::of(py.detach(begun).map_err(raised)?))
+    Ok(PyEvents::of(py.detach(begun).map_err(raised)?))
 }
 
 /// Continues a run that was stopped, like `palpate resume`. Returns the events of the remaining presses.
@@ -112,20 +112,20 @@ pub fn resume(
     pace: Option<f64>,
     durability: Option<String>,
     confirmed: Vec<String>,
-) -> PyResult<Events> {
+) -> PyResult<PyEvents> {
     let resumed = || {
         let manner = manner(pace, durability, &confirmed)?;
         let options = ResumeOptions { run, rig, after_trip, manner };
         let (resumed, notes) = noted(|note| api::resume(&options, note))?;
         let heard = match resumed {
-            Resumed::Begun(begun) => Heard::start(*begun)?,
-            Resumed::Complete { planned, .. } => Heard::of_complete(options.run, planned),
+            Resumed::Begun(begun) => RunEvents::start(*begun)?,
+            Resumed::Complete { planned, .. } => RunEvents::of_complete(options.run, planned),
         };
         Ok((heard, notes))
     };
     let (heard, notes) = py.detach(resumed).map_err(raised)?;
     warn(py, &notes)?;
-    Ok(Events::of(heard))
+    Ok(PyEvents::of(heard))
 }
 
 /// How the rig is driven.
@@ -136,14 +136,14 @@ fn manner(pace: Option<f64>, durability: Option<String>, confirmed: &[String]) -
     Ok(MannerOptions { pace, durability: durability.unwrap_or(DurabilityChoice::Full), confirm })
 }
 
-impl Events {
-    fn of(heard: Heard) -> Self {
+impl PyEvents {
+    fn of(heard: RunEvents) -> Self {
         let walker = heard.walker().clone();
         let mut running = lock(&RUNNING);
         running.retain(|walker| walker.strong_count() > 0);
         running.push(Arc::downgrade(&walker));
         drop(running);
-        Events {
+        PyEvents {
             out: heard.path().to_owned(),
             planned: heard.planned(),
             walker,
@@ -164,14 +164,14 @@ pub fn simulate(
     rig: Option<PathBuf>,
     out: Option<PathBuf>,
     seed: u64,
-) -> PyResult<Run> {
+) -> PyResult<PyRun> {
     let options = RunOptions {
         recipe: recipe.unwrap_or_else(|| DEFAULT_RECIPE.into()),
         rig: RigOptions { rig, simulate: true, seed, ..RigOptions::default() },
         out,
         ..RunOptions::default()
     };
-    let mut heard = py.detach(|| Heard::start(api::begin(&options)?)).map_err(raised)?;
+    let mut heard = py.detach(|| RunEvents::start(api::begin(&options)?)).map_err(raised)?;
     while next(py, &mut heard)?.is_some() {}
     load(py, heard.path().to_owned(), None)
 }
@@ -180,7 +180,7 @@ pub fn simulate(
 const DEFAULT_RECIPE: &str = "calibrate";
 
 /// Waits for the next event without the interpreter's lock.
-fn next(py: Python<'_>, heard: &mut Heard) -> PyResult<Option<Event>> {
+fn next(py: Python<'_>, heard: &mut RunEvents) -> PyResult<Option<RunEvent>> {
     loop {
         match py.detach(|| heard.next(LOOK_EVERY)) {
             Next::Event(event) => return Ok(Some(event)),
@@ -192,7 +192,7 @@ fn next(py: Python<'_>, heard: &mut Heard) -> PyResult<Option<Event>> {
 }
 
 #[pymethods]
-impl Events {
+impl PyEvents {
     /// The folder of the run.
     #[getter]
     fn out(&self) -> PathBuf {
@@ -259,7 +259,7 @@ impl Events {
     }
 }
 
-impl Drop for Events {
+impl Drop for PyEvents {
     fn drop(&mut self) {
         let mut heard = lock(&self.heard).take();
         // other threads of Python continue while the stage is parked
@@ -270,7 +270,7 @@ impl Drop for Events {
 /// Stops and parks all runs when the interpreter ends.
 pub fn park_at_exit(py: Python<'_>) -> PyResult<()> {
     let park = PyCFunction::new_closure(py, None, None, |arguments, _| {
-        let running: Vec<Arc<Walker>> = lock(&RUNNING).iter().filter_map(Weak::upgrade).collect();
+        let running: Vec<Arc<RunThread>> = lock(&RUNNING).iter().filter_map(Weak::upgrade).collect();
         arguments.py().detach(|| running.iter().for_each(|walker| walker.park()));
     })?;
     py.import("atexit")?.call_method1("register", (park,))?;
@@ -278,12 +278,12 @@ pub fn park_at_exit(py: Python<'_>) -> PyResult<()> {
 }
 
 /// An event in the words of `palpate run --json`.
-fn worded<'py>(py: Python<'py>, event: Event, out: &Path) -> PyResult<Bound<'py, PyDict>> {
+fn worded<'py>(py: Python<'py>, event: RunEvent, out: &Path) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let named = |name| dict.set_item("event", name);
     match event {
-        Event::Pressed(press) => press_into(&press, &dict)?,
-        Event::Ready(devices) => {
+        RunEvent::Pressed(press) => press_into(&press, &dict)?,
+        RunEvent::Ready(devices) => {
             named("ready")?;
             let about = |device: &Identity| {
                 let Identity { role, identity, link, warnings } = device;
@@ -294,22 +294,22 @@ fn worded<'py>(py: Python<'py>, event: Event, out: &Path) -> PyResult<Bound<'py,
             };
             dict.set_item("devices", devices.iter().map(about).collect::<PyResult<Vec<_>>>()?)?;
         }
-        Event::Begins { press, phase } => {
+        RunEvent::Begins { press, phase } => {
             named("begins")?;
             dict.set_item("press", press)?;
             dict.set_item("phase", phase.name())?;
         }
-        Event::Retouched(Retouch { place, before_mm, touched_mm, .. }) => {
+        RunEvent::Retouched(Retouch { place, before_mm, touched_mm, .. }) => {
             named("retouched")?;
             let values =
                 [("x_mm", place.x_mm), ("y_mm", place.y_mm), ("before_mm", before_mm), ("touched_mm", touched_mm)];
             values.into_iter().try_for_each(|(name, value)| dict.set_item(name, value))?;
         }
-        Event::Rests { seconds } => {
+        RunEvent::Rests { seconds } => {
             named("rests")?;
             dict.set_item("rest_s", seconds)?;
         }
-        Event::Ended(status) => {
+        RunEvent::Ended(status) => {
             named("ended")?;
             dict.set_item("status", status.name())?;
             dict.set_item("out", out)?;
@@ -325,10 +325,10 @@ fn press_into(press: &Press, dict: &Bound<'_, PyDict>) -> PyResult<()> {
         column.write(press, &mut |value| {
             if let (Some(name), Ok(())) = (names.next(), &added) {
                 added = match value {
-                    Value::Count(count) => dict.set_item(name, count),
-                    Value::Number(number) => dict.set_item(name, number),
-                    Value::Text(text) => dict.set_item(name, text),
-                    Value::Nothing => dict.set_item(name, None::<f64>),
+                    CellValue::Count(count) => dict.set_item(name, count),
+                    CellValue::Number(number) => dict.set_item(name, number),
+                    CellValue::Text(text) => dict.set_item(name, text),
+                    CellValue::Nothing => dict.set_item(name, None::<f64>),
                 };
             }
         });

@@ -25,25 +25,25 @@ const DEFINITION: &str = "definition";
 /// `frame["x_mm"]` and `frame.x_mm` are a column as a numpy array, shape (rows,), which can't be written to. A missing number is
 /// NaN. The frame gives its memory to polars, pyarrow and pandas without a copy (Arrow's PyCapsule interface), for example
 /// `polars.DataFrame(frame)` and `pandas.DataFrame.from_arrow(frame)`. A missing value is null there.
-#[pyclass(frozen, mapping, module = "palpate")]
-pub struct Frame {
+#[pyclass(name = "Frame", frozen, mapping, module = "palpate")]
+pub struct PyFrame {
     name: String,
     rows: usize,
-    columns: Vec<Column>,
+    columns: Vec<PyColumn>,
     metadata: HashMap<String, String>,
 }
 
 /// One column of a frame.
-pub struct Column {
+pub struct PyColumn {
     name: String,
     unit: String,
     definition: String,
-    cells: Cells,
+    cells: ColumnValues,
     array: PyOnceLock<Py<PyAny>>,
 }
 
 /// Values of a column.
-pub enum Cells {
+pub enum ColumnValues {
     /// Numbers. A missing one is NaN, and null in Arrow.
     F64(ScalarBuffer<f64>),
     /// Integers, none of which is missing.
@@ -56,9 +56,9 @@ pub enum Cells {
     Bool(BooleanArray),
 }
 
-impl Cells {
+impl ColumnValues {
     /// Takes texts.
-    pub fn texts<'a>(values: impl Iterator<Item = Option<&'a str>>) -> Cells {
+    pub fn texts<'a>(values: impl Iterator<Item = Option<&'a str>>) -> ColumnValues {
         let (mut words, mut known) = (Vec::new(), HashMap::new());
         let codes = values.map(|value| {
             *known.entry(value).or_insert_with(|| {
@@ -67,23 +67,23 @@ impl Cells {
             })
         });
         let codes = codes.collect();
-        Cells::Text(words, codes)
+        ColumnValues::Text(words, codes)
     }
 
     fn arrow(&self) -> ArrayRef {
         match self {
-            Cells::F64(values) => {
+            ColumnValues::F64(values) => {
                 let is_sparse = values.iter().any(|value| value.is_nan());
                 let known = is_sparse.then(|| values.iter().map(|value| !value.is_nan()).collect());
                 Arc::new(Float64Array::new(values.clone(), known))
             }
-            Cells::I64(values) => Arc::new(Int64Array::new(values.clone(), None)),
-            Cells::Ordinal(values) => {
+            ColumnValues::I64(values) => Arc::new(Int64Array::new(values.clone(), None)),
+            ColumnValues::Ordinal(values) => {
                 let known = values.iter().map(|value| *value != 0).collect();
                 Arc::new(Int64Array::new(values.clone(), Some(known)))
             }
-            Cells::Bool(array) => Arc::new(array.clone()),
-            Cells::Text(words, codes) => {
+            ColumnValues::Bool(array) => Arc::new(array.clone()),
+            ColumnValues::Text(words, codes) => {
                 let word = |code: &i32| words.get(*code as usize).and_then(Option::as_deref);
                 Arc::new(codes.iter().map(word).collect::<StringArray>())
             }
@@ -92,11 +92,11 @@ impl Cells {
 
     fn numpy(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         let array = match self {
-            Cells::F64(values) => PyArray1::from_slice(py, values).into_any(),
-            Cells::I64(values) | Cells::Ordinal(values) => PyArray1::from_slice(py, values).into_any(),
-            Cells::Bool(array) => PyArray1::from_iter(py, array.values().iter()).into_any(),
+            ColumnValues::F64(values) => PyArray1::from_slice(py, values).into_any(),
+            ColumnValues::I64(values) | ColumnValues::Ordinal(values) => PyArray1::from_slice(py, values).into_any(),
+            ColumnValues::Bool(array) => PyArray1::from_iter(py, array.values().iter()).into_any(),
             // the texts are made once, and numpy refers to them or copies them
-            Cells::Text(words, codes) => {
+            ColumnValues::Text(words, codes) => {
                 let kwargs = PyDict::new(py);
                 if words.is_empty() || words.contains(&None) {
                     kwargs.set_item("dtype", "object")?;
@@ -110,11 +110,11 @@ impl Cells {
     }
 }
 
-impl Column {
+impl PyColumn {
     /// Creates a column.
-    pub fn new(name: &str, unit: &str, definition: &str, cells: Cells) -> Column {
+    pub fn new(name: &str, unit: &str, definition: &str, cells: ColumnValues) -> PyColumn {
         let [name, unit, definition] = [name, unit, definition].map(str::to_owned);
-        Column { name, unit, definition, cells, array: PyOnceLock::new() }
+        PyColumn { name, unit, definition, cells, array: PyOnceLock::new() }
     }
 
     fn numpy(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
@@ -129,10 +129,10 @@ impl Column {
     }
 }
 
-impl Frame {
+impl PyFrame {
     /// Creates a frame of columns of one length.
-    pub fn new(name: &str, rows: usize, columns: Vec<Column>, metadata: HashMap<String, String>) -> Frame {
-        Frame { name: name.to_owned(), rows, columns, metadata }
+    pub fn new(name: &str, rows: usize, columns: Vec<PyColumn>, metadata: HashMap<String, String>) -> PyFrame {
+        PyFrame { name: name.to_owned(), rows, columns, metadata }
     }
 
     /// Returns the name of the table.
@@ -145,11 +145,11 @@ impl Frame {
         self.rows
     }
 
-    fn column(&self, name: &str) -> Option<&Column> {
+    fn column(&self, name: &str) -> Option<&PyColumn> {
         self.columns.iter().find(|column| column.name == name)
     }
 
-    fn about(&self, of: impl Fn(&Column) -> &str) -> HashMap<String, String> {
+    fn about(&self, of: impl Fn(&PyColumn) -> &str) -> HashMap<String, String> {
         self.columns.iter().map(|column| (column.name.clone(), of(column).to_owned())).collect()
     }
 
@@ -161,7 +161,7 @@ impl Frame {
 }
 
 #[pymethods]
-impl Frame {
+impl PyFrame {
     /// Name of the table, such as `presses`.
     #[getter]
     fn name(&self) -> &str {
@@ -192,7 +192,7 @@ impl Frame {
         let outputs = self.columns.iter().filter(|column| column.name.starts_with("out_"));
         let outputs: Vec<&[f64]> = outputs
             .filter_map(|column| match &column.cells {
-                Cells::F64(values) => Some(&**values),
+                ColumnValues::F64(values) => Some(&**values),
                 _ => None,
             })
             .collect();

@@ -15,14 +15,14 @@ pub fn noted<T>(call: impl FnOnce(Note<'_>) -> Result<T, Failure>) -> Result<(T,
 
 /// A path, or something that has one: a run.
 #[derive(FromPyObject)]
-pub enum Place<'py> {
+pub enum RunPath<'py> {
     /// A path.
     Path(PathBuf),
     /// A run or a table that was loaded.
-    Run(Bound<'py, super::run::Run>),
+    Run(Bound<'py, super::run::PyRun>),
 }
 
-impl<'py> Place<'py> {
+impl<'py> RunPath<'py> {
     /// Takes what Python gives.
     pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
         given.extract().map_err(|_| {
@@ -34,16 +34,16 @@ impl<'py> Place<'py> {
     /// Returns the path.
     pub fn path(&self) -> &Path {
         match self {
-            Place::Path(path) => path,
-            Place::Run(run) => run.get().path(),
+            RunPath::Path(path) => path,
+            RunPath::Run(run) => run.get().path(),
         }
     }
 
     /// Returns what the columns of a loaded table contain, if it was stated.
     pub fn columns(&self) -> Option<&str> {
         match self {
-            Place::Path(_) => None,
-            Place::Run(run) => run.get().columns(),
+            RunPath::Path(_) => None,
+            RunPath::Run(run) => run.get().columns(),
         }
     }
 }

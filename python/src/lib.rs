@@ -22,19 +22,19 @@ use pyo3::prelude::*;
 #[pymodule(name = "palpate")]
 mod package {
     #[pymodule_export]
-    use super::contact::Contact;
+    use super::contact::PyContact;
     #[pymodule_export]
-    use super::events::{Events, resume, run, simulate};
+    use super::events::{PyEvents, resume, run, simulate};
     #[pymodule_export]
-    use super::frame::Frame;
+    use super::frame::PyFrame;
     #[pymodule_export]
-    use super::model::{Model, Session, fit};
+    use super::model::{PyModel, PySession, fit};
     #[pymodule_export]
     use super::refused::{DeviceError, Error, RecordError, TripError, UsageError};
     #[pymodule_export]
-    use super::results::{Evaluation, certificate, evaluate, report};
+    use super::results::{PyEvaluation, certificate, evaluate, report};
     #[pymodule_export]
-    use super::run::{Run, load};
+    use super::run::{PyRun, load};
 
     use pyo3::prelude::*;
 

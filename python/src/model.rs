@@ -1,8 +1,8 @@
 //! `palpate.fit`, models and sessions: place and force of unknown contacts.
 
-use super::contact::{Contact, Contacts};
-use super::given::{Place, noted};
-use super::readings::Readings;
+use super::contact::{PyContact, PyContacts};
+use super::given::{RunPath, noted};
+use super::readings::PyReadings;
 use super::refused::{raised, warn};
 use palpate::api::{self, ColumnsOptions, MethodOptions, Sensor};
 use palpate_core::parallel::lock;
@@ -17,8 +17,8 @@ use std::sync::{Arc, Mutex};
 const IDLE_MAX: usize = 16;
 
 /// A calibrated sensor: a method that is fitted to presses.
-#[pyclass(frozen, module = "palpate")]
-pub struct Model {
+#[pyclass(name = "Model", frozen, module = "palpate")]
+pub struct PyModel {
     model: Arc<solver::Model>,
     sensor: Option<String>,
     made_from: Vec<Fingerprint>,
@@ -27,8 +27,8 @@ pub struct Model {
 }
 
 /// One reading after another of one sensor. An output that breaks is excluded from then on.
-#[pyclass(frozen, module = "palpate")]
-pub struct Session {
+#[pyclass(name = "Session", frozen, module = "palpate")]
+pub struct PySession {
     session: Mutex<solver::Session>,
     outputs: usize,
 }
@@ -55,8 +55,8 @@ pub fn fit(
     false_alarms: Option<f64>,
     forces_n: Option<(f64, f64)>,
     columns: Option<String>,
-) -> PyResult<Model> {
-    let run = Place::of(run)?;
+) -> PyResult<PyModel> {
+    let run = RunPath::of(run)?;
     let columns = columns.or_else(|| run.columns().map(str::to_owned));
     let default = MethodOptions::default();
     let options = MethodOptions {
@@ -68,14 +68,14 @@ pub fn fit(
         columns: ColumnsOptions { columns, sheet: None },
     };
     let path = run.path().to_owned();
-    Model::of(py, py.detach(|| noted(|note| api::fit(&path, &options, note))))
+    PyModel::of(py, py.detach(|| noted(|note| api::fit(&path, &options, note))))
 }
 
-impl Model {
+impl PyModel {
     fn of(py: Python<'_>, sensor: Result<(Sensor, Vec<String>), api::Failure>) -> PyResult<Self> {
         let (Sensor { model, sensor, made_from }, notes) = sensor.map_err(raised)?;
         warn(py, &notes)?;
-        Ok(Model { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
+        Ok(PyModel { model: Arc::new(model), sensor, made_from, idle: Mutex::default() })
     }
 
     /// Runs with a session that knows no reading.
@@ -92,11 +92,11 @@ impl Model {
 }
 
 #[pymethods]
-impl Model {
+impl PyModel {
     /// Loads a sensor file, which `save` or `palpate fit` wrote.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Model> {
-        Model::of(py, py.detach(|| noted(|note| api::read_sensor(&path, note))))
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<PyModel> {
+        PyModel::of(py, py.detach(|| noted(|note| api::read_sensor(&path, note))))
     }
 
     /// Writes the model to a sensor file. Replaces a sensor file, but nothing else.
@@ -115,8 +115,8 @@ impl Model {
     }
 
     /// Begins a session: one reading after another, where an output that breaks is excluded from then on, as in `palpate solve`.
-    fn session(&self) -> Session {
-        Session { session: Mutex::new(solver::Session::new(self.model.clone())), outputs: self.outputs() }
+    fn session(&self) -> PySession {
+        PySession { session: Mutex::new(solver::Session::new(self.model.clone())), outputs: self.outputs() }
     }
 
     /// Name of the method.
@@ -168,7 +168,7 @@ impl Model {
 }
 
 #[pymethods]
-impl Session {
+impl PySession {
     /// Solves the next reading, shape (outputs,), or the next batch, shape (rows, outputs), as `Model.solve` does.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         solved(py, readings, self.outputs, |solve| solve(&mut lock(&self.session)))
@@ -195,7 +195,7 @@ fn solved<'py>(
     units: usize,
     session: impl FnOnce(&mut dyn FnMut(&mut solver::Session)) + Send,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let readings = Readings::of(given)?;
+    let readings = PyReadings::of(given)?;
     if readings.outputs != units {
         let found = readings.outputs;
         return Err(PyValueError::new_err(format!("the reading has {found} outputs, the calibration has {units}")));
@@ -207,13 +207,13 @@ fn solved<'py>(
             py.detach(|| {
                 session(&mut |session| {
                     let solved = session.solve(numbers);
-                    contact = Some(Contact::of(&solved, session.model().forces_are_known()));
+                    contact = Some(PyContact::of(&solved, session.model().forces_are_known()));
                 });
             });
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
-            let (mut contacts, mut has_two_methods) = (Contacts::new(rows), false);
+            let (mut contacts, mut has_two_methods) = (PyContacts::new(rows), false);
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
                 session(&mut |session| {

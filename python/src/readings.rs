@@ -1,6 +1,6 @@
 //! Readings as Python gives them: one, or a batch, of anything that numpy makes an array of numbers from.
 
-use super::frame::Frame;
+use super::frame::PyFrame;
 use numpy::{PyArrayDyn, PyArrayMethods as _, PyReadonlyArrayDyn, PyUntypedArrayMethods as _};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::intern;
@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// Readings of an array of sensors, row-major.
-pub struct Readings<'py> {
+pub struct PyReadings<'py> {
     array: PyReadonlyArrayDyn<'py, f64>,
     /// Number of rows; `None` for one reading.
     pub rows: Option<usize>,
@@ -16,13 +16,13 @@ pub struct Readings<'py> {
     pub outputs: usize,
 }
 
-impl<'py> Readings<'py> {
+impl<'py> PyReadings<'py> {
     /// Takes an array of shape (outputs,) or (rows, outputs). Other types are converted by `numpy.asarray`.
     pub fn of(given: &Bound<'py, PyAny>) -> PyResult<Self> {
         if let Some(array) = given.cast::<PyArrayDyn<f64>>().ok().filter(|array| array.is_c_contiguous()) {
-            return Readings::of_array(array);
+            return PyReadings::of_array(array);
         }
-        if given.cast::<Frame>().is_ok() {
+        if given.cast::<PyFrame>().is_ok() {
             return Err(PyTypeError::new_err("readings are an array of numbers: use the `outputs` of the frame"));
         }
         let py = given.py();
@@ -30,7 +30,7 @@ impl<'py> Readings<'py> {
         kwargs.set_item(intern!(py, "dtype"), "float64")?;
         kwargs.set_item(intern!(py, "order"), "C")?;
         let array = py.import(intern!(py, "numpy"))?.call_method("asarray", (given,), Some(&kwargs))?;
-        Readings::of_array(array.cast::<PyArrayDyn<f64>>()?)
+        PyReadings::of_array(array.cast::<PyArrayDyn<f64>>()?)
     }
 
     fn of_array(array: &Bound<'py, PyArrayDyn<f64>>) -> PyResult<Self> {
@@ -45,7 +45,7 @@ impl<'py> Readings<'py> {
                 return Err(PyValueError::new_err(text));
             }
         };
-        Ok(Readings { array: array.try_readonly()?, rows, outputs })
+        Ok(PyReadings { array: array.try_readonly()?, rows, outputs })
     }
 
     /// Returns the numbers, one reading after the other.

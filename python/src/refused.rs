@@ -1,6 +1,6 @@
 //! Exceptions: one for each exit code of the command line, with the text that it prints.
 
-use palpate::api::{Failure, Kind};
+use palpate::api::{Failure, FailureKind};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyUserWarning};
 use pyo3::prelude::*;
@@ -15,11 +15,11 @@ create_exception!(palpate, RecordError, Error, "A result couldn't be recorded. C
 /// Gives each exception its exit code.
 pub fn number(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let kinds = [
-        ("Error", Kind::NotAccepted),
-        ("UsageError", Kind::Usage),
-        ("DeviceError", Kind::Device),
-        ("TripError", Kind::Trip),
-        ("RecordError", Kind::Record),
+        ("Error", FailureKind::NotAccepted),
+        ("UsageError", FailureKind::Usage),
+        ("DeviceError", FailureKind::Device),
+        ("TripError", FailureKind::Trip),
+        ("RecordError", FailureKind::Record),
     ];
     kinds.into_iter().try_for_each(|(name, kind)| module.getattr(name)?.setattr("code", kind.code()))
 }
@@ -28,11 +28,11 @@ pub fn number(module: &Bound<'_, PyModule>) -> PyResult<()> {
 pub fn raised(failure: Failure) -> PyErr {
     let text = failure.to_string();
     match failure.kind() {
-        Kind::Usage => UsageError::new_err(text),
-        Kind::Device => DeviceError::new_err(text),
-        Kind::Trip => TripError::new_err(text),
-        Kind::Record => RecordError::new_err(text),
-        Kind::NotAccepted | Kind::Cancelled => Error::new_err(text),
+        FailureKind::Usage => UsageError::new_err(text),
+        FailureKind::Device => DeviceError::new_err(text),
+        FailureKind::Trip => TripError::new_err(text),
+        FailureKind::Record => RecordError::new_err(text),
+        FailureKind::NotAccepted | FailureKind::Cancelled => Error::new_err(text),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `palpate.evaluate`, `palpate.report` and `palpate.certificate`.
 
-use super::given::{Place, noted};
+use super::given::{RunPath, noted};
 use super::refused::{raised, warn};
 use palpate::api::{
     self, AcceptOptions, CertificateOptions, Certified, ColumnsOptions, EvaluateOptions, Failure, HoldoutOptions,
@@ -13,11 +13,11 @@ use serde::Serialize;
 use std::path::PathBuf;
 
 /// Errors of methods on test presses, and the verdict: the objects of `palpate evaluate --json`.
-#[pyclass(frozen, module = "palpate")]
-pub struct Evaluation(api::Evaluated);
+#[pyclass(name = "Evaluation", frozen, module = "palpate")]
+pub struct PyEvaluation(api::Evaluated);
 
 #[pymethods]
-impl Evaluation {
+impl PyEvaluation {
     /// The evaluation of each method, by its name: a dict of the errors.
     #[getter]
     fn methods<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -91,8 +91,8 @@ pub fn evaluate(
     save: Option<PathBuf>,
     columns: Option<String>,
     accept: Option<PathBuf>,
-) -> PyResult<Evaluation> {
-    let run = Place::of(run)?;
+) -> PyResult<PyEvaluation> {
+    let run = RunPath::of(run)?;
     let default = HoldoutOptions::default();
     let options = EvaluateOptions {
         run: [run.path().to_owned()].into_iter().chain(test).collect(),
@@ -109,7 +109,7 @@ pub fn evaluate(
         ..EvaluateOptions::default()
     };
     let evaluated = called(py, || noted(|note| api::evaluate(&options, note)))?;
-    Ok(Evaluation(evaluated))
+    Ok(PyEvaluation(evaluated))
 }
 
 /// Writes a page about one run, about runs of one sensor, or a comparison of many sensors, like `palpate report`.
@@ -189,7 +189,7 @@ fn paths(runs: &Bound<'_, PyTuple>) -> PyResult<Vec<PathBuf>> {
     if runs.is_empty() {
         return Err(PyTypeError::new_err("expected one run or more"));
     }
-    runs.iter().map(|run| Ok(Place::of(&run)?.path().to_owned())).collect()
+    runs.iter().map(|run| Ok(RunPath::of(&run)?.path().to_owned())).collect()
 }
 
 /// Returns the objects of Python that JSON describes.

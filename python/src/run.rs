@@ -1,6 +1,6 @@
 //! `palpate.load`: runs and tables as frames.
 
-use super::frame::{Cells, Column, Frame};
+use super::frame::{ColumnValues, PyColumn, PyFrame};
 use super::given::noted;
 use super::refused::{raised, warn};
 use palpate::api::{self, ColumnsOptions};
@@ -13,16 +13,16 @@ use std::path::{Path, PathBuf};
 const MANIFEST: &str = "palpate.manifest";
 
 /// A run, or the presses of a table.
-#[pyclass(frozen, module = "palpate")]
-pub struct Run {
+#[pyclass(name = "Run", frozen, module = "palpate")]
+pub struct PyRun {
     path: PathBuf,
     columns: Option<String>,
     manifest: Option<String>,
     notes: Vec<String>,
-    frames: Vec<Py<Frame>>,
+    frames: Vec<Py<PyFrame>>,
 }
 
-impl Run {
+impl PyRun {
     /// Returns the path of the run or the table.
     pub fn path(&self) -> &Path {
         &self.path
@@ -33,14 +33,14 @@ impl Run {
         self.columns.as_deref()
     }
 
-    fn frame<'py>(&self, py: Python<'py>, name: &str) -> Option<Bound<'py, Frame>> {
+    fn frame<'py>(&self, py: Python<'py>, name: &str) -> Option<Bound<'py, PyFrame>> {
         let frame = self.frames.iter().find(|frame| frame.get().title() == name)?;
         Some(frame.bind(py).clone())
     }
 }
 
 #[pymethods]
-impl Run {
+impl PyRun {
     /// The run folder or the table.
     #[getter(path)]
     fn path_of(&self) -> PathBuf {
@@ -62,37 +62,37 @@ impl Run {
 
     /// The presses, a row for each level: the columns of `presses.csv`.
     #[getter]
-    fn presses<'py>(&self, py: Python<'py>) -> Option<Bound<'py, Frame>> {
+    fn presses<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyFrame>> {
         self.frame(py, "presses")
     }
 
     /// The outputs at the places of the calibration; None without them.
     #[getter]
-    fn calibration_matrix<'py>(&self, py: Python<'py>) -> Option<Bound<'py, Frame>> {
+    fn calibration_matrix<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyFrame>> {
         self.frame(py, "calibration_matrix")
     }
 
     /// The outputs at the places of the test; None without them.
     #[getter]
-    fn test_matrix<'py>(&self, py: Python<'py>) -> Option<Bound<'py, Frame>> {
+    fn test_matrix<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyFrame>> {
         self.frame(py, "test_matrix")
     }
 
     /// Repeatability, hysteresis and linearity of each unit; None without staircases.
     #[getter]
-    fn characteristics<'py>(&self, py: Python<'py>) -> Option<Bound<'py, Frame>> {
+    fn characteristics<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyFrame>> {
         self.frame(py, "characteristics")
     }
 
     /// The true values of a simulated run; None otherwise.
     #[getter]
-    fn truth<'py>(&self, py: Python<'py>) -> Option<Bound<'py, Frame>> {
+    fn truth<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyFrame>> {
         self.frame(py, "truth")
     }
 
     /// All frames, by name.
     #[getter]
-    fn frames(&self, py: Python<'_>) -> HashMap<String, Py<Frame>> {
+    fn frames(&self, py: Python<'_>) -> HashMap<String, Py<PyFrame>> {
         self.frames.iter().map(|frame| (frame.get().title().to_owned(), frame.clone_ref(py))).collect()
     }
 
@@ -118,46 +118,46 @@ impl Run {
 /// Raises `UsageError` if the path is no run or table, or is damaged. Warns if a file of the run differs from its journal.
 #[pyfunction]
 #[pyo3(signature = (run, *, columns=None))]
-pub fn load(py: Python<'_>, run: PathBuf, columns: Option<String>) -> PyResult<Run> {
+pub fn load(py: Python<'_>, run: PathBuf, columns: Option<String>) -> PyResult<PyRun> {
     let read = py.detach(|| if run.is_dir() { frames_of_run(&run) } else { frames_of_table(&run, columns.clone()) });
-    let Read { manifest, notes, frames } = read.map_err(raised)?;
+    let ReadPresses { manifest, notes, frames } = read.map_err(raised)?;
     warn(py, &notes)?;
-    let frames = frames.into_iter().map(|frame| Py::new(py, frame)).collect::<PyResult<Vec<Py<Frame>>>>()?;
-    Ok(Run { path: run, columns, manifest, notes, frames })
+    let frames = frames.into_iter().map(|frame| Py::new(py, frame)).collect::<PyResult<Vec<Py<PyFrame>>>>()?;
+    Ok(PyRun { path: run, columns, manifest, notes, frames })
 }
 
 /// What was read of a run or a table.
-struct Read {
+struct ReadPresses {
     manifest: Option<String>,
     notes: Vec<String>,
-    frames: Vec<Frame>,
+    frames: Vec<PyFrame>,
 }
 
-fn frames_of_run(run: &Path) -> Result<Read, api::Failure> {
+fn frames_of_run(run: &Path) -> Result<ReadPresses, api::Failure> {
     let ((recorded, bench), notes) = noted(|note| api::read_run(run, note))?;
     let manifest = frame::manifest(&recorded);
     let metadata = HashMap::from([(MANIFEST.to_owned(), manifest.clone())]);
     let frames = frame::all(&recorded, &bench).into_iter().map(|frame| framed(frame, &metadata)).collect();
-    Ok(Read { manifest: Some(manifest), notes, frames })
+    Ok(ReadPresses { manifest: Some(manifest), notes, frames })
 }
 
-fn frames_of_table(table: &Path, columns: Option<String>) -> Result<Read, api::Failure> {
+fn frames_of_table(table: &Path, columns: Option<String>) -> Result<ReadPresses, api::Failure> {
     let columns = ColumnsOptions { columns, sheet: None };
     let (presses, notes) = noted(|note| api::read_table(table, &columns, note))?;
     let presses = frame::presses_of(&presses.presses, presses.channels, "");
-    Ok(Read { manifest: None, notes, frames: vec![framed(presses, &HashMap::new())] })
+    Ok(ReadPresses { manifest: None, notes, frames: vec![framed(presses, &HashMap::new())] })
 }
 
 /// The same frame for Python.
-fn framed(frame: frame::Frame, metadata: &HashMap<String, String>) -> Frame {
-    let column = |frame::Column { name, unit, definition, values }| {
+fn framed(frame: frame::ExportTable, metadata: &HashMap<String, String>) -> PyFrame {
+    let column = |frame::TableColumn { name, unit, definition, values }| {
         let cells = match values {
-            Values::F64(values) => Cells::F64(values.into()),
-            Values::I64(values) => Cells::I64(values.into()),
-            Values::Text(values) => Cells::texts(values.iter().map(|value| value.as_deref())),
-            Values::Bool(values) => Cells::Bool(values.into()),
+            Values::F64(values) => ColumnValues::F64(values.into()),
+            Values::I64(values) => ColumnValues::I64(values.into()),
+            Values::Text(values) => ColumnValues::texts(values.iter().map(|value| value.as_deref())),
+            Values::Bool(values) => ColumnValues::Bool(values.into()),
         };
-        Column::new(&name, &unit, &definition, cells)
+        PyColumn::new(&name, &unit, &definition, cells)
     };
-    Frame::new(frame.name, frame.rows, frame.columns.into_iter().map(column).collect(), metadata.clone())
+    PyFrame::new(frame.name, frame.rows, frame.columns.into_iter().map(column).collect(), metadata.clone())
 }

@@ -2,7 +2,7 @@
 
 use super::sources::{parse_kept_recipe, read};
 use super::{Failure, Note};
-use palpate_data::acceptance::Rule;
+use palpate_data::acceptance::AcceptanceRule;
 use palpate_data::dataset::Recorded;
 use palpate_data::recipe::parse_rule;
 use std::path::PathBuf;
@@ -17,11 +17,11 @@ pub struct AcceptOptions {
 
 impl AcceptOptions {
     /// The rule that was named.
-    pub(crate) fn rule(&self) -> Result<Option<Rule>, Failure> {
+    pub(crate) fn rule(&self) -> Result<Option<AcceptanceRule>, Failure> {
         let Some(path) = &self.accept else { return Ok(None) };
         let file = path.display().to_string();
         let rule = parse_rule(&file, &read(path)?).map_err(Failure::usage)?;
-        Ok(Some(Rule { afterwards_by: Some(file), ..rule }))
+        Ok(Some(AcceptanceRule { afterwards_by: Some(file), ..rule }))
     }
 
     /// The rule that was named; else the one that the runs' recipes agree on.
@@ -29,11 +29,11 @@ impl AcceptOptions {
         &self,
         runs: impl IntoIterator<Item = &'a Recorded>,
         note: Note<'_>,
-    ) -> Result<Option<Rule>, Failure> {
+    ) -> Result<Option<AcceptanceRule>, Failure> {
         if let Some(rule) = self.rule()? {
             return Ok(Some(rule));
         }
-        let mut agreed: Option<Rule> = None;
+        let mut agreed: Option<AcceptanceRule> = None;
         for run in runs {
             match (&agreed, rule_of(run, note)) {
                 (Some(first), Some(rule)) if *first != rule => {
@@ -52,7 +52,7 @@ impl AcceptOptions {
 }
 
 /// The rule of a run's own recipe. A recipe that today's program can't read gives none, and a warning.
-pub(crate) fn rule_of(run: &Recorded, note: Note<'_>) -> Option<Rule> {
+pub(crate) fn rule_of(run: &Recorded, note: Note<'_>) -> Option<AcceptanceRule> {
     if run.manifest.facts.imported.is_some() {
         return None;
     }

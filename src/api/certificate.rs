@@ -5,7 +5,7 @@ use super::recorded::read_run;
 use super::report::{judged, write};
 use super::sources::read;
 use super::{Failure, Note};
-use palpate_data::acceptance::Verdict;
+use palpate_data::acceptance::SensorVerdict;
 use palpate_report::report::certificate::{Certificate, parse};
 use std::path::{Path, PathBuf};
 
@@ -34,7 +34,7 @@ pub struct Certified {
     /// Its result in a sentence.
     pub summary: String,
     /// Verdict, if there is a rule.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<SensorVerdict>,
     /// The page.
     pub html: PathBuf,
     /// The Digital Calibration Certificate.

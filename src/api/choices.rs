@@ -90,24 +90,24 @@ impl From<DurabilityChoice> for Durability {
     }
 }
 
-impl From<ReadingsChoice> for readings::Format {
+impl From<ReadingsChoice> for readings::ReadingFormat {
     fn from(choice: ReadingsChoice) -> Self {
         match choice {
-            ReadingsChoice::Csv => readings::Format::Csv,
-            ReadingsChoice::Ndjson => readings::Format::Ndjson,
+            ReadingsChoice::Csv => readings::ReadingFormat::Csv,
+            ReadingsChoice::Ndjson => readings::ReadingFormat::Ndjson,
         }
     }
 }
 
-impl From<ExportChoice> for export::Format {
+impl From<ExportChoice> for export::ExportFormat {
     fn from(choice: ExportChoice) -> Self {
         match choice {
-            ExportChoice::Csv => export::Format::Csv,
-            ExportChoice::Parquet => export::Format::Parquet,
-            ExportChoice::Arrow => export::Format::Arrow,
-            ExportChoice::Npz => export::Format::Npz,
-            ExportChoice::Mat => export::Format::Mat,
-            ExportChoice::C => export::Format::C,
+            ExportChoice::Csv => export::ExportFormat::Csv,
+            ExportChoice::Parquet => export::ExportFormat::Parquet,
+            ExportChoice::Arrow => export::ExportFormat::Arrow,
+            ExportChoice::Npz => export::ExportFormat::Npz,
+            ExportChoice::Mat => export::ExportFormat::Mat,
+            ExportChoice::C => export::ExportFormat::C,
         }
     }
 }

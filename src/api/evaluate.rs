@@ -9,7 +9,7 @@ use super::recorded::{read_presses, read_run, warn_of_units};
 use super::stdin::is_stdin;
 use super::{Failure, Note};
 use palpate_core::quantity::ArrayLayout;
-use palpate_data::acceptance::{Judgement, Rule};
+use palpate_data::acceptance::{AcceptanceRule, Judgement};
 use palpate_data::dataset::calibration::{CalibrateError, Selection};
 use palpate_data::dataset::characteristics::Staircases;
 use palpate_data::dataset::evaluate::{self, EvaluateError, Trial, is_to_evaluate};
@@ -17,7 +17,7 @@ use palpate_data::dataset::{Evidence, Holdout, Presses};
 use palpate_data::recipe::Phase;
 use palpate_report::report::is_beside_paper;
 use palpate_run::batch::ByDesign;
-use palpate_solver::{BEST, Candidate, Evaluation, SOLVERS, Solver as _};
+use palpate_solver::{BEST, Evaluation, SOLVERS, Solver as _, TriedMethod};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -73,15 +73,15 @@ impl Default for EvaluateOptions {
 }
 
 /// Name of a method, and its evaluation or the reason why it has none.
-pub type Outcome = (String, Result<Evaluation, String>);
+pub type SolverOutcome = (String, Result<Evaluation, String>);
 
 /// Errors, characteristics and verdict.
 #[derive(Default)]
 pub struct Evaluated {
     /// Result of each method.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<SolverOutcome>,
     /// Errors on presses that were held out in turn, if there is no test.
-    pub cross_validated: Option<Vec<Candidate>>,
+    pub cross_validated: Option<Vec<TriedMethod>>,
     /// Staircases of a run.
     pub characteristics: Option<Staircases>,
     /// Verdict, if there is a rule.
@@ -101,8 +101,8 @@ pub struct Evaluated {
 pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, Failure> {
     check_solver(&options.solver, &[BEST, ALL])?;
     let accept = &options.accept;
-    match (Input::of(options)?, options.holdout.asked()?) {
-        (Input::Run(run), Some(holdout)) => {
+    match (EvaluationInput::of(options)?, options.holdout.asked()?) {
+        (EvaluationInput::Run(run), Some(holdout)) => {
             let (recorded, bench) = read_run(run, note)?;
             let all = recorded.presses();
             Selection::of_phase(&all, Phase::Calibration).map_err(Failure::usage)?;
@@ -116,18 +116,18 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
             let asked = accept.rule_of([&recorded], note)?.map(|rule| (rule, evidence));
             held_out(options, &holdout, &presses, bench.placed(), asked, note)
         }
-        (Input::Table(table), Some(holdout)) => {
+        (EvaluationInput::Table(table), Some(holdout)) => {
             let mapping = options.columns.mapping()?;
             let presses = read_presses(table, &mapping, Some(Phase::Calibration), note)?;
             let asked = accept.rule()?.map(|rule| (rule, of_table(&presses)));
             held_out(options, &holdout, &presses, mapping.layout_of(presses.channels).as_ref(), asked, note)
         }
-        (Input::Tables(..), Some(_)) => {
+        (EvaluationInput::Tables(..), Some(_)) => {
             let help = "name one table or run: palpate evaluate grid.csv --holdout places 20%";
             Err(Failure::usage(miette::miette!(help = help, "--holdout splits one table or run")))
         }
-        (Input::Run(run), None) => of_run(options, run, note),
-        (Input::Table(table), None) => {
+        (EvaluationInput::Run(run), None) => of_run(options, run, note),
+        (EvaluationInput::Table(table), None) => {
             let mapping = options.columns.mapping()?;
             let presses = read_presses(table, &mapping, Some(Phase::Calibration), note)?;
             let (source_name, rule) = (presses.source.clone(), accept.rule()?);
@@ -137,7 +137,7 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
             let known = Evaluated { cross_validated, ..Evaluated::default() };
             known.tried(options, Err(untested.into()), rule.map(|rule| (rule, of_table(&presses))), None)
         }
-        (Input::Tables(calibration, test), None) => {
+        (EvaluationInput::Tables(calibration, test), None) => {
             let mapping = options.columns.mapping()?;
             let calibration = read_presses(calibration, &mapping, Some(Phase::Calibration), note)?;
             let test = read_presses(test, &mapping, Some(Phase::Test), note)?;
@@ -151,24 +151,24 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
 }
 
 /// What the options name.
-enum Input<'a> {
+enum EvaluationInput<'a> {
     Run(&'a Path),
     Table(&'a Path),
     /// Calibration and test.
     Tables(&'a Path, &'a Path),
 }
 
-impl Input<'_> {
-    fn of(options: &EvaluateOptions) -> Result<Input<'_>, Failure> {
+impl EvaluationInput<'_> {
+    fn of(options: &EvaluateOptions) -> Result<EvaluationInput<'_>, Failure> {
         match (options.run.as_slice(), &options.calibration, &options.test) {
-            ([], Some(calibration), Some(test)) => Ok(Input::Tables(calibration, test)),
-            ([run], None, None) if run.is_dir() || !(run.exists() || is_stdin(run)) => Ok(Input::Run(run)),
-            ([table], None, None) => Ok(Input::Table(table)),
+            ([], Some(calibration), Some(test)) => Ok(EvaluationInput::Tables(calibration, test)),
+            ([run], None, None) if run.is_dir() || !(run.exists() || is_stdin(run)) => Ok(EvaluationInput::Run(run)),
+            ([table], None, None) => Ok(EvaluationInput::Table(table)),
             ([first, second, ..], ..) if first.is_dir() || second.is_dir() => {
                 let help = "one page about several runs of a sensor: palpate report RUN...";
                 Err(Failure::usage(miette::miette!(help = help, "`evaluate` takes one run folder, or two tables")))
             }
-            ([calibration, test], None, None) => Ok(Input::Tables(calibration, test)),
+            ([calibration, test], None, None) => Ok(EvaluationInput::Tables(calibration, test)),
             _ => {
                 let help = "name a run folder, `palpate evaluate runs/paper`, or a table of calibration presses and one of test \
                             presses, `palpate evaluate calibration.csv test.csv`";
@@ -179,7 +179,7 @@ impl Input<'_> {
 }
 
 /// A rule, and the evidence that it is applied to.
-type Asked<'a> = Option<(Rule, Evidence<'a>)>;
+type RuleWithEvidence<'a> = Option<(AcceptanceRule, Evidence<'a>)>;
 
 fn of_table(presses: &Presses) -> Evidence<'_> {
     Evidence { presses, layout: None, runs: Vec::new(), u_place_mm: None }
@@ -217,7 +217,7 @@ fn held_out(
     holdout: &Holdout,
     presses: &Presses,
     layout: Option<&ArrayLayout>,
-    asked: Asked<'_>,
+    asked: RuleWithEvidence<'_>,
     note: Note<'_>,
 ) -> Result<Evaluated, Failure> {
     let split = options.holdout.split(holdout, presses, layout, note)?;
@@ -231,7 +231,7 @@ fn cross_validated(
     presses: &Presses,
     layout: Option<&ArrayLayout>,
     has_rule: bool,
-) -> Result<Option<Vec<Candidate>>, Failure> {
+) -> Result<Option<Vec<TriedMethod>>, Failure> {
     let solver = if options.solver == ALL { BEST } else { &options.solver };
     match evaluate::cross_validated(presses, layout, load(options.constant_load), solver) {
         Err(_) if has_rule => Ok(None),
@@ -245,7 +245,7 @@ impl Evaluated {
         self,
         options: &EvaluateOptions,
         trial: Result<Trial<'_>, EvaluateError>,
-        asked: Asked<'_>,
+        asked: RuleWithEvidence<'_>,
         design: Option<&ByDesign>,
     ) -> Result<Self, Failure> {
         let trial = match trial {
@@ -274,7 +274,7 @@ impl Evaluated {
 }
 
 /// Returns the evaluations of the requested solvers.
-fn outcomes(solver: &str, trial: &Trial<'_>) -> Result<Vec<Outcome>, Failure> {
+fn outcomes(solver: &str, trial: &Trial<'_>) -> Result<Vec<SolverOutcome>, Failure> {
     let is_all = solver == ALL;
     let names = if is_all { [&SOLVERS, [BEST].as_slice()].concat() } else { vec![solver] };
     let mut outcomes = Vec::new();

@@ -3,9 +3,9 @@
 //! The run never waits for the consumer. Contacts that don't fit into the queue are read from the journal, where they are by
 //! then. Events about the progress are lost if too many of them wait.
 
-use super::{Begun, Failure};
+use super::{Failure, OpenedRun};
 use palpate_core::parallel::lock;
-use palpate_data::dataset::{Contact, DatasetError, JOURNAL, Journal, Press, Record, Retouch, Status};
+use palpate_data::dataset::{DatasetError, JOURNAL, Journal, Press, Record, RecordedContact, Retouch, Status};
 use palpate_data::recipe::{Entry, Phase};
 use palpate_link::device::Identity;
 use palpate_run::run::{Cancel, Listener};
@@ -24,7 +24,7 @@ const PROGRESS_MAX: usize = 256;
 
 /// An event of a run.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Event {
+pub enum RunEvent {
     /// The instruments are ready.
     Ready(Vec<Identity>),
     /// A press begins.
@@ -48,10 +48,10 @@ pub enum Event {
 }
 
 /// The events of a run under way. The run is stopped and the stage is parked when this is dropped.
-pub struct Events {
+pub struct RunEvents {
     path: PathBuf,
     planned: usize,
-    walker: Arc<Walker>,
+    walker: Arc<RunThread>,
     queue: Arc<Queue>,
     /// Levels that are handed out before the queue.
     levels: VecDeque<Press>,
@@ -61,14 +61,14 @@ pub struct Events {
 }
 
 /// The thread of a run.
-pub struct Walker {
+pub struct RunThread {
     cancel: Cancel,
     /// Bits of the latest force, N.
     force: Arc<AtomicU64>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-impl Walker {
+impl RunThread {
     /// Returns the latest reading of the load cell, N, relative to its zero.
     pub fn force_n(&self) -> f64 {
         f64::from_bits(self.force.load(Ordering::Relaxed))
@@ -94,7 +94,7 @@ impl Walker {
 #[derive(Debug)]
 pub enum Next {
     /// The event.
-    Event(Event),
+    Event(RunEvent),
     /// There was no event in this time.
     Waiting,
     /// The run has failed; no event follows.
@@ -105,16 +105,16 @@ pub enum Next {
 
 #[derive(Default)]
 struct Queue {
-    state: Mutex<State>,
+    state: Mutex<EventQueue>,
     changed: Condvar,
 }
 
 #[derive(Default)]
-struct State {
+struct EventQueue {
     /// Number of events so far.
     order: u64,
     contacts: VecDeque<(u64, Vec<Press>)>,
-    progress: VecDeque<(u64, Event)>,
+    progress: VecDeque<(u64, RunEvent)>,
     /// Number of contacts on disk.
     recorded: usize,
     /// Whether contacts are only on disk because the queue was full.
@@ -122,12 +122,12 @@ struct State {
     end: Option<Result<Status, Failure>>,
 }
 
-impl Events {
+impl RunEvents {
     /// Begins to walk a run on a thread of its own.
     ///
     /// # Errors
     /// The system starts no thread.
-    pub fn start(mut begun: Begun) -> Result<Events, Failure> {
+    pub fn start(mut begun: OpenedRun) -> Result<RunEvents, Failure> {
         let (path, planned) = (begun.path().to_owned(), begun.planned());
         let (cancel, queue) = (Cancel::default(), Arc::new(Queue::default()));
         let (force, asked, heard) = (Arc::new(AtomicU64::default()), cancel.clone(), queue.clone());
@@ -141,17 +141,17 @@ impl Events {
         };
         let thread = thread::Builder::new().name("run".to_owned()).spawn(walk);
         let thread = thread.map_err(|why| Failure::usage(miette::miette!("no thread for the run: {why}")))?;
-        let walker = Arc::new(Walker { cancel, force, thread: Mutex::new(Some(thread)) });
-        Ok(Events { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false })
+        let walker = Arc::new(RunThread { cancel, force, thread: Mutex::new(Some(thread)) });
+        Ok(RunEvents { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false })
     }
 
     /// Returns the events of a run that was complete already: only its end.
-    pub fn of_complete(path: PathBuf, planned: usize) -> Events {
-        let walker = Walker { cancel: Cancel::default(), force: Arc::default(), thread: Mutex::default() };
-        let state = State { end: Some(Ok(Status::Complete)), ..State::default() };
+    pub fn of_complete(path: PathBuf, planned: usize) -> RunEvents {
+        let walker = RunThread { cancel: Cancel::default(), force: Arc::default(), thread: Mutex::default() };
+        let state = EventQueue { end: Some(Ok(Status::Complete)), ..EventQueue::default() };
         let queue = Queue { state: Mutex::new(state), changed: Condvar::new() };
         let (walker, queue) = (Arc::new(walker), Arc::new(queue));
-        Events { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false }
+        RunEvents { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false }
     }
 
     /// Returns the folder of the run.
@@ -165,7 +165,7 @@ impl Events {
     }
 
     /// Returns the thread of the run.
-    pub fn walker(&self) -> &Arc<Walker> {
+    pub fn walker(&self) -> &Arc<RunThread> {
         &self.walker
     }
 
@@ -173,7 +173,7 @@ impl Events {
     pub fn next(&mut self, most: Duration) -> Next {
         loop {
             if let Some(press) = self.levels.pop_front() {
-                return Next::Event(Event::Pressed(Box::new(press)));
+                return Next::Event(RunEvent::Pressed(Box::new(press)));
             }
             if self.is_over {
                 return Next::Over;
@@ -204,7 +204,7 @@ impl Events {
                 state.is_behind = self.taken < state.recorded;
             } else if let Some(end) = state.end.take() {
                 self.is_over = true;
-                return end.map_or_else(Next::Failed, |status| Next::Event(Event::Ended(status)));
+                return end.map_or_else(Next::Failed, |status| Next::Event(RunEvent::Ended(status)));
             }
         }
     }
@@ -227,20 +227,20 @@ impl Events {
     }
 }
 
-impl Drop for Events {
+impl Drop for RunEvents {
     fn drop(&mut self) {
         self.walker.park();
     }
 }
 
-impl State {
+impl EventQueue {
     /// Whether there is nothing to hand out.
     fn is_idle(&self) -> bool {
         self.contacts.is_empty() && self.progress.is_empty() && !self.is_behind && self.end.is_none()
     }
 
     /// Takes the first event about the progress, if it came before the first contact.
-    fn progress_before_contact(&mut self) -> Option<Event> {
+    fn progress_before_contact(&mut self) -> Option<RunEvent> {
         let (order, _) = self.progress.front()?;
         let is_first = self.contacts.front().is_none_or(|(contact, _)| order < contact);
         is_first.then(|| self.progress.pop_front()).flatten().map(|(_, event)| event)
@@ -251,7 +251,7 @@ impl State {
 struct Heard<'a>(&'a Queue);
 
 impl Heard<'_> {
-    fn progress(&self, event: Event) {
+    fn progress(&self, event: RunEvent) {
         let mut state = lock(&self.0.state);
         state.order += 1;
         let order = state.order;
@@ -265,22 +265,22 @@ impl Heard<'_> {
 
 impl Listener for Heard<'_> {
     fn ready(&mut self, devices: &[Identity]) {
-        self.progress(Event::Ready(devices.to_vec()));
+        self.progress(RunEvent::Ready(devices.to_vec()));
     }
 
     fn retouched(&mut self, retouch: &Retouch) {
-        self.progress(Event::Retouched(*retouch));
+        self.progress(RunEvent::Retouched(*retouch));
     }
 
     fn begins(&mut self, entry: &Entry) {
-        self.progress(Event::Begins { press: entry.press, phase: entry.phase });
+        self.progress(RunEvent::Begins { press: entry.press, phase: entry.phase });
     }
 
     fn rests(&mut self, seconds: f64) {
-        self.progress(Event::Rests { seconds });
+        self.progress(RunEvent::Rests { seconds });
     }
 
-    fn recorded(&mut self, contact: &Contact) {
+    fn recorded(&mut self, contact: &RecordedContact) {
         let mut state = lock(&self.0.state);
         state.order += 1;
         state.recorded += 1;
@@ -303,11 +303,11 @@ mod tests {
     const LONG: Duration = Duration::from_secs(60);
 
     /// A run of these steps.
-    fn started(folder: &TempDir, steps: &str) -> Events {
+    fn started(folder: &TempDir, steps: &str) -> RunEvents {
         let recipe = folder.path().join("recipe.toml");
         std::fs::write(&recipe, format!("name = \"r\"\nrig = \"sim\"\n{steps}")).unwrap();
         let options = RunOptions { recipe, out: Some(folder.path().join("run")), ..RunOptions::default() };
-        Events::start(begin(&options).unwrap()).ok().unwrap()
+        RunEvents::start(begin(&options).unwrap()).ok().unwrap()
     }
 
     /// Presses at random places.
@@ -316,11 +316,11 @@ mod tests {
         format!("[press]\nsample_s = 0.02\n[[step]]\nphase = \"test\"\nrandom = {{ count = {count}, {area} }}\n")
     }
 
-    fn drained(events: &mut Events) -> (Vec<Press>, Vec<Event>, Next) {
+    fn drained(events: &mut RunEvents) -> (Vec<Press>, Vec<RunEvent>, Next) {
         let (mut presses, mut others) = (Vec::new(), Vec::new());
         loop {
             match events.next(LONG) {
-                Next::Event(Event::Pressed(press)) => presses.push(*press),
+                Next::Event(RunEvent::Pressed(press)) => presses.push(*press),
                 Next::Event(event) => others.push(event),
                 end => return (presses, others, end),
             }
@@ -339,7 +339,7 @@ mod tests {
         let (recorded, ..) = read_run(events.path(), &|_| {}).unwrap();
         let expected: Vec<Press> = recorded.contacts.into_iter().flat_map(|contact| contact.levels).collect();
         assert_eq!((presses.len(), others.len()), (count, PROGRESS_MAX + 1));
-        assert_eq!((presses, others.last()), (expected, Some(&Event::Ended(Status::Complete))));
+        assert_eq!((presses, others.last()), (expected, Some(&RunEvent::Ended(Status::Complete))));
         assert!(matches!(end, Next::Over));
     }
 
@@ -350,8 +350,8 @@ mod tests {
         let mut numbers = Vec::new();
         loop {
             match events.next(LONG) {
-                Next::Event(Event::Begins { press, .. }) => numbers.push((press, false)),
-                Next::Event(Event::Pressed(press)) => numbers.push((press.press, true)),
+                Next::Event(RunEvent::Begins { press, .. }) => numbers.push((press, false)),
+                Next::Event(RunEvent::Pressed(press)) => numbers.push((press.press, true)),
                 Next::Event(_) => {}
                 end => break assert!(matches!(end, Next::Over)),
             }
@@ -364,7 +364,7 @@ mod tests {
     fn a_run_whose_events_are_dropped_is_stopped_and_parked() {
         let folder = tempfile::tempdir().unwrap();
         let mut events = started(&folder, &random(20_000));
-        while !matches!(events.next(LONG), Next::Event(Event::Pressed(_))) {}
+        while !matches!(events.next(LONG), Next::Event(RunEvent::Pressed(_))) {}
         let path = events.path().to_owned();
         drop(events);
         let (recorded, ..) = read_run(&path, &|_| {}).unwrap();
@@ -376,10 +376,10 @@ mod tests {
     fn a_stop_finishes_the_press_under_way() {
         let folder = tempfile::tempdir().unwrap();
         let mut events = started(&folder, &random(20_000));
-        while !matches!(events.next(LONG), Next::Event(Event::Pressed(_))) {}
+        while !matches!(events.next(LONG), Next::Event(RunEvent::Pressed(_))) {}
         events.walker().stop();
         let (_, others, end) = drained(&mut events);
-        assert_eq!(others.last(), Some(&Event::Ended(Status::Stopped)));
+        assert_eq!(others.last(), Some(&RunEvent::Ended(Status::Stopped)));
         assert!(matches!(end, Next::Over));
     }
 }

@@ -10,7 +10,7 @@ use std::io::ErrorKind;
 
 /// Kind of a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FailureKind {
     /// Done, but not accepted by the rule, not decided, or without a result that can be judged.
     NotAccepted,
     /// An invalid recipe, rig, table or option. Nothing was moved.
@@ -25,16 +25,16 @@ pub enum Kind {
     Cancelled,
 }
 
-impl Kind {
+impl FailureKind {
     /// Returns the exit code of a command that ends like this.
     pub const fn code(self) -> u8 {
         match self {
-            Kind::NotAccepted => 1,
-            Kind::Usage => 2,
-            Kind::Device => 3,
-            Kind::Trip => 4,
-            Kind::Record => 5,
-            Kind::Cancelled => 130,
+            FailureKind::NotAccepted => 1,
+            FailureKind::Usage => 2,
+            FailureKind::Device => 3,
+            FailureKind::Trip => 4,
+            FailureKind::Record => 5,
+            FailureKind::Cancelled => 130,
         }
     }
 }
@@ -44,7 +44,7 @@ impl Kind {
 /// [`Display`](fmt::Display) prints plain lines: the causes of a failure in one line, its help in the next.
 #[derive(Debug)]
 pub struct Failure {
-    kind: Kind,
+    kind: FailureKind,
     report: Report,
     /// Where the stage is, if a run left it.
     stage: Option<String>,
@@ -53,13 +53,13 @@ pub struct Failure {
 }
 
 impl Failure {
-    fn new(kind: Kind, report: impl Into<Report>) -> Failure {
+    fn new(kind: FailureKind, report: impl Into<Report>) -> Failure {
         Failure { kind, report: report.into(), stage: None, before: None }
     }
 
     /// Bad input; nothing was moved.
     pub fn usage(report: impl Into<Report>) -> Failure {
-        Failure::new(Kind::Usage, report)
+        Failure::new(FailureKind::Usage, report)
     }
 
     /// An option has a value that it can't have; `why` states what it can have.
@@ -69,12 +69,12 @@ impl Failure {
 
     /// The command ended, but its measurements can't be evaluated.
     pub fn not_accepted(report: impl Into<Report>) -> Failure {
-        Failure::new(Kind::NotAccepted, report)
+        Failure::new(FailureKind::NotAccepted, report)
     }
 
     /// A result couldn't be written.
     pub fn unwritten(report: impl Into<Report>) -> Failure {
-        Failure::new(Kind::Record, report)
+        Failure::new(FailureKind::Record, report)
     }
 
     /// The record couldn't be made or read.
@@ -93,15 +93,15 @@ impl Failure {
             | DatasetError::Manifest { .. }
             | DatasetError::Journal(
                 JournalError::Damaged { .. } | JournalError::Format { .. } | JournalError::Kind { .. },
-            ) => Kind::Usage,
+            ) => FailureKind::Usage,
             // not a regular file: nothing was read from it or written to it
             DatasetError::Io { ref why, .. } | DatasetError::Journal(JournalError::Io { ref why, .. })
                 if why.kind() == ErrorKind::InvalidInput =>
             {
-                Kind::Usage
+                FailureKind::Usage
             }
             DatasetError::Io { .. }
-            | DatasetError::Journal(JournalError::Io { .. } | JournalError::Displaced { .. }) => Kind::Record,
+            | DatasetError::Journal(JournalError::Io { .. } | JournalError::Displaced { .. }) => FailureKind::Record,
         };
         Failure::new(kind, error)
     }
@@ -112,7 +112,7 @@ impl Failure {
             DatasetError::Io { doing, path, why } if why.kind() != ErrorKind::InvalidInput => {
                 let help = "nothing was pressed: choose another --out, or free disk space and correct the permissions";
                 let report = miette::miette!(help = help, "{doing} {}: {why}", path.display());
-                Failure::new(Kind::Record, report)
+                Failure::new(FailureKind::Record, report)
             }
             error => Failure::dataset(error),
         }
@@ -120,7 +120,7 @@ impl Failure {
 
     /// What was measured couldn't be finished: something has moved by then.
     pub fn unfinished(error: DatasetError) -> Failure {
-        Failure::new(Kind::Record, error)
+        Failure::new(FailureKind::Record, error)
     }
 
     /// The record of a batch couldn't be made or read.
@@ -134,26 +134,26 @@ impl Failure {
     /// A run that ended early.
     pub fn halted(halt: Halt) -> Failure {
         match halt {
-            Halt::Cancelled => Failure::new(Kind::Cancelled, miette::miette!("cancelled")),
+            Halt::Cancelled => Failure::new(FailureKind::Cancelled, miette::miette!("cancelled")),
             Halt::Tripped(trip) => {
                 let help = "find the cause before going on";
-                Failure::new(Kind::Trip, miette::miette!(help = help, "safety trip: {trip}"))
+                Failure::new(FailureKind::Trip, miette::miette!(help = help, "safety trip: {trip}"))
             }
-            Halt::Device(error) => Failure::new(Kind::Device, error),
-            Halt::Record(error) => Failure::new(Kind::Record, error),
-            Halt::Unconfirmed(why) => Failure::new(Kind::Usage, miette::miette!("{why}")),
+            Halt::Device(error) => Failure::new(FailureKind::Device, error),
+            Halt::Record(error) => Failure::new(FailureKind::Record, error),
+            Halt::Unconfirmed(why) => Failure::new(FailureKind::Usage, miette::miette!("{why}")),
         }
     }
 
     /// The load cell can't be trusted.
     pub fn untrusted(report: impl Into<Report>) -> Failure {
-        Failure::new(Kind::Trip, report)
+        Failure::new(FailureKind::Trip, report)
     }
 
     /// A run ended by a fault of the program itself.
     pub(crate) fn of_panic() -> Failure {
         let help = "move the stage clear of the specimen by hand";
-        Failure::new(Kind::Device, miette::miette!(help = help, "the run ended by a fault of this program"))
+        Failure::new(FailureKind::Device, miette::miette!(help = help, "the run ended by a fault of this program"))
     }
 
     /// A walk that ended early, and may have left the stage where it was.
@@ -182,7 +182,7 @@ impl Failure {
     }
 
     /// Returns the kind of the failure.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> FailureKind {
         self.kind
     }
 

@@ -3,7 +3,7 @@
 use super::Failure;
 use palpate_data::dataset::files;
 use palpate_report::chart::SVG_MARK;
-use palpate_report::report::{Drawn, counted};
+use palpate_report::report::{PageFigure, counted};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,11 +11,11 @@ use std::path::{Path, PathBuf};
 /// The files of a page's figures, not yet written.
 pub(crate) struct FigureFiles {
     folder: PathBuf,
-    figures: Vec<Drawn>,
+    figures: Vec<PageFigure>,
 }
 
 impl FigureFiles {
-    pub(crate) fn new(folder: PathBuf, figures: Vec<Drawn>) -> Self {
+    pub(crate) fn new(folder: PathBuf, figures: Vec<PageFigure>) -> Self {
         FigureFiles { folder, figures }
     }
 
@@ -59,7 +59,7 @@ impl FigureFiles {
         })
     }
 
-    fn paths(&self, drawn: &Drawn) -> [PathBuf; 2] {
+    fn paths(&self, drawn: &PageFigure) -> [PathBuf; 2] {
         ["svg", "csv"].map(|ending| self.folder.join(format!("{}.{ending}", drawn.stem)))
     }
 }

@@ -1,11 +1,11 @@
 //! Calibrated sensors: a method fitted to a run or a table, and its sensor file.
 
-use super::method::{MethodOptions, Source};
+use super::method::{FitSource, MethodOptions};
 use super::{Failure, Note};
 use palpate_data::dataset::Fingerprint;
 use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
 use palpate_solver::{
-    Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, Prepared, Setting, Solver as _,
+    Broken, Calibration, CalibrationPoint, Fitted, ForceKnown, Model, PreparedCalibration, Setting, Solver as _,
 };
 use std::path::Path;
 
@@ -32,7 +32,7 @@ pub struct Sensor {
 /// Bad input.
 pub fn fit(calibration: &Path, options: &MethodOptions, note: Note<'_>) -> Result<Sensor, Failure> {
     options.check()?;
-    let source = Source::read(calibration, options, note)?;
+    let source = FitSource::read(calibration, options, note)?;
     let model = options.fit(&source)?;
     note_forces(&model, note);
     note_left_out(calibration, model.fitted(), note);
@@ -83,7 +83,7 @@ pub(crate) fn constant_load_gain_mm(model: &Model) -> Option<(f64, f64)> {
         return None;
     }
     let error_mm = |calibration: Calibration, load: ForceKnown| {
-        let prepared = Prepared::new(calibration, &Setting { load, ..setting }).ok()?;
+        let prepared = PreparedCalibration::new(calibration, &Setting { load, ..setting }).ok()?;
         prepared.candidates(model.fitted().name()).ok()?.first()?.location_error_mm
     };
     let calibration = model.calibration()?;

@@ -58,7 +58,7 @@ pub struct MethodOptions {
 }
 
 /// What a method is fitted to.
-pub(crate) struct Source {
+pub(crate) struct FitSource {
     /// The run folder or the table.
     pub path: PathBuf,
     /// Its presses.
@@ -71,9 +71,9 @@ pub(crate) struct Source {
     pub is_relative: bool,
 }
 
-impl Source {
+impl FitSource {
     /// Reads a run folder or a table of presses.
-    pub(crate) fn read(path: &Path, method: &MethodOptions, note: Note<'_>) -> Result<Source, Failure> {
+    pub(crate) fn read(path: &Path, method: &MethodOptions, note: Note<'_>) -> Result<FitSource, Failure> {
         let load = method.load();
         let path = path.to_owned();
         if path.is_dir() {
@@ -85,20 +85,20 @@ impl Source {
             }
             let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
             let (layout, sensor) = (bench.placed().cloned(), recorded.manifest.facts.labels.sensor.clone());
-            return Ok(Source { path, calibration, layout, sensor, is_relative: false });
+            return Ok(FitSource { path, calibration, layout, sensor, is_relative: false });
         }
         let mapping = method.mapping()?;
         let table = read_presses(&path, &mapping, Some(Phase::Calibration), note)?;
         let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
         let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
         let layout = mapping.layout_of(table.channels);
-        Ok(Source { path, calibration, layout, sensor: None, is_relative })
+        Ok(FitSource { path, calibration, layout, sensor: None, is_relative })
     }
 
     /// Reads a sensor file too, which keeps its presses.
-    pub(crate) fn read_older(path: &Path, method: &MethodOptions, note: Note<'_>) -> Result<Source, Failure> {
+    pub(crate) fn read_older(path: &Path, method: &MethodOptions, note: Note<'_>) -> Result<FitSource, Failure> {
         if !is_sensor_file(path) {
-            return Source::read(path, method, note);
+            return FitSource::read(path, method, note);
         }
         let (card, model) = read_sensor_file(path).map_err(Failure::usage)?;
         let Some(calibration) = model.calibration() else {
@@ -107,7 +107,7 @@ impl Source {
         };
         let (calibration, layout) = (calibration.clone(), model.setting().layout.cloned());
         let is_relative = card.valid.force_n.is_none();
-        Ok(Source { path: path.to_owned(), calibration, layout, sensor: card.sensor, is_relative })
+        Ok(FitSource { path: path.to_owned(), calibration, layout, sensor: card.sensor, is_relative })
     }
 
     /// The journal or the file by its content.
@@ -154,7 +154,7 @@ impl MethodOptions {
     }
 
     /// The setting for a calibration.
-    pub(crate) fn setting<'s>(&self, source: &'s Source) -> Result<Setting<'s>, Failure> {
+    pub(crate) fn setting<'s>(&self, source: &'s FitSource) -> Result<Setting<'s>, Failure> {
         Ok(Setting {
             layout: source.layout.as_ref(),
             load: self.load(),
@@ -166,7 +166,7 @@ impl MethodOptions {
     }
 
     /// Fits the method to a calibration.
-    pub(crate) fn fit(&self, source: &Source) -> Result<Model, Failure> {
+    pub(crate) fn fit(&self, source: &FitSource) -> Result<Model, Failure> {
         let name = source.path.display();
         check_places(&name.to_string(), &source.calibration).map_err(Failure::usage)?;
         let model = Model::fit(&self.solver, source.calibration.clone(), &self.setting(source)?).into_diagnostic();

@@ -2,7 +2,7 @@
 //!
 //! Nothing is printed, no signal is handled, and no person is asked. Each function takes its options as a struct, whose documentation is
 //! the help of the command line: an option stands once. A line that a person should read is passed to a [`Note`]. A [`Failure`] has
-//! a [`Kind`], which is the exit code of the command.
+//! a [`FailureKind`], which is the exit code of the command.
 
 mod accept;
 mod batch;
@@ -39,17 +39,17 @@ pub use choices::{
     DurabilityChoice, EvaluateChoice, ExportChoice, ReadingsChoice, RepeatabilityChoice, choice, strategy,
 };
 pub use columns::ColumnsOptions;
-pub use evaluate::{EvaluateOptions, Evaluated, Outcome, evaluate};
-pub use failure::{Failure, Kind};
+pub use evaluate::{EvaluateOptions, Evaluated, SolverOutcome, evaluate};
+pub use failure::{Failure, FailureKind};
 pub use fit::{Sensor, fit, read_sensor, write_sensor};
 pub use holdout::HoldoutOptions;
 pub use labels::LabelOptions;
 pub use method::MethodOptions;
 pub use provenance::built_from;
 pub use recorded::{read_run, read_table};
-pub use report::{Report, ReportOptions, report};
-pub use results::Results;
-pub use run::{Begun, MannerOptions, ResumeOptions, Resumed, RunOptions, begin, resume, run};
+pub use report::{ReportOptions, ReportPage, report};
+pub use results::RunResults;
+pub use run::{MannerOptions, OpenedRun, ResumeOptions, Resumed, RunOptions, begin, resume, run};
 pub use solutions::{NUMBERS, UNSOLVED, numbers};
 pub use solve::{SolveOptions, solve};
 pub use sources::RigOptions;

@@ -84,7 +84,7 @@ pub fn read_table(table: &Path, columns: &ColumnsOptions, note: Note<'_>) -> Res
     read_presses(table, &columns.mapping()?, None, note)
 }
 
-type Value = fn(&Press) -> f64;
+type PressValue = fn(&Press) -> f64;
 
 /// Span of an axis, mm, and force, N, above which another unit is likely.
 const SPAN_MOST_MM: f64 = 1000.0;
@@ -92,11 +92,11 @@ const FORCE_MOST_N: f64 = 100.0;
 
 /// Returns a note with the factor for places and for forces that are probably in another unit.
 fn other_units(presses: &Presses) -> Vec<String> {
-    let ends = |of: Value| {
+    let ends = |of: PressValue| {
         let values = presses.presses.iter().map(of);
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(value), most.max(value)))
     };
-    let axes: [(&str, Value); 2] = [("x", |press| press.x_mm), ("y", |press| press.y_mm)];
+    let axes: [(&str, PressValue); 2] = [("x", |press| press.x_mm), ("y", |press| press.y_mm)];
     let spans = axes.map(|(axis, of)| (axis, ends(of).1 - ends(of).0));
     let wide = spans.into_iter().find(|(_, span_mm)| *span_mm > SPAN_MOST_MM).map(|(axis, span_mm)| {
         format!("{axis} spans {span_mm:.0} mm: if places are in um, set x_mm = 0.001 in [scale] of a columns file")
@@ -122,7 +122,7 @@ pub(crate) fn warn_of_units(calibration: &Presses, test: &Presses, note: Note<'_
         ));
     }
     let largest = |presses: &Presses, of: fn(&Press) -> f64| presses.presses.iter().map(of).fold(0.0, f64::max);
-    let columns: [(&str, &str, Value); 3] = [
+    let columns: [(&str, &str, PressValue); 3] = [
         ("force_n", "N", |press| press.force_n.unwrap_or_default().abs()),
         ("x_mm and y_mm", "mm", |press| press.x_mm.abs().max(press.y_mm.abs())),
         ("outputs", "one unit", |press| press.outputs.iter().fold(0.0, |most, output| output.abs().max(most))),

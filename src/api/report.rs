@@ -5,10 +5,10 @@ use super::figure_files::FigureFiles;
 use super::method::{check_solver, solvers};
 use super::recorded::read_run;
 use super::{Failure, Note};
-use palpate_data::acceptance::{Judgement, Verdict};
+use palpate_data::acceptance::{Judgement, SensorVerdict};
 use palpate_data::dataset::{Recorded, check_run, files};
 use palpate_report::report::{
-    Compared, Judged, MARK, Page, ReportError, Subject, ToCompare, comparison, counted, page,
+    Compared, MARK, Page, ReportError, SensorResults, Subject, ToCompare, comparison, counted, page,
 };
 use palpate_run::batch::ByDesign;
 use palpate_run::rig::Bench;
@@ -56,7 +56,7 @@ impl ReportOptions {
 }
 
 /// A page that isn't written yet.
-pub struct Report {
+pub struct ReportPage {
     /// Path of the page.
     pub out: PathBuf,
     /// The page, a complete HTML file.
@@ -70,11 +70,11 @@ pub struct Report {
     figures: Option<FigureFiles>,
 }
 
-/// Makes the page, like `palpate report`. Nothing is written before [`Report::write`].
+/// Makes the page, like `palpate report`. Nothing is written before [`ReportPage::write`].
 ///
 /// # Errors
 /// Bad input, or a path at which something else is.
-pub fn report(options: &ReportOptions, note: Note<'_>) -> Result<Report, Failure> {
+pub fn report(options: &ReportOptions, note: Note<'_>) -> Result<ReportPage, Failure> {
     check_solver(&options.solver, &[BEST])?;
     let first = options.runs.first().ok_or_else(|| Failure::usage(miette::miette!("no run is named")))?;
     let default = || if options.compare { "comparison.html".into() } else { first.join("report.html") };
@@ -83,13 +83,13 @@ pub fn report(options: &ReportOptions, note: Note<'_>) -> Result<Report, Failure
     let runs = options.runs.iter().map(|run| read_run(run, note)).collect::<Result<Vec<_>, Failure>>()?;
     let report = if options.compare { compare(options, runs, note)? } else { one(options, runs, note)? };
     report.figures.iter().try_for_each(FigureFiles::check)?;
-    Ok(Report { out, ..report })
+    Ok(ReportPage { out, ..report })
 }
 
-impl Report {
+impl ReportPage {
     fn new(options: &ReportOptions, page: Page, summary: String, result: Value) -> Self {
         let figures = options.figures.clone().map(|folder| FigureFiles::new(folder, page.figures));
-        Report { out: PathBuf::new(), html: page.html, summary, result, judgement: None, figures }
+        ReportPage { out: PathBuf::new(), html: page.html, summary, result, judgement: None, figures }
     }
 
     /// Writes the page and its figures.
@@ -112,13 +112,13 @@ impl Report {
     }
 }
 
-fn one(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) -> Result<Report, Failure> {
+fn one(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) -> Result<ReportPage, Failure> {
     for (run, _) in runs.iter().filter(|(run, _)| run.contacts.is_empty()) {
         let newer = newest_after(&run.path).map(|newer| format!("; a newer run is {}", newer.display()));
         note(&format!("note: {} has no presses{}", run.path.display(), newer.unwrap_or_default()));
     }
     let (subject, judged) = judged(runs, options.same_sensor, &options.accept, note)?;
-    let verdict = judged.verdict().map_or("no verdict", Verdict::told);
+    let verdict = judged.verdict().map_or("no verdict", SensorVerdict::told);
     let decisive = judged.decisive();
     let errors = decisive.map_or(", not evaluated".to_owned(), |evaluation| {
         let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
@@ -132,7 +132,7 @@ fn one(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) ->
         "force_error_n": decisive.and_then(|evaluation| evaluation.force_error_n).map(|error| error.mean),
     });
     let page = page(&subject, &judged);
-    Ok(Report { judgement: judged.judgement, ..Report::new(options, page, summary, result) })
+    Ok(ReportPage { judgement: judged.judgement, ..ReportPage::new(options, page, summary, result) })
 }
 
 /// Returns the last of the runs that were made after this one under the same name: `paper-2` and `paper-3` after `paper`.
@@ -152,16 +152,16 @@ pub(crate) fn judged(
     same_sensor: bool,
     accept: &AcceptOptions,
     note: Note<'_>,
-) -> Result<(Subject, Judged), Failure> {
+) -> Result<(Subject, SensorResults), Failure> {
     let rule = accept.rule_of(runs.iter().map(|(run, _)| run), note)?;
     let paths: Vec<&Path> = runs.iter().map(|(run, _)| run.path.as_path()).collect();
     let design = ByDesign::of_runs(&paths).map_err(Failure::usage)?;
     let subject = Subject::of(runs, same_sensor).map_err(failure)?;
-    let judged = Judged::of(&subject, rule.as_ref(), design);
+    let judged = SensorResults::of(&subject, rule.as_ref(), design);
     Ok((subject, judged))
 }
 
-fn compare(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) -> Result<Report, Failure> {
+fn compare(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) -> Result<ReportPage, Failure> {
     let named = options.accept.rule()?;
     let to_compare = |(run, bench): (Recorded, Bench)| {
         let rule = if named.is_some() { named.clone() } else { rule_of(&run, note) };
@@ -169,17 +169,17 @@ fn compare(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>
     };
     let runs: Vec<ToCompare> = runs.into_iter().map(to_compare).collect();
     let compared = Compared::all(&runs, &options.solver);
-    let counted_as = |verdict: Option<Verdict>| compared.iter().filter(|run| run.verdict() == verdict).count();
-    let each = [Some(Verdict::Accepted), Some(Verdict::NotAccepted), Some(Verdict::NotDecided), None];
+    let counted_as = |verdict: Option<SensorVerdict>| compared.iter().filter(|run| run.verdict() == verdict).count();
+    let each = [Some(SensorVerdict::Accepted), Some(SensorVerdict::NotAccepted), Some(SensorVerdict::NotDecided), None];
     let told: String = each
         .into_iter()
         .filter(|verdict| counted_as(*verdict) > 0)
-        .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", Verdict::told)))
+        .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", SensorVerdict::told)))
         .collect();
     let summary = format!("{} compared{told}", counted(compared.len(), "run"));
-    let verdicts: Vec<Option<Verdict>> = compared.iter().map(Compared::verdict).collect();
+    let verdicts: Vec<Option<SensorVerdict>> = compared.iter().map(Compared::verdict).collect();
     let result = json!({ "runs": options.runs, "verdicts": verdicts });
-    Ok(Report::new(options, comparison(&compared, &options.solver), summary, result))
+    Ok(ReportPage::new(options, comparison(&compared, &options.solver), summary, result))
 }
 
 /// Checks that the path is free, or contains a page of this program of the same kind, which may be replaced. No other file is

@@ -12,7 +12,7 @@ use palpate_run::rig::RigSpec;
 use palpate_solver::{BEST, Evaluation};
 
 /// The result of a complete run by its own recipe.
-pub struct Results {
+pub struct RunResults {
     /// With each solver that `[evaluate]` names, and with the chosen one.
     pub evaluations: Vec<Evaluation>,
     /// Of its staircases.
@@ -23,7 +23,7 @@ pub struct Results {
     pub is_beside_paper: bool,
 }
 
-impl Results {
+impl RunResults {
     /// Evaluates and judges a run by its own recipe. [`EvaluateChoice::Best`] adds the best method, which is chosen by
     /// cross-validation.
     pub(crate) fn of(
@@ -31,14 +31,14 @@ impl Results {
         spec: &RigSpec,
         recipe: &Recipe,
         methods: EvaluateChoice,
-    ) -> Result<Results, Failure> {
+    ) -> Result<RunResults, Failure> {
         let layout = &spec.array.layout;
         let characteristics = folder.staircases().map_err(Failure::dataset)?;
         if recipe.solvers.is_empty() && recipe.rule().is_none() {
             // a long run isn't read into memory for nothing
             let is_beside_paper =
                 characteristics.is_some() && is_beside_paper(layout, &folder.presses().map_err(Failure::dataset)?);
-            return Ok(Results { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });
+            return Ok(RunResults { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });
         }
         let recorded = Recorded::read(folder.path()).map_err(Failure::dataset)?;
         let presses = recorded.presses();
@@ -62,6 +62,6 @@ impl Results {
         let evidence = Evidence { presses: &presses, layout: Some(layout), runs, u_place_mm };
         let judgement = recipe.rule().map(|rule| evidence.judge(rule, &trial, &evaluations));
         let is_beside_paper = is_beside_paper(layout, &presses);
-        Ok(Results { evaluations, characteristics, judgement, is_beside_paper })
+        Ok(RunResults { evaluations, characteristics, judgement, is_beside_paper })
     }
 }

@@ -4,18 +4,20 @@ use super::choices::{DurabilityChoice, EvaluateChoice};
 use super::labels::LabelOptions;
 use super::provenance::{now, session};
 use super::recorded::rig_of;
-use super::results::Results;
+use super::results::RunResults;
 use super::sources::{RigOptions, Sources, positive, read_rig_text};
-use super::which_rig::Chosen;
+use super::which_rig::ChosenRig;
 use super::which_way::ConfirmOptions;
 use super::{Failure, Note};
 use miette::IntoDiagnostic;
-use palpate_data::dataset::{DatasetError, End, Provenance, RigChange, RunFacts, RunFolder, Status, Texts, files};
+use palpate_data::dataset::{
+    DatasetError, Provenance, RigChange, RunFacts, RunFolder, SessionEnd, Status, Texts, files,
+};
 use palpate_data::recipe::{Plan, Recipe};
 use palpate_document::TEXT_MAX_BYTES;
 use palpate_link::time::{run_virtually, spawn};
 use palpate_run::rig::{Consequence, Difference, RigSpec, differences};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, keep_pace, walk};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, keep_pace, walk};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -71,7 +73,7 @@ pub struct MannerOptions {
 }
 
 /// A run whose folder is made or open. Nothing has moved.
-pub struct Begun {
+pub struct OpenedRun {
     pub(crate) recipe: Recipe,
     pub(crate) rig: RigSpec,
     pub(crate) plan: Plan,
@@ -82,7 +84,7 @@ pub struct Begun {
 /// What [`resume`] found.
 pub enum Resumed {
     /// The run continues.
-    Begun(Box<Begun>),
+    Begun(Box<OpenedRun>),
     /// The run is complete.
     Complete {
         /// Number of its presses.
@@ -93,15 +95,15 @@ pub enum Resumed {
 }
 
 /// Agrees to a rig before it moves, or refuses.
-pub(crate) type Agree<'a> = &'a dyn Fn(&Chosen, &RigSpec) -> Result<(), Failure>;
+pub(crate) type Agree<'a> = &'a dyn Fn(&ChosenRig, &RigSpec) -> Result<(), Failure>;
 
 /// Makes the folder of a run, like `palpate run`. A real rig must be named by [`RigOptions::rig`].
 ///
 /// # Errors
 /// Bad input, or the folder can't be made.
-pub fn begin(options: &RunOptions) -> Result<Begun, Failure> {
+pub fn begin(options: &RunOptions) -> Result<OpenedRun, Failure> {
     let begun = begin_with(options, &agree_if_named)?;
-    Ok(Begun { rig: options.manner.confirm.of(begun.rig), ..begun })
+    Ok(OpenedRun { rig: options.manner.confirm.of(begun.rig), ..begun })
 }
 
 /// Opens the folder of a run that was stopped, like `palpate resume`. Notes what differs from the rig with which the run began.
@@ -118,22 +120,22 @@ pub fn resume(options: &ResumeOptions, note: Note<'_>) -> Result<Resumed, Failur
     })
 }
 
-/// Makes all presses of a run, evaluates and judges it by its own recipe: [`begin`], [`Begun::walk`] and [`Begun::results`] in one.
+/// Makes all presses of a run, evaluates and judges it by its own recipe: [`begin`], [`OpenedRun::walk`] and [`OpenedRun::results`] in one.
 ///
 /// # Errors
 /// Bad input, a device, a safety rule or the record.
-pub fn run(options: &RunOptions, listener: &mut dyn Listener) -> Result<(PathBuf, Results), Failure> {
+pub fn run(options: &RunOptions, listener: &mut dyn Listener) -> Result<(PathBuf, RunResults), Failure> {
     let mut begun = begin(options)?;
     begun.walk(&Cancel::default(), &|_| {}, listener)?;
     Ok((begun.path().to_owned(), begun.results(EvaluateChoice::Best)?))
 }
 
-fn agree_if_named(chosen: &Chosen, rig: &RigSpec) -> Result<(), Failure> {
+fn agree_if_named(chosen: &ChosenRig, rig: &RigSpec) -> Result<(), Failure> {
     if chosen.is_to_confirm(rig) { Err(chosen.unconfirmed()) } else { Ok(()) }
 }
 
 /// Makes the folder of a run, once the rig is agreed to.
-pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<Begun, Failure> {
+pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<OpenedRun, Failure> {
     options.check()?;
     let Sources { recipe, rig, chosen, origins } = Sources::read(&options.recipe, &options.rig)?;
     let plan = Plan::new(&recipe, &rig.ground(), options.rig.seed).map_err(Failure::usage)?;
@@ -147,7 +149,7 @@ pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<Begun
     };
     let session = session(options.manner.durability.into());
     let folder = RunFolder::create(options.out.as_deref(), &origins, facts, session, &rig.array.layout);
-    Ok(Begun { recipe, plan, folder: folder.map_err(Failure::unmade)?, rig, pace: options.manner.pace })
+    Ok(OpenedRun { recipe, plan, folder: folder.map_err(Failure::unmade)?, rig, pace: options.manner.pace })
 }
 
 /// Opens the folder of a run that was stopped, once the rig is agreed to.
@@ -170,7 +172,7 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     rig_of(run, &texts)?; // reports best that the journal has lost its beginning
     let rig_text = rig_text(options, &texts)?;
     let changes = changes(&rig_path, &texts, &rig_text)?;
-    let mut sources = Sources::of_run(run, &texts, &rig, Chosen::of_run(rig_path, rig_text.clone()), note)?;
+    let mut sources = Sources::of_run(run, &texts, &rig, ChosenRig::of_run(rig_path, rig_text.clone()), note)?;
     sources.rig.scene.specimen = facts.specimen;
     let plan = sources.plan(facts.seed)?;
     options.manner.check(&sources.rig)?;
@@ -195,7 +197,7 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     }
     let session = Provenance { changes, ..session(options.manner.durability.into()) };
     folder.go_on(session, &rig_text).map_err(Failure::dataset)?;
-    Ok(Resumed::Begun(Box::new(Begun { recipe, rig, plan, folder, pace: options.manner.pace })))
+    Ok(Resumed::Begun(Box::new(OpenedRun { recipe, rig, plan, folder, pace: options.manner.pace })))
 }
 
 impl RunOptions {
@@ -225,7 +227,7 @@ pub(crate) fn check_gain(spec: &RigSpec) -> Result<(), Failure> {
     spec.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))
 }
 
-impl Begun {
+impl OpenedRun {
     /// Returns the folder.
     pub fn path(&self) -> &Path {
         self.folder.path()
@@ -247,7 +249,7 @@ impl Begun {
         shown: &dyn Fn(f64),
         listener: &mut dyn Listener,
     ) -> Result<Status, Failure> {
-        let Begun { plan, rig, folder, pace, .. } = self;
+        let OpenedRun { plan, rig, folder, pace, .. } = self;
         let (ending, finished) = walked(plan, rig, folder, *pace, cancel, (shown, listener))?;
         let status = ending.status();
         match ending {
@@ -263,8 +265,8 @@ impl Begun {
     ///
     /// # Errors
     /// The record can't be read, or its measurements can't be evaluated.
-    pub fn results(&self, methods: EvaluateChoice) -> Result<Results, Failure> {
-        Results::of(&self.folder, &self.rig, &self.recipe, methods)
+    pub fn results(&self, methods: EvaluateChoice) -> Result<RunResults, Failure> {
+        RunResults::of(&self.folder, &self.rig, &self.recipe, methods)
     }
 }
 
@@ -284,10 +286,10 @@ pub(crate) fn walked(
             drop(spawn(keep_pace(pace)));
         }
         let (shown, listener) = heard;
-        walk(Walk { plan, spec, ledger: folder, cancel, shown }, listener).await
+        walk(RunJob { plan, spec, ledger: folder, cancel, shown }, listener).await
     })?;
     let cell_unchecked = spec.load_cell.check.is_some() && ending.cell.is_none() && ending.status() == Status::Complete;
-    let finished = folder.finish(End { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
+    let finished = folder.finish(SessionEnd { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
     Ok((ending, finished))
 }
 

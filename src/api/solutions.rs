@@ -2,7 +2,7 @@
 
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::readings::Reading;
-use palpate_solver::{Covariance, Fitted, HalfWidths, Solution, Verdict};
+use palpate_solver::{ContactVerdict, Covariance, Fitted, HalfWidths, Solution};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -37,7 +37,7 @@ enum To<W: Write> {
 
 /// One line of output. Keys and columns are the same, and are always present unless marked as skipped.
 #[derive(Serialize)]
-struct Line<'a> {
+struct SolutionLine<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -93,10 +93,10 @@ impl<W: Write> Solutions<W> {
     }
 
     pub(crate) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
-        let of = Line::of(reading, solved, self.forces_are_known);
+        let of = SolutionLine::of(reading, solved, self.forces_are_known);
         let load = solved.as_ref().map_or("", Solution::load);
         let load = self.has_two_methods.then_some(load);
-        let mut line = Line { line: self.keep_going.then_some(reading.line), load, ..of };
+        let mut line = SolutionLine { line: self.keep_going.then_some(reading.line), load, ..of };
         match &mut self.to {
             To::Csv { writer, labels } => {
                 let [id, t_s] = *labels.get_or_insert([line.id.is_some(), line.t_s.is_some()]);
@@ -174,7 +174,7 @@ pub fn numbers(solution: &Solution, forces_are_known: bool) -> [f64; NUMBERS.len
     numbers.map(|number| round(number, DECIMALS)).map(|number| if number.is_finite() { number } else { f64::NAN })
 }
 
-impl<'a> Line<'a> {
+impl<'a> SolutionLine<'a> {
     fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>, forces_are_known: bool) -> Self {
         let found = solved.as_ref().ok();
         let unknown = [f64::NAN; NUMBERS.len()];
@@ -183,7 +183,7 @@ impl<'a> Line<'a> {
         let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = known;
         let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
         let column = |number: Option<f64>| (!forces_are_known).then_some(number);
-        Line {
+        SolutionLine {
             line: None,
             id: reading.id.as_ref(),
             t_s: reading.t_s.as_ref(),
@@ -206,7 +206,7 @@ impl<'a> Line<'a> {
             load: None,
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
-                Verdict::ChannelFault(unit) => Some(unit + 1),
+                ContactVerdict::ChannelFault(unit) => Some(unit + 1),
                 _ => None,
             }),
             error: solved.as_ref().err().map(ToString::to_string),
@@ -258,7 +258,7 @@ mod tests {
             half_widths: Some(HalfWidths { half68_mm: 0.4, half95_mm: 0.8, half68_n: 0.1, half95_n: 0.25 }),
             other: Some(Place::new(3.0, 4.0)),
             misfit: Some(0.5),
-            verdict: Verdict::ChannelFault(4),
+            verdict: ContactVerdict::ChannelFault(4),
             is_calibrated_load: false,
         };
         let unsure = Solution {
@@ -266,7 +266,7 @@ mod tests {
             half_widths: None,
             other: None,
             misfit: None,
-            verdict: Verdict::NotOneContact,
+            verdict: ContactVerdict::NotOneContact,
             ..sure
         };
         [(reading, Ok(sure)), (Reading::default(), Ok(unsure)), (Reading::default(), Err(SolveError::AllEqual))]

@@ -4,11 +4,11 @@ use super::choices::ReadingsChoice;
 use super::fit::{Sensor, fit, read_sensor};
 use super::method::MethodOptions;
 use super::solutions::Solutions;
-use super::stream::Stream;
+use super::stream::AnswerStream;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::answers::Answers;
-use palpate_data::dataset::readings::{Lines, Readings};
+use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_solver::{Model, Session};
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
@@ -78,11 +78,11 @@ pub fn solve(
     let SolveOptions { input, json, keep_going, quiet, .. } = *options;
     let of = Readings::new(SOURCE, model.validity().units, input.map(Into::into), options.method.mapping()?);
     let reasons_are_told = !(quiet || json || keep_going);
-    let stream = Stream { source: SOURCE, keep_going, reasons_are_told, note, is_refused: |_| false };
+    let stream = AnswerStream { source: SOURCE, keep_going, reasons_are_told, note, is_refused: |_| false };
     let solutions = Solutions::new(contacts, json, keep_going, model.forces_are_known());
     let mut solutions = solutions.of_methods(model.fitted());
     let mut answers = Answers::new(of, Session::new(model));
-    match stream.answer(&mut answers, &mut Lines::new(SOURCE, readings), &mut solutions) {
+    match stream.answer(&mut answers, &mut StreamLines::new(SOURCE, readings), &mut solutions) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(error)) => Err(Failure::usage(error)),
         // a reader that has seen enough is no error

@@ -3,7 +3,7 @@
 use super::removed::with_remaining_methods;
 use super::shipped::{self, RECIPES, RIGS, Shipped};
 use super::stdin;
-use super::which_rig::Chosen;
+use super::which_rig::ChosenRig;
 use super::{Failure, Note};
 use palpate_control::Strategy;
 use palpate_data::dataset::{Origins, Texts};
@@ -22,7 +22,7 @@ pub(crate) struct Sources {
     /// The rig.
     pub rig: RigSpec,
     /// How the rig was chosen.
-    pub chosen: Chosen,
+    pub chosen: ChosenRig,
     /// Both as given.
     pub origins: Origins,
 }
@@ -70,7 +70,7 @@ impl Sources {
         // without --rig, only a correct recipe has a rig
         let recipe = if rig.rig.is_some() { recipe } else { Ok(recipe?) };
         let key = recipe.as_ref().ok().and_then(|read| read.recipe.rig.clone());
-        let chosen = Chosen::of(path, &text, key.as_deref(), rig.rig.as_deref());
+        let chosen = ChosenRig::of(path, &text, key.as_deref(), rig.rig.as_deref());
         Sources::of(recipe, chosen.and_then(|chosen| Ok((chosen.read()?, chosen))), rig)
     }
 
@@ -79,7 +79,7 @@ impl Sources {
         run: &Path,
         texts: &Texts,
         rig: &RigOptions,
-        chosen: Chosen,
+        chosen: ChosenRig,
         note: Note<'_>,
     ) -> Result<Sources, Failure> {
         let recipe = parse_kept_recipe(run, texts, note);
@@ -91,7 +91,7 @@ impl Sources {
 
     fn of(
         recipe: Result<ReadRecipe, Failure>,
-        spec: Result<(RigSpec, Chosen), Failure>,
+        spec: Result<(RigSpec, ChosenRig), Failure>,
         rig: &RigOptions,
     ) -> Result<Sources, Failure> {
         let (ReadRecipe { recipe, text: recipe_text, rule }, (spec, chosen)) = match (recipe, spec) {

@@ -2,8 +2,8 @@
 
 use super::Note;
 use super::solutions::Solutions;
-use palpate_data::dataset::answers::{Answer, Answers, Unsolved};
-use palpate_data::dataset::readings::{Lines, ReadingError};
+use palpate_data::dataset::answers::{Answers, LineAnswer, UnansweredLine};
+use palpate_data::dataset::readings::{ReadingError, StreamLines};
 use palpate_solver::Broken;
 use std::collections::HashSet;
 use std::io::{self, Read, Write};
@@ -12,7 +12,7 @@ use std::io::{self, Read, Write};
 const REASONS_MAX: usize = 10;
 
 /// How the lines of a stream are answered.
-pub(crate) struct Stream<'a> {
+pub(crate) struct AnswerStream<'a> {
     /// Name of the stream in messages.
     pub source: &'a str,
     /// Whether an invalid line is answered with its problem. Otherwise it ends the stream.
@@ -25,12 +25,12 @@ pub(crate) struct Stream<'a> {
     pub is_refused: fn(&[u8]) -> bool,
 }
 
-impl Stream<'_> {
+impl AnswerStream<'_> {
     /// Writes an answer for each line. When it ends for any reason, all earlier answers are written.
     pub(crate) fn answer(
         &self,
         answers: &mut Answers,
-        lines: &mut Lines<impl Read>,
+        lines: &mut StreamLines<impl Read>,
         solutions: &mut Solutions<impl Write>,
     ) -> io::Result<Result<(), ReadingError>> {
         let (mut reasons, mut is_empty) = (HashSet::new(), true);
@@ -42,7 +42,9 @@ impl Stream<'_> {
                 Err(error) => break Err(error),
             };
             match answer {
-                Ok(Some(Answer { solved: Err(Unsolved::Bad(error)), .. })) if !self.keep_going => break Err(error),
+                Ok(Some(LineAnswer { solved: Err(UnansweredLine::Bad(error)), .. })) if !self.keep_going => {
+                    break Err(error);
+                }
                 Ok(Some(answer)) => {
                     is_empty = false;
                     solutions.write(answer.reading, &answer.solved)?;
@@ -63,7 +65,7 @@ impl Stream<'_> {
     }
 
     /// Notes what an answer has no column for.
-    fn remark(&self, answer: &Answer<'_>, reasons: &mut HashSet<String>) {
+    fn remark(&self, answer: &LineAnswer<'_>, reasons: &mut HashSet<String>) {
         let note = |text: &str| (self.note)(&format!("{}, line {}: {text}", self.source, answer.reading.line));
         if let Err(why) = &answer.solved
             && self.reasons_are_told

@@ -1,7 +1,7 @@
 //! The work of the commands without a command line.
 
 use super::*;
-use palpate_data::dataset::{Contact, Status};
+use palpate_data::dataset::{RecordedContact, Status};
 use palpate_run::run::{Cancel, Listener};
 use std::cell::{Cell, RefCell};
 use std::path::Path;
@@ -17,7 +17,7 @@ fn example(folder: &Path) -> RunOptions {
 struct Counted<'a>(&'a Cell<usize>);
 
 impl Listener for Counted<'_> {
-    fn recorded(&mut self, _: &Contact) {
+    fn recorded(&mut self, _: &RecordedContact) {
         self.0.set(self.0.get() + 1);
     }
 }
@@ -85,7 +85,11 @@ fn a_run_is_evaluated_judged_reported_and_certified() {
     let options = CertificateOptions { runs: vec![path], with, accept, ..CertificateOptions::default() };
     let certified = certificate(&options, &|_| {}).unwrap();
     assert!(certified.verdict == Some(verdict) && certified.html.exists() && certified.xml.exists());
-    assert_eq!(certificate(&options, &|_| {}).err().map(|failure| failure.kind()), Some(Kind::Usage), "it exists");
+    assert_eq!(
+        certificate(&options, &|_| {}).err().map(|failure| failure.kind()),
+        Some(FailureKind::Usage),
+        "it exists"
+    );
 }
 
 #[test]
@@ -98,7 +102,7 @@ fn readings_are_solved_line_by_line() {
     let sensor = options.sensor(&|_| {}).unwrap();
     let (readings, mut contacts) = ("0.5,0.1,0.02,0.4,0.1,0.02,0.05,0.05,0.03\n1,2\n".as_bytes(), Vec::new());
     let failure = solve(sensor.model, &options, readings, &mut contacts, &|_| {}).unwrap_err();
-    assert!(failure.kind() == Kind::Usage && failure.to_string().contains("line 2"), "{failure}");
+    assert!(failure.kind() == FailureKind::Usage && failure.to_string().contains("line 2"), "{failure}");
     assert_eq!(String::from_utf8(contacts).unwrap().lines().count(), 2, "the header and the first contact");
 }
 
@@ -107,17 +111,20 @@ fn a_failure_has_the_message_and_the_kind_of_the_command_line() {
     let failed = |failure: Option<Failure>| failure.map(|failure| (failure.kind(), failure.to_string())).unwrap();
     let named = |solver: &str| MethodOptions { solver: solver.to_owned(), ..MethodOptions::default() };
     let unknown = failed(fit(Path::new("grid.csv"), &named("surogate"), &|_| {}).err());
-    assert!(unknown.0 == Kind::Usage && unknown.1.ends_with("; did you mean surrogate?"), "{unknown:?}");
+    assert!(unknown.0 == FailureKind::Usage && unknown.1.ends_with("; did you mean surrogate?"), "{unknown:?}");
     let options = |recipe: &str| RunOptions { recipe: recipe.into(), ..RunOptions::default() };
     let missing = failed(begin(&options("no.toml")).err());
-    assert!(missing.0 == Kind::Usage && missing.1.contains("no.toml") && missing.1.contains("\nhelp: give an"));
+    assert!(missing.0 == FailureKind::Usage && missing.1.contains("no.toml") && missing.1.contains("\nhelp: give an"));
     // a real rig that no option names is confirmed by a person, and here is none
     let folder = tempfile::tempdir().unwrap();
     let recipe = folder.path().join("recipe.toml");
     std::fs::write(&recipe, include_str!("../../recipes/paper.toml")).unwrap();
     std::fs::write(folder.path().join("rig.toml"), include_str!("../../rigs/esp301.toml")).unwrap();
     let real = failed(begin(&options(recipe.to_str().unwrap())).err());
-    assert!(real.0 == Kind::Usage && real.1.contains("no terminal") && real.1.contains("help: add --rig"), "{real:?}");
+    assert!(
+        real.0 == FailureKind::Usage && real.1.contains("no terminal") && real.1.contains("help: add --rig"),
+        "{real:?}"
+    );
 }
 
 #[test]

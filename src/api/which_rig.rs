@@ -16,7 +16,7 @@ pub(crate) const THE_BATCH: &str = "the batch";
 const THE_RECIPE: &str = "`rig` of the recipe";
 
 /// The rig of a recipe.
-pub(crate) struct Chosen {
+pub(crate) struct ChosenRig {
     /// Its file, or the name of a shipped rig.
     pub path: PathBuf,
     /// Its text.
@@ -41,9 +41,14 @@ enum By {
     Shipped,
 }
 
-impl Chosen {
+impl ChosenRig {
     /// Chooses the rig of a recipe that has a text and perhaps a key `rig`. `option` is the value of `--rig`.
-    pub(crate) fn of(recipe: &Path, text: &str, key: Option<&str>, option: Option<&Path>) -> Result<Chosen, Failure> {
+    pub(crate) fn of(
+        recipe: &Path,
+        text: &str,
+        key: Option<&str>,
+        option: Option<&Path>,
+    ) -> Result<ChosenRig, Failure> {
         let name = recipe.display();
         if recipe.with_file_name(JOURNAL).symlink_metadata().is_ok() {
             let folder = recipe.parent().unwrap_or(Path::new("")).display();
@@ -51,19 +56,19 @@ impl Chosen {
             return Err(Failure::usage(miette::miette!(help = help, "{name} is the recipe of a run, in its folder")));
         }
         if let Some(path) = option {
-            return Ok(Chosen { path: path.to_owned(), text: read_rig_text(path)?, by: By::Option });
+            return Ok(ChosenRig { path: path.to_owned(), text: read_rig_text(path)?, by: By::Option });
         }
         if let Some(key) = key {
             let (path, text) = read_named_in(recipe, key, RIGS, "rigs", THE_RECIPE)?;
-            return Ok(Chosen { path, text, by: By::Key });
+            return Ok(ChosenRig { path, text, by: By::Key });
         }
         let is_file = shipped::named(RECIPES, "recipes", recipe).is_none();
         let beside = recipe.with_file_name(BESIDE);
         if is_file && beside.symlink_metadata().is_ok() {
-            return Ok(Chosen { text: read_rig_text(&beside)?, path: beside, by: By::Folder });
+            return Ok(ChosenRig { text: read_rig_text(&beside)?, path: beside, by: By::Folder });
         }
         if RECIPES.iter().any(|shipped| shipped.text == text) {
-            return Ok(Chosen { path: SHIPPED.into(), text: SIM_RIG.to_owned(), by: By::Shipped });
+            return Ok(ChosenRig { path: SHIPPED.into(), text: SIM_RIG.to_owned(), by: By::Shipped });
         }
         let help = format!(
             "add --rig RIG, put the rig into the recipe's folder as {}, or name it in the recipe: rig = \"RIG\". RIG is a file, or a \
@@ -75,14 +80,14 @@ impl Chosen {
     }
 
     /// Returns the rig that a batch file names: it is that of all its recipes.
-    pub(crate) fn of_batch(batch: &Path, name: &str) -> Result<Chosen, Failure> {
+    pub(crate) fn of_batch(batch: &Path, name: &str) -> Result<ChosenRig, Failure> {
         let (path, text) = read_named_in(batch, name, RIGS, "rigs", THE_BATCH)?;
-        Ok(Chosen { path, text, by: By::Batch })
+        Ok(ChosenRig { path, text, by: By::Batch })
     }
 
     /// Returns the rig with which a run is continued.
-    pub(crate) fn of_run(path: PathBuf, text: String) -> Chosen {
-        Chosen { path, text, by: By::Run }
+    pub(crate) fn of_run(path: PathBuf, text: String) -> ChosenRig {
+        ChosenRig { path, text, by: By::Run }
     }
 
     /// Refuses a recipe of a batch that names another rig.

@@ -36,13 +36,13 @@ pub struct ConfirmOptions {
 impl ConfirmOptions {
     /// Returns the rig, which asks no person: what isn't confirmed is refused.
     pub(crate) fn of(&self, spec: RigSpec) -> RigSpec {
-        RigSpec { which_way: Some(Arc::new(Absent::new(self))), ..spec }
+        RigSpec { which_way: Some(Arc::new(NoPerson::new(self))), ..spec }
     }
 }
 
 /// Confirmations of a person who can't be asked.
 #[derive(Debug)]
-pub(crate) struct Absent {
+pub(crate) struct NoPerson {
     /// Whether `frame.down` is right, confirmed for this time.
     is_down: bool,
     /// Whether the stage is at its zero.
@@ -53,11 +53,11 @@ pub(crate) struct Absent {
     kept: Option<PathBuf>,
 }
 
-impl Absent {
+impl NoPerson {
     pub(crate) fn new(options: &ConfirmOptions) -> Self {
         let has = |what| options.confirmed.contains(&what);
         let (is_down, at_zero, is_clear) = (has(Confirmed::Down), has(Confirmed::Home), has(Confirmed::Clear));
-        Absent { is_down, at_zero, is_clear, kept: kept_path() }
+        NoPerson { is_down, at_zero, is_clear, kept: kept_path() }
     }
 
     /// Stores that a direction is right.
@@ -70,7 +70,7 @@ impl Absent {
     }
 }
 
-impl WhichWay for Absent {
+impl WhichWay for NoPerson {
     fn is_known(&self, stage: &Identity, down: Down) -> bool {
         let known = |path: &PathBuf| {
             let text =
@@ -155,7 +155,7 @@ mod tests {
     fn what_was_confirmed_is_known_for_this_stage_link_and_direction_alone() {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("state/confirmed-down.txt");
-        let person = |is_down| Absent { is_down, at_zero: false, is_clear: false, kept: Some(kept.clone()) };
+        let person = |is_down| NoPerson { is_down, at_zero: false, is_clear: false, kept: Some(kept.clone()) };
         let (here, there) = (stage("serial:///dev/ttyUSB0"), stage("serial:///dev/ttyUSB1"));
         assert!(!person(false).is_known(&here, Down::Minus));
         person(false).keep(&here, Down::Minus).unwrap();

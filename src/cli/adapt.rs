@@ -5,10 +5,10 @@ use super::method::fitted_to;
 use super::summary::{note, tell};
 use crate::api::Failure;
 use crate::api::fit::note_left_out;
-use crate::api::method::Source;
+use crate::api::method::FitSource;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::sensor_file::{SensorFile, check_replaceable};
-use palpate_solver::{Adapted, Change, Extent, HeldOut, MeanErrors};
+use palpate_solver::{Adapted, ArrayChange, Extent, MeanErrors, NewPressErrors};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -46,8 +46,8 @@ pub(super) struct AdaptArgs {
 pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     let SensorFileArgs { out, method, output } = &args.file;
     check_replaceable(out).map_err(Failure::usage)?;
-    let old = Source::read_older(&args.from, method, &note)?;
-    let new = Source::read(&args.with, method, &note)?;
+    let old = FitSource::read_older(&args.from, method, &note)?;
+    let new = FitSource::read(&args.with, method, &note)?;
     let setting = method.setting(&old)?;
     let adapted = Adapted::new(method.solver(), &old.calibration, &new.calibration, &setting).into_diagnostic();
     let adapted = adapted
@@ -57,7 +57,7 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
     output.text(&told(&adapted, is_relative))?;
-    let HeldOut { presses, before, after } = adapted.held_out;
+    let NewPressErrors { presses, before, after } = adapted.held_out;
     let errors = |errors: MeanErrors| {
         let force_n = (!is_relative).then_some(errors.force_n);
         json!({ "location_mm": errors.location_mm, "force_n": force_n })
@@ -74,7 +74,7 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
 
 /// Describes the change of the sensor, and the errors at the new presses. Without forces, force errors are omitted.
 fn told(adapted: &Adapted, is_relative: bool) -> String {
-    let Adapted { change, extent, held_out: HeldOut { presses, before, after }, .. } = adapted;
+    let Adapted { change, extent, held_out: NewPressErrors { presses, before, after }, .. } = adapted;
     let errors = |errors: &MeanErrors| match is_relative {
         true => format!("{:.3} mm", errors.location_mm),
         false => format!("{:.3} mm, {:.4} N", errors.location_mm, errors.force_n),
@@ -89,7 +89,7 @@ fn told(adapted: &Adapted, is_relative: bool) -> String {
     )
 }
 
-fn gains(change: &Change) -> String {
+fn gains(change: &ArrayChange) -> String {
     let numbered = || change.units.iter().map(|unit| unit.gain).enumerate();
     let mean = numbered().map(|(_, gain)| gain).sum::<f64>() / change.units.len() as f64;
     let (Some((low, least)), Some((high, most))) =
@@ -103,7 +103,7 @@ fn gains(change: &Change) -> String {
     format!("x {mean:.3} on average; from x {least:.3} (unit {}) to x {most:.3} (unit {})", low + 1, high + 1)
 }
 
-fn places(change: &Change, extent: Extent) -> String {
+fn places(change: &ArrayChange, extent: Extent) -> String {
     if extent != Extent::GainsAndPlaces {
         return "unchanged: moving them would not lower the cross-validated error".to_owned();
     }

@@ -3,8 +3,8 @@
 use super::tables::evaluation_rows;
 use super::text_table::TextTable;
 use super::verdict::{NO_RULE, head};
-use crate::api::Results;
-use palpate_data::acceptance::{Check, Figure, Verdict};
+use crate::api::RunResults;
+use palpate_data::acceptance::{LimitCheck, LimitedFigure, SensorVerdict};
 use palpate_data::dataset::characteristics::{Repeatability, UnitCharacteristics, characterise};
 use palpate_report::errors::Detail;
 use palpate_solver::Evaluation;
@@ -18,13 +18,13 @@ const NAMED_MOST: usize = 4;
 
 /// What is printed, and for which width of the terminal, columns.
 pub(super) struct Brief<'a> {
-    results: &'a Results,
+    results: &'a RunResults,
     width: usize,
 }
 
 /// Importance of a line. Lines that are declared later are left out first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Rank {
+enum LineRank {
     Verdict,
     Error,
     Reason,
@@ -34,24 +34,24 @@ enum Rank {
     Blank,
 }
 
-type Line = (Rank, String);
+type RankedLine = (LineRank, String);
 
 impl<'a> Brief<'a> {
     /// Shows these results in a terminal of so many columns.
-    pub(super) fn of(results: &'a Results, width: usize) -> Self {
+    pub(super) fn of(results: &'a RunResults, width: usize) -> Self {
         Brief { results, width }
     }
 
     /// At most so many lines.
     pub(super) fn text(&self, lines_most: usize) -> String {
         let blocks = [self.errors(), self.characteristics(), self.verdict()];
-        let mut lines: Vec<Line> = Vec::new();
+        let mut lines: Vec<RankedLine> = Vec::new();
         for block in blocks.into_iter().filter(|block| !block.is_empty()) {
-            lines.push((Rank::Blank, String::new()));
+            lines.push((LineRank::Blank, String::new()));
             lines.extend(block);
         }
         while lines.len() > lines_most
-            && let Some(rank) = lines.iter().map(|(rank, _)| *rank).max().filter(|rank| *rank > Rank::Error)
+            && let Some(rank) = lines.iter().map(|(rank, _)| *rank).max().filter(|rank| *rank > LineRank::Error)
             && let Some(last) = lines.iter().rposition(|(of, _)| *of == rank)
         {
             lines.remove(last);
@@ -60,7 +60,7 @@ impl<'a> Brief<'a> {
     }
 
     /// The errors of as many methods as there is room for: the last was chosen, the first are those of the recipe.
-    fn errors(&self) -> Vec<Line> {
+    fn errors(&self) -> Vec<RankedLine> {
         let Some((last, others)) = self.results.evaluations.split_last() else { return Vec::new() };
         let is_beside_paper = self.results.is_beside_paper;
         let table = |(room, has_paper): (usize, bool)| {
@@ -70,22 +70,22 @@ impl<'a> Brief<'a> {
         let fits = |(_, table): &(Vec<Detail>, TextTable)| table.width() <= self.width;
         let rooms = (0..=others.len()).rev().map(|room| (room, is_beside_paper));
         let (details, table) = rooms.map(table).find(fits).unwrap_or_else(|| table((0, false)));
-        let rank = |detail| if detail == Detail::Means { Rank::Error } else { Rank::MoreErrors };
+        let rank = |detail| if detail == Detail::Means { LineRank::Error } else { LineRank::MoreErrors };
         details.into_iter().map(rank).zip(table.lines()).collect()
     }
 
     /// Each characteristic of its worst unit, beside its limit.
-    fn characteristics(&self) -> Vec<Line> {
+    fn characteristics(&self) -> Vec<RankedLine> {
         let Some(staircases) = &self.results.characteristics else { return Vec::new() };
         let units = characterise(staircases, Repeatability::default());
         type Value = fn(&UnitCharacteristics) -> Option<f64>;
-        let all: [(&str, Figure, Value); 4] = [
-            ("repeatability", Figure::Repeatability, |unit| unit.repeatability_loading_percent),
-            ("hysteresis", Figure::Hysteresis, |unit| unit.hysteresis_percent),
-            ("linearity", Figure::Linearity, |unit| unit.linearity_percent),
-            ("zero return", Figure::ZeroReturn, |unit| unit.zero_return_percent),
+        let all: [(&str, LimitedFigure, Value); 4] = [
+            ("repeatability", LimitedFigure::Repeatability, |unit| unit.repeatability_loading_percent),
+            ("hysteresis", LimitedFigure::Hysteresis, |unit| unit.hysteresis_percent),
+            ("linearity", LimitedFigure::Linearity, |unit| unit.linearity_percent),
+            ("zero return", LimitedFigure::ZeroReturn, |unit| unit.zero_return_percent),
         ];
-        let worst = |(name, figure, value): (&str, Figure, Value)| {
+        let worst = |(name, figure, value): (&str, LimitedFigure, Value)| {
             let values = units.iter().filter_map(|unit| Some((value(unit)?, unit)));
             let (worst, unit) = values.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()))?;
             let limit = self
@@ -101,35 +101,35 @@ impl<'a> Brief<'a> {
             return Vec::new();
         }
         let text = format!("worst units, % of full scale: {}", worst.join("; "));
-        self.filled(&text, "  ").map(|line| (Rank::Characteristics, line)).collect()
+        self.filled(&text, "  ").map(|line| (LineRank::Characteristics, line)).collect()
     }
 
     /// The verdict, and the limits that decide it.
-    fn verdict(&self) -> Vec<Line> {
+    fn verdict(&self) -> Vec<RankedLine> {
         let Some(judgement) = &self.results.judgement else {
             let is_evaluated = !self.results.evaluations.is_empty();
             let no_rule = self.filled(NO_RULE.trim_end(), "  ");
-            return if is_evaluated { no_rule.map(|line| (Rank::Verdict, line)).collect() } else { Vec::new() };
+            return if is_evaluated { no_rule.map(|line| (LineRank::Verdict, line)).collect() } else { Vec::new() };
         };
-        let ranked = |rank: Rank, text: &str, indent: &str| -> Vec<Line> {
+        let ranked = |rank: LineRank, text: &str, indent: &str| -> Vec<RankedLine> {
             self.filled(text, indent).map(|line| (rank, line)).collect()
         };
-        let mut lines = ranked(Rank::Verdict, &head(judgement), "  ");
+        let mut lines = ranked(LineRank::Verdict, &head(judgement), "  ");
         for reason in &judgement.reasons {
-            lines.extend(ranked(Rank::Reason, &format!("  {reason}"), "    "));
+            lines.extend(ranked(LineRank::Reason, &format!("  {reason}"), "    "));
         }
-        let mut missed: Vec<&Check> =
-            judgement.checks.iter().filter(|check| check.verdict != Verdict::Accepted).collect();
+        let mut missed: Vec<&LimitCheck> =
+            judgement.checks.iter().filter(|check| check.verdict != SensorVerdict::Accepted).collect();
         let met = judgement.checks.len() - missed.len();
         let hidden = missed.len().saturating_sub(LIMITS_MOST);
         if hidden > 0 {
             missed.sort_by(|a, b| farther(b).total_cmp(&farther(a)));
             missed.truncate(LIMITS_MOST);
         }
-        let all: Vec<&Check> = if missed.is_empty() { judgement.checks.iter().collect() } else { missed };
+        let all: Vec<&LimitCheck> = if missed.is_empty() { judgement.checks.iter().collect() } else { missed };
         let is_named = all.len() <= LIMITS_MOST && (hidden > 0 || met < judgement.checks.len() || met <= NAMED_MOST);
         for check in all.iter().filter(|_| is_named) {
-            lines.extend(ranked(Rank::Verdict, &format!("  {}", check.compared()), "    "));
+            lines.extend(ranked(LineRank::Verdict, &format!("  {}", check.compared()), "    "));
         }
         let rest = match (hidden, met) {
             (0, 0) => None,
@@ -137,9 +137,9 @@ impl<'a> Brief<'a> {
             (0, met) => Some(format!("  and {met} within their limits")),
             (hidden, met) => Some(format!("  and {hidden} more that aren't met, {met} within their limits")),
         };
-        lines.extend(rest.iter().flat_map(|rest| ranked(Rank::Verdict, rest, "    ")));
+        lines.extend(rest.iter().flat_map(|rest| ranked(LineRank::Verdict, rest, "    ")));
         for note in &judgement.notes {
-            lines.extend(ranked(Rank::Note, &format!("  {note}"), "    "));
+            lines.extend(ranked(LineRank::Note, &format!("  {note}"), "    "));
         }
         lines
     }
@@ -153,20 +153,21 @@ impl<'a> Brief<'a> {
 }
 
 /// How far a value is from its limit, as a fraction of the limit; a value that is unknown or too uncertain isn't far.
-fn farther(check: &Check) -> f64 {
-    let Some(value) = check.value.filter(|_| check.verdict == Verdict::NotAccepted) else { return 0.0 };
+fn farther(check: &LimitCheck) -> f64 {
+    let Some(value) = check.value.filter(|_| check.verdict == SensorVerdict::NotAccepted) else { return 0.0 };
     (value - check.limit).abs() / check.limit.abs().max(f64::MIN_POSITIVE)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_data::acceptance::{Decision, Judgement, Limit, Measured, Rule, judge};
+    use palpate_data::acceptance::{AcceptanceRule, Decision, Judgement, Limit, Measured, judge};
 
     /// A rule of every limit of which the first so many are missed, and the others met.
     fn judgement(missed: usize) -> Judgement {
-        let limits = Figure::ALL.map(|figure| Limit { figure, limit: 0.5, reach: figure.is_share().then_some(1.0) });
-        let rule = Rule {
+        let limits =
+            LimitedFigure::ALL.map(|figure| Limit { figure, limit: 0.5, reach: figure.is_share().then_some(1.0) });
+        let rule = AcceptanceRule {
             decision: Decision::Guarded,
             method: "surrogate".to_owned(),
             calibration_presses_least: 1,
@@ -181,14 +182,14 @@ mod tests {
             check.value = Some(0.6 + 0.1 * index as f64);
             let is_missed = index < missed;
             check.reason = is_missed.then(|| "exceeds the limit".to_owned());
-            check.verdict = if is_missed { Verdict::NotAccepted } else { Verdict::Accepted };
+            check.verdict = if is_missed { SensorVerdict::NotAccepted } else { SensorVerdict::Accepted };
         }
         judgement
     }
 
     fn brief(judgement: &Judgement, width: usize) -> String {
         let judgement = Some(judgement.clone());
-        let results = Results { evaluations: Vec::new(), characteristics: None, judgement, is_beside_paper: false };
+        let results = RunResults { evaluations: Vec::new(), characteristics: None, judgement, is_beside_paper: false };
         Brief::of(&results, width).text(LINES_MOST)
     }
 
@@ -212,7 +213,7 @@ mod tests {
         let text = brief(&judgement(0), 80);
         assert!(text.contains("\n  14 within their limits\n"), "{text}");
         let mut unknown = judgement(1);
-        (unknown.checks[0].value, unknown.checks[0].verdict) = (None, Verdict::NotDecided);
+        (unknown.checks[0].value, unknown.checks[0].verdict) = (None, SensorVerdict::NotDecided);
         unknown.checks[0].reason = Some("no test was evaluated".to_owned());
         assert!(
             brief(&unknown, 80).contains("location error, mean: no test was evaluated\n"),

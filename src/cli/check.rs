@@ -8,7 +8,7 @@ use crate::api::Failure;
 use crate::api::sources::{RigOptions, Sources};
 use palpate_control::{LEARNED, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Tilt, round};
-use palpate_data::acceptance::{Check, Verdict};
+use palpate_data::acceptance::{LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
@@ -135,7 +135,8 @@ fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     };
     let has_test = test_n > 0.0;
     if let Some(judgement) = recipe.rule().map(|rule| foreseen(rule, plan, &truths)) {
-        let is_told = |check: &&Check| check.verdict != Verdict::Accepted && (has_test || !check.kind.is_of_test());
+        let is_told =
+            |check: &&LimitCheck| check.verdict != SensorVerdict::Accepted && (has_test || !check.kind.is_of_test());
         let of_checks = judgement
             .checks
             .iter()

@@ -8,7 +8,9 @@ use miette::IntoDiagnostic;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{GAIN_OFF_MOST, WeightCheck};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Ask, FINGER_WAIT, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, judged};
+use palpate_run::run::{
+    Ask, FINGER_WAIT, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, WeightMeasurement, WeightResult, judged,
+};
 use serde::Serialize;
 use std::path::Path;
 use toml_edit::{DocumentMut, InlineTable, Item, Value, value};
@@ -122,7 +124,7 @@ pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
 /// emulators stand in for real links.
 pub(super) fn concluded(
     args: &WeightArgs,
-    weighed: &Weighed,
+    weighed: &WeightMeasurement,
     rig: &RigSpec,
     (file, text, invented): (&Path, &str, bool),
 ) -> Result<Concluded, Failure> {
@@ -135,7 +137,7 @@ pub(super) fn concluded(
     let check = WeightCheck { adjusted: args.adjust && found.is_adjustable(), ..found };
     let adjusted_before = before.filter(|before| before.adjusted).map(|before| before.gain);
     // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
-    let stays = judged.verdict == Verdict::Verified && !check.adjusted && adjusted_before.is_some();
+    let stays = judged.verdict == LoadCellVerdict::Verified && !check.adjusted && adjusted_before.is_some();
     let unwritten = match (stays, invented) {
         (true, _) => Some("the rig's `check` is unchanged"),
         (false, true) => Some("not written: the gain of a simulated load cell doesn't apply to a real one"),
@@ -154,18 +156,20 @@ pub(super) fn concluded(
 }
 
 /// Describes the result of a weight for a person.
-fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) -> String {
+fn described(check: &WeightCheck, judged: WeightResult, adjusted_before: Option<f64>) -> String {
     let WeightCheck { weight_n, weight_u_n, gain, gain_sd, times, adjusted, .. } = check;
-    let Judged { verdict, off, explained } = judged;
+    let WeightResult { verdict, off, explained } = judged;
     let (off_percent, explained_percent) = (100.0 * off, 100.0 * explained);
     let from = adjusted_before.map_or_else(String::new, |gain| format!(" (adjusted by {gain})"));
     let verdict = match verdict {
-        Verdict::Verified => {
+        LoadCellVerdict::Verified => {
             format!("verified: {off_percent:+.2} %{from}; uncertainty allows {explained_percent:.2} %")
         }
-        Verdict::Off => format!("off by {off_percent:+.2} %{from}; uncertainty allows {explained_percent:.2} %"),
-        Verdict::WrongSign => "its sign is wrong".to_owned(),
-        Verdict::Fault(_) => "a fault: too large to adjust".to_owned(),
+        LoadCellVerdict::Off => {
+            format!("off by {off_percent:+.2} %{from}; uncertainty allows {explained_percent:.2} %")
+        }
+        LoadCellVerdict::WrongSign => "its sign is wrong".to_owned(),
+        LoadCellVerdict::Fault(_) => "a fault: too large to adjust".to_owned(),
     };
     let mut lines = vec![
         format!("{gain:.4} of a weight of {weight_n} N (U = {weight_u_n} N, k = 2)"),
@@ -180,13 +184,13 @@ fn described(check: &WeightCheck, judged: Judged, adjusted_before: Option<f64>) 
 }
 
 /// Returns the result of a weight for a program.
-fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -> WeightTold {
+fn told(check: &WeightCheck, judged: WeightResult, weighed: &WeightMeasurement, written: bool) -> WeightTold {
     let (verdict, cause) = match judged.verdict {
         _ if check.adjusted => ("adjusted", None),
-        Verdict::Verified => ("verified", None),
-        Verdict::Off => ("off", None),
-        Verdict::WrongSign => ("wrong-sign", None),
-        Verdict::Fault(cause) => ("fault", cause),
+        LoadCellVerdict::Verified => ("verified", None),
+        LoadCellVerdict::Off => ("off", None),
+        LoadCellVerdict::WrongSign => ("wrong-sign", None),
+        LoadCellVerdict::Fault(cause) => ("fault", cause),
     };
     WeightTold {
         weight_n: check.weight_n,
@@ -206,11 +210,11 @@ fn told(check: &WeightCheck, judged: Judged, weighed: &Weighed, written: bool) -
 
 /// Returns the reason why the load cell can't be trusted after a check, with advice. `is_sound` states whether a run uses the
 /// present gain.
-fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failure> {
+fn failure(check: &WeightCheck, judged: WeightResult, is_sound: bool) -> Option<Failure> {
     let WeightCheck { gain, weight_n, pull, .. } = check;
     let (told, help) = match judged.verdict {
-        Verdict::Verified => return None,
-        Verdict::Off => {
+        LoadCellVerdict::Verified => return None,
+        LoadCellVerdict::Off => {
             let (off_percent, explained_percent) = (100.0 * judged.off, 100.0 * judged.explained);
             let told =
                 format!("its gain is off by {off_percent:+.2} %, but the uncertainty is only {explained_percent:.2} %");
@@ -221,7 +225,7 @@ fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failur
             };
             (told, help.to_owned())
         }
-        Verdict::WrongSign => {
+        LoadCellVerdict::WrongSign => {
             let (acted, read, other) =
                 if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
             let told =
@@ -231,7 +235,7 @@ fn failure(check: &WeightCheck, judged: Judged, is_sound: bool) -> Option<Failur
                 format!("swap the cell's signal wires or set its sign; if the weight acted the other way, add {other}"),
             )
         }
-        Verdict::Fault(cause) => {
+        LoadCellVerdict::Fault(cause) => {
             let most_percent = 100.0 * GAIN_OFF_MOST;
             let told = format!(
                 "it read {gain:.4} of the weight. An error over {most_percent} % is a fault and isn't adjusted"

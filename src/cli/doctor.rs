@@ -11,7 +11,7 @@ use miette::Diagnostic;
 use palpate_control::{Hum, Reaction, Trip};
 use palpate_link::device::Identity;
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{Asked, CellInAir, Examination, NOISE_SHARE, ShownBy, Weighing, examine};
+use palpate_run::run::{CellInAir, Examination, ForceCheck, NOISE_SHARE, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -77,9 +77,9 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let cancel = heed(First::Stop, Some("stopping"))?;
     let mut asked = |what| ask(what, weight);
     let asked = match weight {
-        Some(weight) => Asked::Weight(Weighing { weight, ask: &mut asked }),
-        None if args.finger => Asked::Finger(&mut asked),
-        None => Asked::Press,
+        Some(weight) => ForceCheck::Weight(Weighing { weight, ask: &mut asked }),
+        None if args.finger => ForceCheck::Finger(&mut asked),
+        None => ForceCheck::Press,
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
     let found = execute(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
@@ -309,8 +309,8 @@ fn histogram(seconds: &[f64]) -> String {
 
 /// Output of `--json`.
 #[derive(Serialize)]
-struct Told<'a> {
-    devices: Vec<Device<'a>>,
+struct DoctorJson<'a> {
+    devices: Vec<ExaminedDevice<'a>>,
     zero_n: Option<f64>,
     noise_n: Option<f64>,
     fresh_share: Option<f64>,
@@ -325,23 +325,23 @@ struct Told<'a> {
 }
 
 #[derive(Serialize)]
-struct Device<'a> {
+struct ExaminedDevice<'a> {
     role: &'a str,
     identity: Option<&'a Identity>,
     error: Option<String>,
     exchange_ms: Vec<f64>,
 }
 
-fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightTold>) -> Told<'a> {
+fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightTold>) -> DoctorJson<'a> {
     let ms = |seconds: &[f64]| seconds.iter().map(|s| (1e6 * s).round() / 1e3).collect::<Vec<_>>();
-    let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| Device {
+    let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| ExaminedDevice {
         role,
         identity: device.as_ref().ok(),
         error: device.as_ref().err().map(|error: &palpate_link::device::DeviceError| error.to_string()),
         exchange_ms: ms(exchanges_s),
     };
     let air = found.air.as_ref().and_then(|air| air.as_ref().ok());
-    Told {
+    DoctorJson {
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
         zero_n: air.map(|air| air.zero.offset_n),
         noise_n: air.map(|air| air.zero.sigma_n),

@@ -3,7 +3,7 @@
 use super::output::OutputArgs;
 use super::summary::beside;
 use crate::api::Failure;
-use palpate_run::rig::{FAMILIES, Family, Links};
+use palpate_run::rig::{DeviceFamily, FAMILIES, Links};
 use serde_json::{Value, json};
 use std::process::ExitCode;
 
@@ -31,7 +31,7 @@ pub(super) fn drivers(args: &DriversArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn paragraph(family: &Family) -> String {
+fn paragraph(family: &DeviceFamily) -> String {
     let (roles, link) = roles_and_link(family);
     beside(family.name, INDENT, family.meaning)
         + &beside("  roles", INDENT, &roles.join(", "))
@@ -39,14 +39,14 @@ fn paragraph(family: &Family) -> String {
         + &beside("  simulated", INDENT, family.simulated)
 }
 
-fn object(family: &Family) -> Value {
+fn object(family: &DeviceFamily) -> Value {
     let (roles, link) = roles_and_link(family);
-    let Family { name, meaning, simulated, .. } = family;
+    let DeviceFamily { name, meaning, simulated, .. } = family;
     json!({ "name": name, "meaning": meaning, "roles": roles, "link": link, "simulated": simulated })
 }
 
 /// Returns the roles of a family, and its kind of link, which is the same in all roles.
-fn roles_and_link(family: &Family) -> (Vec<&'static str>, &'static str) {
+fn roles_and_link(family: &DeviceFamily) -> (Vec<&'static str>, &'static str) {
     let roles = [
         family.stage.as_ref().map(|role| ("stage", role.links)),
         family.load_cell.as_ref().map(|role| ("load_cell", role.links)),

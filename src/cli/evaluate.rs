@@ -8,7 +8,7 @@ use super::tables::{
 use super::verdict::{NO_RULE, verdict_code, verdict_table};
 use crate::api::{self, EvaluateOptions, Evaluated, Failure};
 use palpate_data::dataset::characteristics::Repeatability;
-use palpate_solver::Candidate;
+use palpate_solver::TriedMethod;
 use serde::Serialize;
 use std::process::ExitCode;
 
@@ -64,7 +64,7 @@ struct Failed<'a> {
 /// Errors of methods on a calibration without a test, as printed by `--json`.
 #[derive(Serialize)]
 struct CrossValidated<'a> {
-    cross_validated: &'a [Candidate],
+    cross_validated: &'a [TriedMethod],
 }
 
 /// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
@@ -123,14 +123,14 @@ mod tests {
     use clap::Parser;
 
     #[derive(Parser)]
-    struct CommandLine {
+    struct TestCommandLine {
         #[command(flatten)]
         args: EvaluateArgs,
     }
 
     fn arguments(line: &str) -> Result<EvaluateArgs, String> {
         let words = std::iter::once("evaluate").chain(line.split_whitespace());
-        CommandLine::try_parse_from(words).map(|line| line.args).map_err(|error| error.to_string())
+        TestCommandLine::try_parse_from(words).map(|line| line.args).map_err(|error| error.to_string())
     }
 
     #[test]

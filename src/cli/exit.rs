@@ -1,7 +1,7 @@
 //! Exit codes of commands, and failures as a person sees them.
 
 use super::summary;
-use crate::api::{Failure, Kind};
+use crate::api::{Failure, FailureKind};
 use miette::{MietteHandler, MietteHandlerOpts};
 use palpate_document::Problems;
 use std::env;
@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use textwrap::{WordSeparator, WordSplitter};
 
 /// The exit code of a command that ends like this.
-pub(super) fn exit_code(kind: Kind) -> ExitCode {
+pub(super) fn exit_code(kind: FailureKind) -> ExitCode {
     ExitCode::from(kind.code())
 }
 

@@ -8,7 +8,7 @@ use crate::api::Failure;
 use crate::api::recorded::read_run;
 use palpate_data::dataset::sensor_file::read_sensor_file;
 use palpate_data::dataset::{DatasetError, files, make_folder};
-use palpate_report::export::{self, Format, frame};
+use palpate_report::export::{self, ExportFormat, frame};
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -62,12 +62,12 @@ pub(super) struct ExportArgs {
 
 /// Writes the files of all runs, or none.
 pub(super) fn export(args: &ExportArgs) -> Result<ExitCode, Failure> {
-    match (&args.model, &args.lake, args.format.map(Format::from)) {
-        (Some(model), _, Some(Format::C)) => as_c(model, args),
+    match (&args.model, &args.lake, args.format.map(ExportFormat::from)) {
+        (Some(model), _, Some(ExportFormat::C)) => as_c(model, args),
         (Some(_), ..) => Err(Failure::usage(miette::miette!(help = C, "a sensor file has no other format than c"))),
-        (None, _, Some(Format::C)) => Err(Failure::usage(miette::miette!(help = C, "C needs a fitted sensor"))),
+        (None, _, Some(ExportFormat::C)) => Err(Failure::usage(miette::miette!(help = C, "C needs a fitted sensor"))),
         (None, Some(lake), _) => into_lake(lake, args),
-        (None, None, format) => as_files(format.unwrap_or(Format::Csv), args),
+        (None, None, format) => as_files(format.unwrap_or(ExportFormat::Csv), args),
     }
 }
 
@@ -87,7 +87,7 @@ fn as_c(model: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
+fn as_files(format: ExportFormat, args: &ExportArgs) -> Result<ExitCode, Failure> {
     format.check().map_err(Failure::usage)?;
     let names = names(&args.runs)?;
     let out = args.out.clone().unwrap_or_else(|| default_out(&names, format));
@@ -131,7 +131,7 @@ fn as_files(format: Format, args: &ExportArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Writes the tables of a run to a file, or to a folder that may exist.
-fn tables(run: &Path, format: Format, place: &Path) -> Result<(), Failure> {
+fn tables(run: &Path, format: ExportFormat, place: &Path) -> Result<(), Failure> {
     let (recorded, bench) = read_run(run, &note)?;
     let (frames, manifest) = (frame::all(&recorded, &bench), &recorded.manifest);
     let written = match format.is_one_file() {
@@ -190,7 +190,7 @@ fn names(runs: &[PathBuf]) -> Result<Vec<String>, Failure> {
     }
 }
 
-fn default_out(names: &[String], format: Format) -> PathBuf {
+fn default_out(names: &[String], format: ExportFormat) -> PathBuf {
     let name = if let [name] = names { name.as_str() } else { "export" };
     match (names.len(), format.is_one_file()) {
         (1, true) => format!("{name}.{}", format.name()).into(),

@@ -10,8 +10,8 @@ use crate::api::recorded::{read_presses, warn_of_units};
 use crate::api::stdin;
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::{
-    Contact, DatasetError, Durability, End, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses,
-    Record, RunFacts, RunFolder, Status,
+    DatasetError, Durability, Fingerprint, Imported, Ledger as _, Mapping, Origins, Press, Presses, Record,
+    RecordedContact, RunFacts, RunFolder, SessionEnd, Status,
 };
 use palpate_data::recipe::Phase;
 use palpate_run::rig::Bench;
@@ -224,10 +224,10 @@ fn record(folder: &mut RunFolder, tables: Vec<(Presses, Phase)>, started: Instan
         press.phase = Some(phase);
         // a time of another program isn't the time since the run's start; the order is kept
         press.t_s = None;
-        let contact = Contact { press: press.press, levels: vec![press], ..Contact::default() };
+        let contact = RecordedContact { press: press.press, levels: vec![press], ..RecordedContact::default() };
         folder.record(&Record::Contact(contact))?;
     }
     let wall_s = started.elapsed().as_secs_f64();
     let (status, ended) = (Status::Complete, now());
-    folder.finish(End { status, t_s: 0.0, ended, wall_s, failure: None, cell_unchecked: false, cell_off: None })
+    folder.finish(SessionEnd { status, t_s: 0.0, ended, wall_s, failure: None, cell_unchecked: false, cell_off: None })
 }

@@ -1,7 +1,7 @@
 //! `palpate init`: a recipe and a rig to begin with, and their schemas.
 
 use super::summary::print;
-use super::texts::Text;
+use super::texts::TextKind;
 use crate::api::Failure;
 use crate::api::shipped::{RECIPES, RIGS, Shipped};
 use clap::ValueEnum;
@@ -85,7 +85,7 @@ impl Start {
                     .to_owned(),
             },
             Start::Tables => Template {
-                files: with_schemas([(Text::Columns, include_str!("init/columns.toml")), CERTIFICATE]),
+                files: with_schemas([(TextKind::Columns, include_str!("init/columns.toml")), CERTIFICATE]),
                 next: "  palpate import ../grid.csv --test ../random.csv --columns columns.toml\n  \
                        palpate report runs/grid\n\n\
                        grid.csv and random.csv are your tables of calibration and test presses. Change\n\
@@ -99,7 +99,7 @@ impl Start {
 /// Returns a recipe and a rig. The run has the recipe's name. `simulate` is the option with which the rig runs without hardware.
 fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     Template {
-        files: with_schemas([(Text::Recipe, recipe.as_str()), (Text::Rig, rig), CERTIFICATE]),
+        files: with_schemas([(TextKind::Recipe, recipe.as_str()), (TextKind::Rig, rig), CERTIFICATE]),
         next: format!(
             "  palpate check recipe.toml{simulate}\n  \
              palpate run recipe.toml{simulate}\n  \
@@ -110,7 +110,7 @@ fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
     }
 }
 
-const CERTIFICATE: (Text, &str) = (Text::Certificate, include_str!("init/certificate.toml"));
+const CERTIFICATE: (TextKind, &str) = (TextKind::Certificate, include_str!("init/certificate.toml"));
 
 /// Example files: tables of presses, a short recipe with its rules, and a program for each role.
 const EXAMPLE: [(&str, &str); 9] = [
@@ -133,8 +133,8 @@ const PRINTER: [(&str, &str); 3] = [
 ];
 
 /// Returns text files under the names of their kinds, each with its schema.
-fn with_schemas<const N: usize>(texts: [(Text, &str); N]) -> Vec<(String, String)> {
-    let both = |(kind, text): (Text, &str)| {
+fn with_schemas<const N: usize>(texts: [(TextKind, &str); N]) -> Vec<(String, String)> {
+    let both = |(kind, text): (TextKind, &str)| {
         let name = kind.name();
         let schema = format!("{name}.schema.json");
         [(format!("{name}.toml"), format!("#:schema {schema}\n{text}")), (schema, kind.schema())]

@@ -5,7 +5,7 @@
 
 use super::summary::tell;
 use palpate_report::report::counted;
-use palpate_run::batch::Event;
+use palpate_run::batch::BatchEvent;
 use std::io::{self, Write};
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -56,9 +56,11 @@ impl Notifier {
     }
 
     /// Passes an event on, if it is one that the receiver gets. Never waits.
-    pub(super) fn pass(&self, event: &Event) {
-        let is_passed =
-            matches!(event, Event::Ended(_) | Event::Paused { .. } | Event::Alarm(_) | Event::Closed { .. });
+    pub(super) fn pass(&self, event: &BatchEvent) {
+        let is_passed = matches!(
+            event,
+            BatchEvent::Ended(_) | BatchEvent::Paused { .. } | BatchEvent::Alarm(_) | BatchEvent::Closed { .. }
+        );
         // an event can always be written as JSON: it is in the journal
         let Some(line) = is_passed.then(|| serde_json::to_string(event).ok()).flatten() else { return };
         self.passed.fetch_add(1, Ordering::Relaxed);
@@ -126,7 +128,7 @@ fn say(text: &str) {
 #[cfg(all(test, unix))]
 mod tests {
     use super::*;
-    use palpate_run::batch::Session;
+    use palpate_run::batch::BatchSession;
     use std::fs;
     use std::path::Path;
 
@@ -138,8 +140,8 @@ mod tests {
         ["sh", "-c", script].map(str::to_owned).to_vec()
     }
 
-    fn paused(serial: &str) -> Event {
-        Event::Paused { at: at(), serial: serial.to_owned() }
+    fn paused(serial: &str) -> BatchEvent {
+        BatchEvent::Paused { at: at(), serial: serial.to_owned() }
     }
 
     fn lost(notifier: &Notifier) -> u64 {
@@ -152,15 +154,15 @@ mod tests {
         let got = folder.path().join("got");
         let notifier = Notifier::start(&shell(&format!("cat > '{}'", got.display()))).unwrap();
         let events = [
-            Event::Session(Session::default()),
+            BatchEvent::Session(BatchSession::default()),
             paused("A-1"),
-            Event::Skipped { at: at(), serial: "A-2".to_owned() },
-            Event::Closed { at: at() },
+            BatchEvent::Skipped { at: at(), serial: "A-2".to_owned() },
+            BatchEvent::Closed { at: at() },
         ];
         events.iter().for_each(|event| notifier.pass(event));
         drop(notifier);
         let lines = fs::read_to_string(got).unwrap();
-        let read: Vec<Event> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        let read: Vec<BatchEvent> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(read, [events[1].clone(), events[3].clone()]);
     }
 

@@ -6,7 +6,7 @@ use super::summary;
 use crate::api::Failure;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use palpate_core::parallel::lock;
-use palpate_data::dataset::{Check, Contact, Retouch};
+use palpate_data::dataset::{RecordedCheck, RecordedContact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
 use palpate_run::rig::RigSpec;
@@ -40,7 +40,7 @@ pub(super) struct Progress<'a> {
     done: u64,
     planned: u64,
     percent_told: u64,
-    shown: Arc<Mutex<Shown>>,
+    shown: Arc<Mutex<BarState>>,
     at_pause: Box<dyn Fn() + 'a>,
     warned: Option<&'a RefCell<BTreeSet<String>>>,
     /// Weight that a person is asked for after the run.
@@ -49,7 +49,7 @@ pub(super) struct Progress<'a> {
 
 /// Data on the bar's line in addition to the count.
 #[derive(Debug, Default)]
-struct Shown {
+struct BarState {
     /// Name of the phase; before the first phase, the name of the preparation.
     phase: String,
     /// The force, or a rest.
@@ -67,7 +67,7 @@ impl<'a> Progress<'a> {
             Some(planned),
             if on_terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
         );
-        let shown = Arc::new(Mutex::new(Shown { phase: "getting ready".to_owned(), ..Shown::default() }));
+        let shown = Arc::new(Mutex::new(BarState { phase: "getting ready".to_owned(), ..BarState::default() }));
         set_style(&bar, &shown);
         bar.set_position(done as u64);
         if on_terminal {
@@ -165,7 +165,7 @@ impl Listener for Progress<'_> {
         }
     }
 
-    fn recorded(&mut self, contact: &Contact) {
+    fn recorded(&mut self, contact: &RecordedContact) {
         self.done += 1;
         lock(&self.shown).timed = true;
         self.bar.set_position(self.done);
@@ -188,7 +188,7 @@ impl Listener for Progress<'_> {
         self.line(&format!("touched again at {:.2}, {:.2} mm: moved by {moved_um:+.0} um", place.x_mm, place.y_mm));
     }
 
-    fn checked(&mut self, check: &Check) {
+    fn checked(&mut self, check: &RecordedCheck) {
         if check.is_failed() {
             self.line(&format!("warning: {}", check.line())); // the summary shows it too, at the end
         }
@@ -219,8 +219,10 @@ impl Listener for Progress<'_> {
                 "paused after {} of {} presses, stage parked: Enter continues, Ctrl-C ends",
                 self.done, self.planned
             ));
-            let before =
-                std::mem::replace(&mut *lock(&self.shown), Shown { phase: "PAUSED".to_owned(), ..Shown::default() });
+            let before = std::mem::replace(
+                &mut *lock(&self.shown),
+                BarState { phase: "PAUSED".to_owned(), ..BarState::default() },
+            );
             go_on_at_enter(&self.cancel);
             *lock(&self.shown) = before;
             self.bar.reset_eta(); // the pause isn't part of a press
@@ -230,7 +232,7 @@ impl Listener for Progress<'_> {
 }
 
 /// Sets the style. The complete line is one element, so that it can be fitted to the terminal each time it is drawn.
-fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
+fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<BarState>>) {
     let shown = shown.clone();
     let line = move |state: &ProgressState, out: &mut dyn fmt::Write| {
         let shown = lock(&shown);
@@ -251,7 +253,7 @@ fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<Shown>>) {
 
 /// Returns the bar's line in at most `width` columns. It contains as much as fits: first the count, then the remaining time, the
 /// force and the bar.
-fn line(shown: &Shown, left: Option<&str>, done: u64, planned: u64, width: usize) -> String {
+fn line(shown: &BarState, left: Option<&str>, done: u64, planned: u64, width: usize) -> String {
     let width = width.saturating_sub(1); // a full line makes some terminals wrap
     let mut count = format!("{done:>5}/{planned} presses");
     let mut phase = format!("{:<16}", shown.phase);
@@ -282,7 +284,7 @@ mod tests {
 
     #[test]
     fn the_line_of_the_bar_fits_terminals_of_40_to_200_columns() {
-        let shown = Shown { phase: "characterisation".to_owned(), message: "+0.995 N".to_owned(), timed: true };
+        let shown = BarState { phase: "characterisation".to_owned(), message: "+0.995 N".to_owned(), timed: true };
         let fitted = |width| line(&shown, Some("12m"), 312, 625, width);
         for width in 20..=200 {
             let text = fitted(width);
@@ -296,7 +298,7 @@ mod tests {
         assert_eq!(fitted(60), "characterisation   312/625 presses, 12m left, +0.995 N");
         assert_eq!(fitted(80), "characterisation [==========>           ]   312/625 presses, 12m left, +0.995 N");
         assert_eq!(fitted(200), fitted(80));
-        let begins = line(&Shown { phase: "getting ready".to_owned(), ..Shown::default() }, None, 0, 625, 80);
+        let begins = line(&BarState { phase: "getting ready".to_owned(), ..BarState::default() }, None, 0, 625, 80);
         assert_eq!(begins, "getting ready    [>                     ]     0/625 presses");
     }
 }

@@ -5,12 +5,12 @@ use super::summary::{note, print, tell};
 use crate::api::Failure;
 use crate::api::read_sensor;
 use crate::api::solutions::Solutions;
-use crate::api::stream::Stream;
+use crate::api::stream::AnswerStream;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Mapping;
 use palpate_data::dataset::answers::Answers;
-use palpate_data::dataset::readings::{Lines, Readings};
+use palpate_data::dataset::readings::{Readings, StreamLines};
 use palpate_solver::{Fits, Session};
 use socket2::{Domain, Socket, Type};
 use std::collections::HashMap;
@@ -85,7 +85,7 @@ struct Service {
 
 /// Connections that are served.
 struct Clients {
-    served: HashMap<u64, Arc<Client>>,
+    served: HashMap<u64, Arc<ServeClient>>,
     /// Number of connections so far.
     count: u64,
     most: usize,
@@ -94,7 +94,7 @@ struct Clients {
 
 /// One connection.
 #[derive(Debug)]
-struct Client {
+struct ServeClient {
     stream: TcpStream,
     /// When it began or last sent something.
     heard: Mutex<Instant>,
@@ -169,17 +169,18 @@ impl Service {
     }
 
     /// Answers the lines of a connection until it ends.
-    fn converse(&self, client: &Client, peer: &str) -> io::Result<()> {
+    fn converse(&self, client: &ServeClient, peer: &str) -> io::Result<()> {
         let stream = &client.stream;
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(READS_WITHIN))?;
         let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
         let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
-        let how = Stream { source: peer, keep_going: true, reasons_are_told: false, note: &note, is_refused: is_http };
+        let how =
+            AnswerStream { source: peer, keep_going: true, reasons_are_told: false, note: &note, is_refused: is_http };
         let model = self.fits.model();
         let solutions = Solutions::new(stream, self.json, true, model.forces_are_known());
         let mut solutions = solutions.of_methods(model.fitted());
-        let end = how.answer(&mut answers, &mut Lines::new(peer, client), &mut solutions)?;
+        let end = how.answer(&mut answers, &mut StreamLines::new(peer, client), &mut solutions)?;
         if let Err(error) = end {
             self.refuse(stream, &error.to_string());
         }
@@ -209,7 +210,7 @@ impl Clients {
         stream: TcpStream,
         now: Instant,
         mut close: impl FnMut(&TcpStream),
-    ) -> Result<(u64, Arc<Client>), TcpStream> {
+    ) -> Result<(u64, Arc<ServeClient>), TcpStream> {
         if self.served.len() >= self.most {
             let silent = self.served.iter().map(|(number, client)| (*lock(&client.heard), *number)).min();
             match silent.filter(|(heard, _)| now.saturating_duration_since(*heard) >= self.silent_after) {
@@ -221,13 +222,13 @@ impl Clients {
             }
         }
         self.count += 1;
-        let client = Arc::new(Client { stream, heard: Mutex::new(now) });
+        let client = Arc::new(ServeClient { stream, heard: Mutex::new(now) });
         self.served.insert(self.count, client.clone());
         Ok((self.count, client))
     }
 }
 
-impl Read for &Client {
+impl Read for &ServeClient {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = (&self.stream).read(buffer)?;
         *lock(&self.heard) = Instant::now();

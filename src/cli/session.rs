@@ -9,8 +9,8 @@ use super::summary::{self, full};
 use super::verdict::verdict_code;
 use crate::api::provenance::now;
 use crate::api::run::walked;
-use crate::api::{Begun, EvaluateChoice, Failure, Kind};
-use palpate_run::batch::{Ended, Event};
+use crate::api::{EvaluateChoice, Failure, FailureKind, OpenedRun};
+use palpate_run::batch::{BatchEvent, Ended};
 use palpate_run::run::{Ending, Halt};
 use std::io;
 use std::process::ExitCode;
@@ -36,13 +36,13 @@ pub(super) struct SessionArgs {
 }
 
 /// Executes the rest of a plan, and prints the result.
-pub(super) fn carry_out(begun: &mut Begun, args: &SessionArgs) -> Result<ExitCode, Failure> {
-    let Begun { plan, rig, folder, pace, .. } = begun;
+pub(super) fn carry_out(begun: &mut OpenedRun, args: &SessionArgs) -> Result<ExitCode, Failure> {
+    let OpenedRun { plan, rig, folder, pace, .. } = begun;
     let cancel = heed(First::Pause, Some("stopping: the stage is stopped and parked"))?;
     let notifier = Notifier::start(&rig.notify);
-    let notify = |event: Event| notifier.iter().for_each(|notifier| notifier.pass(&event));
+    let notify = |event: BatchEvent| notifier.iter().for_each(|notifier| notifier.pass(&event));
     let serial = folder.manifest().facts.labels.sensor.clone().unwrap_or_default();
-    let paused = || notify(Event::Paused { at: now(), serial: serial.clone() });
+    let paused = || notify(BatchEvent::Paused { at: now(), serial: serial.clone() });
     let done = folder.manifest().presses_done as usize;
     let mut progress = Progress::new(plan, done, args.json, cancel.clone()).pausing(paused).weighing(rig);
     let shown = progress.gauge();
@@ -66,12 +66,12 @@ pub(super) fn carry_out(begun: &mut Begun, args: &SessionArgs) -> Result<ExitCod
         ..Ended::default()
     };
     if ending.halt.is_some() || ending.unparked.is_some() {
-        notify(Event::Ended(ended.clone()));
+        notify(BatchEvent::Ended(ended.clone()));
     }
     match ending {
         Ending { halt: Some(Halt::Cancelled), unparked: None, .. } => {
             finished.map_err(Failure::unfinished)?;
-            return Ok(exit_code(Kind::Cancelled));
+            return Ok(exit_code(FailureKind::Cancelled));
         }
         Ending { halt: None, unparked: None, .. } => finished.map_err(Failure::unfinished)?,
         ending => return Err(Failure::ended(ending)),
@@ -82,12 +82,12 @@ pub(super) fn carry_out(begun: &mut Begun, args: &SessionArgs) -> Result<ExitCod
     if let Some(judgement) = &results.judgement {
         ended = ended.judged(judgement);
     }
-    notify(Event::Ended(ended));
+    notify(BatchEvent::Ended(ended));
     let width = summary::width(io::stdout()).clamp(WIDTHS.0, WIDTHS.1);
     let text = if args.full { full(&results) } else { Brief::of(&results, width).text(room) };
     let next =
         if args.is_reported { String::new() } else { format!("next: palpate report {}\n", begun.path().display()) };
     show(&(text + &next))?;
     let is_doubtful = begun.folder.manifest().check_failed.is_some();
-    Ok(if is_doubtful { exit_code(Kind::NotAccepted) } else { verdict_code(results.judgement.as_ref()) })
+    Ok(if is_doubtful { exit_code(FailureKind::NotAccepted) } else { verdict_code(results.judgement.as_ref()) })
 }

@@ -2,7 +2,7 @@
 
 use super::tables::{WIDTH, characteristics_table, definitions, evaluation_table, filled};
 use super::verdict::{NO_RULE, verdict_table};
-use crate::api::{Failure, Results};
+use crate::api::{Failure, RunResults};
 use palpate_data::dataset::characteristics::Repeatability;
 use palpate_data::dataset::{DatasetError, JournalError, RunFolder, Status, TABLES};
 use std::fmt::Write as _;
@@ -69,7 +69,7 @@ pub(super) fn warn(folder: &RunFolder) -> Result<(), Failure> {
 }
 
 /// The results of a complete run for a person: evaluation, characteristics and verdict, with all that is known.
-pub(super) fn full(results: &Results) -> String {
+pub(super) fn full(results: &RunResults) -> String {
     let mut text = String::new();
     if !results.evaluations.is_empty() {
         let _ = write!(text, "\n{}", evaluation_table(&results.evaluations, results.is_beside_paper));

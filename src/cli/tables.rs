@@ -2,12 +2,12 @@
 //! see [`palpate_report::report::is_beside_paper`].
 
 use super::text_table::{TextTable, cells};
-use crate::api::Outcome;
+use crate::api::SolverOutcome;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
-use palpate_solver::{BEST, Candidate, Choice, ErrorSummary, Evaluation, LoadGain, Tie, Verdicts};
+use palpate_solver::{BEST, Choice, ErrorSummary, Evaluation, LoadGain, Tie, TriedMethod, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
@@ -41,7 +41,7 @@ pub(super) fn evaluation_rows(
 }
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
-pub(super) fn solvers_table(outcomes: &[Outcome], is_beside_paper: bool) -> String {
+pub(super) fn solvers_table(outcomes: &[SolverOutcome], is_beside_paper: bool) -> String {
     let mut table = TextTable::new(1, ["", "mean", "median", "p95", "largest", "N", "1 mm", "both", "us"]);
     let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
     let number = |value: Option<f64>| value.map_or("-".to_owned(), figures);
@@ -75,7 +75,7 @@ pub(super) fn solvers_table(outcomes: &[Outcome], is_beside_paper: bool) -> Stri
 
 /// How a method was chosen, in a line or two.
 pub(super) fn chosen(choice: &Choice) -> String {
-    let named = |candidate: &Candidate| Some((candidate.solver.clone(), candidate.location_error_mm?));
+    let named = |candidate: &TriedMethod| Some((candidate.solver.clone(), candidate.location_error_mm?));
     let tried: Vec<(String, f64)> = choice.candidates.iter().filter_map(named).collect();
     let Some((_, chosen_mm)) = tried.first() else {
         return "chosen without cross-validation: too few presses\n".to_owned();
@@ -121,10 +121,10 @@ pub(super) fn chosen(choice: &Choice) -> String {
 const LITTLE_LEARNED: f64 = 0.75;
 
 /// Mean errors of methods on presses that were held out of the calibration in turn, for a calibration without a test.
-pub(super) fn cross_validated_table(candidates: &[Candidate]) -> String {
+pub(super) fn cross_validated_table(candidates: &[TriedMethod]) -> String {
     let number = |error: Option<f64>| error.map_or("-".to_owned(), figures);
     let mut table = TextTable::new(1, ["", "location, mm", "force, N"]);
-    for Candidate { solver, location_error_mm, force_error_n } in candidates {
+    for TriedMethod { solver, location_error_mm, force_error_n } in candidates {
         table.row(cells![solver, number(*location_error_mm), number(*force_error_n)]);
     }
     format!(
@@ -317,7 +317,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
 
     #[test]
     fn how_a_solver_was_chosen_and_what_it_doubts_is_said() {
-        let candidate = |solver: &str, location_error_mm| Candidate {
+        let candidate = |solver: &str, location_error_mm| TriedMethod {
             solver: solver.to_owned(),
             location_error_mm,
             force_error_n: None,

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 /// A kind of text that a person writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Text {
+pub(super) enum TextKind {
     /// What to press, how, and how to evaluate it
     Recipe,
     /// The devices, the limits of the specimen and where it is
@@ -34,7 +34,7 @@ pub(super) enum Text {
     Certificate,
 }
 
-impl Text {
+impl TextKind {
     /// Its name on the command line and in file names.
     pub(super) fn name(self) -> String {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
@@ -43,41 +43,41 @@ impl Text {
     /// Title of the schema and of the reference page.
     fn title(self) -> &'static str {
         match self {
-            Text::Recipe => "Recipe",
-            Text::Rig => "Rig",
-            Text::Batch => "Batch",
-            Text::RegisterMap => "Register map",
-            Text::LineProfile => "Line profile",
-            Text::Acceptance => "Acceptance rule",
-            Text::Columns => "Columns file",
-            Text::Certificate => "Certificate file",
+            TextKind::Recipe => "Recipe",
+            TextKind::Rig => "Rig",
+            TextKind::Batch => "Batch",
+            TextKind::RegisterMap => "Register map",
+            TextKind::LineProfile => "Line profile",
+            TextKind::Acceptance => "Acceptance rule",
+            TextKind::Columns => "Columns file",
+            TextKind::Certificate => "Certificate file",
         }
     }
 
     fn keys(self) -> Keys {
         match self {
-            Text::Recipe => recipe::KEYS,
-            Text::Rig => rig::KEYS,
-            Text::Batch => batch::KEYS,
-            Text::RegisterMap => driver::modbus::KEYS,
-            Text::LineProfile => driver::lines::KEYS,
-            Text::Acceptance => recipe::RULE_KEYS,
-            Text::Columns => COLUMN_KEYS,
-            Text::Certificate => CERTIFICATE_KEYS,
+            TextKind::Recipe => recipe::KEYS,
+            TextKind::Rig => rig::KEYS,
+            TextKind::Batch => batch::KEYS,
+            TextKind::RegisterMap => driver::modbus::KEYS,
+            TextKind::LineProfile => driver::lines::KEYS,
+            TextKind::Acceptance => recipe::RULE_KEYS,
+            TextKind::Columns => COLUMN_KEYS,
+            TextKind::Certificate => CERTIFICATE_KEYS,
         }
     }
 
     /// Rules that the keys alone don't show.
     fn rules(self) -> &'static str {
         match self {
-            Text::Recipe => include_str!("texts/recipe.md"),
-            Text::Rig => include_str!("texts/rig.md"),
-            Text::Batch => include_str!("texts/batch.md"),
-            Text::RegisterMap => include_str!("texts/register-map.md"),
-            Text::LineProfile => include_str!("texts/line-profile.md"),
-            Text::Acceptance => include_str!("texts/acceptance.md"),
-            Text::Columns => include_str!("texts/columns.md"),
-            Text::Certificate => include_str!("texts/certificate.md"),
+            TextKind::Recipe => include_str!("texts/recipe.md"),
+            TextKind::Rig => include_str!("texts/rig.md"),
+            TextKind::Batch => include_str!("texts/batch.md"),
+            TextKind::RegisterMap => include_str!("texts/register-map.md"),
+            TextKind::LineProfile => include_str!("texts/line-profile.md"),
+            TextKind::Acceptance => include_str!("texts/acceptance.md"),
+            TextKind::Columns => include_str!("texts/columns.md"),
+            TextKind::Certificate => include_str!("texts/certificate.md"),
         }
     }
 
@@ -105,7 +105,7 @@ The program itself checks more: palpate check RECIPE --rig RIG.";
 #[command(after_help = SCHEMA_EXAMPLES)]
 pub(super) struct SchemaArgs {
     /// Which text
-    text: Text,
+    text: TextKind,
 }
 
 /// Prints the schema.
@@ -116,40 +116,40 @@ pub(super) fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
 
 /// Subject of a reference page: a kind of text file, or the commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Page {
-    Keys(Text),
+enum ReferencePage {
+    Keys(TextKind),
     Commands,
 }
 
-impl ValueEnum for Page {
+impl ValueEnum for ReferencePage {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [Page; 9] = [
-            Page::Keys(Text::Recipe),
-            Page::Keys(Text::Rig),
-            Page::Keys(Text::Batch),
-            Page::Keys(Text::RegisterMap),
-            Page::Keys(Text::LineProfile),
-            Page::Keys(Text::Acceptance),
-            Page::Keys(Text::Columns),
-            Page::Keys(Text::Certificate),
-            Page::Commands,
+        const ALL: [ReferencePage; 9] = [
+            ReferencePage::Keys(TextKind::Recipe),
+            ReferencePage::Keys(TextKind::Rig),
+            ReferencePage::Keys(TextKind::Batch),
+            ReferencePage::Keys(TextKind::RegisterMap),
+            ReferencePage::Keys(TextKind::LineProfile),
+            ReferencePage::Keys(TextKind::Acceptance),
+            ReferencePage::Keys(TextKind::Columns),
+            ReferencePage::Keys(TextKind::Certificate),
+            ReferencePage::Commands,
         ];
         &ALL
     }
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         match self {
-            Page::Keys(text) => text.to_possible_value(),
-            Page::Commands => Some(PossibleValue::new("commands").help("All commands and their options")),
+            ReferencePage::Keys(text) => text.to_possible_value(),
+            ReferencePage::Commands => Some(PossibleValue::new("commands").help("All commands and their options")),
         }
     }
 }
 
-impl Page {
+impl ReferencePage {
     fn print(self) -> String {
         match self {
-            Page::Keys(text) => text.page(),
-            Page::Commands => commands(),
+            ReferencePage::Keys(text) => text.page(),
+            ReferencePage::Commands => commands(),
         }
     }
 }
@@ -163,7 +163,7 @@ Example:
 #[command(after_help = REFERENCE_EXAMPLES)]
 pub(super) struct ReferenceArgs {
     /// Which page
-    page: Page,
+    page: ReferencePage,
 }
 
 /// Prints the page.
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn the_reference_pages_in_docs_are_those_that_the_program_prints() {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference");
-        for page in Page::value_variants() {
+        for page in ReferencePage::value_variants() {
             let name = page.to_possible_value().unwrap().get_name().to_owned();
             let page = page.print();
             let kept = std::fs::read_to_string(folder.join(&name).with_extension("md")).unwrap_or_default();
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn every_key_is_on_its_page() {
-        for text in Text::value_variants() {
+        for text in TextKind::value_variants() {
             let page = text.page();
             for listed in text.keys().walk() {
                 assert!(page.contains(&format!("\n| `{}` | ", listed.key.name)), "{}", listed.path);

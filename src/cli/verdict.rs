@@ -3,8 +3,8 @@
 use super::exit::exit_code;
 use super::tables::filled;
 use super::text_table::{TextTable, cells};
-use crate::api::Kind;
-use palpate_data::acceptance::{Check, Decision, Judgement, Verdict};
+use crate::api::FailureKind;
+use palpate_data::acceptance::{Decision, Judgement, LimitCheck, SensorVerdict};
 use std::process::ExitCode;
 
 /// Message if there is no rule.
@@ -13,8 +13,8 @@ pub(super) const NO_RULE: &str = "no verdict: no acceptance rule ([accept] of th
 /// The exit code of a verdict: 0 accepted, or none asked for; 1 not accepted or not decided.
 pub(super) fn verdict_code(judgement: Option<&Judgement>) -> ExitCode {
     match judgement.map(|judgement| judgement.verdict) {
-        None | Some(Verdict::Accepted) => ExitCode::SUCCESS,
-        Some(Verdict::NotAccepted | Verdict::NotDecided) => exit_code(Kind::NotAccepted),
+        None | Some(SensorVerdict::Accepted) => ExitCode::SUCCESS,
+        Some(SensorVerdict::NotAccepted | SensorVerdict::NotDecided) => exit_code(FailureKind::NotAccepted),
     }
 }
 
@@ -56,7 +56,7 @@ pub(super) fn verdict_table(judgement: &Judgement) -> String {
 }
 
 /// Returns a figure's name with its unit.
-fn named(check: &Check) -> String {
+fn named(check: &LimitCheck) -> String {
     let name = check.kind.full_name(check.reach);
     match check.kind.unit() {
         "" => name,

@@ -3,8 +3,8 @@
 
 use super::signals::is_attended;
 use super::summary::tell;
-use crate::api::which_rig::Chosen;
-use crate::api::which_way::Absent;
+use crate::api::which_rig::ChosenRig;
+use crate::api::which_way::NoPerson;
 use crate::api::{ConfirmOptions, Failure};
 use palpate_core::quantity::Down;
 use palpate_link::device::{HomeSearch, Identity};
@@ -23,11 +23,11 @@ pub(super) fn asked_at(options: &ConfirmOptions, spec: RigSpec) -> RigSpec {
     if !is_attended() {
         return options.of(spec);
     }
-    RigSpec { which_way: Some(Arc::new(Person { absent: Absent::new(options) })), ..spec }
+    RigSpec { which_way: Some(Arc::new(Person { absent: NoPerson::new(options) })), ..spec }
 }
 
 /// Asks the person at the terminal whether a real rig may move that `--rig` doesn't name.
-pub(super) fn confirm_rig(chosen: &Chosen, rig: &RigSpec) -> Result<(), Failure> {
+pub(super) fn confirm_rig(chosen: &ChosenRig, rig: &RigSpec) -> Result<(), Failure> {
     if !chosen.is_to_confirm(rig) {
         return Ok(());
     }
@@ -42,7 +42,7 @@ pub(super) fn confirm_rig(chosen: &Chosen, rig: &RigSpec) -> Result<(), Failure>
 /// Person at a terminal, with what is confirmed without a question.
 #[derive(Debug)]
 struct Person {
-    absent: Absent,
+    absent: NoPerson,
 }
 
 impl WhichWay for Person {

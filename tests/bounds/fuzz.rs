@@ -7,7 +7,7 @@ use crate::HEAP;
 use palpate_core::quantity::{Axis, stream};
 use palpate_drivers::grbl::{Build, parse_report};
 use palpate_drivers::lines::{Finder, LineProfile};
-use palpate_drivers::modbus::{Client, Function, Profile, Transport};
+use palpate_drivers::modbus::{Function, ModbusClient, Profile, Transport};
 use palpate_drivers::process::answer_in;
 use palpate_drivers::xps::parse_answer;
 use palpate_drivers::{AnyStage, Esp301};
@@ -282,7 +282,7 @@ fn no_message_upsets_a_parser() {
             let rtu = transport == Transport::Rtu;
             *input.lock().expect("no panic") = if rtu { sealed(bytes, &mut nth) } else { bytes.to_vec() };
             runtime.block_on(async {
-                let mut client = Client::new(answered(input.clone()), transport, &profile, "fuzz", "fuzz");
+                let mut client = ModbusClient::new(answered(input.clone()), transport, &profile, "fuzz", "fuzz");
                 black_box(client.read("fuzzing", Function::Holding, 80, 2).await.is_ok());
             });
         });

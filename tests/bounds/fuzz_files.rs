@@ -9,8 +9,8 @@ mod seeds;
 
 use feeding::{fuzz, fuzz_file, resealed};
 use palpate_core::quantity::Axis;
-use palpate_data::dataset::readings::{Format, Held, Lines, ReadingError, Readings};
-use palpate_data::dataset::{Journal, Manifest, Mapping, Presses, Record, Records, TableError, read_table};
+use palpate_data::dataset::readings::{LineContent, ReadingError, ReadingFormat, Readings, StreamLines};
+use palpate_data::dataset::{Journal, JournalRecords, Manifest, Mapping, Presses, Record, TableError, read_table};
 use palpate_data::recipe::{self, PRESSES_MAX, Plan};
 use palpate_document::Problems;
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
@@ -100,18 +100,19 @@ fn readings() {
     let mut nth = 0;
     fuzz("readings", 40_000, &seeds, |input| {
         nth += 1;
-        let format = [None, Some(Format::Csv), Some(Format::Ndjson)][nth % 3];
-        let (mut lines, mut readings) = (Lines::new(FILE, input), Readings::new(FILE, 2, format, Mapping::default()));
+        let format = [None, Some(ReadingFormat::Csv), Some(ReadingFormat::Ndjson)][nth % 3];
+        let (mut lines, mut readings) =
+            (StreamLines::new(FILE, input), Readings::new(FILE, 2, format, Mapping::default()));
         let most = self::lines(input);
         for _ in 0..=most {
             let Some(line) = lines.read_next().expect("bytes don't break off") else { return };
             match readings.read(line) {
-                Ok(Held::Reading) => {
+                Ok(LineContent::Reading) => {
                     let reading = readings.reading();
                     assert!(reading.outputs.len() == 2 && (1..=most as u64).contains(&reading.line), "{reading:?}");
                 }
-                Ok(Held::Bad(error)) => check_line_of(&error.to_string(), FILE, most),
-                Ok(Held::Nothing) => {}
+                Ok(LineContent::Bad(error)) => check_line_of(&error.to_string(), FILE, most),
+                Ok(LineContent::Nothing) => {}
                 Err(ReadingError::Cells(TableError::NoRows { .. })) if readings.reading().outputs.is_empty() => return,
                 Err(error) => return check_line(&error.to_string(), FILE, input),
             }
@@ -132,7 +133,7 @@ fn journals() {
             taken += 1;
             Ok(())
         });
-        let opened = read.and_then(Records::go_on);
+        let opened = read.and_then(JournalRecords::go_on);
         assert_eq!(taken, sound);
         match opened {
             Ok(_) => {

@@ -4,9 +4,10 @@ use crate::HEAP;
 use palpate_control::{AirReadings, Lesson};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::answers::Answers;
-use palpate_data::dataset::readings::{Format, Lines, Readings};
+use palpate_data::dataset::readings::{ReadingFormat, Readings, StreamLines};
 use palpate_data::dataset::{
-    Air, Contact, End, Ledger, Mapping, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
+    Air, Ledger, Mapping, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
+    SessionEnd, Status,
 };
 use palpate_data::recipe::Phase;
 use palpate_solver::{Calibration, CalibrationPoint, Model, Session, Setting};
@@ -54,7 +55,15 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     assert!(held < bound, "{held} bytes are held when {PRESSES} presses are opened");
     let (status, ended) = (Status::Complete, String::new());
     folder
-        .finish(End { status, t_s: 0.0, ended, wall_s: 0.0, failure: None, cell_unchecked: false, cell_off: None })
+        .finish(SessionEnd {
+            status,
+            t_s: 0.0,
+            ended,
+            wall_s: 0.0,
+            failure: None,
+            cell_unchecked: false,
+            cell_off: None,
+        })
         .unwrap();
     let most = HEAP.max_allocated() - before;
     assert!(most < bound + TURNED_BYTES, "{most} bytes were held at most while {PRESSES} presses were read");
@@ -81,10 +90,10 @@ fn readings_are_answered_and_none_is_held() {
         return;
     }
     let calibration = calibration();
-    for (readings, format) in [(CSV_READINGS, Format::Csv), (JSON_READINGS, Format::Ndjson)] {
+    for (readings, format) in [(CSV_READINGS, ReadingFormat::Csv), (JSON_READINGS, ReadingFormat::Ndjson)] {
         let session = Session::new(Model::fit("pearson", calibration.clone(), &Setting::default()).unwrap());
         let mut answers = Answers::new(Readings::new("stdin", 3, Some(format), Mapping::default()), session);
-        let mut lines = Lines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
+        let mut lines = StreamLines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
         let (mut answered, mut unsolved, mut before) = (0, 0, 0);
         while let Some(line) = lines.read_next().unwrap() {
             let answer = answers.answer(line).unwrap().expect("no line is blank");
@@ -167,7 +176,7 @@ fn calibration() -> Calibration {
     Calibration::new(&points).unwrap()
 }
 
-fn contact(press: u64) -> Contact {
+fn contact(press: u64) -> RecordedContact {
     let row = Press {
         press,
         level: 0,
@@ -190,7 +199,7 @@ fn contact(press: u64) -> Contact {
         Air { force, outputs: vec![1e-5 * n; UNITS] }
     };
     let (air_before, air_after) = (air(press as f64), air(press as f64 + 1.0));
-    Contact {
+    RecordedContact {
         press,
         levels: vec![row.rounded()],
         truth: vec![truth],

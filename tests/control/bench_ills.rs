@@ -7,7 +7,7 @@ use palpate_core::quantity::Axis;
 use palpate_data::dataset::Record;
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
-use palpate_sim::scene::{LoadCell, Servo, Wave};
+use palpate_sim::scene::{LoadCellScene, Servo, Sine};
 use palpate_testing::campaign;
 use palpate_testing::walks::{BENCHES, Walked, bench, bench_recipe, benches, in_parallel, plan, walked};
 
@@ -25,24 +25,24 @@ pub(crate) type Ill = (&'static str, fn(&mut RigSpec));
 
 pub(crate) const ILLS: [Ill; 5] = [
     ("drift of 30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
-    ("wander of 5 mN in 25 s", |spec| cell(spec).wander = Some(Wave { amplitude: 0.005, period_s: 25.0 })),
-    ("hum of 10 mN, 49.8 Hz", |spec| cell(spec).hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 49.8 })),
-    ("hum of 10 mN, 50.2 Hz", |spec| cell(spec).hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 50.2 })),
-    ("hum of 10 mN, 60.1 Hz", |spec| cell(spec).hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 60.1 })),
+    ("wander of 5 mN in 25 s", |spec| cell(spec).wander = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
+    ("hum of 10 mN, 49.8 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 49.8 })),
+    ("hum of 10 mN, 50.2 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.2 })),
+    ("hum of 10 mN, 60.1 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 60.1 })),
 ];
 
-fn cell(spec: &mut RigSpec) -> &mut LoadCell {
+fn cell(spec: &mut RigSpec) -> &mut LoadCellScene {
     spec.scene.load_cell.as_mut().expect("a load cell")
 }
 
 /// All at once, with a slow controller, play, a soft mounting and a surface that creeps.
 pub(crate) fn all(spec: &mut RigSpec) {
     let cell = cell(spec);
-    cell.hum = Some(Wave { amplitude: 0.010, period_s: 1.0 / 50.0 });
-    cell.wander = Some(Wave { amplitude: 0.005, period_s: 25.0 });
+    cell.hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.0 });
+    cell.wander = Some(Sine { amplitude: 0.005, period_s: 25.0 });
     cell.stiffness_n_mm = Some(10.0);
     spec.scene.latencies.stage_s = (0.015, 0.045);
-    spec.scene.surface_wave = Some(Wave { amplitude: 0.005, period_s: 60.0 });
+    spec.scene.surface_wave = Some(Sine { amplitude: 0.005, period_s: 60.0 });
     spec.scene.stage = Some(Servo { backlash_mm: 0.003, ..spec.scene.stage.unwrap_or_default() });
 }
 
@@ -151,7 +151,7 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
         ("+30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
         ("-30 mN/min", |spec| cell(spec).drift_n_s = -0.030 / 60.0),
         ("+50 mN/min", |spec| cell(spec).drift_n_s = 0.050 / 60.0),
-        ("5 mN in 25 s", |spec| cell(spec).wander = Some(Wave { amplitude: 0.005, period_s: 25.0 })),
+        ("5 mN in 25 s", |spec| cell(spec).wander = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
     ];
     for (name, _) in benches() {
         for (told, ill) in ills {

@@ -4,9 +4,9 @@
 //! The shares of the limits come from the ledger: its contacts go through a new map and a new response, as in a run.
 
 use crate::bench_ills::{ILLS, all};
-use palpate_control::{AIR_READINGS, Felt, Lesson, Map, Response, Strategy, Taught, Zero};
-use palpate_core::quantity::{Place, Stream, stream};
-use palpate_data::dataset::{Contact, Flag, Memory, Record};
+use palpate_control::{AIR_READINGS, ContactMap, LearnedOutputs, Lesson, MeasuredContact, Strategy, Taught, Zero};
+use palpate_core::quantity::{Place, RandomStream, stream};
+use palpate_data::dataset::{Flag, Memory, Record, RecordedContact};
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::Edges;
 use palpate_testing::campaign;
@@ -127,7 +127,7 @@ struct Share {
     compared: usize,
 }
 
-fn give_edges(spec: &mut RigSpec, rng: &mut Stream) -> String {
+fn give_edges(spec: &mut RigSpec, rng: &mut RandomStream) -> String {
     let percent = if rng.random_bool(0.5) { EDGE_PERCENT } else { -EDGE_PERCENT };
     let half_mm = rng.random_range(EDGE_HALF_MM.0..EDGE_HALF_MM.1);
     let width_mm = rng.random_range(EDGE_WIDTH_MM.0..EDGE_WIDTH_MM.1);
@@ -140,7 +140,7 @@ fn give_edges(spec: &mut RigSpec, rng: &mut Stream) -> String {
     format!("edges of {percent:+} % at {half_mm:.2} mm, {width_mm:.2} mm wide")
 }
 
-fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut Stream) -> String {
+fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut RandomStream) -> String {
     // the first is a drift: in the hours of the paper's protocol it leaves the range of the cell
     let first = usize::from(pressed == Pressed::Paper);
     match ILLS.get(rng.random_range(first..ILLS.len() + 2)) {
@@ -155,7 +155,7 @@ fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut Stream) -> String
     }
 }
 
-fn recipe(pressed: Pressed, rng: &mut Stream) -> String {
+fn recipe(pressed: Pressed, rng: &mut RandomStream) -> String {
     let head = RECIPE.split("[[step]]").next().expect("what is before the steps");
     let strategy = |strategy: Strategy, text: &str| {
         text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", strategy.name()), 1)
@@ -200,7 +200,7 @@ fn recipe(pressed: Pressed, rng: &mut Stream) -> String {
 }
 
 /// Places of a coarse grid in any order, each off its point.
-fn far_apart(rng: &mut Stream) -> Vec<Place> {
+fn far_apart(rng: &mut RandomStream) -> Vec<Place> {
     let mut places = Vec::new();
     for (column, row) in (0..16).map(|i| (f64::from(i % 4), f64::from(i / 4))) {
         let mut at = |n: f64| APART_MM * (n - 1.5) + rng.random_range(-JITTER_MM..JITTER_MM);
@@ -212,7 +212,8 @@ fn far_apart(rng: &mut Stream) -> Vec<Place> {
 
 /// The largest share of each rule's limit that a press of a ledger used up.
 fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
-    let (mut map, mut response) = (Map::new(spec.frame.uncertainty_mm), Response::new(spec.array.layout.pitch_mm()));
+    let (mut map, mut response) =
+        (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
     let (mut all, mut cell_n) = (BTreeMap::<_, Share>::new(), 0.0);
     for record in ledger.records() {
         if let Record::Zero { sigma_n, .. } = record {
@@ -257,16 +258,16 @@ fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
 }
 
 /// What the array felt, as a run compares it.
-fn felt(contact: &Contact, cell_n: f64) -> Option<Felt> {
+fn felt(contact: &RecordedContact, cell_n: f64) -> Option<MeasuredContact> {
     let level = contact.levels.iter().find(|level| level.force_set_n.is_some_and(|force_n| force_n > 0.0))?;
     let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
     let force_n = level.force_n.filter(|force_n| *force_n > 0.0 && is_measured)?;
     let place = Place::new(level.x_mm, level.y_mm);
-    Some(Felt { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0, cell_n] })
+    Some(MeasuredContact { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0, cell_n] })
 }
 
 /// The rise of the force that a press showed: its place, from and to which force, N, and over which distance, mm.
-fn rise(lesson: &Lesson, map: &Map) -> Option<(Place, f64, f64, f64)> {
+fn rise(lesson: &Lesson, map: &ContactMap) -> Option<(Place, f64, f64, f64)> {
     match lesson {
         Lesson::Touch { place, path, .. } => {
             let (&(from_mm, from_n), &(to_mm, to_n)) = (path.first()?, path.last()?);

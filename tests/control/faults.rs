@@ -3,10 +3,10 @@
 
 use palpate_control::{Reaction, Strategy, safe_speed_mm_s};
 use palpate_core::quantity::stream;
-use palpate_data::dataset::Contact;
+use palpate_data::dataset::RecordedContact;
 use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
-use palpate_sim::scene::{Fault, FaultKind};
+use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
 use rand::RngExt;
@@ -65,7 +65,7 @@ struct Case {
 /// What came of it.
 struct Outcome {
     case: Case,
-    faults: Vec<Fault>,
+    faults: Vec<SceneFault>,
     worst: Worst,
     end: &'static str,
     told: Option<String>,
@@ -86,7 +86,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn of<'a>(contacts: impl Iterator<Item = &'a Contact>) -> Kept {
+    fn of<'a>(contacts: impl Iterator<Item = &'a RecordedContact>) -> Kept {
         contacts.fold(Kept::default(), |mut kept, contact| {
             let (press, truth) = (&contact.levels[0], &contact.truth[0]);
             kept.windows_s.extend(press.t_s);
@@ -137,7 +137,7 @@ impl Case {
         let mut rng = stream(self.seed, 0, "onset");
         let from_to_s =
             if self.seed.is_multiple_of(EARLY) { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
-        let mut fault = |&kind| Fault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
+        let mut fault = |&kind| SceneFault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
         spec.scene.faults = self.kinds.iter().map(&mut fault).collect();
         let Walked { ending, truth, virtual_s, ledger, .. } = &walked(&spec, &plan);
         Outcome {

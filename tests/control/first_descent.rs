@@ -5,7 +5,7 @@
 
 use palpate_control::{FIRST_APPROACH_MM_S, Strategy};
 use palpate_core::quantity::{Axis, Place, stream};
-use palpate_sim::scene::{ContactLaw, Fault, FaultKind, Mounting};
+use palpate_sim::scene::{ContactLaw, FaultKind, Mounting, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
 use rand::RngExt;
@@ -55,7 +55,7 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
         spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
         let from_s = rng.random_range(0.0..FAILS_S);
-        spec.scene.faults = fault.into_iter().map(|kind| Fault { kind, from_s, value: None }).collect();
+        spec.scene.faults = fault.into_iter().map(|kind| SceneFault { kind, from_s, value: None }).collect();
         let walked = walked_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
         let end = end_of(&walked.ending);
         let told = format!("{name}, {strategy:?}, {fault:?} at {from_s:.2} s, off by {off_mm:+.2} mm: {end}");

@@ -5,7 +5,9 @@
 use palpate_core::quantity::WeightCheck;
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Asked, Cancel, KnownWeight, Verdict, Weighed, Weighing, examine, judged};
+use palpate_run::run::{
+    Cancel, ForceCheck, KnownWeight, LoadCellVerdict, Weighing, WeightMeasurement, examine, judged,
+};
 use palpate_testing::campaign;
 use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, plan, run_virtually, walked};
 
@@ -33,10 +35,10 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
 }
 
 /// What the doctor finds with a weight that is known within this share of it; its true force follows from the seed.
-fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> Weighed {
+fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> WeightMeasurement {
     let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
     let found = run_virtually(async {
-        examine(spec, seed, &Cancel::default(), Asked::Weight(Weighing { weight, ask: &mut |_| {} }))
+        examine(spec, seed, &Cancel::default(), ForceCheck::Weight(Weighing { weight, ask: &mut |_| {} }))
             .await
             .expect("a sound rig")
     });
@@ -99,7 +101,10 @@ fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what
                 spec.stiffness_least_n_mm = least_n_mm;
                 let check = checked(&spec, 0.001, 1, false);
                 let verdict = judged(&check, None, None).verdict;
-                assert!(matches!(verdict, Verdict::Fault(_) | Verdict::WrongSign), "{name}, {gain}: {verdict:?}");
+                assert!(
+                    matches!(verdict, LoadCellVerdict::Fault(_) | LoadCellVerdict::WrongSign),
+                    "{name}, {gain}: {verdict:?}"
+                );
                 assert!((check.gain - gain).abs() < 0.003, "{name}: {check:?}");
                 let with = RigSpec {
                     load_cell: palpate_run::rig::LoadCellSpec { check: Some(check), ..spec.load_cell.clone() },

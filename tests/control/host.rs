@@ -4,7 +4,7 @@
 use palpate_control::Strategy;
 use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::{Instrument, Shared};
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::campaign;
 use palpate_testing::walks::{BENCHES, Deaths, Walked, Worst, bench, end_of, in_parallel, plan, walked_with};
 use std::collections::BTreeMap;
@@ -171,13 +171,13 @@ fn questions(request: &[u8]) -> Vec<u8> {
 }
 
 impl Instrument for Beset {
-    fn device(&self) -> Device {
+    fn device(&self) -> SceneDevice {
         self.device.lock().unwrap().device()
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         let request = self.device.lock().unwrap().take_request(inbox)?;
-        if self.device() == Device::Stage && is_command(&request) {
+        if self.device() == SceneDevice::Stage && is_command(&request) {
             let mut fate = self.fate.lock().unwrap();
             if fate.commands.fetch_add(1, Ordering::Relaxed) == fate.at {
                 fate.struck_s = Some(fate.now_s);
@@ -193,19 +193,20 @@ impl Instrument for Beset {
             fate.now_s = now_s;
             (fate.mishap, fate.struck_s)
         };
-        if mishap == Mishap::CommandIgnored && device == Device::Stage && struck_s.is_some() && self.held.is_none() {
+        if mishap == Mishap::CommandIgnored && device == SceneDevice::Stage && struck_s.is_some() && self.held.is_none()
+        {
             self.held = Some(Vec::new());
             return self.device.lock().unwrap().answer(&questions(request), scene, now_s);
         }
         let Some(struck_s) = struck_s else { return self.device.lock().unwrap().answer(request, scene, now_s) };
         let mut answer = || self.device.lock().unwrap().answer(request, scene, now_s);
         match (mishap, device) {
-            (Mishap::StageCut, Device::Stage) | (Mishap::CellCut, Device::LoadCell) => Vec::new(),
-            (Mishap::StageMute, Device::Stage) => {
+            (Mishap::StageCut, SceneDevice::Stage) | (Mishap::CellCut, SceneDevice::LoadCell) => Vec::new(),
+            (Mishap::StageMute, SceneDevice::Stage) => {
                 answer();
                 Vec::new()
             }
-            (Mishap::AnswerLate, Device::Stage) => {
+            (Mishap::AnswerLate, SceneDevice::Stage) => {
                 let answer = answer();
                 match &self.held {
                     None if !answer.is_empty() => {
@@ -233,8 +234,8 @@ impl Instrument for Beset {
         let fate = self.fate.lock().unwrap();
         let own_s = self.device.lock().unwrap().deaf_until_s();
         match (fate.mishap, device, fate.struck_s) {
-            (Mishap::CommandLate, Device::Stage, Some(struck_s))
-            | (Mishap::CellLate, Device::LoadCell, Some(struck_s)) => own_s.max(struck_s + LATE_S),
+            (Mishap::CommandLate, SceneDevice::Stage, Some(struck_s))
+            | (Mishap::CellLate, SceneDevice::LoadCell, Some(struck_s)) => own_s.max(struck_s + LATE_S),
             _ => own_s,
         }
     }

@@ -2,10 +2,10 @@
 //! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
 
 use palpate_control::{
-    AIR_READINGS, AirReadings, Branch, Command, Context, Event, ForceLoop, Lesson, Level, Map, Moment, Permit,
-    Permitted, Rule, Shot, Softest, Steer, Strategy, Task, Timing, Zero, safe_speed_mm_s,
+    AIR_READINGS, AirReadings, Branch, ContactMap, Context, ForceLevel, ForceLoop, Lesson, LoopCommand, LoopEvent,
+    Moment, Permit, Permitted, PressTask, SafetyRule, Shot, Softest, Steer, Strategy, Timing, Zero, safe_speed_mm_s,
 };
-use palpate_core::quantity::{Axis, Limits, Place, Steps, Stream, stream};
+use palpate_core::quantity::{Axis, Limits, Place, RandomStream, Steps, stream};
 use palpate_testing::campaign;
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -33,7 +33,7 @@ const DWELL_MOST_S: f64 = 100.0;
 struct Draw {
     press: ForceLoop,
     context: Context,
-    task: Task,
+    task: PressTask,
     /// Reaction time of the rig, s.
     reaction_s: f64,
 }
@@ -65,7 +65,7 @@ impl Told {
 /// The fraction of the force limit that a step may add; a stage of every second seed has steps.
 const STEP_SHARE: f64 = 0.05;
 
-fn draw(seed: u64, rng: &mut Stream, truthful: bool) -> Draw {
+fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> Draw {
     let limits = Limits {
         force_n: rng.random_range(0.5..5.0),
         depth_mm: rng.random_range(0.3..3.0),
@@ -109,20 +109,20 @@ fn draw(seed: u64, rng: &mut Stream, truthful: bool) -> Draw {
     Draw { press: ForceLoop::new(task.clone(), context), context, task, reaction_s }
 }
 
-fn task(rng: &mut Stream, limits: &Limits) -> Task {
+fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
     let force_n = limits.force_n * rng.random_range(0.02..1.0);
     let levels = match rng.random_range(0..4) {
-        0 => Task::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
+        0 => PressTask::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
         // whatever comes to mind
         1 => (0..rng.random_range(0..4))
-            .map(|_| Level {
+            .map(|_| ForceLevel {
                 force_set_n: if rng.random_bool(0.3) { 0.0 } else { limits.force_n * rng.random_range(0.01..1.0) },
                 branch: if rng.random_bool(0.5) { Branch::Loading } else { Branch::Unloading },
             })
             .collect(),
-        _ => Task::press(force_n),
+        _ => PressTask::press(force_n),
     };
-    Task {
+    PressTask {
         levels,
         force_tolerance_n: limits.force_n * 10f64.powf(rng.random_range(-3.0..-1.0)),
         hold_s: if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..2.0) },
@@ -133,8 +133,8 @@ fn task(rng: &mut Stream, limits: &Limits) -> Task {
 }
 
 /// A map taught by presses on a plane whose curve is a parabola, or by anything.
-fn taught(rng: &mut Stream, limits: &Limits, truthful: bool) -> Map {
-    let mut map = Map::new(0.3);
+fn taught(rng: &mut RandomStream, limits: &Limits, truthful: bool) -> ContactMap {
+    let mut map = ContactMap::new(0.3);
     let n_mm = limits.stiffness_n_mm * rng.random_range(0.2..0.6);
     let surface_mm = rng.random_range(-0.15..0.15);
     for _ in 0..rng.random_range(0..9) {
@@ -153,12 +153,12 @@ fn taught(rng: &mut Stream, limits: &Limits, truthful: bool) -> Map {
     map
 }
 
-fn any_of(rng: &mut Stream) -> f64 {
+fn any_of(rng: &mut RandomStream) -> f64 {
     rng.random_range(0.0..3.0)
 }
 
 /// A number that a broken driver could say.
-fn garbage(rng: &mut Stream) -> f64 {
+fn garbage(rng: &mut RandomStream) -> f64 {
     match rng.random_range(0..20) {
         0 => f64::NAN,
         1 => f64::INFINITY,
@@ -215,22 +215,22 @@ fn broken_wait(seconds: f64) -> Option<&'static str> {
     (!(0.0..DWELL_MOST_S).contains(&seconds)).then_some("a wait that has no end")
 }
 
-fn is_out_of_turn(command: &Command) -> bool {
-    matches!(command, Command::Trip(trip) if trip.rule == Rule::NotPermitted && trip.unit == "event out of turn")
+fn is_out_of_turn(command: &LoopCommand) -> bool {
+    matches!(command, LoopCommand::Trip(trip) if trip.rule == SafetyRule::NotPermitted && trip.unit == "event out of turn")
 }
 
 /// Whether an event is what a command asks for.
-fn answers(command: &Command, event: &Event) -> bool {
+fn answers(command: &LoopCommand, event: &LoopEvent) -> bool {
     matches!(
         (command, event),
-        (Command::Average(_), Event::Averaged { .. })
-            | (Command::Move(_) | Command::Depart(_), Event::Moved { .. })
-            | (Command::Dwell(_), Event::Dwelt)
-            | (Command::Sample(_), Event::Sampled { .. })
+        (LoopCommand::Average(_), LoopEvent::Averaged { .. })
+            | (LoopCommand::Move(_) | LoopCommand::Depart(_), LoopEvent::Moved { .. })
+            | (LoopCommand::Dwell(_), LoopEvent::Dwelt)
+            | (LoopCommand::Sample(_), LoopEvent::Sampled { .. })
     )
 }
 
-fn most_commands(task: &Task) -> usize {
+fn most_commands(task: &PressTask) -> usize {
     COMMANDS_MORE + COMMANDS_A_LEVEL * task.levels.len()
 }
 
@@ -242,7 +242,7 @@ struct Specimen {
 }
 
 impl Specimen {
-    fn under(draw: &Draw, rng: &mut Stream) -> Specimen {
+    fn under(draw: &Draw, rng: &mut RandomStream) -> Specimen {
         let Context { expected, limits, .. } = &draw.context;
         let surface_mm = rng.random_range(expected.first_mm..=expected.last_mm.max(expected.first_mm));
         let stiffest_n_mm = limits.stiffness_n_mm * rng.random_range(0.05..1.0);
@@ -260,7 +260,7 @@ impl Specimen {
 /// How a press on a specimen went.
 struct Driven {
     seed: u64,
-    end: Command,
+    end: LoopCommand,
     /// How far the deepest end point was below the depth limit, mm.
     over_mm: f64,
     broken: Vec<&'static str>,
@@ -278,8 +278,10 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let stops_anywhere = rng.random_bool(0.3);
     let start_mm = draw.context.clear_mm;
     let mut told = Told::at(start_mm);
-    let mut event =
-        Event::Begin { z_mm: start_mm, air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS, age_s: 0.0 } };
+    let mut event = LoopEvent::Begin {
+        z_mm: start_mm,
+        air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS, age_s: 0.0 },
+    };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
     for _ in 0..most_commands(&draw.task) {
@@ -291,20 +293,20 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
         }
         let mut noise_n = |readings: u32| rng.random_range(-2.9..2.9) * draw.context.zero.sigma_mean_n(readings);
         event = match &command {
-            Command::Average(readings) => {
+            LoopCommand::Average(readings) => {
                 told.force_n = specimen.force_n(told.z_mm) + noise_n(*readings);
-                Event::Averaged { force_n: told.force_n }
+                LoopEvent::Averaged { force_n: told.force_n }
             }
-            Command::Sample(_) => {
+            LoopCommand::Sample(_) => {
                 told.force_n = specimen.force_n(told.z_mm) + noise_n(16);
-                Event::Sampled { force_n: told.force_n }
+                LoopEvent::Sampled { force_n: told.force_n }
             }
-            Command::Dwell(seconds) => {
+            LoopCommand::Dwell(seconds) => {
                 broken.extend(broken_wait(*seconds));
                 told.now_s += seconds;
-                Event::Dwelt
+                LoopEvent::Dwelt
             }
-            Command::Move(granted) | Command::Depart(granted) => {
+            LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
                 told.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &told, granted));
                 if granted.z_mm() > told.z_mm {
@@ -325,15 +327,15 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
                     let steer = draw.press.see(force_n, told.now_s);
                     steps += 1;
                     broken.extend(broken_steer(granted, steer));
-                    if steer == Steer::Stop && matches!(command, Command::Move(_)) {
+                    if steer == Steer::Stop && matches!(command, LoopCommand::Move(_)) {
                         break;
                     }
                 }
                 // it ends on the nearest of its own steps, and reads them back
                 told.z_mm = at_mm + off.random_range(-0.5..0.5) * steps_of_z.along(Axis::Z);
-                Event::Moved { z_mm: told.z_mm }
+                LoopEvent::Moved { z_mm: told.z_mm }
             }
-            Command::Done | Command::Trip(_) => {
+            LoopCommand::Done | LoopCommand::Trip(_) => {
                 return (steps, Driven { seed, end: command, over_mm: deepest, broken });
             }
         };
@@ -350,45 +352,45 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
     let specimen = Specimen::under(&draw, &mut rng);
     let sane = 1.0 - rng.random_range(0.0..0.4f64).powi(2);
     let (mut steps, mut broken) = (0, Vec::new());
-    let begin = |rng: &mut Stream, draw: &Draw| {
+    let begin = |rng: &mut RandomStream, draw: &Draw| {
         let sound = rng.random_bool(0.9);
         let mean_n = if sound { rng.random_range(-0.015..0.015) } else { garbage(rng) };
         let sigma_n = if sound { draw.context.zero.sigma_n } else { garbage(rng) };
         let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
-        Event::Begin {
+        LoopEvent::Begin {
             z_mm,
             air: AirReadings { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 }, age_s: 0.0 },
         }
     };
-    let mut before: Option<Command> = None;
+    let mut before: Option<LoopCommand> = None;
     let mut event = begin(&mut rng, &draw);
     for _ in 0..most_commands(&draw.task) {
-        if let Event::Begin { z_mm, .. } = event {
+        if let LoopEvent::Begin { z_mm, .. } = event {
             told.z_mm = z_mm;
         }
         told.now_s += rng.random_range(0.0..1.0);
         told.age_s = if rng.random_bool(0.995) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
         let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
         steps += 1;
-        let fits = before.as_ref().map_or(matches!(event, Event::Begin { .. }), |before| answers(before, &event));
-        if !fits && !matches!(command, Command::Trip(_)) {
+        let fits = before.as_ref().map_or(matches!(event, LoopEvent::Begin { .. }), |before| answers(before, &event));
+        if !fits && !matches!(command, LoopCommand::Trip(_)) {
             broken.push("an event out of turn is taken");
         }
         let mut value = |sane_value: f64| if rng.random_bool(sane) { sane_value } else { garbage(&mut rng) };
         event = match &command {
-            Command::Average(_) => {
+            LoopCommand::Average(_) => {
                 told.force_n = value(specimen.force_n(told.z_mm));
-                Event::Averaged { force_n: told.force_n }
+                LoopEvent::Averaged { force_n: told.force_n }
             }
-            Command::Sample(_) => {
+            LoopCommand::Sample(_) => {
                 told.force_n = value(specimen.force_n(told.z_mm));
-                Event::Sampled { force_n: told.force_n }
+                LoopEvent::Sampled { force_n: told.force_n }
             }
-            Command::Dwell(seconds) => {
+            LoopCommand::Dwell(seconds) => {
                 broken.extend(broken_wait(*seconds));
-                Event::Dwelt
+                LoopEvent::Dwelt
             }
-            Command::Move(granted) | Command::Depart(granted) => {
+            LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
                 told.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &told, granted));
                 for _ in 0..3 {
@@ -403,18 +405,18 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
                 } else {
                     garbage(&mut rng)
                 };
-                Event::Moved { z_mm: told.z_mm }
+                LoopEvent::Moved { z_mm: told.z_mm }
             }
-            Command::Done | Command::Trip(_) => return (steps, draw, told, broken),
+            LoopCommand::Done | LoopCommand::Trip(_) => return (steps, draw, told, broken),
         };
         before = Some(command);
         if rng.random_bool(0.005) {
             event = [
                 begin(&mut rng, &draw),
-                Event::Averaged { force_n: told.force_n },
-                Event::Moved { z_mm: told.z_mm },
-                Event::Dwelt,
-                Event::Sampled { force_n: told.force_n },
+                LoopEvent::Averaged { force_n: told.force_n },
+                LoopEvent::Moved { z_mm: told.z_mm },
+                LoopEvent::Dwelt,
+                LoopEvent::Sampled { force_n: told.force_n },
             ][rng.random_range(0..5)];
         }
     }
@@ -461,10 +463,10 @@ fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_l
     let (steps, ends) = until_enough(drive_plausibly);
     let mut kinds = BTreeMap::<&str, usize>::new();
     for Driven { end, seed, .. } in &ends {
-        let kind = if let Command::Trip(trip) = end { trip.rule.name() } else { "done" };
+        let kind = if let LoopCommand::Trip(trip) = end { trip.rule.name() } else { "done" };
         *kinds.entry(kind).or_default() += 1;
         // of a press on a specimen that is as declared, the loop asks for nothing that the permit refuses
-        assert_ne!(kind, Rule::NotPermitted.name(), "seed {seed}");
+        assert_ne!(kind, SafetyRule::NotPermitted.name(), "seed {seed}");
     }
     println!("{steps} steps, {} presses: {kinds:?}", ends.len());
     assert!(kinds.get("done").is_some_and(|done| 2 * done > ends.len()), "most presses are done: {kinds:?}");
@@ -492,15 +494,15 @@ fn a_press_that_is_over_moves_nothing_any_more() {
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
         let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS, age_s: 0.0 };
         for event in [
-            Event::Averaged { force_n },
-            Event::Moved { z_mm },
-            Event::Dwelt,
-            Event::Sampled { force_n },
-            Event::Begin { z_mm, air },
+            LoopEvent::Averaged { force_n },
+            LoopEvent::Moved { z_mm },
+            LoopEvent::Dwelt,
+            LoopEvent::Sampled { force_n },
+            LoopEvent::Begin { z_mm, air },
         ] {
             draw.press.see(force_n, told.now_s);
             let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: 0.0 });
-            if let Command::Move(granted) | Command::Depart(granted) = command {
+            if let LoopCommand::Move(granted) | LoopCommand::Depart(granted) = command {
                 assert!(granted.z_mm() <= z_mm + ROUNDING, "seed {seed}: it is over, and {event:?} has it {granted:?}");
             }
         }

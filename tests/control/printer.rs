@@ -7,7 +7,7 @@ use palpate_control::Strategy;
 use palpate_core::quantity::{Place, Steps, stream};
 use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec};
-use palpate_sim::scene::{Fault, FaultKind, Mounting};
+use palpate_sim::scene::{FaultKind, Mounting, SceneFault};
 use palpate_testing::walks::{end_of, in_parallel, must_be_none, plan, walked};
 use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
@@ -91,7 +91,7 @@ fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
         // where the steps lie under the surface isn't known
         let off_mm = rng.random_range(-0.25..0.25);
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
-        spec.scene.faults = vec![Fault { kind, from_s: rng.random_range(from_s), value: None }];
+        spec.scene.faults = vec![SceneFault { kind, from_s: rng.random_range(from_s), value: None }];
         let walked = walked(&spec, &seven_by_seven(&spec, Strategy::ALL[nth], seed));
         (seed, kind, end_of(&walked.ending), walked.truth, spec)
     });

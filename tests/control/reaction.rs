@@ -6,9 +6,9 @@ use palpate_data::recipe::Entry;
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use palpate_run::rig::{EmulatedDevice, RigSpec};
-use palpate_run::run::{Cancel, Halt, Listener, Walk, walk_on};
+use palpate_run::run::{Cancel, Halt, Listener, RunJob, walk_on};
 use palpate_sim::emulator::{Instrument, Shared, serve};
-use palpate_sim::scene::{Fault, FaultKind, Scene};
+use palpate_sim::scene::{FaultKind, Scene, SceneFault};
 use palpate_testing::walks::{plan, run_virtually};
 use palpate_testing::{campaign, exchanged, shipped_text};
 use std::ops::Range;
@@ -126,7 +126,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
     run_virtually(async {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
         let (mut ledger, mut begin) = (Memory::default(), Begin(None));
-        let errand = Walk { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(spec.open(1).expect("drivers"), errand, &mut begin).await;
         assert!(ending.halt.is_none(), "{:?}", ending.told());
         let last_s = ledger.contacts().last().expect("a press").levels[0].t_s.expect("a time");
@@ -137,7 +137,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
 /// Runs into a force far over the limit; what was on the wires, and when the scene's time began.
 fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
     let mut spec = spec.clone();
-    spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
+    spec.scene.faults.push(SceneFault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
     run_virtually(async {
         let (plan, origin) = (plan(&spec, RECIPE, 1), Instant::now());
         let simulated = spec.emulators(1).expect("emulators");
@@ -159,7 +159,7 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         rig.instruments.stage = spec.stage_on(&to_stage);
         rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
-        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut Begin(None)).await;
         assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.told());
         let heard = std::mem::take(&mut *heard.lock().unwrap());

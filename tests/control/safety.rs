@@ -4,7 +4,7 @@
 use palpate_core::quantity::{Axis, Down, Place, Range};
 use palpate_data::dataset::Status;
 use palpate_run::run::Halt;
-use palpate_sim::scene::{ContactLaw, LoadCell, RelaxationBranch};
+use palpate_sim::scene::{ContactLaw, LoadCellScene, RelaxationBranch};
 use palpate_testing::campaign;
 use palpate_testing::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
 
@@ -90,8 +90,9 @@ fn a_load_cell_that_is_slow_is_waited_for() {
 #[test]
 fn an_offset_of_the_load_cell_is_no_force() {
     for offset_n in [-1.5, -0.4, 0.4, 1.5] {
-        let spec =
-            rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n, ..LoadCell::default() }));
+        let spec = rig_with(|_, scene| {
+            scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n, ..LoadCellScene::default() })
+        });
         Bench::new(spec, &recipe("[[1, 2]]", STAIRCASE), 5).must_complete(&format!("offset {offset_n} N"));
     }
 }
@@ -100,7 +101,7 @@ fn an_offset_of_the_load_cell_is_no_force() {
 fn a_noisy_load_cell_doesnt_cost_force() {
     for seed in 1..=10 {
         let spec = rig_with(|_, scene| {
-            scene.load_cell = Some(LoadCell { noise_n: 0.02, offset_n: 0.0, ..LoadCell::default() })
+            scene.load_cell = Some(LoadCellScene { noise_n: 0.02, offset_n: 0.0, ..LoadCellScene::default() })
         });
         let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
         let walked = bench.walk(None);

@@ -5,7 +5,7 @@ use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{AlignError, Alignment, Cancel, Listener, align};
 use palpate_sim::emulator::{Instrument, Shared};
-use palpate_sim::scene::{Device, Mounting, Scene};
+use palpate_sim::scene::{Mounting, Scene, SceneDevice};
 use palpate_testing::campaign;
 use palpate_testing::safety::{STAIRCASE, recipe, rig_with, truthful};
 use palpate_testing::walks::{Deaths, bench, in_parallel, plan, run_virtually, walked, walked_with};
@@ -187,8 +187,8 @@ struct Seen {
 }
 
 impl Instrument for Sideways {
-    fn device(&self) -> Device {
-        Device::Stage
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {

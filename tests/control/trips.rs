@@ -1,10 +1,10 @@
 //! What is refused, end to end: a specimen, a surface or a load cell that isn't as declared ends a walk with a trip, and the
 //! permit that every advance needs isn't given on anything that is no number.
 
-use palpate_control::{Permit, Rule, Standing, Zero};
+use palpate_control::{MotionContext, Permit, SafetyRule, Zero};
 use palpate_core::quantity::Limits;
 use palpate_data::dataset::Status;
-use palpate_sim::scene::LoadCell;
+use palpate_sim::scene::LoadCellScene;
 use palpate_testing::safety::{Bench, COUNT_N, linear, recipe, rig_with, truthful};
 
 #[test]
@@ -17,7 +17,7 @@ fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
         });
         let depth_limit_mm = spec.limits.depth_mm;
         let mut bench = Bench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
-        let walked = bench.must_trip(&[Rule::OutOfReach], &format!("seed {seed}"));
+        let walked = bench.must_trip(&[SafetyRule::OutOfReach], &format!("seed {seed}"));
         // nothing relaxes and nothing is noise, so that the force tells the depth
         let depth_mm = (walked.shown_most_n - COUNT_N) / 0.3;
         assert!(depth_mm <= depth_limit_mm, "seed {seed}: {depth_mm} mm");
@@ -30,7 +30,7 @@ fn without_a_specimen_it_trips_where_the_surface_must_have_been() {
         scene.contact = linear(1e-6);
         scene.relaxation.clear();
     });
-    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[Rule::NoContact], "no specimen");
+    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[SafetyRule::NoContact], "no specimen");
 }
 
 #[test]
@@ -67,15 +67,17 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
         });
         let told = format!("{conversions_hz} Hz");
         Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.9"), 2)
-            .must_trip(&[Rule::OverForce, Rule::HardContact], &told);
+            .must_trip(&[SafetyRule::OverForce, SafetyRule::HardContact], &told);
     }
 }
 
 #[test]
 fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
-    let spec =
-        rig_with(|_, scene| scene.load_cell = Some(LoadCell { noise_n: 0.003, offset_n: 6.0, ..LoadCell::default() }));
-    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[Rule::Unhealthy], "offset beyond range");
+    let spec = rig_with(|_, scene| {
+        scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n: 6.0, ..LoadCellScene::default() })
+    });
+    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1)
+        .must_trip(&[SafetyRule::Unhealthy], "offset beyond range");
 }
 
 // ---- the permit ----------------------------------------------------------------------------------------------------
@@ -89,7 +91,7 @@ fn permit() -> Permit {
 fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
     // a bump: the force is there 0.2 mm before the earliest surface that the learned plane allows
     let standing =
-        Standing { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
+        MotionContext { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
     let deepest_mm = permit().deepest_mm(&standing);
     let force_n = 0.1 + 2.0 * (deepest_mm + 0.2);
     assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
@@ -103,15 +105,15 @@ fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
 #[test]
 fn nothing_is_granted_on_what_is_not_a_number() {
     let good =
-        Standing { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1, most_mm: f64::INFINITY };
+        MotionContext { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1, most_mm: f64::INFINITY };
     assert!(permit().advance(&good, -0.5, 1.0).is_ok());
     for bad in [
-        Standing { z_mm: f64::NAN, ..good },
-        Standing { force_n: f64::NAN, ..good },
-        Standing { sigma_n: f64::NAN, ..good },
-        Standing { age_s: f64::NAN, ..good },
-        Standing { first_mm: f64::NAN, ..good },
-        Standing { force_n: f64::NEG_INFINITY, ..good },
+        MotionContext { z_mm: f64::NAN, ..good },
+        MotionContext { force_n: f64::NAN, ..good },
+        MotionContext { sigma_n: f64::NAN, ..good },
+        MotionContext { age_s: f64::NAN, ..good },
+        MotionContext { first_mm: f64::NAN, ..good },
+        MotionContext { force_n: f64::NEG_INFINITY, ..good },
     ] {
         assert!(permit().advance(&bad, -0.5, 1.0).is_err(), "{bad:?}");
     }

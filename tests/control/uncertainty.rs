@@ -2,7 +2,7 @@
 //!
 //! `PALPATE_TESTS=full` tries 200 rigs of each kind.
 
-use palpate_core::quantity::{COVERAGE, Certificate, StatedError, stream};
+use palpate_core::quantity::{COVERAGE, LoadCellCertificate, StatedError, stream};
 use palpate_run::run::Ending;
 use palpate_testing::campaign;
 use palpate_testing::walks::{bench, in_parallel, must_be_none, plan, walked};
@@ -47,10 +47,11 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
                 cell.gain = 1.0 + off * U_PERCENT / COVERAGE / 100.0;
                 StatedError::Relative { u_percent: U_PERCENT, k: COVERAGE }
             };
-            spec.load_cell.certificate = Some(Certificate { number: "1".into(), date: "2026-05-04".into(), stated });
+            spec.load_cell.certificate =
+                Some(LoadCellCertificate { number: "1".into(), date: "2026-05-04".into(), stated });
             let walked = walked(&spec, &plan(&spec, &recipe, nth + 1));
             let Ending { halt: None, unparked: None, .. } = walked.ending else { panic!("{:?}", walked.ending) };
-            let of = |contact: &palpate_data::dataset::Contact| {
+            let of = |contact: &palpate_data::dataset::RecordedContact| {
                 let (press, truth) = (&contact.levels[0], &contact.truth[0]);
                 let error_n = press.force_n.expect("a force") - truth.force_true_n;
                 error_n / press.u_force_n.expect("a certificate makes an uncertainty")

@@ -5,9 +5,9 @@
 
 use palpate_core::quantity::{Axis, Down, Place, stream};
 use palpate_run::rig::{RigSpec, SimulatedRig};
-use palpate_run::run::{Asked, Cancel, examine};
+use palpate_run::run::{Cancel, ForceCheck, examine};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Device, Fault, FaultKind, Mounting, Scene};
+use palpate_sim::scene::{FaultKind, Mounting, Scene, SceneDevice, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::walks::{
     BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, run_virtually, walked_with,
@@ -78,7 +78,7 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         };
         let mut real = specimen_at(name, from_end_mm);
         if wrong == Wrong::DownDeadCell {
-            real.scene.faults = vec![Fault { kind: FaultKind::NoSensor, from_s: 0.0, value: None }];
+            real.scene.faults = vec![SceneFault { kind: FaultKind::NoSensor, from_s: 0.0, value: None }];
         }
         let mut spec = real.clone();
         if wrong != Wrong::Preload {
@@ -126,7 +126,7 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
         let mut spec = specimen_at(name, 20.0);
         spec.scene.load_cell.as_mut().expect("a load cell").tool_kg = TOOL_KG;
         let cancel = Cancel::default();
-        let found = run_virtually(examine(&spec, nth, &cancel, Asked::Nobody));
+        let found = run_virtually(examine(&spec, nth, &cancel, ForceCheck::Nobody));
         match found {
             Ok(found) if matches!(found.air, Some(Ok(_))) => None,
             Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),
@@ -141,8 +141,8 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
 struct Unstoppable(Shared<dyn Instrument>);
 
 impl Instrument for Unstoppable {
-    fn device(&self) -> Device {
-        Device::Stage
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {

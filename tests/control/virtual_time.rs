@@ -1,9 +1,9 @@
 //! Shipped recipes on shipped rigs: the same presses in virtual time as by tokio's paused clock, to the last bit.
 
-use palpate_data::dataset::{Contact, Memory};
+use palpate_data::dataset::{Memory, RecordedContact};
 use palpate_link::time::run_virtually;
 use palpate_run::rig;
-use palpate_run::run::{Cancel, Listener, Walk, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, walk};
 use palpate_testing::walks::{in_parallel, in_tokios_virtual_time};
 use palpate_testing::{campaign, shipped_text};
 
@@ -40,10 +40,10 @@ fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
     let Ok(mut plan) = palpate_data::recipe::Plan::new(&recipe, &spec.ground(), 3) else { return Vec::new() };
     plan.entries.truncate(campaign::size(QUICK, plan.entries.len().min(120)));
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
-    let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+    let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
     let mut deaf = Deaf;
     let walk = walk(errand, &mut deaf);
     let ending = if ours { run_virtually(walk) } else { in_tokios_virtual_time(walk) };
     let told = [format!("{:?} {} s", ending.told(), ending.t_s)].into_iter();
-    told.chain(memory.contacts().map(|contact: &Contact| format!("{contact:?}"))).collect()
+    told.chain(memory.contacts().map(|contact: &RecordedContact| format!("{contact:?}"))).collect()
 }

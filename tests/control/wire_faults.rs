@@ -2,12 +2,12 @@
 //! stage drops. Judged by the scene's truth. Each case follows from its seed alone.
 
 use palpate_control::Strategy;
-use palpate_core::quantity::{Axis, Stream, stream};
-use palpate_data::dataset::Contact;
+use palpate_core::quantity::{Axis, RandomStream, stream};
+use palpate_data::dataset::RecordedContact;
 use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::Remaining;
-use palpate_sim::scene::{ContactLaw, Device, Fault, FaultKind};
+use palpate_sim::scene::{ContactLaw, FaultKind, SceneDevice, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::walks::{
     BENCHES, Deaths, Walked, bench_with_taxels, end_of, in_parallel, must_be_none, plan, walked, walked_with,
@@ -83,7 +83,7 @@ enum Wrong {
 }
 
 /// Kinds of faults, by name, each with its sizes.
-type Kind = (&'static str, fn(&mut Stream) -> Wrong);
+type Kind = (&'static str, fn(&mut RandomStream) -> Wrong);
 
 const KINDS: [Kind; 16] = [
     ("cell slow", |rng| {
@@ -183,12 +183,12 @@ impl Case {
                 put_on_wire(rig, fault, from_s, seed);
             }),
             Wrong::Risen(by_mm) | Wrong::Slips(by_mm) => {
-                spec.scene.faults.push(Fault { kind: FaultKind::Risen, from_s, value: Some(by_mm) });
+                spec.scene.faults.push(SceneFault { kind: FaultKind::Risen, from_s, value: Some(by_mm) });
                 self::walked(&spec, &case.plan)
             }
         };
         let Walked { ending, ledger, truth, virtual_s, left_n, .. } = walked;
-        let before = |contact: &&Contact| contact.levels[0].t_s.is_some_and(|t_s| t_s + WINDOW_S < from_s);
+        let before = |contact: &&RecordedContact| contact.levels[0].t_s.is_some_and(|t_s| t_s + WINDOW_S < from_s);
         let learned = ledger.contacts().filter(before).count();
         let offs: Vec<f64> = ledger
             .contacts()
@@ -216,7 +216,7 @@ impl Case {
     }
 
     fn is_of_array(&self) -> bool {
-        matches!(self.wrong, Wrong::Wire(fault) if fault.device() == Device::Array)
+        matches!(self.wrong, Wrong::Wire(fault) if fault.device() == SceneDevice::Array)
     }
 
     /// The most true force that this fault may cost, N.
@@ -248,7 +248,7 @@ fn law(stiffness_n_mm: f64, limit_n: f64, is_straight: bool) -> ContactLaw {
 /// The window of the plans, s.
 const WINDOW_S: f64 = 0.1;
 
-fn recipe(strategy: Strategy, force_n: f64, rng: &mut Stream) -> String {
+fn recipe(strategy: Strategy, force_n: f64, rng: &mut RandomStream) -> String {
     let mut places: Vec<usize> = (0..16).collect();
     places.shuffle(rng);
     places.truncate(rng.random_range(PRESSES.0..=PRESSES.1));
@@ -266,12 +266,12 @@ fn recipe(strategy: Strategy, force_n: f64, rng: &mut Stream) -> String {
 
 /// How far a row is off, as a fraction: its force from the true one, or its outputs for each newton from those without a fault.
 /// `None` if it has a flag.
-fn off(contact: &Contact, twin: Option<&Contact>) -> Option<f64> {
+fn off(contact: &RecordedContact, twin: Option<&RecordedContact>) -> Option<f64> {
     let (row, truth) = (&contact.levels[0], &contact.truth[0]);
     let true_n = truth.force_true_n;
     let of_force = (row.force_n? - true_n).abs() / true_n.max(0.01);
     let of_outputs = twin.map_or(0.0, |twin| {
-        let per_n = |contact: &Contact| {
+        let per_n = |contact: &RecordedContact| {
             let true_n = contact.truth[0].force_true_n.max(0.01);
             contact.levels[0].outputs.iter().map(|output| output / true_n).collect::<Vec<f64>>()
         };

@@ -143,7 +143,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
             // the controller is switched on there
             let StageBench { scene, usage, origin, .. } = bench;
             let instrument: Shared<dyn Instrument> =
-                Arc::new(Mutex::new(palpate_sim::emulator::Esp301::new(&scene.lock().unwrap())));
+                Arc::new(Mutex::new(palpate_sim::emulator::Esp301Emulator::new(&scene.lock().unwrap())));
             let far_scene = scene.clone();
             let dial = move || {
                 let (near, far) = duplex(4096);

@@ -5,9 +5,11 @@ use palpate_drivers::lines::{LinePort, LineProfile, Received};
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use palpate_run::rig;
-use palpate_sim::emulator::lines::{Board, Damage, DamageKind, Firmware, LineFault, LineFaultKind, Port, Sent};
+use palpate_sim::emulator::lines::{
+    BoardFirmware, Damage, DamageKind, LineFault, LineFaultKind, Port, Sent, SerialBoard,
+};
 use palpate_sim::emulator::serve;
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, shipped_text};
 use std::sync::{Arc, Mutex};
@@ -38,9 +40,9 @@ struct Skin {
     nth: u64,
 }
 
-impl Firmware for Skin {
-    fn device(&self) -> Device {
-        Device::Array
+impl BoardFirmware for Skin {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Array
     }
 
     fn port(&self) -> Port {
@@ -112,7 +114,7 @@ fn received(skin: Skin, damage: f64, faults: &[LineFault], seconds: f64) -> Outc
     let spec = rig::parse("sim", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
     let scene = spec.emulators(1).expect("emulators").scene;
     let damage = Damage { fraction: damage, kinds: DamageKind::ALL.to_vec(), seed: 3 };
-    let board = faults.iter().fold(Board::new(skin).damaged(damage), |board, fault| board.with_fault(*fault));
+    let board = faults.iter().fold(SerialBoard::new(skin).damaged(damage), |board, fault| board.with_fault(*fault));
     let board = Arc::new(Mutex::new(board));
     run_virtually(async {
         let origin = Instant::now();

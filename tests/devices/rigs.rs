@@ -7,7 +7,7 @@ use palpate_data::dataset::evaluate::Trial;
 use palpate_link::device::{DeviceProblem, Instruments, Reins, Stage};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
-use palpate_sim::scene::{Fault, FaultKind};
+use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, SMALL, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
@@ -154,7 +154,7 @@ fn guard_ends_a_motion(rig: &str) {
     let text = exchanged(&text, "stage = [1.0, 5.0]", "stage = [60.0, 70.0]");
     let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
     let leap_s = 20.0;
-    spec.scene.faults.push(Fault { kind: FaultKind::DriftedZero, from_s: leap_s, value: Some(5.0) });
+    spec.scene.faults.push(SceneFault { kind: FaultKind::DriftedZero, from_s: leap_s, value: Some(5.0) });
     run_virtually(async {
         let (began, reins) = (Instant::now(), Reins::default());
         let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");

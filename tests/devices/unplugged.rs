@@ -13,7 +13,7 @@ use palpate_control::Strategy;
 use palpate_data::dataset::Status;
 use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec};
-use palpate_sim::scene::Device;
+use palpate_sim::scene::SceneDevice;
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
 use palpate_testing::phases::Phase;
@@ -151,7 +151,7 @@ impl Sound {
     /// Every phase with each device lost in each way, at messages all over it.
     fn cases(&self, setup: usize) -> Vec<Case> {
         let mut cases = Vec::new();
-        let combined: Vec<(Device, Loss)> =
+        let combined: Vec<(SceneDevice, Loss)> =
             self.devices().into_iter().flat_map(|device| Loss::ALL.map(|loss| (device, loss))).collect();
         for phase in Phase::ALL {
             let messages: Vec<usize> =
@@ -167,9 +167,9 @@ impl Sound {
     }
 
     /// The devices that can be lost by themselves: a load cell on the stage's own controller can't.
-    fn devices(&self) -> Vec<Device> {
+    fn devices(&self) -> Vec<SceneDevice> {
         let shared = self.spec.emulators(1).is_ok_and(|rig| rig.load_cell.is_same(&rig.stage));
-        Device::ALL.into_iter().filter(|&device| device != Device::LoadCell || !shared).collect()
+        SceneDevice::ALL.into_iter().filter(|&device| device != SceneDevice::LoadCell || !shared).collect()
     }
 
     /// Loses the device, then goes on with the run on a rig that is whole again; all that isn't as it must be.
@@ -207,10 +207,10 @@ impl Sound {
         check(worst.is_within(&self.spec), format!("{worst:?}"));
         check(*at_rest, "an axis moves on".to_owned());
         check(self.walked.contacts.starts_with(&walked.contacts), "what was recorded is another".to_owned());
-        let must_park = device != Device::Stage || ending.unparked.is_none();
+        let must_park = device != SceneDevice::Stage || ending.unparked.is_none();
         let parked = *z_mm <= self.spec.clear_mm() + PARKED_MM;
         check(!must_park || parked, format!("it isn't parked: z is {z_mm} mm, {:?}", ending.told()));
-        check(device == Device::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.told()));
+        check(device == SceneDevice::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.told()));
         match &ending.halt {
             None => check(walked.contacts.len() == self.plan.entries.len(), "it ended too soon".to_owned()),
             Some(_) => {
@@ -219,12 +219,12 @@ impl Sound {
                 let told = ending.told().unwrap_or_default();
                 // what is said of parking names the stage in any case
                 let halted = told.split("; the stage could not be parked").next().unwrap_or_default();
-                let shared = self.devices().len() < Device::ALL.len();
+                let shared = self.devices().len() < SceneDevice::ALL.len();
                 let names: &[&str] = match device {
-                    Device::Stage if shared => &["stage", "load cell"],
-                    Device::Stage => &["stage"],
-                    Device::LoadCell => &["load cell"],
-                    Device::Array => &["array"],
+                    SceneDevice::Stage if shared => &["stage", "load cell"],
+                    SceneDevice::Stage => &["stage"],
+                    SceneDevice::LoadCell => &["load cell"],
+                    SceneDevice::Array => &["array"],
                 };
                 check(names.iter().any(|name| halted.contains(name)), format!("it says {told:?}"));
             }

@@ -3,7 +3,8 @@
 use palpate_control::{AirReadings, Lesson};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::{
-    Air, Contact, Durability, Ledger as _, Origins, Press, PressTruth, Provenance, Record, RunFacts, RunFolder, Status,
+    Air, Durability, Ledger as _, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
+    Status,
 };
 use palpate_data::recipe::Phase;
 use std::path::Path;
@@ -48,14 +49,14 @@ pub(crate) fn recorded(run: &Path, presses: u64) {
         };
         let path = (0..6).map(|n| (wave(n), wave(n + 1))).collect();
         let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
-        let contact = Contact {
+        let contact = RecordedContact {
             press: number,
             levels: vec![press(number)],
             truth: vec![truth.rounded()],
             lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7), path }),
             air_before: air(8),
             air_after: air(9),
-            ..Contact::default()
+            ..RecordedContact::default()
         };
         folder.record(&Record::Contact(contact)).unwrap();
     }

@@ -1,10 +1,11 @@
 //! A sensor as a C file: compiled by the system's compiler, it answers as this library does.
 
-use palpate_core::quantity::{ArrayLayout, Place, Stream, percentile, stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, percentile, stream};
 use palpate_report::export::c_file;
 use palpate_sim::scene::{Skin, SkinSpec};
 use palpate_solver::{
-    Calibration, CalibrationPoint, ForceKnown, Model, Setting, Solution, SolveError, Solver as _, Verdict, Workspace,
+    Calibration, CalibrationPoint, ContactVerdict, ForceKnown, Model, Setting, Solution, SolveError, Solver as _,
+    Workspace,
 };
 use palpate_testing::skins::{scene_q, scene_t};
 use palpate_testing::{campaign, there};
@@ -67,7 +68,7 @@ fn answers(folder: &Path, model: &Model, readings: &[Vec<f64>]) -> Vec<Answer> {
     lines.lines().map(answer).collect()
 }
 
-fn pressed(skin: &mut Skin, rng: &mut Stream, place: Place, force_n: f64) -> Vec<f64> {
+fn pressed(skin: &mut Skin, rng: &mut RandomStream, place: Place, force_n: f64) -> Vec<f64> {
     let mut outputs = vec![0.0; skin.len()];
     skin.draw_contact(rng);
     skin.outputs(force_n, place, &mut outputs);
@@ -80,7 +81,7 @@ fn skin(spec: &SkinSpec, unit: f64, count: usize) -> (ArrayLayout, Calibration, 
     let (mut skin, mut rng) = (Skin::new(spec, &layout, 2.0, 5), stream(5, 1, "contacts"));
     let at = |index: usize| -6.0 + 0.5 * index as f64;
     let places: Vec<Place> = (0..625).map(|index| Place::new(at(index % 25), at(index / 25))).collect();
-    let mut read = |place, force_n, rng: &mut Stream| -> Vec<f64> {
+    let mut read = |place, force_n, rng: &mut RandomStream| -> Vec<f64> {
         pressed(&mut skin, rng, place, force_n).iter().map(|output| unit * output).collect()
     };
     let rows: Vec<Vec<f64>> = places.iter().map(|place| read(*place, 1.0, &mut rng)).collect();
@@ -96,13 +97,13 @@ fn skin(spec: &SkinSpec, unit: f64, count: usize) -> (ArrayLayout, Calibration, 
     (layout, Calibration::new(&points).unwrap(), readings)
 }
 
-fn number(verdict: Verdict) -> (i32, usize) {
+fn number(verdict: ContactVerdict) -> (i32, usize) {
     match verdict {
-        Verdict::Ok => (0, 0),
-        Verdict::WeakSignal => (1, 0),
-        Verdict::OutsideArea => (2, 0),
-        Verdict::NotOneContact => (3, 0),
-        Verdict::ChannelFault(unit) => (4, unit + 1),
+        ContactVerdict::Ok => (0, 0),
+        ContactVerdict::WeakSignal => (1, 0),
+        ContactVerdict::OutsideArea => (2, 0),
+        ContactVerdict::NotOneContact => (3, 0),
+        ContactVerdict::ChannelFault(unit) => (4, unit + 1),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Pages of batches: their numbers are those of the events, and they stay usable with thousands of sensors.
 
-use palpate_data::acceptance::Verdict;
-use palpate_run::batch::{Ended, Event};
+use palpate_data::acceptance::SensorVerdict;
+use palpate_run::batch::{BatchEvent, Ended};
 use palpate_testing::batches::{Drawn, MONTH, WITHIN, write};
 use palpate_testing::{Bench, campaign, shipped_text};
 use std::collections::HashMap;
@@ -22,10 +22,10 @@ fn numbers(page: &str) -> HashMap<String, f64> {
 }
 
 /// The last result of each sensor that wasn't skipped.
-fn results(events: &[Event]) -> Vec<&Ended> {
+fn results(events: &[BatchEvent]) -> Vec<&Ended> {
     let mut last: Vec<&Ended> = Vec::new();
     for event in events {
-        let Event::Ended(ended) = event else { continue };
+        let BatchEvent::Ended(ended) = event else { continue };
         last.retain(|other| other.serial != ended.serial);
         last.push(ended);
     }
@@ -43,7 +43,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
     let numbers = numbers(&page);
 
     let results = results(&events);
-    let accepted = results.iter().filter(|ended| ended.verdict == Some(Verdict::Accepted)).count();
+    let accepted = results.iter().filter(|ended| ended.verdict == Some(SensorVerdict::Accepted)).count();
     let judged = results.iter().filter(|ended| ended.verdict.is_some()).count();
     assert_eq!((judged, results.len()), (118, 119), "one tripped, one skipped");
     assert_eq!((numbers["accepted"], numbers["judged"]), (accepted as f64, judged as f64));
@@ -51,7 +51,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
     assert!(numbers["yield.low"] < 100.0 * numbers["yield"] && numbers["yield.high"] > 100.0 * numbers["yield"]);
     assert_eq!((numbers["standing.tripped"], numbers["standing.skipped"], numbers["sensors"]), (1.0, 1.0, 120.0));
     assert_eq!((numbers["attempts"], numbers["references"]), (120.0, 12.0));
-    let alarms = events.iter().filter(|event| matches!(event, Event::Alarm(_))).count();
+    let alarms = events.iter().filter(|event| matches!(event, BatchEvent::Alarm(_))).count();
     assert_eq!((numbers["alarms.bench"], numbers["alarms.batch"]), (alarms as f64, 0.0));
     assert!(told.contains(&format!("{accepted} of 120 sensors accepted")), "{told}");
 

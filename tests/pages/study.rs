@@ -1,7 +1,7 @@
 //! `palpate study`: a small one of each runs, says the same twice, and leaves rows and figures that another program can read.
 
 use palpate_control::Strategy;
-use palpate_study::{self as study, Condition, ConditionOutcome, LoopFindings, LoopSize, NOMINAL, Part};
+use palpate_study::{self as study, ConditionOutcome, LoopCondition, LoopFindings, LoopSize, NOMINAL, StudyPart};
 use palpate_testing::printed::{is_narrow, is_well_formed};
 use palpate_testing::{Bench, SMALL, campaign};
 use serde_json::Value;
@@ -46,11 +46,11 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
 /// The same of the nominal scene on one bench alone, without the program.
 fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
     const SIZE: LoopSize = LoopSize { main: 3, scene: 3, small: 3, tests: 0 };
-    let condition = |part, strategy| Condition {
+    let condition = |part, strategy| LoopCondition {
         part,
-        bench: study::Bench::XpsLike.name(),
+        bench: study::StudyBench::XpsLike.name(),
         scene: NOMINAL.name.to_owned(),
-        spec: NOMINAL.on(study::Bench::XpsLike.spec().expect("the shipped bench is sound")),
+        spec: NOMINAL.on(study::StudyBench::XpsLike.spec().expect("the shipped bench is sound")),
         strategy,
         force_n: NOMINAL.force_n,
         tolerance_n: 0.010,
@@ -58,7 +58,7 @@ fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
         tests: SIZE.tests,
         seed: 1,
     };
-    let conditions: Vec<Condition> = [Part::Scenes, Part::Tolerance]
+    let conditions: Vec<LoopCondition> = [StudyPart::Scenes, StudyPart::Tolerance]
         .into_iter()
         .flat_map(|part| Strategy::ALL.map(|strategy| condition(part, strategy)))
         .collect();

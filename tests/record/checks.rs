@@ -2,10 +2,10 @@
 //! has changed meanwhile leaves nothing decided.
 
 use palpate_core::quantity::WeightCheck;
-use palpate_data::dataset::{Check, Contact, Ledger, Memory, Record, Status};
+use palpate_data::dataset::{Ledger, Memory, Record, RecordedCheck, RecordedContact, Status};
 use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, Walk, expected_checks, walk};
+use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, expected_checks, walk};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
 use palpate_testing::walks::{bench, plan, run_virtually};
 use palpate_testing::{Bench, shipped_text};
@@ -30,7 +30,7 @@ struct Stopping<'a> {
 }
 
 impl Listener for Stopping<'_> {
-    fn recorded(&mut self, _: &Contact) {
+    fn recorded(&mut self, _: &RecordedContact) {
         self.left -= 1;
         if self.left == 0 {
             self.cancel.ask();
@@ -42,12 +42,12 @@ impl Listener for Stopping<'_> {
 fn walked(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
     let cancel = Cancel::default();
     run_virtually(async {
-        let errand = Walk { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, &mut Stopping { cancel: &cancel, left: presses }).await
     })
 }
 
-fn checks(memory: &Memory) -> Vec<Check> {
+fn checks(memory: &Memory) -> Vec<RecordedCheck> {
     let check = |record: &Record| match record {
         Record::Check(check) => Some(check.clone()),
         _ => None,
@@ -120,7 +120,7 @@ fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_
     assert_eq!(expected_checks(&plan, &spec).len(), 2);
 
     let at_end = whole(&spec, &Plan { checks: Checks::End, ..plan.clone() });
-    let first: Vec<&Contact> = memory.contacts().take(BEFORE_CHECK).collect();
+    let first: Vec<&RecordedContact> = memory.contacts().take(BEFORE_CHECK).collect();
     assert_eq!(first, at_end.contacts().take(BEFORE_CHECK).collect::<Vec<_>>());
 
     // stopped when the check is due, and again when only the last one is missing
@@ -130,7 +130,8 @@ fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_
     }
     assert_eq!(walked(&spec, &plan, &mut interrupted, usize::MAX).status(), Status::Complete);
     assert_eq!(order(&interrupted), order_of_all);
-    let numbers = |check: &Check| (check.number, check.reference, check.at_end, check.contact.levels[0].place());
+    let numbers =
+        |check: &RecordedCheck| (check.number, check.reference, check.at_end, check.contact.levels[0].place());
     assert_eq!(
         checks(&interrupted).iter().map(numbers).collect::<Vec<_>>(),
         made.iter().map(numbers).collect::<Vec<_>>()
@@ -233,7 +234,7 @@ fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever
         let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
         let (mut memory, cancel) = (Memory::default(), Cancel::default());
         let ending = run_virtually(async {
-            let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+            let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
             walk(errand, &mut person).await
         });
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());

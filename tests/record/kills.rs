@@ -7,7 +7,7 @@
 mod tally;
 mod trial;
 
-use palpate_data::dataset::{Contact, Journal, Record};
+use palpate_data::dataset::{Journal, Record, RecordedContact};
 use palpate_testing::interrupted::cut_back;
 use palpate_testing::rows::{self, Kept, numbered};
 use palpate_testing::{Bench, campaign, shipped_text};
@@ -232,7 +232,7 @@ impl Course {
 }
 
 /// The contacts of the journal, in the order they were made.
-fn journalled(bench: &Bench) -> Vec<Contact> {
+fn journalled(bench: &Bench) -> Vec<RecordedContact> {
     if !bench.has("run") {
         return Vec::new();
     }
@@ -240,7 +240,7 @@ fn journalled(bench: &Bench) -> Vec<Contact> {
     records.filter_map(|record| record.expect("a sound record").1.contact().cloned()).collect()
 }
 
-fn rows_of(contact: &Contact) -> impl Iterator<Item = (u64, u64)> {
+fn rows_of(contact: &RecordedContact) -> impl Iterator<Item = (u64, u64)> {
     contact.levels.iter().map(|row| (row.press, row.level))
 }
 

@@ -2,13 +2,13 @@
 //! stage is parked.
 
 use palpate_core::quantity::Axis;
-use palpate_data::dataset::{Contact, DatasetError, Ledger, Memory, Press, Record, Retouch, Status};
+use palpate_data::dataset::{DatasetError, Ledger, Memory, Press, Record, RecordedContact, Retouch, Status};
 use palpate_data::recipe::Plan;
 use palpate_link::time::{Instant, sleep};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk, walk_on};
 use palpate_sim::emulator::Shared;
-use palpate_sim::scene::{Fault, FaultKind, Scene};
+use palpate_sim::scene::{FaultKind, Scene, SceneFault};
 use palpate_testing::walks::{bench, plan, run_virtually};
 use std::time::Duration;
 
@@ -48,7 +48,7 @@ impl Listener for Restless {
         }
     }
 
-    fn recorded(&mut self, _: &Contact) {
+    fn recorded(&mut self, _: &RecordedContact) {
         self.made += 1;
         if self.made == self.stop_after {
             self.cancel.ask();
@@ -65,7 +65,7 @@ impl Listener for Restless {
 fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
     let cancel = listener.cancel.clone();
     run_virtually(async {
-        let errand = Walk { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
         walk(errand, listener).await
     })
 }
@@ -132,7 +132,7 @@ struct Looking<'a> {
 }
 
 impl Listener for Looking<'_> {
-    fn recorded(&mut self, _: &Contact) {
+    fn recorded(&mut self, _: &RecordedContact) {
         self.cancel.pause();
     }
 
@@ -152,7 +152,7 @@ fn a_run_that_pauses_is_parked_meanwhile() {
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let z_mm = || z_mm(&spec, &scene, began);
         let (mut memory, rig) = (Memory::default(), spec.open_on(rig).expect("drivers"));
-        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
         let mut person = Looking { cancel: &cancel, z_mm: &z_mm, stood_mm: Vec::new() };
         let ending = walk_on(rig, errand, &mut person).await;
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
@@ -166,7 +166,7 @@ fn a_run_that_pauses_is_parked_meanwhile() {
 #[test]
 fn a_trip_is_told_before_the_stage_is_parked() {
     let mut spec = bench("bench-fast");
-    spec.scene.faults.push(Fault { kind: FaultKind::NoContact, from_s: 0.0, value: None });
+    spec.scene.faults.push(SceneFault { kind: FaultKind::NoContact, from_s: 0.0, value: None });
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
     let ending = walked(&spec, &plan, &mut memory, &mut person);
@@ -211,7 +211,7 @@ fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut person).await;
         (ending, z_mm(&spec, &scene, began))
     });

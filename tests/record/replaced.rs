@@ -2,9 +2,11 @@
 #![cfg(unix)] // elsewhere the standard library has no number by which a file is known again
 
 use palpate_core::quantity::Axis;
-use palpate_data::dataset::{Contact, DatasetError, Journal, Origins, Provenance, Record, RunFacts, RunFolder, Status};
+use palpate_data::dataset::{
+    DatasetError, Journal, Origins, Provenance, Record, RecordedContact, RunFacts, RunFolder, Status,
+};
 use palpate_link::time::Instant;
-use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk_on};
 use palpate_testing::walks::{bench, plan, run_virtually};
 use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
 use std::fs;
@@ -27,7 +29,7 @@ struct Meddler<'a> {
 }
 
 impl Listener for Meddler<'_> {
-    fn recorded(&mut self, _: &Contact) {
+    fn recorded(&mut self, _: &RecordedContact) {
         self.acknowledged += 1;
         (self.meddle)(self.acknowledged);
     }
@@ -54,7 +56,7 @@ fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
         let ending = walk_on(rig, errand, &mut meddler).await;
         let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
         (ending, spec.frame.z_from_stage(z_mm))

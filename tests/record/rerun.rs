@@ -4,7 +4,7 @@
 use palpate_data::dataset::{Journal, Memory, Record, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig;
-use palpate_run::run::{Cancel, Listener, Walk, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, walk};
 use palpate_testing::interrupted::{change_text, change_the_world, cut_to_lines, lines_before_contacts, sealed};
 use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
@@ -52,7 +52,7 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     let plan = Plan::new(&recipe::parse("r.toml", SMALL).expect("a recipe"), &spec.ground(), 1).expect("a plan");
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let mut walk_on = |expected: &[_]| {
-        let errand = Walk { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
         let ending = run_virtually(walk(errand, &mut Silent));
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
         assert_eq!(memory.records()[..records.len()], *expected);

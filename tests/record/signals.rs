@@ -4,7 +4,7 @@
 
 mod batch;
 
-use palpate_data::dataset::{Contact, Journal, Record};
+use palpate_data::dataset::{Journal, Record, RecordedContact};
 use palpate_testing::rows::{json, numbered, table};
 use palpate_testing::terminal::{Terminal, heed_hangups, signal, spawned, wait};
 use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
@@ -298,7 +298,7 @@ fn zeros(bench: &Bench) -> usize {
     records(bench).iter().filter(|record| matches!(record, Record::Zero { .. })).count()
 }
 
-fn contacts(bench: &Bench) -> Vec<Contact> {
+fn contacts(bench: &Bench) -> Vec<RecordedContact> {
     records(bench).iter().filter_map(|record| record.contact().cloned()).collect()
 }
 

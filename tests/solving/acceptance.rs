@@ -3,9 +3,11 @@
 //!
 //! `cargo test --release --test solving acceptance -- --nocapture` prints the shares.
 
-use palpate_core::quantity::{ArrayLayout, Place, Stream, percentile, stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, percentile, stream};
 use palpate_data::acceptance::bound::{mean_interval, quantile_interval, sd_interval_factors};
-use palpate_data::acceptance::{Decision, Errors, Figure, Limit, Measured, Rule, Verdict, judge};
+use palpate_data::acceptance::{
+    AcceptanceRule, Decision, Limit, LimitedFigure, Measured, SensorVerdict, TestErrors, judge,
+};
 use palpate_sim::scene::Skin;
 use palpate_solver::{Calibration, CalibrationPoint, Setting, Solver as _, Workspace, fit};
 use palpate_testing::campaign;
@@ -55,16 +57,22 @@ fn errors(shape: &Shape, n: usize, sensor: u64) -> Vec<f64> {
         .collect()
 }
 
-fn limits(shape: &Shape) -> [(Figure, f64, Option<f64>); 3] {
+fn limits(shape: &Shape) -> [(LimitedFigure, f64, Option<f64>); 3] {
     [
-        (Figure::LocationMean, shape.mean, None),
-        (Figure::LocationP95, shape.p95, None),
-        (Figure::LocationWithin, 0.95, Some(shape.p95)),
+        (LimitedFigure::LocationMean, shape.mean, None),
+        (LimitedFigure::LocationP95, shape.p95, None),
+        (LimitedFigure::LocationWithin, 0.95, Some(shape.p95)),
     ]
 }
 
-fn verdict(decision: Decision, figure: Figure, limit: f64, reach: Option<f64>, sizes: Vec<f64>) -> Verdict {
-    let rule = Rule {
+fn verdict(
+    decision: Decision,
+    figure: LimitedFigure,
+    limit: f64,
+    reach: Option<f64>,
+    sizes: Vec<f64>,
+) -> SensorVerdict {
+    let rule = AcceptanceRule {
         decision,
         method: "best".to_owned(),
         calibration_presses_least: 0,
@@ -75,7 +83,7 @@ fn verdict(decision: Decision, figure: Figure, limit: f64, reach: Option<f64>, s
     };
     let measured = Measured {
         test_presses: sizes.len(),
-        location: Some(Errors { sizes, u_truth: Some(0.0) }),
+        location: Some(TestErrors { sizes, u_truth: Some(0.0) }),
         ..Measured::default()
     };
     judge(&rule, &measured).verdict
@@ -92,7 +100,7 @@ fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
             for n in PRESSES {
                 let count = |decision| {
                     let is_accepted = |sensor: &u64| {
-                        verdict(decision, figure, limit, reach, errors(shape, n, *sensor)) == Verdict::Accepted
+                        verdict(decision, figure, limit, reach, errors(shape, n, *sensor)) == SensorVerdict::Accepted
                     };
                     (0..sensors as u64).filter(is_accepted).count() as f64 / sensors as f64
                 };
@@ -119,7 +127,7 @@ fn the_farther_a_sensor_is_from_a_limit_the_more_often_it_is_accepted() {
             for share in [1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5] {
                 let is_accepted = |sensor: &u64| {
                     let sizes = errors(shape, n, *sensor).into_iter().map(|size| share * size).collect();
-                    verdict(Decision::Guarded, figure, limit, reach, sizes) == Verdict::Accepted
+                    verdict(Decision::Guarded, figure, limit, reach, sizes) == SensorVerdict::Accepted
                 };
                 let accepted = (0..sensors as u64).filter(is_accepted).count() as f64 / sensors as f64;
                 told.push(format!("{share}: {:.0} %", 100.0 * accepted));
@@ -184,7 +192,7 @@ fn sensor(seed: u64, counts: [usize; 2]) -> [Vec<f64>; 2] {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let skin = RefCell::new(Skin::new(&scene_t(), &layout, 2.0, seed));
     let mut rng = stream(seed, 2, "whole");
-    let press = |rng: &mut Stream, place: Place, force_n: f64| {
+    let press = |rng: &mut RandomStream, place: Place, force_n: f64| {
         let mut skin = skin.borrow_mut();
         skin.draw_contact(rng);
         let mut outputs = vec![0.0; skin.len()];
@@ -217,14 +225,14 @@ fn of_whole_sensors_at_a_limit_the_guarded_rule_accepts_as_few() {
     let whole = campaign::size(6, WHOLE);
     let sensors: Vec<[Vec<f64>; 2]> = (0..whole).map(|seed| sensor(seed as u64 + 1, [TRUTH, TESTED])).collect();
     for (figure, of) in [
-        (Figure::LocationMean, (|sorted: &[f64]| sorted.mean()) as fn(&[f64]) -> f64),
-        (Figure::LocationP95, |sorted| percentile(sorted, 0.95)),
+        (LimitedFigure::LocationMean, (|sorted: &[f64]| sorted.mean()) as fn(&[f64]) -> f64),
+        (LimitedFigure::LocationP95, |sorted| percentile(sorted, 0.95)),
     ] {
         let is_accepted = |sensor: &&[Vec<f64>; 2]| {
             let [truth, tested] = sensor;
             let mut truth = truth.clone();
             truth.sort_by(f64::total_cmp);
-            verdict(Decision::Guarded, figure, of(&truth), None, tested.clone()) == Verdict::Accepted
+            verdict(Decision::Guarded, figure, of(&truth), None, tested.clone()) == SensorVerdict::Accepted
         };
         let accepted = sensors.iter().filter(is_accepted).count() as f64 / whole as f64;
         println!("{whole} whole sensors at the limit, {}, {TESTED} presses: {:.1} %", figure.name(), 100.0 * accepted);

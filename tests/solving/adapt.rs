@@ -2,7 +2,9 @@
 
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::{Skin, SkinSpec, Taxels};
-use palpate_solver::{Adapted, Calibration, CalibrationPoint, Fitted, Setting, Solver as _, Verdict, Workspace, fit};
+use palpate_solver::{
+    Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, Setting, Solver as _, Workspace, fit,
+};
 use palpate_testing::skins::scene_t;
 use palpate_testing::{Bench, campaign};
 use rand::RngExt;
@@ -74,7 +76,7 @@ impl Found {
             let off_mm = solution.place.distance_mm(*place);
             found.location_mm += each * off_mm;
             found.force_n += each * (solution.force_n - force_n).abs();
-            found.doubted += each * f64::from(u8::from(solution.verdict != Verdict::Ok));
+            found.doubted += each * f64::from(u8::from(solution.verdict != ContactVerdict::Ok));
             let half68_mm = solution.half_widths.map_or(f64::INFINITY, |half_widths| half_widths.half68_mm);
             found.within_68 += each * f64::from(u8::from(off_mm <= half68_mm));
         }

@@ -4,10 +4,10 @@
 
 use palpate_core::mechanics::Medium;
 use palpate_core::parallel::in_parallel;
-use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
 use palpate_solver::{
-    BEST, Calibration, CalibrationPoint, Prepared, SOLVERS, Setting, Solver as _, Verdict, Workspace,
+    BEST, Calibration, CalibrationPoint, ContactVerdict, PreparedCalibration, SOLVERS, Setting, Solver as _, Workspace,
 };
 use palpate_testing::{Bench, campaign};
 use rand::RngExt;
@@ -83,7 +83,7 @@ fn deaden(outputs: &mut [f64]) {
 }
 
 /// A contact of its own with a skin.
-fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut Stream) -> Press {
+fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut RandomStream) -> Press {
     skin.draw_contact(rng);
     let mut outputs = vec![0.0; skin.len()];
     skin.outputs(force_n, place, &mut outputs);
@@ -117,7 +117,7 @@ impl Family {
         };
         let mut skin = Skin::new(&spec, &layout, 1.0, seed);
         let mut rng = stream(seed, 1, self.name);
-        let mut press = |place: Place, force_n: f64, rng: &mut Stream| {
+        let mut press = |place: Place, force_n: f64, rng: &mut RandomStream| {
             let mut press = pressed(&mut skin, place, force_n, rng);
             (self.read)(&mut press.outputs);
             press
@@ -168,7 +168,8 @@ impl Set {
             .map(|press| CalibrationPoint { place: press.place, force_n: press.force_n, outputs: &press.outputs })
             .collect();
         let calibration = Calibration::new(&points).expect("a calibration");
-        let prepared = Prepared::new(calibration, &Setting::of_layout(Some(&self.layout))).expect("a sound one");
+        let prepared =
+            PreparedCalibration::new(calibration, &Setting::of_layout(Some(&self.layout))).expect("a sound one");
         let mut made = Vec::new();
         for solver in [&[BEST], &SOLVERS[..]].concat() {
             let Ok(fitted) = prepared.fit(solver) else { continue };
@@ -185,7 +186,7 @@ impl Set {
                 let off_mm = solution.place.distance_mm(press.place);
                 one.errors_mm.push(off_mm);
                 let each = 1.0 / self.test.len() as f64;
-                one.flagged += if solution.verdict == Verdict::Ok { 0.0 } else { each };
+                one.flagged += if solution.verdict == ContactVerdict::Ok { 0.0 } else { each };
                 if let Some(half) = solution.half_widths {
                     one.within[0] += if off_mm <= half.half68_mm { each } else { 0.0 };
                     one.within[1] += if off_mm <= half.half95_mm { each } else { 0.0 };
@@ -274,7 +275,8 @@ fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
             let layout = ArrayLayout::grid(3, 3, 4.5);
             let mut skin = Skin::new(&palpate_testing::skins::scene_t(), &layout, 2.0, seed);
             let mut rng = stream(seed, 1, "scene T");
-            let mut press = |place: Place, force_n: f64, rng: &mut Stream| pressed(&mut skin, place, force_n, rng);
+            let mut press =
+                |place: Place, force_n: f64, rng: &mut RandomStream| pressed(&mut skin, place, force_n, rng);
             let at = |index: usize| -6.0 + 12.0 * index as f64 / (side - 1) as f64;
             let calibration =
                 (0..side * side).map(|i| press(Place::new(at(i % side), at(i / side)), 1.0, &mut rng)).collect();

@@ -6,11 +6,11 @@
 
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate_data::dataset::evaluate::Trial;
-use palpate_data::dataset::{Contact, Origins, Presses, Provenance, RunFacts, RunFolder, Status};
+use palpate_data::dataset::{Origins, Presses, Provenance, RecordedContact, RunFacts, RunFolder, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_report::paper::TABLE_1_PERCENT;
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
-use palpate_run::run::{Cancel, Listener, Walk, estimated_s, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, estimated_s, walk};
 use palpate_solver::Evaluation;
 use palpate_testing::campaign;
 use std::io::Write;
@@ -40,7 +40,7 @@ impl Listener for Silent {}
 struct Whole {
     spec: RigSpec,
     presses: Presses,
-    contacts: Vec<Contact>,
+    contacts: Vec<RecordedContact>,
     /// How long it took over how long it was said to take.
     over_estimate: f64,
 }
@@ -57,7 +57,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
-    let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
     let ending = runtime.block_on(walk(errand, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();

@@ -3,7 +3,7 @@
 //! `cargo test --release --test solving skin:: -- --nocapture`.
 
 use palpate_core::mechanics::Medium;
-use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use palpate_sim::scene::{Elastomer, Skin, SkinSpec, TaxelFault, TaxelFaultKind, Taxels};
 use palpate_solver::{Calibration, CalibrationPoint, Setting, TestPress, evaluate, fit};
 use palpate_testing::campaign;
@@ -26,7 +26,7 @@ struct Errors {
 }
 
 /// A skin's reading of one contact.
-fn read(skin: &mut Skin, rng: &mut Stream, force_n: f64, place: Place) -> Vec<f64> {
+fn read(skin: &mut Skin, rng: &mut RandomStream, force_n: f64, place: Place) -> Vec<f64> {
     let mut outputs = vec![0.0; skin.len()];
     skin.draw_contact(rng);
     skin.outputs(force_n, place, &mut outputs);

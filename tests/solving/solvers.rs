@@ -5,10 +5,11 @@
 //! and a stage that stands within 0.5 um of where it was told to.
 
 use palpate_core::mechanics::Medium;
-use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use palpate_sim::scene::{Elastomer, Skin, SkinSpec, Taxels};
 use palpate_solver::{
-    BEST, Calibration, CalibrationPoint, Fitted, Model, Session, Setting, Solution, Solver, Verdict, Workspace, fit,
+    BEST, Calibration, CalibrationPoint, ContactVerdict, Fitted, Model, Session, Setting, Solution, Solver, Workspace,
+    fit,
 };
 use palpate_testing::skins::{scene_q, scene_t};
 use palpate_testing::{campaign, shipped_text};
@@ -38,7 +39,7 @@ fn with_all_terms(spec: SkinSpec) -> SkinSpec {
 /// A skin and what is drawn from it.
 struct Bench {
     skin: Skin,
-    rng: Stream,
+    rng: RandomStream,
     layout: ArrayLayout,
     /// The share of its neighbours' outputs that each unit reads too.
     crosstalk: f64,
@@ -118,7 +119,7 @@ impl Sums {
         self.count += 1.0;
         self.location_mm += solution.place.distance_mm(contact.place);
         self.force_n += (solution.force_n - contact.force_n).abs();
-        self.flagged += f64::from(u8::from(solution.verdict != Verdict::Ok));
+        self.flagged += f64::from(u8::from(solution.verdict != ContactVerdict::Ok));
         if let Some(half) = &solution.half_widths {
             let (off_mm, off_n) =
                 (solution.place.distance_mm(contact.place), (solution.force_n - contact.force_n).abs());
@@ -263,7 +264,7 @@ fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
     let calibration = bench.calibration(25);
     let solver = bench.fit(BEST, &calibration);
     let mut workspace = Workspace::default();
-    let mut is_flagged = |outputs: &[f64]| solver.solve(outputs, &mut workspace).unwrap().verdict != Verdict::Ok;
+    let mut is_flagged = |outputs: &[f64]| solver.solve(outputs, &mut workspace).unwrap().verdict != ContactVerdict::Ok;
     let (singles, pairs_most) = (8000, campaign::size(700, 2000));
     let false_alarms = (0..singles).filter(|_| is_flagged(&bench.random().outputs)).count() as f64 / f64::from(singles);
     let (mut pairs, mut found) = (0, 0);
@@ -414,7 +415,7 @@ fn a_contact_beyond_the_calibrated_area_is_told() {
         let along_mm = bench.rng.random_range(-6.0..=6.0);
         let contact = bench.press(Place::new(7.0, along_mm), 1.0);
         let solution = solver.solve(&contact.outputs, &mut workspace).unwrap();
-        flagged += usize::from(solution.verdict != Verdict::Ok);
+        flagged += usize::from(solution.verdict != ContactVerdict::Ok);
     }
     println!("1 mm beyond the border, Q, 1 N: {flagged} of {contacts} flagged");
     assert!(flagged as f64 >= 0.95 * f64::from(contacts));

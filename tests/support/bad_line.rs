@@ -2,7 +2,7 @@
 //! dropped, delayed, doubled, cut short, garbled or overtaken. All of it follows from a seed.
 
 use palpate_core::parallel::lock;
-use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use palpate_sim::emulator::{self, Instrument, Shared};
@@ -80,7 +80,7 @@ pub struct Motions {
 
 /// What happens on the lines of one run, and what happened.
 pub struct Fate {
-    rng: Stream,
+    rng: RandomStream,
     /// Whether anything happens to messages now.
     pub bad: bool,
     /// At which message from now on the link is closed.

@@ -1,10 +1,11 @@
 //! Batches as a bench would have recorded them: drawn results of many sensors, in a real batch folder.
 
 use palpate_core::quantity::stream;
-use palpate_data::acceptance::Verdict;
-use palpate_data::dataset::{Status, Text};
+use palpate_data::acceptance::SensorVerdict;
+use palpate_data::dataset::{RecordedText, Status};
 use palpate_run::batch::{
-    Alarm, BATCH_FORMAT, BatchFolder, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session, beginning,
+    Alarm, BATCH_FORMAT, BatchEvent, BatchFolder, BatchSession, Began, Cause, Charted, Ended, Facts, ReferenceSensor,
+    SensorFigure, beginning,
 };
 use palpate_solver::UnitChange;
 use rand::distr::Distribution;
@@ -39,7 +40,7 @@ pub const LOCATION_MM: f64 = 0.6;
 pub const WITHIN: f64 = 0.9;
 
 /// Writes the batch, and gives its events.
-pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<BatchEvent> {
     let events = events(drawn, rig);
     drop(BatchFolder::create(path, drawn.name, &events).expect("a batch"));
     events
@@ -59,10 +60,11 @@ const TRIPPED: usize = 7;
 const REPEATED: usize = 4;
 const SKIPPED: usize = 9;
 
-pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
+pub fn events(drawn: &Drawn, rig: &str) -> Vec<BatchEvent> {
     let mut rng = stream(drawn.seed, 0, "drawn batch");
     let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
-    let reference = (drawn.every > 0).then(|| Reference { serial: "REF-1".to_owned(), every: drawn.every as u64 });
+    let reference =
+        (drawn.every > 0).then(|| ReferenceSensor { serial: "REF-1".to_owned(), every: drawn.every as u64 });
     let facts = Facts {
         format: BATCH_FORMAT,
         name: drawn.name.to_owned(),
@@ -74,13 +76,13 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
         ..Facts::default()
     };
     let serials: Vec<String> = (1..=drawn.sensors).map(|number| format!("S-{number:05}")).collect();
-    let session = Session {
+    let session = BatchSession {
         at: time(0),
         version: "0.0.0".to_owned(),
         bench: "bench-2".to_owned(),
         operator: Some("Ada <b>".to_owned()),
     };
-    let texts = [Text { name: "rig.toml".to_owned(), text: rig.to_owned() }];
+    let texts = [RecordedText { name: "rig.toml".to_owned(), text: rig.to_owned() }];
     let mut events = beginning(facts, &texts, &serials, session);
     for (index, serial) in serials.iter().enumerate() {
         let number = index + 1;
@@ -89,7 +91,7 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
             let values = [shift + 0.2 * normal(), 0.2 * normal()];
             push(&mut events, number, ended("REF-1", number, values, drawn, &mut normal));
             if number > 1 && shift.abs() > 3.0 {
-                events.push(Event::Alarm(Alarm {
+                events.push(BatchEvent::Alarm(Alarm {
                     at: time(number),
                     serial: "REF-1".to_owned(),
                     cause: Cause::Bench,
@@ -102,7 +104,7 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
         let values = [shift + normal(), normal()];
         let mut result = ended(serial, number, values, drawn, &mut normal);
         if number == SKIPPED {
-            events.push(Event::Skipped { at: time(number), serial: serial.clone() });
+            events.push(BatchEvent::Skipped { at: time(number), serial: serial.clone() });
             continue;
         }
         if number == TRIPPED {
@@ -117,38 +119,38 @@ pub fn events(drawn: &Drawn, rig: &str) -> Vec<Event> {
         }
         if number == REPEATED {
             push(&mut events, number, result.clone());
-            events.push(Event::Retry { at: time(number), serial: serial.clone() });
+            events.push(BatchEvent::Retry { at: time(number), serial: serial.clone() });
         }
         push(&mut events, number, result);
     }
     events
 }
 
-fn push(events: &mut Vec<Event>, number: usize, ended: Ended) {
-    events.push(Event::Began(Began {
+fn push(events: &mut Vec<BatchEvent>, number: usize, ended: Ended) {
+    events.push(BatchEvent::Began(Began {
         at: time(number),
         serial: ended.serial.clone(),
         reference: ended.reference,
         nest: None,
         run: ended.runs[0].clone(),
     }));
-    events.push(Event::Ended(ended));
+    events.push(BatchEvent::Ended(ended));
 }
 
 fn ended(serial: &str, number: usize, values: [f64; 2], drawn: &Drawn, normal: &mut impl FnMut() -> f64) -> Ended {
     let is_reference = serial.starts_with("REF");
     let (location_mm, within) = (0.45 + 0.05 * values[0], (0.96 + 0.02 * values[1]).clamp(0.0, 1.0));
-    let verdict = |is_within: bool| if is_within { Verdict::Accepted } else { Verdict::NotAccepted };
+    let verdict = |is_within: bool| if is_within { SensorVerdict::Accepted } else { SensorVerdict::NotAccepted };
     let bound = drawn.guarded.then_some(location_mm + 0.04);
     let found = vec![
-        Found {
+        SensorFigure {
             figure: "location_mean_mm".to_owned(),
             value: Some(location_mm),
             bound,
             limit: LOCATION_MM,
             verdict: verdict(bound.unwrap_or(location_mm) <= LOCATION_MM),
         },
-        Found {
+        SensorFigure {
             figure: "location_within".to_owned(),
             value: Some(within),
             bound: drawn.guarded.then_some(within - 0.02),
@@ -156,7 +158,7 @@ fn ended(serial: &str, number: usize, values: [f64; 2], drawn: &Drawn, normal: &
             verdict: verdict(within >= WITHIN),
         },
     ];
-    let all = verdict(found.iter().all(|found| found.verdict == Verdict::Accepted));
+    let all = verdict(found.iter().all(|found| found.verdict == SensorVerdict::Accepted));
     // the reference sensor is the same each time
     let part = if is_reference { 0.2 } else { 1.0 };
     let mut change = || UnitChange {
@@ -173,7 +175,7 @@ fn ended(serial: &str, number: usize, values: [f64; 2], drawn: &Drawn, normal: &
         runs: vec![format!("runs/{serial}")],
         status: Status::Complete,
         verdict: (!is_reference).then_some(all),
-        reasons: if all == Verdict::Accepted { Vec::new() } else { vec!["beyond the limit".to_owned()] },
+        reasons: if all == SensorVerdict::Accepted { Vec::new() } else { vec!["beyond the limit".to_owned()] },
         found,
         calibration_presses: 25,
         test_presses: 20,

@@ -1,7 +1,7 @@
 //! Inputs that keep most of a grammar: real ones, mutated.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
-use palpate_core::quantity::Stream;
+use palpate_core::quantity::RandomStream;
 use rand::RngExt;
 
 /// Longest message, bytes.
@@ -47,7 +47,7 @@ const TOKENS: &[&str] = &[
 ];
 
 /// A message after some mutations that keep most of its grammar, now and then bytes without any.
-pub fn mutated(seeds: &[&[u8]], rng: &mut Stream, into: &mut Vec<u8>) {
+pub fn mutated(seeds: &[&[u8]], rng: &mut RandomStream, into: &mut Vec<u8>) {
     into.clear();
     if rng.random_bool(0.02) {
         let length = rng.random_range(0..INPUT_MOST);
@@ -185,7 +185,7 @@ pub const TEXT_MOST: usize = 256 << 10;
 const REPEATS_MOST: usize = 20_000;
 
 /// A text after some mutations that know of lines, numbers and brackets.
-pub fn rewritten(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
+pub fn rewritten(seeds: &[Vec<u8>], rng: &mut RandomStream, into: &mut Vec<u8>) {
     into.clear();
     into.extend_from_slice(&seeds[rng.random_range(0..seeds.len())]);
     let most = if rng.random_bool(0.02) { 30 } else { 4 };
@@ -246,7 +246,7 @@ pub fn rewritten(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
 }
 
 /// Puts another number in the place of the next one.
-fn renumber(rng: &mut Stream, at: usize, into: &mut Vec<u8>) {
+fn renumber(rng: &mut RandomStream, at: usize, into: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit();
     let Some(from) = into[at..].iter().position(is_digit).map(|way| at + way) else { return };
     let number = |byte: &u8| byte.is_ascii_digit() || b".eE+-_".contains(byte);

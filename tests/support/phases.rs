@@ -3,7 +3,7 @@
 use super::walks::Worst;
 use palpate_core::quantity::{Axis, Frame};
 use palpate_link::time::Instant;
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::{Arc, Mutex};
 
 /// How long after the array was asked a window still counts as open, s: it is asked every 5 ms, and takes 1 to 2 over it.
@@ -96,9 +96,9 @@ impl Watcher {
     }
 
     /// A device has a message.
-    pub fn hears(&mut self, device: Device) {
+    pub fn hears(&mut self, device: SceneDevice) {
         let now_s = self.now_s();
-        if device == Device::Array {
+        if device == SceneDevice::Array {
             self.array_asked_s = now_s;
         }
         let phase = self.phase(now_s);

@@ -2,13 +2,13 @@
 //! the scene, so that the loop is judged against the truth and not against its own load cell.
 
 use super::walks::run_virtually;
-use palpate_control::Rule;
+use palpate_control::SafetyRule;
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_link::time::Instant;
 use palpate_run::rig::{self, RigSpec};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk_on};
 use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 
@@ -93,7 +93,7 @@ impl Bench {
             cancel.ask();
         }
         let Bench { spec, plan, folder, .. } = self;
-        let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
+        let errand = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
         let (ending, virtual_s, z_mm) = run_virtually(async {
             let rig = spec.emulators(plan.seed).expect("emulators");
             let (scene, began) = (rig.scene.clone(), Instant::now());
@@ -113,7 +113,7 @@ impl Bench {
     }
 
     /// What was recorded, in the order of its numbers.
-    pub fn contacts(&self) -> impl Iterator<Item = dataset::Contact> {
+    pub fn contacts(&self) -> impl Iterator<Item = dataset::RecordedContact> {
         self.folder.contacts().unwrap().map(Result::unwrap)
     }
 
@@ -155,7 +155,7 @@ impl Bench {
     }
 
     /// Walks a plan that must end with a trip, recorded, the stage parked.
-    pub fn must_trip(&mut self, rules: &[Rule], told: &str) -> Walked {
+    pub fn must_trip(&mut self, rules: &[SafetyRule], told: &str) -> Walked {
         let walked = self.walk(None);
         let Some(Halt::Tripped(trip)) = &walked.ending.halt else {
             panic!("{told}: no trip but {:?}", walked.ending.told());

@@ -10,9 +10,9 @@ use palpate_link::device::Identity;
 pub use palpate_link::time::run_virtually;
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, Walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk_on};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Device, Scene, Truth};
+use palpate_sim::scene::{Scene, SceneDevice, Truth};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -149,7 +149,7 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         rig.stage.replace(eye.clone());
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = Walk { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let errand = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let mut listener = Silent { began, ready_s: 0.0 };
         let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
@@ -211,8 +211,8 @@ impl Eye {
 }
 
 impl Instrument for Eye {
-    fn device(&self) -> Device {
-        Device::Stage
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {

@@ -1,10 +1,10 @@
 //! Faults at the wire of a bench: from a set time on, an instrument answers something else than it measured, or a stage does
 //! something else than it was told. The instruments themselves stay sound.
 
-use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_run::rig::SimulatedRig;
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Device, Scene, Trajectory};
+use palpate_sim::scene::{Scene, SceneDevice, Trajectory};
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::ops::Range;
@@ -56,14 +56,14 @@ pub enum WireFault {
 
 impl WireFault {
     /// The instrument on whose wire it is.
-    pub fn device(self) -> Device {
+    pub fn device(self) -> SceneDevice {
         use WireFault as Is;
         match self {
             Is::CellSlow(..) | Is::CellGain(_) | Is::CellStuck(_) | Is::CellDrifts(_) | Is::CellOffset(_) => {
-                Device::LoadCell
+                SceneDevice::LoadCell
             }
-            Is::ArrayShifted(..) | Is::ArrayTimes(_) | Is::TaxelDead(_) | Is::TaxelStuck(_) => Device::Array,
-            Is::StageDrops(_) | Is::StageDeeper(_) | Is::StopIgnored => Device::Stage,
+            Is::ArrayShifted(..) | Is::ArrayTimes(_) | Is::TaxelDead(_) | Is::TaxelStuck(_) => SceneDevice::Array,
+            Is::StageDrops(_) | Is::StageDeeper(_) | Is::StopIgnored => SceneDevice::Stage,
         }
     }
 }
@@ -71,9 +71,9 @@ impl WireFault {
 /// Puts a fault on the wire of a rig, from `from_s` on. `seed` gives the noise that it adds.
 pub fn put_on_wire(rig: &mut SimulatedRig, fault: WireFault, from_s: f64, seed: u64) {
     let end = match fault.device() {
-        Device::Stage => &mut rig.stage,
-        Device::LoadCell => &mut rig.load_cell,
-        Device::Array => &mut rig.array,
+        SceneDevice::Stage => &mut rig.stage,
+        SceneDevice::LoadCell => &mut rig.load_cell,
+        SceneDevice::Array => &mut rig.array,
     };
     let device = end.instrument().expect("it has a link").clone();
     let rng = stream(seed, 0, "fault at the wire");
@@ -85,7 +85,7 @@ struct Faulty {
     device: Shared<dyn Instrument>,
     fault: WireFault,
     from_s: f64,
-    rng: Stream,
+    rng: RandomStream,
     /// When a reading came last, s, and what it was.
     last: Option<(f64, f64)>,
     /// What is repeated; of a stage, whether it struck.
@@ -231,7 +231,7 @@ fn floats<'a>(request: &[u8], answer: &'a mut [u8]) -> impl Iterator<Item = (u16
 }
 
 impl Instrument for Faulty {
-    fn device(&self) -> Device {
+    fn device(&self) -> SceneDevice {
         self.device.lock().expect("a device that lives").device()
     }
 
@@ -241,10 +241,10 @@ impl Instrument for Faulty {
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         match self.fault.device() {
-            Device::LoadCell => self.answer_of_cell(request, scene, now_s),
+            SceneDevice::LoadCell => self.answer_of_cell(request, scene, now_s),
             _ if now_s < self.from_s => self.inner(request, scene, now_s),
-            Device::Array => self.answer_of_array(request, scene, now_s),
-            Device::Stage => self.answer_of_stage(request, scene, now_s),
+            SceneDevice::Array => self.answer_of_array(request, scene, now_s),
+            SceneDevice::Stage => self.answer_of_stage(request, scene, now_s),
         }
     }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Parts of a force's standard uncertainty, N each. The parts are independent, so their squares add up (GUM 5.1.2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Budget {
+pub struct UncertaintyBudget {
     /// Load cell: uncertainty from its certificate at such a force, or from its check with a known weight (type B). `None` if
     /// there is neither.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -36,9 +36,9 @@ pub struct Averaged {
     pub share: f64,
 }
 
-impl Budget {
+impl UncertaintyBudget {
     /// Returns the budget of a force; `cell_n` is the load cell's own standard uncertainty at this force.
-    pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> Budget {
+    pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> UncertaintyBudget {
         let Averaged { readings, seconds, airs: [before, after], share } = *averaged;
         let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
         let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
@@ -50,20 +50,20 @@ impl Budget {
         let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
         let hum_n = zero.hum.map_or(0.0, |hum| hum.left_n(seconds));
         let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
-        Budget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
+        UncertaintyBudget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
     }
 
     /// Returns the combined standard uncertainty, N; `None` if the load cell's uncertainty is unknown.
     pub fn u_n(&self) -> Option<f64> {
-        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = *self;
         Some([cell_n?, zero_n, noise_n, resolution_n, hum_n].iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
     /// Returns the budget of the force multiplied by a factor.
     #[must_use]
-    pub fn times(self, factor: f64) -> Budget {
-        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
-        Budget {
+    pub fn times(self, factor: f64) -> UncertaintyBudget {
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        UncertaintyBudget {
             cell_n: cell_n.map(|n| factor * n),
             zero_n: factor * zero_n,
             noise_n: factor * noise_n,
@@ -74,10 +74,10 @@ impl Budget {
 
     /// Returns the budget rounded to 0.1 uN.
     #[must_use]
-    pub fn rounded(self) -> Budget {
+    pub fn rounded(self) -> UncertaintyBudget {
         let rounded = |n: f64| round(n, 7);
-        let Budget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
-        Budget {
+        let UncertaintyBudget { cell_n, zero_n, noise_n, resolution_n, hum_n } = self;
+        UncertaintyBudget {
             cell_n: cell_n.map(rounded),
             zero_n: rounded(zero_n),
             noise_n: rounded(noise_n),
@@ -100,27 +100,29 @@ mod tests {
     #[test]
     fn the_parts_follow_from_readings_airs_and_what_is_stated_of_the_cell() {
         let zero = Zero { step_n: 0.001, ..Zero::with_noise(0.003) };
-        let budget = Budget::of(&averaged(0.0), &zero, Some(0.004));
+        let budget = UncertaintyBudget::of(&averaged(0.0), &zero, Some(0.004));
         assert!((budget.noise_n - 0.0002).abs() < 1e-12);
         assert!((budget.zero_n - 0.0003 / 2f64.sqrt()).abs() < 1e-12);
         assert!((budget.resolution_n - 0.001 / 12f64.sqrt() / 15.0).abs() < 1e-12);
         let u_n = budget.u_n().unwrap();
         assert!(u_n > 0.004 && u_n < 0.0041, "{u_n}");
         assert_eq!(
-            Budget { cell_n: None, ..budget }.u_n(),
+            UncertaintyBudget { cell_n: None, ..budget }.u_n(),
             None,
             "an uncertainty without the cell's own would be a lie"
         );
-        let moved = Budget::of(&averaged(0.010), &zero, None);
+        let moved = UncertaintyBudget::of(&averaged(0.010), &zero, None);
         assert!((moved.zero_n - 0.010 / 12f64.sqrt()).abs() < 2e-5, "{moved:?}");
     }
 
     #[test]
     fn a_coarse_cell_and_hum_without_whole_periods_count_in_full() {
         let coarse = Zero { step_n: 0.010, ..Zero::with_noise(0.001) };
-        assert!((Budget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12);
+        assert!(
+            (UncertaintyBudget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12
+        );
         let hum = |whole_s| Some(Hum { amplitude_n: 0.01, hz: 50.0, whole_s });
-        let left_n = |whole_s| Budget::of(&averaged(0.0), &Zero { hum: hum(whole_s), ..coarse }, None).hum_n;
+        let left_n = |whole_s| UncertaintyBudget::of(&averaged(0.0), &Zero { hum: hum(whole_s), ..coarse }, None).hum_n;
         assert!((left_n(Some(0.02)) - 0.0001 / 2f64.sqrt()).abs() < 1e-12);
         assert!((left_n(None) - 0.01 / (10.0 * std::f64::consts::PI) / 2f64.sqrt()).abs() < 1e-12);
     }

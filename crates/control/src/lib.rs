@@ -2,7 +2,7 @@
 //!
 //! [`ForceLoop`] is a state machine for one contact. Events go in and commands come out; there is no device, no clock and no
 //! randomness. Every motion toward the specimen is a [`Permitted`] one, which only a [`Permit`] can create. The end point of such
-//! a motion is safe by itself, so a host that fails does no harm. [`Watch`] checks every reading against the trip rules. [`Map`]
+//! a motion is safe by itself, so a host that fails does no harm. [`Watch`] checks every reading against the trip rules. [`ContactMap`]
 //! learns from each press what to expect of the next.
 //!
 //! Coordinates: `z_mm` grows into the specimen and is zero at its nominal surface. Forces are relative to the zero measured in
@@ -29,22 +29,22 @@ mod trip;
 mod watch;
 mod zero;
 
-pub use budget::{Averaged, Budget};
+pub use budget::{Averaged, UncertaintyBudget};
 pub use hum::Hum;
-pub use map::{Lesson, Map, Shot};
+pub use map::{ContactMap, Lesson, Shot};
 pub use mean::{Mean, mean_of};
 pub use neighbours::LEARNED;
-pub use permit::{Permit, Permitted, Sideways, Standing};
+pub use permit::{MotionContext, Permit, Permitted, Sideways};
 pub use press::{
-    AIR_READINGS, AirReadings, Command, Context, Event, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, Moment,
-    SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
+    AIR_READINGS, AirReadings, Context, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, LoopCommand, LoopEvent,
+    Moment, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
-pub use response::{Changed, Felt, Response};
+pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::Expected;
-pub use task::{Branch, Level, Strategy, Task};
+pub use task::{Branch, ForceLevel, PressTask, Strategy};
 pub use taught::{Sunk, Taught};
-pub use trip::{Rule, Trip};
+pub use trip::{SafetyRule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

@@ -2,7 +2,7 @@
 
 use super::curve::{Curve, CurveShape};
 use super::neighbours::nearest;
-use super::plane::Plane;
+use super::plane::BayesianPlane;
 use super::surface::{Expected, SurfaceMap};
 use super::taught::{Rise, Rises, Sunk, Taught};
 use palpate_core::quantity::{Limits, Place};
@@ -81,7 +81,7 @@ pub enum Lesson {
 
 /// Knowledge of a specimen from the presses so far: its surface, its curve, and how both vary from place to place.
 #[derive(Clone, Debug)]
-pub struct Map {
+pub struct ContactMap {
     surface: SurfaceMap,
     curve: Curve,
     rises: Rises,
@@ -106,10 +106,10 @@ pub struct Shot {
     pub(super) faded: f64,
 }
 
-impl Map {
+impl ContactMap {
     /// Creates a map that contains only this: the surface is within `uncertainty_mm` of z = 0.
     pub fn new(uncertainty_mm: f64) -> Self {
-        Map {
+        ContactMap {
             surface: SurfaceMap::new(uncertainty_mm),
             curve: Curve::default(),
             rises: Rises::default(),
@@ -224,7 +224,7 @@ impl Map {
             return (0.0, 0.0); // what is assumed of a shot holds as it is
         }
         let reach_mm = near[REACH.min(near.len() - 1)].0.distance_mm(place).max(0.1);
-        let mut plane = Plane::new(
+        let mut plane = BayesianPlane::new(
             place,
             [
                 (SCALE_SIGMA / SCALE_LEVEL).powi(2),
@@ -302,8 +302,8 @@ mod tests {
         Lesson::Touch { place, z_mm: surface_mm(place), path }
     }
 
-    fn taught() -> Map {
-        let mut map = Map::new(0.3);
+    fn taught() -> ContactMap {
+        let mut map = ContactMap::new(0.3);
         for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
             map.learn(&touch(Place::new(x, y)));
         }
@@ -311,7 +311,7 @@ mod tests {
     }
 
     /// A shot at a place as it would go: the lesson, and the miss of the force it met.
-    fn shoot(map: &Map, place: Place) -> (Lesson, f64) {
+    fn shoot(map: &ContactMap, place: Place) -> (Lesson, f64) {
         let shot = map.shot(place, 1.0, &LIMITS).expect("the map is trusted");
         let z_mm = shot.z_mm(shot.aim_n(1.0));
         let force_n = (z_mm - surface_mm(place)) / depth_mm(place, 1.0);
@@ -327,7 +327,7 @@ mod tests {
         let same = map.compare([(1.0, depth_mm(place, 1.0)), (1.03, depth_mm(place, 1.03))]).unwrap();
         assert!(same.depth.abs() < 0.01 && same.force.abs() < 0.01, "{same:?}");
         assert_eq!(map.compare([(1.0, 0.0), (1.0, 0.5)]), None);
-        assert_eq!(Map::new(0.3).compare([(1.0, 0.5), (1.0, 0.5)]), None);
+        assert_eq!(ContactMap::new(0.3).compare([(1.0, 0.5), (1.0, 0.5)]), None);
     }
 
     #[test]
@@ -366,7 +366,7 @@ mod tests {
 
     #[test]
     fn a_rough_surface_is_not_shot_at() {
-        let mut map = Map::new(0.3);
+        let mut map = ContactMap::new(0.3);
         for (i, (x, y)) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)].into_iter().enumerate() {
             let place = Place::new(x, y);
             let Lesson::Touch { z_mm, path, .. } = touch(place) else { unreachable!() };

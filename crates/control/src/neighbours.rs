@@ -24,7 +24,7 @@ const LEAST_AGAIN: f64 = 0.15;
 
 /// Smoothness of a field of values over a specimen.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Field {
+pub(super) struct FieldSmoothness {
     /// Distance over which the values change, mm.
     pub length_mm: f64,
     /// Standard deviation of the values over the whole specimen.
@@ -33,7 +33,7 @@ pub(super) struct Field {
 
 /// Weights of the values around, and standard deviation of the prediction before anything was learned of its misses.
 #[derive(Clone, Debug)]
-pub(super) struct Weights {
+pub(super) struct NeighbourWeights {
     pub each: Vec<f64>,
     pub sigma: f64,
 }
@@ -103,7 +103,7 @@ pub(super) fn remember<T>(all: &mut Vec<T>, value: T, most: usize, place: impl F
 /// Returns the weights of ordinary kriging: the value at `to` is expected to be the weighted sum of the values at `places`. Values
 /// apart by the field's length are alike by `exp(-1/2)`. Each place has an additional scatter of its own, in `own`. There are at
 /// most [`NEAREST`] places.
-pub(super) fn weights(places: &[Place], own: &[f64], to: Place, field: Field) -> Option<Weights> {
+pub(super) fn weights(places: &[Place], own: &[f64], to: Place, field: FieldSmoothness) -> Option<NeighbourWeights> {
     let alike = |distance_mm: f64| (-0.5 * (distance_mm / field.length_mm).powi(2)).exp();
     let noise = |own: f64| (own.hypot(OWN) / field.spread).powi(2);
     // a row without a place is that of a value unlike all others, so its weight is 0
@@ -126,7 +126,7 @@ pub(super) fn weights(places: &[Place], own: &[f64], to: Place, field: Field) ->
     let variance = 1.0 - alone + missing.powi(2) * sum(&of_mean);
     let each = simple.iter().zip(&of_mean).take(places.len()).map(|(simple, of_mean)| simple + missing * of_mean);
     let sigma = field.spread * variance.max(0.0).sqrt();
-    Some(Weights { each: each.collect(), sigma: sigma.hypot(OWN) })
+    Some(NeighbourWeights { each: each.collect(), sigma: sigma.hypot(OWN) })
 }
 
 #[cfg(test)]
@@ -142,7 +142,8 @@ mod tests {
         let value = |place: Place| 0.3 * (place.x_mm / 3.0).sin() + 0.1 * place.y_mm;
         let predict = |to: Place| {
             let near: Vec<Place> = nearest(places().into_iter(), to).into_iter().map(|i| places()[i]).collect();
-            let weights = weights(&near, &[0.0; NEAREST], to, Field { length_mm: 3.0, spread: 0.25 }).unwrap();
+            let weights =
+                weights(&near, &[0.0; NEAREST], to, FieldSmoothness { length_mm: 3.0, spread: 0.25 }).unwrap();
             let sum: f64 = near.iter().zip(&weights.each).map(|(place, weight)| weight * value(*place)).sum();
             (sum - value(to), weights.sigma)
         };

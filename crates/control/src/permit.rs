@@ -1,7 +1,7 @@
 //! Permitted motions.
 
 use super::speed::safe_speed_mm_s;
-use super::trip::{Rule, Trip};
+use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
 use palpate_core::quantity::{Limits, Steps};
 
@@ -66,7 +66,7 @@ pub struct Sideways(());
 
 /// Known state when a motion is requested.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Standing {
+pub struct MotionContext {
     /// Position of the indenter, read back, mm.
     pub z_mm: f64,
     /// Force on the indenter, N.
@@ -135,9 +135,9 @@ impl Permit {
     ///
     /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
     /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface. Both count the steps
-    /// of the stage. A load cell may read an old force, so [`Standing::most_mm`] bounds the end point too.
-    pub fn deepest_mm(&self, standing: &Standing) -> f64 {
-        let Standing { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *standing;
+    /// of the stage. A load cell may read an old force, so [`MotionContext::most_mm`] bounds the end point too.
+    pub fn deepest_mm(&self, standing: &MotionContext) -> f64 {
+        let MotionContext { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *standing;
         if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) || most_mm.is_nan() {
             return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
         }
@@ -166,17 +166,17 @@ impl Permit {
     ///
     /// # Errors
     /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
-    pub fn advance(&self, standing: &Standing, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+    pub fn advance(&self, standing: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // asked for what must hold, so that a NaN is refused
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
         let is_fresh = standing.age_s <= FRESH_S;
         if !is_fresh {
-            return Err(Trip::new(Rule::Stale, standing.age_s, FRESH_S, "s"));
+            return Err(Trip::new(SafetyRule::Stale, standing.age_s, FRESH_S, "s"));
         }
         let deepest_mm = self.deepest_mm(standing);
         let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
         if !is_safe {
-            return Err(Trip::new(Rule::NotPermitted, z_mm, deepest_mm, "mm"));
+            return Err(Trip::new(SafetyRule::NotPermitted, z_mm, deepest_mm, "mm"));
         }
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
     }
@@ -186,7 +186,7 @@ impl Permit {
     /// # Errors
     /// A trip if the difference is larger.
     pub(crate) fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        moved_no_further(Rule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+        moved_no_further(SafetyRule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
     /// Whether the air moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
@@ -201,7 +201,7 @@ impl Permit {
     /// # Errors
     /// A trip if the reading changes.
     pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        moved_no_further(Rule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+        moved_no_further(SafetyRule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
     /// Distance that z moves to check that the air is free, mm. On this distance the declared specimen would give a small part of
@@ -219,10 +219,10 @@ impl Permit {
         let clear_mm = self.clear_mm(first_mm);
         let (is_clear, is_free) = (z_mm <= clear_mm, force_n.abs() < self.detect_n);
         if !is_clear {
-            return Err(Trip::new(Rule::NotPermitted, z_mm, clear_mm, "mm"));
+            return Err(Trip::new(SafetyRule::NotPermitted, z_mm, clear_mm, "mm"));
         }
         if !is_free {
-            return Err(Trip::new(Rule::StillTouching, force_n, self.detect_n, "N"));
+            return Err(Trip::new(SafetyRule::StillTouching, force_n, self.detect_n, "N"));
         }
         Ok(Sideways(()))
     }
@@ -245,13 +245,13 @@ impl Permit {
         if z_mm.is_finite() && z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
             Ok(Permitted { z_mm, speed_mm_s })
         } else {
-            Err(Trip::new(Rule::NotPermitted, z_mm, from_mm, "mm"))
+            Err(Trip::new(SafetyRule::NotPermitted, z_mm, from_mm, "mm"))
         }
     }
 }
 
 /// Checks that a zero moved by at most the allowed amount. The condition is written so that a NaN is refused.
-fn moved_no_further(rule: Rule, moved_n: f64, most_n: f64) -> Result<(), Trip> {
+fn moved_no_further(rule: SafetyRule, moved_n: f64, most_n: f64) -> Result<(), Trip> {
     if moved_n.abs() <= most_n { Ok(()) } else { Err(Trip::new(rule, moved_n, most_n, "N")) }
 }
 
@@ -269,22 +269,40 @@ mod tests {
 
     #[test]
     fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
-        let standing =
-            Standing { z_mm: -12.5, force_n: 0.0, sigma_n: 0.0, age_s: 0.0, first_mm: -0.3, most_mm: f64::INFINITY };
+        let standing = MotionContext {
+            z_mm: -12.5,
+            force_n: 0.0,
+            sigma_n: 0.0,
+            age_s: 0.0,
+            first_mm: -0.3,
+            most_mm: f64::INFINITY,
+        };
         assert!((permit().deepest_mm(&standing) - 0.7).abs() < 1e-12);
         assert!(permit().advance(&standing, 0.7, 1.0).is_ok());
-        assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, Rule::NotPermitted);
+        assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
     }
 
     #[test]
     fn a_stale_force_or_a_nan_moves_nothing() {
-        let good =
-            Standing { z_mm: 0.0, force_n: 0.1, sigma_n: 0.001, age_s: 0.01, first_mm: -0.1, most_mm: f64::INFINITY };
+        let good = MotionContext {
+            z_mm: 0.0,
+            force_n: 0.1,
+            sigma_n: 0.001,
+            age_s: 0.01,
+            first_mm: -0.1,
+            most_mm: f64::INFINITY,
+        };
         assert!(permit().advance(&good, 0.2, 1.0).is_ok());
-        assert_eq!(permit().advance(&Standing { age_s: 0.3, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
-        assert_eq!(permit().advance(&Standing { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule, Rule::Stale);
-        let nowhere = Standing { z_mm: f64::NAN, first_mm: f64::NAN, ..good };
-        for bad in [Standing { force_n: f64::NAN, ..good }, Standing { most_mm: f64::NAN, ..good }, nowhere] {
+        assert_eq!(
+            permit().advance(&MotionContext { age_s: 0.3, ..good }, 0.2, 1.0).unwrap_err().rule,
+            SafetyRule::Stale
+        );
+        assert_eq!(
+            permit().advance(&MotionContext { age_s: f64::NAN, ..good }, 0.2, 1.0).unwrap_err().rule,
+            SafetyRule::Stale
+        );
+        let nowhere = MotionContext { z_mm: f64::NAN, first_mm: f64::NAN, ..good };
+        for bad in [MotionContext { force_n: f64::NAN, ..good }, MotionContext { most_mm: f64::NAN, ..good }, nowhere] {
             assert!(permit().advance(&bad, 0.9, 1.0).is_err());
         }
         assert!(permit().advance(&good, f64::NAN, 1.0).is_err());
@@ -297,11 +315,11 @@ mod tests {
         let (clear_mm, touch_n) = (permit.clear_mm(first_mm), permit.detect_n());
         assert!(permit.sideways(clear_mm, first_mm, 0.9 * touch_n).is_ok());
         for (z_mm, force_n, rule) in [
-            (clear_mm + 0.001, 0.0, Rule::NotPermitted),
-            (f64::NAN, 0.0, Rule::NotPermitted),
-            (clear_mm, touch_n, Rule::StillTouching),
-            (clear_mm, -touch_n, Rule::StillTouching),
-            (clear_mm, f64::NAN, Rule::StillTouching),
+            (clear_mm + 0.001, 0.0, SafetyRule::NotPermitted),
+            (f64::NAN, 0.0, SafetyRule::NotPermitted),
+            (clear_mm, touch_n, SafetyRule::StillTouching),
+            (clear_mm, -touch_n, SafetyRule::StillTouching),
+            (clear_mm, f64::NAN, SafetyRule::StillTouching),
         ] {
             let refused = permit.sideways(z_mm, first_mm, force_n).unwrap_err();
             assert_eq!(refused.rule, rule, "{force_n} N at {z_mm} mm");
@@ -316,7 +334,7 @@ mod tests {
         ) {
             let force_at = |z: f64| k * (z - surface).max(0.0);
             let start = start.min(surface + 1.9 / k);
-            let standing = Standing {
+            let standing = MotionContext {
                 z_mm: start, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
                 most_mm: f64::INFINITY,
             };
@@ -336,7 +354,7 @@ mod tests {
             let steps = Steps { mm: [0.0, 0.0, step] };
             let force_at = |z: f64| k * (z - surface).max(0.0);
             let start = start.min(surface + 1.9 / k);
-            let standing = Standing {
+            let standing = MotionContext {
                 z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
                 most_mm: f64::INFINITY,
             };

@@ -7,7 +7,7 @@ use palpate_core::quantity::Place;
 /// Only sums are stored, so the size of the plane doesn't grow. Values are in any unit; precisions are in units of 1 / (sd of one
 /// value)^2.
 #[derive(Clone, Debug)]
-pub(super) struct Plane {
+pub(super) struct BayesianPlane {
     /// Origin of x and y.
     centre: Place,
     /// Diagonal of the prior's precision: height, slope in x, slope in y. The prior's mean is zero.
@@ -19,9 +19,9 @@ pub(super) struct Plane {
     count: usize,
 }
 
-impl Plane {
+impl BayesianPlane {
     pub(crate) fn new(centre: Place, prior: [f64; 3]) -> Self {
-        Plane { centre, prior, moments: [[0.0; 3]; 3], weighted: [0.0; 3], squares: 0.0, count: 0 }
+        BayesianPlane { centre, prior, moments: [[0.0; 3]; 3], weighted: [0.0; 3], squares: 0.0, count: 0 }
     }
 
     /// Adds a value with its weight.

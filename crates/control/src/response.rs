@@ -1,8 +1,8 @@
 //! Outputs for each newton, compared with those of the presses around. The array is a second measurement of each contact: a load
 //! cell whose gain changes, a sensor that shifts and outputs that jump all change this ratio or the pattern of the outputs.
 
-use super::neighbours::{Field, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
-use super::trip::{Rule, Trip};
+use super::neighbours::{FieldSmoothness, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
+use super::trip::{SafetyRule, Trip};
 use palpate_core::quantity::Place;
 
 /// Number of contacts that are remembered.
@@ -21,7 +21,7 @@ const REPEATS: f64 = 0.02;
 
 /// A contact as the array and the load cell measured it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Felt {
+pub struct MeasuredContact {
     /// The place, specimen frame.
     pub place: Place,
     /// The force, N.
@@ -34,9 +34,9 @@ pub struct Felt {
 
 /// Outputs that the contacts so far have shown.
 #[derive(Clone, Debug)]
-pub struct Response {
+pub struct LearnedOutputs {
     length_mm: f64,
-    known: Vec<Felt>,
+    known: Vec<MeasuredContact>,
     /// Largest length of the vector of outputs.
     most: f64,
     gain: Misses,
@@ -55,14 +55,14 @@ impl Differences {
             let within = off <= most_off(sigma);
             if !within {
                 let percent = |share: f64| 100.0 * share;
-                return Err(Trip::new(Rule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
+                return Err(Trip::new(SafetyRule::OutputsDiffer, percent(off), percent(most_off(sigma)), "%"));
             }
         }
         Ok(())
     }
 }
 
-impl Felt {
+impl MeasuredContact {
     /// Outputs for each newton, in the array's unit.
     pub fn per_n(&self) -> impl Iterator<Item = f64> {
         self.outputs.iter().map(|output| output / self.force_n)
@@ -95,18 +95,18 @@ pub struct Changed {
     pub pattern: (f64, f64),
 }
 
-impl Response {
+impl LearnedOutputs {
     /// Creates a response that knows only the distance between taxels, mm, if there is one.
     pub fn new(pitch_mm: Option<f64>) -> Self {
         let length_mm = LENGTH_SHARE * pitch_mm.unwrap_or(PITCH_MM);
-        Response { length_mm, known: Vec::new(), most: 0.0, gain: Misses::default(), pattern: Misses::default() }
+        LearnedOutputs { length_mm, known: Vec::new(), most: 0.0, gain: Misses::default(), pattern: Misses::default() }
     }
 
     /// Compares a contact with the contacts around it.
     ///
     /// # Errors
     /// A trip if the outputs for each newton, or their pattern, differ by more than the contacts so far explain.
-    pub fn check(&self, felt: &Felt) -> Result<(), Trip> {
+    pub fn check(&self, felt: &MeasuredContact) -> Result<(), Trip> {
         self.differences(felt).map_or(Ok(()), |differences| differences.check())
     }
 
@@ -114,7 +114,7 @@ impl Response {
     ///
     /// # Errors
     /// The same as for [`check`](Self::check); the contact isn't added then.
-    pub fn take(&mut self, felt: Felt) -> Result<(), Trip> {
+    pub fn take(&mut self, felt: MeasuredContact) -> Result<(), Trip> {
         let differences = self.differences(&felt);
         differences.iter().try_for_each(Differences::check)?;
         self.add(felt, differences);
@@ -123,7 +123,7 @@ impl Response {
 
     /// Compares a contact with an earlier one at the same place. The limits cover the noise of both, and that of the pattern also the
     /// scatter of the patterns so far. `None` if one of them shows nothing.
-    pub fn compare(&self, before: &Felt, now: &Felt) -> Option<Changed> {
+    pub fn compare(&self, before: &MeasuredContact, now: &MeasuredContact) -> Option<Changed> {
         if before.outputs.len() != now.outputs.len() {
             return None;
         }
@@ -142,18 +142,18 @@ impl Response {
     }
 
     /// Share of the allowed difference that a contact uses up; `None` if too little is known.
-    pub fn share(&self, felt: &Felt) -> Option<f64> {
+    pub fn share(&self, felt: &MeasuredContact) -> Option<f64> {
         let Differences { gain, pattern } = self.differences(felt)?;
         Some([gain, pattern].map(|(off, sigma)| off / most_off(sigma)).into_iter().fold(0.0, f64::max))
     }
 
     /// Adds a contact. A contact that shows nothing isn't added. If there is no room left, it replaces the nearest one.
-    pub fn learn(&mut self, felt: Felt) {
+    pub fn learn(&mut self, felt: MeasuredContact) {
         let differences = self.differences(&felt);
         self.add(felt, differences);
     }
 
-    fn add(&mut self, felt: Felt, differences: Option<Differences>) {
+    fn add(&mut self, felt: MeasuredContact, differences: Option<Differences>) {
         let tells = felt.length() > 0.0 && felt.length().is_finite() && felt.force_n > 0.0;
         if !tells || self.known.first().is_some_and(|first| first.outputs.len() != felt.outputs.len()) {
             return;
@@ -166,17 +166,17 @@ impl Response {
         remember(&mut self.known, felt, CONTACTS_MAX, |known| known.place);
     }
 
-    fn differences(&self, felt: &Felt) -> Option<Differences> {
+    fn differences(&self, felt: &MeasuredContact) -> Option<Differences> {
         if self.known.len() < LEARNED {
             return None;
         }
-        let near: Vec<&Felt> = nearest(self.known.iter().map(|known| known.place), felt.place)
+        let near: Vec<&MeasuredContact> = nearest(self.known.iter().map(|known| known.place), felt.place)
             .into_iter()
             .map(|i| &self.known[i])
             .collect();
         let places: Vec<Place> = near.iter().map(|known| known.place).collect();
         let own: Vec<f64> = near.iter().map(|known| known.own(self.most)).collect();
-        let field = |spread| Field { length_mm: self.length_mm, spread };
+        let field = |spread| FieldSmoothness { length_mm: self.length_mm, spread };
         let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
@@ -204,15 +204,15 @@ mod tests {
     use super::*;
 
     /// Nine taxels whose outputs fall off with the distance from the contact.
-    fn felt(x_mm: f64, y_mm: f64, gain: f64) -> Felt {
+    fn felt(x_mm: f64, y_mm: f64, gain: f64) -> MeasuredContact {
         let taxels = (0..9).map(|i| (4.5 * f64::from(i % 3 - 1), 4.5 * f64::from(i / 3 - 1)));
         let output = |(u, v): (f64, f64)| gain * (-((x_mm - u).powi(2) + (y_mm - v).powi(2)) / 20.0).exp();
         let (place, outputs) = (Place::new(x_mm, y_mm), taxels.map(output).collect());
-        Felt { place, force_n: 1.0, outputs, sigmas: [0.001, 0.001] }
+        MeasuredContact { place, force_n: 1.0, outputs, sigmas: [0.001, 0.001] }
     }
 
-    fn learned(spacing_mm: f64) -> Response {
-        let mut response = Response::new(Some(4.5));
+    fn learned(spacing_mm: f64) -> LearnedOutputs {
+        let mut response = LearnedOutputs::new(Some(4.5));
         for i in 0..49 {
             let contact = felt(spacing_mm * (f64::from(i % 7) - 3.0), spacing_mm * (f64::from(i / 7) - 3.0), 1.0);
             assert_eq!(response.check(&contact), Ok(()), "{i}");
@@ -224,33 +224,34 @@ mod tests {
     #[test]
     fn a_cell_that_halves_or_doubles_and_a_sensor_that_shifts_or_jumps_are_found() {
         let response = learned(0.5);
-        let rule = |felt: Felt| response.check(&felt).err().map(|trip| trip.rule);
+        let rule = |felt: MeasuredContact| response.check(&felt).err().map(|trip| trip.rule);
         assert_eq!(rule(felt(0.3, -0.7, 1.05)), None);
         for gain in [0.5, 2.0, 1000.0] {
-            assert_eq!(rule(felt(0.3, -0.7, gain)), Some(Rule::OutputsDiffer), "{gain}");
+            assert_eq!(rule(felt(0.3, -0.7, gain)), Some(SafetyRule::OutputsDiffer), "{gain}");
         }
-        let shifted = Felt { place: Place::new(0.3, -0.7), ..felt(3.3, -0.7, 1.0) };
-        assert_eq!(rule(shifted), Some(Rule::OutputsDiffer));
-        let not_a_number = Felt { outputs: vec![f64::NAN; 9], ..felt(0.3, -0.7, 1.0) };
-        assert_eq!(rule(not_a_number), Some(Rule::OutputsDiffer));
+        let shifted = MeasuredContact { place: Place::new(0.3, -0.7), ..felt(3.3, -0.7, 1.0) };
+        assert_eq!(rule(shifted), Some(SafetyRule::OutputsDiffer));
+        let not_a_number = MeasuredContact { outputs: vec![f64::NAN; 9], ..felt(0.3, -0.7, 1.0) };
+        assert_eq!(rule(not_a_number), Some(SafetyRule::OutputsDiffer));
     }
 
     #[test]
     fn a_contact_is_compared_with_an_earlier_one_at_its_place() {
-        let (response, before) = (Response::new(Some(4.5)), felt(0.3, -0.7, 1.0));
-        let changed = |now: Felt| response.compare(&before, &now);
+        let (response, before) = (LearnedOutputs::new(Some(4.5)), felt(0.3, -0.7, 1.0));
+        let changed = |now: MeasuredContact| response.compare(&before, &now);
         let Changed { gain, pattern } = changed(felt(0.3, -0.7, 1.5)).unwrap();
         assert!((gain.0 - 1.5f64.ln()).abs() < 1e-9 && gain.0 > gain.1 && pattern.0 < 1e-9, "{gain:?} {pattern:?}");
-        let Changed { gain, pattern } = changed(Felt { place: before.place, ..felt(3.3, -0.7, 1.0) }).unwrap();
+        let Changed { gain, pattern } =
+            changed(MeasuredContact { place: before.place, ..felt(3.3, -0.7, 1.0) }).unwrap();
         assert!(pattern.0 > pattern.1, "{gain:?} {pattern:?}");
-        assert_eq!(changed(Felt { outputs: vec![0.0; 9], ..before.clone() }), None);
-        assert_eq!(changed(Felt { outputs: vec![f64::NAN; 9], ..before.clone() }), None);
-        assert_eq!(changed(Felt { outputs: vec![1.0; 8], ..before.clone() }), None);
+        assert_eq!(changed(MeasuredContact { outputs: vec![0.0; 9], ..before.clone() }), None);
+        assert_eq!(changed(MeasuredContact { outputs: vec![f64::NAN; 9], ..before.clone() }), None);
+        assert_eq!(changed(MeasuredContact { outputs: vec![1.0; 8], ..before.clone() }), None);
     }
 
     #[test]
     fn a_change_during_the_run_widens_no_limit_of_its_check() {
-        let mut response = Response::new(Some(4.5));
+        let mut response = LearnedOutputs::new(Some(4.5));
         for i in 0..15 {
             let gain = if i < 7 { 1.0 } else { 1.0 / 0.7 };
             response.learn(felt(2.0 * f64::from(i % 4) - 3.0, 2.0 * f64::from(i / 4) - 3.0, gain));
@@ -263,13 +264,13 @@ mod tests {
     fn where_nothing_near_was_pressed_nothing_is_said() {
         let response = learned(0.5);
         assert_eq!(response.check(&felt(20.0, 0.0, 0.5)), Ok(()));
-        assert_eq!(Response::new(None).check(&felt(0.0, 0.0, 2.0)), Ok(()));
+        assert_eq!(LearnedOutputs::new(None).check(&felt(0.0, 0.0, 2.0)), Ok(()));
     }
 
     #[test]
     fn a_force_far_from_those_learned_is_compared_less_strictly() {
         let response = learned(0.5);
-        let light = |gain: f64| Felt { force_n: 0.1, ..felt(0.3, -0.7, 0.1 * gain) };
+        let light = |gain: f64| MeasuredContact { force_n: 0.1, ..felt(0.3, -0.7, 0.1 * gain) };
         assert_eq!(response.check(&light(1.6)), Ok(()));
         assert!(response.check(&light(8.0)).is_err());
     }

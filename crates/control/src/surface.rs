@@ -1,6 +1,6 @@
 //! Position of the surface, learned from touches.
 
-use super::plane::Plane;
+use super::plane::BayesianPlane;
 use palpate_core::quantity::Place;
 
 /// Standard deviation of one touch about a plane, mm. It is assumed until the surface's own roughness is known.
@@ -33,7 +33,7 @@ pub struct Expected {
 #[derive(Clone, Debug)]
 pub(crate) struct SurfaceMap {
     uncertainty_mm: f64,
-    plane: Plane,
+    plane: BayesianPlane,
 }
 
 impl SurfaceMap {
@@ -41,7 +41,7 @@ impl SurfaceMap {
     pub(crate) fn new(uncertainty_mm: f64) -> Self {
         let prior = |sigma: f64| (TOUCH_SIGMA_MM / sigma).powi(2);
         let slope = prior(uncertainty_mm / SLOPE_ARM_MM);
-        let plane = Plane::new(Place::default(), [prior(uncertainty_mm), slope, slope]);
+        let plane = BayesianPlane::new(Place::default(), [prior(uncertainty_mm), slope, slope]);
         SurfaceMap { uncertainty_mm, plane }
     }
 

@@ -43,7 +43,7 @@ impl Strategy {
 
 /// One force to hold and sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Level {
+pub struct ForceLevel {
     /// The force, N; 0 is sampled in air.
     pub force_set_n: f64,
     /// Side from which the level is reached.
@@ -52,9 +52,9 @@ pub struct Level {
 
 /// Measurements of one contact, in this order.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Task {
+pub struct PressTask {
     /// The levels, in the order they are held. Presses that measure the same use the same list.
-    pub levels: Arc<[Level]>,
+    pub levels: Arc<[ForceLevel]>,
     /// Largest allowed difference between the force in the window and the set force, N.
     pub force_tolerance_n: f64,
     /// Dwell at each level before its window, s.
@@ -68,18 +68,18 @@ pub struct Task {
     pub sample_after_s: Option<f64>,
 }
 
-impl Task {
+impl PressTask {
     /// Returns the levels of one plain press.
-    pub fn press(force_n: f64) -> Arc<[Level]> {
-        Arc::new([Level { force_set_n: force_n, branch: Branch::Loading }])
+    pub fn press(force_n: f64) -> Arc<[ForceLevel]> {
+        Arc::new([ForceLevel { force_set_n: force_n, branch: Branch::Loading }])
     }
 
     /// Returns the levels of a staircase: 0, step, ..., top, ..., step, 0.
-    pub fn staircase(to_n: f64, step_n: f64) -> Arc<[Level]> {
+    pub fn staircase(to_n: f64, step_n: f64) -> Arc<[ForceLevel]> {
         let steps = (to_n / step_n).round().max(1.0) as usize;
         let force_n = |i: usize| to_n * i as f64 / steps as f64;
-        let up = (0..=steps).map(|i| Level { force_set_n: force_n(i), branch: Branch::Loading });
-        let down = (0..steps).rev().map(|i| Level { force_set_n: force_n(i), branch: Branch::Unloading });
+        let up = (0..=steps).map(|i| ForceLevel { force_set_n: force_n(i), branch: Branch::Loading });
+        let down = (0..steps).rev().map(|i| ForceLevel { force_set_n: force_n(i), branch: Branch::Unloading });
         up.chain(down).collect()
     }
 
@@ -95,9 +95,9 @@ mod tests {
 
     #[test]
     fn the_papers_staircase_has_nine_levels() {
-        let forces: Vec<f64> = Task::staircase(2.0, 0.5).iter().map(|level| level.force_set_n).collect();
+        let forces: Vec<f64> = PressTask::staircase(2.0, 0.5).iter().map(|level| level.force_set_n).collect();
         assert_eq!(forces, [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0]);
-        let last = Task::staircase(2.0, 0.5)[5];
-        assert_eq!(last, Level { force_set_n: 1.5, branch: Branch::Unloading });
+        let last = PressTask::staircase(2.0, 0.5)[5];
+        assert_eq!(last, ForceLevel { force_set_n: 1.5, branch: Branch::Unloading });
     }
 }

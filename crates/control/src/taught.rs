@@ -1,7 +1,7 @@
 //! Depth that the presses so far needed for their force. The next press near them is compared with it.
 
 use super::curve::CurveShape;
-use super::neighbours::{Field, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
+use super::neighbours::{FieldSmoothness, LEARNED, Misses, most_changed, most_off, nearest, remember, weights};
 use palpate_core::quantity::Place;
 
 /// Least number of presses for a comparison.
@@ -11,7 +11,7 @@ const PRESSES_MAX: usize = 2048;
 /// Least rise of the force for a press to be remembered, as a fraction of its final force.
 const ROSE_SHARE: f64 = 0.5;
 /// Change of the logarithm of the stiffness over a specimen. Elastomers of a few mm have free edges about as wide as they are thick.
-const STIFFNESS: Field = Field { length_mm: 3.0, spread: 0.25 };
+const STIFFNESS: FieldSmoothness = FieldSmoothness { length_mm: 3.0, spread: 0.25 };
 /// Fraction of the usual limit of a difference, in sd. Stiffness is smoother than outputs, and where presses are a few mm apart the
 /// usual limit lets half the gain of a load cell pass.
 const STRICTER: f64 = 0.75;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trip {
     /// The broken rule.
-    pub rule: Rule,
+    pub rule: SafetyRule,
     /// Measured value, in `unit`.
     #[serde(with = "any_number")]
     pub measured: f64,
@@ -21,7 +21,7 @@ pub struct Trip {
 /// Rules under which a press continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Rule {
+pub enum SafetyRule {
     /// The mean of 10 ms exceeds the force limit by more than the noise explains.
     OverForce,
     /// The stage's controller detected too large a force and ended the motion itself.
@@ -96,171 +96,179 @@ pub enum Rule {
     NotPermitted,
 }
 
-impl Rule {
+impl SafetyRule {
     /// Name of the rule in files and messages.
     pub fn name(self) -> &'static str {
         match self {
-            Rule::OverForce => "over-force",
-            Rule::Guarded => "guarded",
-            Rule::WrongSign => "wrong-sign",
-            Rule::Frozen => "frozen",
-            Rule::Unhealthy => "unhealthy",
-            Rule::NotFinite => "not-finite",
-            Rule::Stale => "stale",
-            Rule::ZeroDrifted => "zero-drifted",
-            Rule::Noisy => "noisy",
-            Rule::NoResponse => "no-response",
-            Rule::Fallen => "fallen",
-            Rule::HardContact => "hard-contact",
-            Rule::SofterThanDeclared => "softer-than-declared",
-            Rule::SofterThanTaught => "softer-than-taught",
-            Rule::StifferThanTaught => "stiffer-than-taught",
-            Rule::RisesAtRest => "rises-at-rest",
-            Rule::OutputsDiffer => "outputs-differ",
-            Rule::StageSilent => "stage-silent",
-            Rule::NoContact => "no-contact",
-            Rule::StillTouching => "still-touching",
-            Rule::OutOfReach => "out-of-reach",
-            Rule::NoConvergence => "no-convergence",
-            Rule::SurfaceMoved => "surface-moved",
-            Rule::ZeroShifted => "zero-shifted",
-            Rule::SurfaceElsewhere => "surface-elsewhere",
-            Rule::ForceRose => "force-rose",
-            Rule::ForceFell => "force-fell",
-            Rule::ZeroOutside => "zero-outside",
-            Rule::ZeroInContact => "zero-in-contact",
-            Rule::OutputsMoved => "outputs-moved",
-            Rule::GainOff => "gain-off",
-            Rule::NoWeight => "no-weight",
-            Rule::WeightLeftOn => "weight-left-on",
-            Rule::WeightUnsteady => "weight-unsteady",
-            Rule::NotStopped => "not-stopped",
-            Rule::NotPermitted => "not-permitted",
+            SafetyRule::OverForce => "over-force",
+            SafetyRule::Guarded => "guarded",
+            SafetyRule::WrongSign => "wrong-sign",
+            SafetyRule::Frozen => "frozen",
+            SafetyRule::Unhealthy => "unhealthy",
+            SafetyRule::NotFinite => "not-finite",
+            SafetyRule::Stale => "stale",
+            SafetyRule::ZeroDrifted => "zero-drifted",
+            SafetyRule::Noisy => "noisy",
+            SafetyRule::NoResponse => "no-response",
+            SafetyRule::Fallen => "fallen",
+            SafetyRule::HardContact => "hard-contact",
+            SafetyRule::SofterThanDeclared => "softer-than-declared",
+            SafetyRule::SofterThanTaught => "softer-than-taught",
+            SafetyRule::StifferThanTaught => "stiffer-than-taught",
+            SafetyRule::RisesAtRest => "rises-at-rest",
+            SafetyRule::OutputsDiffer => "outputs-differ",
+            SafetyRule::StageSilent => "stage-silent",
+            SafetyRule::NoContact => "no-contact",
+            SafetyRule::StillTouching => "still-touching",
+            SafetyRule::OutOfReach => "out-of-reach",
+            SafetyRule::NoConvergence => "no-convergence",
+            SafetyRule::SurfaceMoved => "surface-moved",
+            SafetyRule::ZeroShifted => "zero-shifted",
+            SafetyRule::SurfaceElsewhere => "surface-elsewhere",
+            SafetyRule::ForceRose => "force-rose",
+            SafetyRule::ForceFell => "force-fell",
+            SafetyRule::ZeroOutside => "zero-outside",
+            SafetyRule::ZeroInContact => "zero-in-contact",
+            SafetyRule::OutputsMoved => "outputs-moved",
+            SafetyRule::GainOff => "gain-off",
+            SafetyRule::NoWeight => "no-weight",
+            SafetyRule::WeightLeftOn => "weight-left-on",
+            SafetyRule::WeightUnsteady => "weight-unsteady",
+            SafetyRule::NotStopped => "not-stopped",
+            SafetyRule::NotPermitted => "not-permitted",
         }
     }
 
     /// Whether the load cell is in doubt after this rule was broken, so that its readings show nothing of the force that is left.
     pub fn doubts_load_cell(self) -> bool {
         match self {
-            Rule::WrongSign
-            | Rule::Frozen
-            | Rule::Unhealthy
-            | Rule::NotFinite
-            | Rule::Stale
-            | Rule::ZeroDrifted
-            | Rule::Noisy
-            | Rule::NoResponse
-            | Rule::Fallen
-            | Rule::SofterThanDeclared
-            | Rule::SofterThanTaught
-            | Rule::StifferThanTaught
-            | Rule::RisesAtRest
-            | Rule::OutputsDiffer
-            | Rule::OutputsMoved
-            | Rule::ForceRose
-            | Rule::ForceFell
-            | Rule::ZeroOutside
-            | Rule::ZeroInContact
-            | Rule::GainOff
-            | Rule::NoWeight
-            | Rule::WeightLeftOn
-            | Rule::WeightUnsteady => true,
-            Rule::OverForce
-            | Rule::Guarded
-            | Rule::HardContact
-            | Rule::StageSilent
-            | Rule::NoContact
-            | Rule::StillTouching
-            | Rule::OutOfReach
-            | Rule::NoConvergence
-            | Rule::SurfaceMoved
-            | Rule::ZeroShifted
-            | Rule::SurfaceElsewhere
-            | Rule::NotStopped
-            | Rule::NotPermitted => false,
+            SafetyRule::WrongSign
+            | SafetyRule::Frozen
+            | SafetyRule::Unhealthy
+            | SafetyRule::NotFinite
+            | SafetyRule::Stale
+            | SafetyRule::ZeroDrifted
+            | SafetyRule::Noisy
+            | SafetyRule::NoResponse
+            | SafetyRule::Fallen
+            | SafetyRule::SofterThanDeclared
+            | SafetyRule::SofterThanTaught
+            | SafetyRule::StifferThanTaught
+            | SafetyRule::RisesAtRest
+            | SafetyRule::OutputsDiffer
+            | SafetyRule::OutputsMoved
+            | SafetyRule::ForceRose
+            | SafetyRule::ForceFell
+            | SafetyRule::ZeroOutside
+            | SafetyRule::ZeroInContact
+            | SafetyRule::GainOff
+            | SafetyRule::NoWeight
+            | SafetyRule::WeightLeftOn
+            | SafetyRule::WeightUnsteady => true,
+            SafetyRule::OverForce
+            | SafetyRule::Guarded
+            | SafetyRule::HardContact
+            | SafetyRule::StageSilent
+            | SafetyRule::NoContact
+            | SafetyRule::StillTouching
+            | SafetyRule::OutOfReach
+            | SafetyRule::NoConvergence
+            | SafetyRule::SurfaceMoved
+            | SafetyRule::ZeroShifted
+            | SafetyRule::SurfaceElsewhere
+            | SafetyRule::NotStopped
+            | SafetyRule::NotPermitted => false,
         }
     }
 
     /// First thing to check.
     pub fn check(self) -> &'static str {
         match self {
-            Rule::OverForce => "check whether the specimen is stiffer than `limits.stiffness_n_mm`",
-            Rule::Guarded => "the controller's guard ended the motion: check what the indenter pressed on",
-            Rule::WrongSign => "check the load cell's wiring: pressing must read positive",
-            Rule::Frozen => "check that the transmitter still converts; reconnect the load cell",
-            Rule::Unhealthy => "check that the load cell is within its range and its cable is undamaged",
-            Rule::NotFinite => "check that the register map fits the transmitter",
-            Rule::Stale => "check whether the load cell's link is slow or broken",
-            Rule::ZeroDrifted => {
+            SafetyRule::OverForce => "check whether the specimen is stiffer than `limits.stiffness_n_mm`",
+            SafetyRule::Guarded => "the controller's guard ended the motion: check what the indenter pressed on",
+            SafetyRule::WrongSign => "check the load cell's wiring: pressing must read positive",
+            SafetyRule::Frozen => "check that the transmitter still converts; reconnect the load cell",
+            SafetyRule::Unhealthy => "check that the load cell is within its range and its cable is undamaged",
+            SafetyRule::NotFinite => "check that the register map fits the transmitter",
+            SafetyRule::Stale => "check whether the load cell's link is slow or broken",
+            SafetyRule::ZeroDrifted => {
                 "check whether something touches the indenter, or the cell has drifted since it was zeroed"
             }
-            Rule::Noisy => "check the cell for vibration, and that its range suits this force limit",
-            Rule::NoResponse => "check that the load cell still measures, and that the specimen hasn't slipped",
-            Rule::Fallen => "check whether the specimen slipped or tore, or the load cell's cable is loose",
-            Rule::HardContact => {
+            SafetyRule::Noisy => "check the cell for vibration, and that its range suits this force limit",
+            SafetyRule::NoResponse => "check that the load cell still measures, and that the specimen hasn't slipped",
+            SafetyRule::Fallen => "check whether the specimen slipped or tore, or the load cell's cable is loose",
+            SafetyRule::HardContact => {
                 "check what the indenter presses on, and whether `limits.stiffness_n_mm` is right for it"
             }
-            Rule::SofterThanDeclared => {
+            SafetyRule::SofterThanDeclared => {
                 "check whether the load cell reads too little (`palpate doctor --check-weight-n`), or the specimen is \
                  softer than `limits.stiffness_least_n_mm`"
             }
-            Rule::SofterThanTaught => {
+            SafetyRule::SofterThanTaught => {
                 "check whether the load cell reads less than before (`palpate doctor --check-weight-n`), or the specimen tore or slipped"
             }
-            Rule::StifferThanTaught => {
+            SafetyRule::StifferThanTaught => {
                 "check whether the load cell reads more than before (`palpate doctor --check-weight-n`), or something hard lies on \
                  the specimen"
             }
-            Rule::RisesAtRest => {
+            SafetyRule::RisesAtRest => {
                 "check whether the load cell is slower than `load_cell.lag_ms` states (its filter), or the specimen moves"
             }
-            Rule::OutputsDiffer => {
+            SafetyRule::OutputsDiffer => {
                 "check the load cell with a known weight (`palpate doctor --check-weight-n`), and whether the array has moved or \
                  changed"
             }
-            Rule::StageSilent => {
+            SafetyRule::StageSilent => {
                 "the stage still reports that it moves, so long after its motion was due to end: check whether its link is slow or broken"
             }
-            Rule::NoContact => {
+            SafetyRule::NoContact => {
                 "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface"
             }
-            Rule::StillTouching => "check whether the indenter sticks, or the surface is higher than measured before",
-            Rule::OutOfReach => {
+            SafetyRule::StillTouching => {
+                "check whether the indenter sticks, or the surface is higher than measured before"
+            }
+            SafetyRule::OutOfReach => {
                 "check whether the specimen is softer than expected, or `limits.depth_mm` is too small for this force"
             }
-            Rule::NoConvergence => "check why the load cell is much noisier than when it was zeroed",
-            Rule::SurfaceMoved => "check whether the specimen or the rig has moved; put it back, or start a new run",
-            Rule::ZeroShifted => {
+            SafetyRule::NoConvergence => "check why the load cell is much noisier than when it was zeroed",
+            SafetyRule::SurfaceMoved => {
+                "check whether the specimen or the rig has moved; put it back, or start a new run"
+            }
+            SafetyRule::ZeroShifted => {
                 "bring the stage to its zero again, more exactly, and check that the array is where it was; then `palpate resume`"
             }
-            Rule::SurfaceElsewhere => {
+            SafetyRule::SurfaceElsewhere => {
                 "the specimen is nearer than `frame.surface_mm`; with a larger `uncertainty`, `palpate align` finds the surface"
             }
-            Rule::ForceRose => {
+            SafetyRule::ForceRose => {
                 "the stage has stopped and wasn't parked: free the indenter by hand, then check `frame.down` and the way of z"
             }
-            Rule::ForceFell => "check whether something pulls at the indenter, or the load cell's wires are swapped",
-            Rule::ZeroOutside => {
+            SafetyRule::ForceFell => {
+                "check whether something pulls at the indenter, or the load cell's wires are swapped"
+            }
+            SafetyRule::ZeroOutside => {
                 "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range in air"
             }
-            Rule::ZeroInContact => "something touches the indenter after homing: remove it",
-            Rule::OutputsMoved => "the array detected a contact but the load cell didn't: check the load cell",
-            Rule::GainOff => {
+            SafetyRule::ZeroInContact => "something touches the indenter after homing: remove it",
+            SafetyRule::OutputsMoved => "the array detected a contact but the load cell didn't: check the load cell",
+            SafetyRule::GainOff => {
                 "the rig's `check` found that the load cell's gain is off: repair it and check it again, or adjust with \
                  `palpate doctor --check-weight-n N --adjust`"
             }
-            Rule::NoWeight => "check that the weight was put on and didn't move, and that the load cell measures",
-            Rule::WeightLeftOn => "check that the weight was taken off, and that nothing touches the tip",
-            Rule::WeightUnsteady => "check that the weight acts along z each time, and is heavy enough for this cell",
-            Rule::NotStopped => "the stage does not stop: press the emergency stop",
-            Rule::NotPermitted => "check `limits` and `frame` of the rig",
+            SafetyRule::NoWeight => "check that the weight was put on and didn't move, and that the load cell measures",
+            SafetyRule::WeightLeftOn => "check that the weight was taken off, and that nothing touches the tip",
+            SafetyRule::WeightUnsteady => {
+                "check that the weight acts along z each time, and is heavy enough for this cell"
+            }
+            SafetyRule::NotStopped => "the stage does not stop: press the emergency stop",
+            SafetyRule::NotPermitted => "check `limits` and `frame` of the rig",
         }
     }
 }
 
 impl Trip {
     /// Creates a broken rule with its numbers.
-    pub fn new(rule: Rule, measured: f64, limit: f64, unit: &str) -> Self {
+    pub fn new(rule: SafetyRule, measured: f64, limit: f64, unit: &str) -> Self {
         Trip { rule, measured, limit, unit: unit.to_owned() }
     }
 }

@@ -1,7 +1,7 @@
 //! Checks that every reading must pass.
 
 use super::press::AirReadings;
-use super::trip::{Rule, Trip};
+use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
 use palpate_core::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
 
@@ -33,7 +33,7 @@ pub struct Watch {
     limit_n: f64,
     /// Allowed range of the force, N from the zero, and the rules that set it.
     within_n: Range,
-    rules: [Rule; 2],
+    rules: [SafetyRule; 2],
     /// Largest allowed rise of the force while z moves away, N.
     rise_most_n: f64,
     zero: Zero,
@@ -49,7 +49,7 @@ impl Watch {
         let within_n =
             Range { min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n), max: limits.force_n + 3.0 * zero.sigma_n };
         let rise_most_n = AWAY_SHARE * limits.force_n + RISE_SIGMAS * zero.sigma_n;
-        Watch::of(limits, zero, within_n, [Rule::WrongSign, Rule::OverForce], rise_most_n)
+        Watch::of(limits, zero, within_n, [SafetyRule::WrongSign, SafetyRule::OverForce], rise_most_n)
     }
 
     /// Creates the rules for a stage that moves z away before there is a zero. The force must not rise above the reading at rest,
@@ -59,7 +59,7 @@ impl Watch {
         let rise_n = Watch::rise_n(limits, air_n, acceleration_mm_s2) + RISE_SIGMAS * still.sigma_n;
         let within_n = Range { min: -limits.force_n - rise_n, max: rise_n };
         let still = Zero { frozen_after: None, ..still };
-        Watch::of(limits, still, within_n, [Rule::ForceFell, Rule::ForceRose], rise_n)
+        Watch::of(limits, still, within_n, [SafetyRule::ForceFell, SafetyRule::ForceRose], rise_n)
     }
 
     /// Largest rise of the force without contact while a stage moves, N.
@@ -68,7 +68,7 @@ impl Watch {
         RISE_SHARE * limits.force_n + JOLT * tool_kg * acceleration_mm_s2 / 1000.0
     }
 
-    fn of(limits: &Limits, zero: Zero, within_n: Range, rules: [Rule; 2], rise_most_n: f64) -> Self {
+    fn of(limits: &Limits, zero: Zero, within_n: Range, rules: [SafetyRule; 2], rise_most_n: f64) -> Self {
         Watch {
             limit_n: limits.force_n,
             within_n,
@@ -131,7 +131,7 @@ impl Watch {
         check_sound(reading)?;
         let gap_s = self.last_s.map_or(0.0, |last_s| reading.at_s - last_s);
         if gap_s > STALE_S {
-            return Err(Trip::new(Rule::Stale, gap_s, STALE_S, "s"));
+            return Err(Trip::new(SafetyRule::Stale, gap_s, STALE_S, "s"));
         }
         self.last_s = Some(reading.at_s);
         self.check_frozen(reading.force_n)?;
@@ -145,7 +145,7 @@ impl Watch {
         self.last_code = Some(code);
         match self.zero.frozen_after {
             Some(most) if self.equal >= most => {
-                Err(Trip::new(Rule::Frozen, f64::from(self.equal), f64::from(most), "equal readings"))
+                Err(Trip::new(SafetyRule::Frozen, f64::from(self.equal), f64::from(most), "equal readings"))
             }
             _ => Ok(()),
         }
@@ -177,10 +177,10 @@ impl Watch {
 /// The broken rule.
 pub fn check_sound(reading: &ForceReading) -> Result<(), Trip> {
     if !reading.force_n.is_finite() {
-        return Err(Trip::new(Rule::NotFinite, reading.force_n, 0.0, "N"));
+        return Err(Trip::new(SafetyRule::NotFinite, reading.force_n, 0.0, "N"));
     }
     if reading.health.saturated || reading.health.fault {
-        return Err(Trip::new(Rule::Unhealthy, reading.force_n, 0.0, "N (raw reading)"));
+        return Err(Trip::new(SafetyRule::Unhealthy, reading.force_n, 0.0, "N (raw reading)"));
     }
     Ok(())
 }
@@ -196,7 +196,7 @@ mod tests {
     }
 
     /// The rule that a series of readings, 5 ms apart, breaks at last.
-    fn broken(forces: impl IntoIterator<Item = f64>) -> Option<Rule> {
+    fn broken(forces: impl IntoIterator<Item = f64>) -> Option<SafetyRule> {
         let mut watch = watch();
         let reading =
             |(i, n): (usize, f64)| ForceReading { at_s: i as f64 * 0.005, force_n: n + 0.5, health: Health::default() };
@@ -206,14 +206,14 @@ mod tests {
     #[test]
     fn each_rule_trips_and_only_beyond_its_number() {
         assert_eq!(broken([1.0, 2.008, 2.0, 1.99]), None);
-        assert_eq!(broken([1.0, 2.02, 2.02, 2.02]), Some(Rule::OverForce));
+        assert_eq!(broken([1.0, 2.02, 2.02, 2.02]), Some(SafetyRule::OverForce));
         assert_eq!(broken([0.0, -0.02, -0.04, -0.02]), None);
-        assert_eq!(broken([0.0, -0.04, -0.04, -0.04]), Some(Rule::WrongSign));
+        assert_eq!(broken([0.0, -0.04, -0.04, -0.04]), Some(SafetyRule::WrongSign));
         assert_eq!(broken([0.7; 19]), None);
-        assert_eq!(broken([0.7; 20]), Some(Rule::Frozen));
-        assert_eq!(broken([f64::NAN]), Some(Rule::NotFinite));
+        assert_eq!(broken([0.7; 20]), Some(SafetyRule::Frozen));
+        assert_eq!(broken([f64::NAN]), Some(SafetyRule::NotFinite));
         let ill = ForceReading { at_s: 0.0, force_n: 0.5, health: Health { saturated: true, fault: false } };
-        assert_eq!(watch().force_n(&ill).unwrap_err().rule, Rule::Unhealthy);
+        assert_eq!(watch().force_n(&ill).unwrap_err().rule, SafetyRule::Unhealthy);
     }
 
     #[test]
@@ -227,7 +227,10 @@ mod tests {
         };
         // 0.1 N, 6 sd, and a tool of 0.2 kg stopped with twice 0.1 m/s^2: 0.159 N
         assert_eq!([1.5, 1.65, -0.5].map(rule), [None; 3]);
-        assert_eq!([1.67, 5.0, -0.7].map(rule), [Some(Rule::ForceRose), Some(Rule::ForceRose), Some(Rule::ForceFell)]);
+        assert_eq!(
+            [1.67, 5.0, -0.7].map(rule),
+            [Some(SafetyRule::ForceRose), Some(SafetyRule::ForceRose), Some(SafetyRule::ForceFell)]
+        );
     }
 
     #[test]
@@ -235,7 +238,7 @@ mod tests {
         let reading = |at_s, n| ForceReading { at_s, force_n: n, health: Health::default() };
         let mut watched = watch();
         watched.force_n(&reading(0.0, 0.5)).unwrap();
-        assert_eq!(watched.force_n(&reading(0.3, 0.51)).unwrap_err().rule, Rule::Stale);
+        assert_eq!(watched.force_n(&reading(0.3, 0.51)).unwrap_err().rule, SafetyRule::Stale);
         let mut watched = watch();
         watched.force_n(&reading(0.0, 0.5)).unwrap();
         watched.pause();

@@ -1,23 +1,23 @@
 //! Compares two texts key by key.
 
-use super::{Key, Keys, Problems, Value, parsed, printable};
+use super::{DefaultValue, Key, Keys, Problems, parsed, printable};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// A key with different values in two texts.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Change {
+pub struct KeyChange {
     /// Path of the key: `limits.force_n`. A table in a list has its number, counted from 1: `scene.fault[2].kind`.
     pub path: String,
     /// Value in the first text; `None` if the key is missing and has no default.
-    pub before: Option<Given>,
+    pub before: Option<GivenValue>,
     /// Value in the second text, in the same way.
-    pub now: Option<Given>,
+    pub now: Option<GivenValue>,
 }
 
 /// A value as given in a text.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct GivenValue {
     /// The value as written in the text, or the default.
     pub text: String,
     /// The value as a number, if it is a number.
@@ -29,19 +29,19 @@ pub struct Given {
 ///
 /// # Errors
 /// A text isn't TOML.
-pub fn differences(keys: &Keys, before: (&str, &str), now: (&str, &str)) -> Result<Vec<Change>, Problems> {
+pub fn differences(keys: &Keys, before: (&str, &str), now: (&str, &str)) -> Result<Vec<KeyChange>, Problems> {
     let (old, new) = (parsed(before.0, before.1)?, parsed(now.0, now.1)?);
     let mut comparison = Comparison { before: before.1, now: now.1, changes: Vec::new() };
     comparison.tables("", Some(keys), old.get_ref(), new.get_ref());
     Ok(comparison.changes)
 }
 
-type Item<'t> = Spanned<DeValue<'t>>;
+type SpannedValue<'t> = Spanned<DeValue<'t>>;
 
 struct Comparison<'t> {
     before: &'t str,
     now: &'t str,
-    changes: Vec<Change>,
+    changes: Vec<KeyChange>,
 }
 
 impl Comparison<'_> {
@@ -59,10 +59,10 @@ impl Comparison<'_> {
         }
     }
 
-    fn items(&mut self, path: &str, key: Option<&Key>, before: Option<&Item>, now: Option<&Item>) {
+    fn items(&mut self, path: &str, key: Option<&Key>, before: Option<&SpannedValue>, now: Option<&SpannedValue>) {
         let inner = key.and_then(Key::inner);
         if let (Some(DeValue::Table(old)), Some(DeValue::Table(new))) =
-            (before.map(Item::get_ref), now.map(Item::get_ref))
+            (before.map(SpannedValue::get_ref), now.map(SpannedValue::get_ref))
         {
             return self.tables(path, inner, old, new);
         }
@@ -78,20 +78,20 @@ impl Comparison<'_> {
         let (old, new) =
             [before, now].map(|item| item.map(|item| Plain::of(item.get_ref())).or(default.map(Plain::default))).into();
         if old != new {
-            let given = |item: Option<&Item>, text, plain: Option<Plain>| {
+            let given = |item: Option<&SpannedValue>, text, plain: Option<Plain>| {
                 let text = item.map(|item| shown(item, text)).or(default.map(|value| value.to_string()));
-                text.map(|text| Given { text, number: plain.and_then(|plain| plain.number()) })
+                text.map(|text| GivenValue { text, number: plain.and_then(|plain| plain.number()) })
             };
             let (before, now) = (given(before, self.before, old), given(now, self.now, new));
-            self.changes.push(Change { path: path.to_owned(), before, now });
+            self.changes.push(KeyChange { path: path.to_owned(), before, now });
         }
     }
 }
 
 /// Returns the tables of a list of tables, or an empty list if the item is missing. `None` if the item isn't a list of tables.
-fn tables_of<'i, 't>(item: Option<&'i Item<'t>>) -> Option<Vec<&'i Item<'t>>> {
+fn tables_of<'i, 't>(item: Option<&'i SpannedValue<'t>>) -> Option<Vec<&'i SpannedValue<'t>>> {
     let Some(item) = item else { return Some(Vec::new()) };
-    let items: Vec<&Item> = item.get_ref().as_array()?.iter().collect();
+    let items: Vec<&SpannedValue> = item.get_ref().as_array()?.iter().collect();
     items.iter().all(|item| item.get_ref().is_table()).then_some(items)
 }
 
@@ -120,21 +120,24 @@ impl Plain {
             DeValue::Datetime(time) => Plain::Word(time.to_string()),
             DeValue::Array(items) => Plain::List(items.iter().map(|item| Plain::of(item.get_ref())).collect()),
             DeValue::Table(table) => {
-                let entry =
-                    |(name, item): (&Spanned<_>, &Item)| (format!("{}", name.get_ref()), Plain::of(item.get_ref()));
+                let entry = |(name, item): (&Spanned<_>, &SpannedValue)| {
+                    (format!("{}", name.get_ref()), Plain::of(item.get_ref()))
+                };
                 Plain::Table(table.iter().map(entry).collect())
             }
         }
     }
 
-    fn default(value: Value) -> Plain {
+    fn default(value: DefaultValue) -> Plain {
         match value {
-            Value::Number(n) => Plain::Number(n),
-            Value::Whole(n) => Plain::Number(n as f64),
-            Value::Range(from, to) => Plain::List(vec![Plain::Number(from), Plain::Number(to)]),
-            Value::Flag(flag) => Plain::Word(flag.to_string()),
-            Value::Word(word) => Plain::Word(format!("{word:?}")),
-            Value::Texts(texts) => Plain::List(texts.iter().map(|text| Plain::Word(format!("{text:?}"))).collect()),
+            DefaultValue::Number(n) => Plain::Number(n),
+            DefaultValue::Whole(n) => Plain::Number(n as f64),
+            DefaultValue::Range(from, to) => Plain::List(vec![Plain::Number(from), Plain::Number(to)]),
+            DefaultValue::Flag(flag) => Plain::Word(flag.to_string()),
+            DefaultValue::Word(word) => Plain::Word(format!("{word:?}")),
+            DefaultValue::Texts(texts) => {
+                Plain::List(texts.iter().map(|text| Plain::Word(format!("{text:?}"))).collect())
+            }
         }
     }
 
@@ -144,14 +147,15 @@ impl Plain {
 }
 
 /// Returns a value as written in its text, on one line.
-fn shown(item: &Item, text: &str) -> String {
+fn shown(item: &SpannedValue, text: &str) -> String {
     match item.get_ref() {
         DeValue::Array(items) => {
             let items: Vec<String> = items.iter().map(|item| shown(item, text)).collect();
             format!("[{}]", items.join(", "))
         }
         DeValue::Table(table) => {
-            let entry = |(name, item): (&Spanned<_>, &Item)| format!("{} = {}", name.get_ref(), shown(item, text));
+            let entry =
+                |(name, item): (&Spanned<_>, &SpannedValue)| format!("{} = {}", name.get_ref(), shown(item, text));
             format!("{{ {} }}", table.iter().map(entry).collect::<Vec<_>>().join(", "))
         }
         _ => printable(text.get(item.span()).unwrap_or_default().to_owned()),

@@ -11,7 +11,7 @@ pub struct Key {
     /// Name of the key; it ends with the unit.
     pub name: &'static str,
     /// Kind of its value.
-    pub kind: Kind,
+    pub kind: ValueKind,
     /// Value if the key is missing.
     pub absent: Absent,
     /// Meaning of the key, in one line.
@@ -76,7 +76,7 @@ impl Bounds {
 
 /// Kind of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
+pub enum ValueKind {
     /// A number; integers are allowed.
     Number(Bounds),
     /// An interval `[from, to]` with `from <= to`.
@@ -104,7 +104,7 @@ pub enum Kind {
     /// A list of tables.
     Tables(&'static Keys),
     /// A value of one of these kinds.
-    Either(&'static [Kind]),
+    Either(&'static [ValueKind]),
 }
 
 /// Value if a key is missing.
@@ -115,13 +115,13 @@ pub enum Absent {
     /// A value that is described in the key's meaning.
     Allowed,
     /// The given value.
-    Is(Value),
+    Is(DefaultValue),
 }
 
 /// Default value of a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(missing_docs, reason = "each is named as the kind it is a value of")]
-pub enum Value {
+pub enum DefaultValue {
     Number(f64),
     Range(f64, f64),
     Whole(u64),
@@ -165,13 +165,13 @@ impl Key {
     /// Returns the keys of the tables below, if the key is or may be a table or a list of tables.
     pub fn inner(&self) -> Option<&'static Keys> {
         self.kind.pick(|kind| match kind {
-            Kind::Table(keys) | Kind::Tables(keys) => Some(*keys),
+            ValueKind::Table(keys) | ValueKind::Tables(keys) => Some(*keys),
             _ => None,
         })
     }
 
     /// Returns the default of the key, if it has one that is always the same.
-    pub fn default(&self) -> Option<Value> {
+    pub fn default(&self) -> Option<DefaultValue> {
         match self.absent {
             Absent::Is(value) => Some(value),
             _ => None,
@@ -179,51 +179,52 @@ impl Key {
     }
 }
 
-impl Kind {
+impl ValueKind {
     /// Unit of the numbers; empty if there is no unit.
     pub(super) fn unit(&self) -> &'static str {
-        let of = |kind: &Kind| match kind {
-            Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => {
-                Some(bounds.unit())
-            }
+        let of = |kind: &ValueKind| match kind {
+            ValueKind::Number(bounds)
+            | ValueKind::Range(bounds)
+            | ValueKind::PerUnit(bounds)
+            | ValueKind::Places(bounds) => Some(bounds.unit()),
             _ => None,
         };
         self.pick(of).unwrap_or_default()
     }
 
     /// Returns the value that `pick` returns for this kind or one of its alternatives.
-    pub(super) fn pick<T>(&self, pick: impl Fn(&Kind) -> Option<T>) -> Option<T> {
+    pub(super) fn pick<T>(&self, pick: impl Fn(&ValueKind) -> Option<T>) -> Option<T> {
         match self {
-            Kind::Either(kinds) => kinds.iter().find_map(pick),
+            ValueKind::Either(kinds) => kinds.iter().find_map(pick),
             kind => pick(kind),
         }
     }
 }
 
-impl Value {
+impl DefaultValue {
     pub(super) fn number(self) -> Option<f64> {
-        if let Value::Number(number) = self { Some(number) } else { None }
+        if let DefaultValue::Number(number) = self { Some(number) } else { None }
     }
 
     /// Returns the range.
     pub fn range(self) -> Option<Range> {
-        if let Value::Range(min, max) = self { Some(Range { min, max }) } else { None }
+        if let DefaultValue::Range(min, max) = self { Some(Range { min, max }) } else { None }
     }
 
     pub(super) fn whole(self) -> Option<u64> {
-        if let Value::Whole(number) = self { Some(number) } else { None }
+        if let DefaultValue::Whole(number) = self { Some(number) } else { None }
     }
 
     pub(super) fn flag(self) -> Option<bool> {
-        if let Value::Flag(flag) = self { Some(flag) } else { None }
+        if let DefaultValue::Flag(flag) = self { Some(flag) } else { None }
     }
 
     pub(super) fn word(self) -> Option<&'static str> {
-        if let Value::Word(word) = self { Some(word) } else { None }
+        if let DefaultValue::Word(word) = self { Some(word) } else { None }
     }
 
     pub(super) fn texts(self) -> Option<Vec<&'static str>> {
-        if let Value::Texts(texts) = self { Some(texts.to_vec()) } else { None }
+        if let DefaultValue::Texts(texts) = self { Some(texts.to_vec()) } else { None }
     }
 }
 
@@ -264,16 +265,16 @@ impl Keys {
     }
 }
 
-impl std::fmt::Display for Value {
+impl std::fmt::Display for DefaultValue {
     /// Formats the value as TOML.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Value::Number(n) => write!(f, "{n:?}"),
-            Value::Range(from, to) => write!(f, "[{from:?}, {to:?}]"),
-            Value::Whole(n) => write!(f, "{n}"),
-            Value::Flag(flag) => write!(f, "{flag}"),
-            Value::Word(word) => write!(f, "{word:?}"),
-            Value::Texts(texts) => write!(f, "{texts:?}"),
+            DefaultValue::Number(n) => write!(f, "{n:?}"),
+            DefaultValue::Range(from, to) => write!(f, "[{from:?}, {to:?}]"),
+            DefaultValue::Whole(n) => write!(f, "{n}"),
+            DefaultValue::Flag(flag) => write!(f, "{flag}"),
+            DefaultValue::Word(word) => write!(f, "{word:?}"),
+            DefaultValue::Texts(texts) => write!(f, "{texts:?}"),
         }
     }
 }
@@ -293,8 +294,8 @@ pub const fn words<T, const N: usize>(meanings: &[(&'static str, T); N]) -> [&'s
 pub mod row {
     pub use super::Absent::{Allowed, Refused};
     pub use super::Keys;
-    pub use super::Kind::*;
-    use super::{Absent, Bounds, Value};
+    pub use super::ValueKind::*;
+    use super::{Absent, Bounds, DefaultValue};
 
     /// Bounds that include both ends.
     pub const fn within(min: f64, max: f64, unit: &'static str) -> Bounds {
@@ -308,32 +309,32 @@ pub mod row {
 
     /// A number if the key is missing.
     pub const fn or(number: f64) -> Absent {
-        Absent::Is(Value::Number(number))
+        Absent::Is(DefaultValue::Number(number))
     }
 
     /// A range if the key is missing.
     pub const fn or_range(from: f64, to: f64) -> Absent {
-        Absent::Is(Value::Range(from, to))
+        Absent::Is(DefaultValue::Range(from, to))
     }
 
     /// A whole number if the key is missing.
     pub const fn or_whole(number: u64) -> Absent {
-        Absent::Is(Value::Whole(number))
+        Absent::Is(DefaultValue::Whole(number))
     }
 
     /// A flag if the key is missing.
     pub const fn or_flag(flag: bool) -> Absent {
-        Absent::Is(Value::Flag(flag))
+        Absent::Is(DefaultValue::Flag(flag))
     }
 
     /// A word if the key is missing.
     pub const fn or_word(word: &'static str) -> Absent {
-        Absent::Is(Value::Word(word))
+        Absent::Is(DefaultValue::Word(word))
     }
 
     /// Texts if the key is missing.
     pub const fn or_texts(texts: &'static [&'static str]) -> Absent {
-        Absent::Is(Value::Texts(texts))
+        Absent::Is(DefaultValue::Texts(texts))
     }
 }
 

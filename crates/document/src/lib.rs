@@ -17,8 +17,8 @@ pub mod sample;
 mod schema;
 mod table;
 
-pub use difference::{Change, Given, differences};
-pub use key::{Absent, Bounds, Case, Key, Keys, Kind, Listed, Value};
+pub use difference::{GivenValue, KeyChange, differences};
+pub use key::{Absent, Bounds, Case, DefaultValue, Key, Keys, Listed, ValueKind};
 pub use key::{row, words};
 pub use problem::printable;
 pub use problem::{PROBLEMS_MAX, Problem, Problems};
@@ -54,7 +54,7 @@ pub fn read<T>(
     read: impl FnOnce(&Table) -> Option<T>,
 ) -> Result<T, Problems> {
     let root = parsed_as(name, text, Some(keys))?;
-    let _reading = sample::Reading::begin();
+    let _reading = sample::TextBeingRead::begin();
     let collector = Collector::default();
     let table = Table::root(&root, keys, &collector);
     table.check_names();
@@ -162,7 +162,7 @@ fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: 
     }
     let problem = Problem::new(place, format!("[{heading}] is here a second time"));
     let key = keys.and_then(|keys| keys.all().find(|key| key.name == heading));
-    match key.map(|key| key.kind.pick(|kind| matches!(kind, Kind::Tables(_)).then_some(())).is_some()) {
+    match key.map(|key| key.kind.pick(|kind| matches!(kind, ValueKind::Tables(_)).then_some(())).is_some()) {
         Some(false) => problem.help(format!("put all its keys under one [{heading}]")),
         _ => problem.help(list),
     }

@@ -40,7 +40,7 @@ impl Problem {
 #[derive(Debug)]
 pub struct Problems {
     name: String,
-    located: Vec<Located>,
+    located: Vec<LocatedProblem>,
 }
 
 impl Problems {
@@ -54,7 +54,8 @@ impl Problems {
             problems.push(more);
         }
         let text: Arc<str> = shown(text).into();
-        let locate = |problem| Located { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
+        let locate =
+            |problem| LocatedProblem { source: NamedSource::new(name, text.clone()), text: text.clone(), problem };
         Problems { name: name.to_owned(), located: problems.into_iter().map(locate).collect() }
     }
 
@@ -93,13 +94,13 @@ impl Diagnostic for Problems {}
 
 /// Problem together with its text.
 #[derive(Debug)]
-struct Located {
+struct LocatedProblem {
     source: NamedSource<Arc<str>>,
     text: Arc<str>,
     problem: Problem,
 }
 
-impl Located {
+impl LocatedProblem {
     /// Whether the lines of the problem are few and short enough to be shown. Otherwise they would hide the problem.
     fn is_shown(&self) -> bool {
         let Range { start, end } = self.problem.span;
@@ -116,7 +117,7 @@ impl Located {
     }
 }
 
-impl std::fmt::Display for Located {
+impl std::fmt::Display for LocatedProblem {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if !self.is_shown() {
             let (line, column) = self.line_and_column();
@@ -126,9 +127,9 @@ impl std::fmt::Display for Located {
     }
 }
 
-impl std::error::Error for Located {}
+impl std::error::Error for LocatedProblem {}
 
-impl Diagnostic for Located {
+impl Diagnostic for LocatedProblem {
     fn severity(&self) -> Option<Severity> {
         Some(Severity::Error)
     }

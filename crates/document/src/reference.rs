@@ -1,6 +1,6 @@
 //! Creates reference pages from lists of keys.
 
-use super::key::{Absent, Key, Keys, Kind};
+use super::key::{Absent, Key, Keys, ValueKind};
 
 /// Returns a Markdown page with every key of a text. After `begin` there is a section for each table, the outermost with the
 /// heading `root`. Each key has its type, bounds and unit, default, meaning and an example.
@@ -25,7 +25,7 @@ fn section(page: &mut String, heading: &str, path: &str, keys: &Keys) {
         let Some(inner) = key.inner() else { continue };
         let path = if path.is_empty() { key.name.to_owned() } else { format!("{path}.{}", key.name) };
         let heading = match key.kind {
-            Kind::Tables(_) => format!("`[[{path}]]`"),
+            ValueKind::Tables(_) => format!("`[[{path}]]`"),
             _ => format!("`[{path}]`"),
         };
         section(page, &heading, &path, inner);
@@ -50,22 +50,22 @@ fn row(key: &Key) -> String {
 }
 
 /// Returns the type of a value, its bounds and unit.
-fn value(kind: &Kind) -> String {
+fn value(kind: &ValueKind) -> String {
     let words = |words: &[&str]| words.iter().map(|word| format!("`\"{word}\"`")).collect::<Vec<_>>().join(", ");
     match kind {
-        Kind::Number(bounds) => format!("number, {}", bounds.stated()),
-        Kind::Range(bounds) => format!("`[from, to]`, each {}", bounds.stated()),
-        Kind::PerUnit(bounds) => format!("list, one number for each unit, {}", bounds.stated()),
-        Kind::Places(bounds) => format!("list of `[x, y]`, each {}", bounds.stated()),
-        Kind::Whole(min, max) => format!("integer, {min} to {max}"),
-        Kind::Wholes(min, max) => format!("list of integers, {min} to {max}"),
-        Kind::Flag => "`true` or `false`".to_owned(),
-        Kind::Text => "string".to_owned(),
-        Kind::Texts => "list of strings".to_owned(),
-        Kind::Word(list) => words(list),
-        Kind::Words(list) => format!("list of {}", words(list)),
-        Kind::Table(_) => "table".to_owned(),
-        Kind::Tables(_) => "list of tables".to_owned(),
-        Kind::Either(kinds) => kinds.iter().map(value).collect::<Vec<_>>().join("; or "),
+        ValueKind::Number(bounds) => format!("number, {}", bounds.stated()),
+        ValueKind::Range(bounds) => format!("`[from, to]`, each {}", bounds.stated()),
+        ValueKind::PerUnit(bounds) => format!("list, one number for each unit, {}", bounds.stated()),
+        ValueKind::Places(bounds) => format!("list of `[x, y]`, each {}", bounds.stated()),
+        ValueKind::Whole(min, max) => format!("integer, {min} to {max}"),
+        ValueKind::Wholes(min, max) => format!("list of integers, {min} to {max}"),
+        ValueKind::Flag => "`true` or `false`".to_owned(),
+        ValueKind::Text => "string".to_owned(),
+        ValueKind::Texts => "list of strings".to_owned(),
+        ValueKind::Word(list) => words(list),
+        ValueKind::Words(list) => format!("list of {}", words(list)),
+        ValueKind::Table(_) => "table".to_owned(),
+        ValueKind::Tables(_) => "list of tables".to_owned(),
+        ValueKind::Either(kinds) => kinds.iter().map(value).collect::<Vec<_>>().join("; or "),
     }
 }

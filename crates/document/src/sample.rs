@@ -1,6 +1,6 @@
 //! Texts made from lists of keys, and the keys that a reader requests. Tests of readers compare the two.
 
-use super::{Key, Keys, Kind, Table, read};
+use super::{Key, Keys, Table, ValueKind, read};
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -12,16 +12,16 @@ thread_local! {
 }
 
 /// Text that is being read. A text that is read only as part of this reading isn't noted.
-pub(crate) struct Reading;
+pub(crate) struct TextBeingRead;
 
-impl Reading {
+impl TextBeingRead {
     pub(crate) fn begin() -> Self {
         DEPTH.set(DEPTH.get() + 1);
-        Reading
+        TextBeingRead
     }
 }
 
-impl Drop for Reading {
+impl Drop for TextBeingRead {
     fn drop(&mut self) {
         DEPTH.set(DEPTH.get() - 1);
     }
@@ -74,7 +74,7 @@ pub fn sample(keys: &Keys, case: usize) -> String {
 
 /// Returns the number of cases of the table with the most cases. A value that may be a table has one case at least.
 pub fn most_cases(keys: &Keys) -> usize {
-    let cases = |key: &Key| Some(key.inner()?.cases.len().max(usize::from(matches!(key.kind, Kind::Either(_)))));
+    let cases = |key: &Key| Some(key.inner()?.cases.len().max(usize::from(matches!(key.kind, ValueKind::Either(_)))));
     let inner = keys.walk().into_iter().filter_map(|listed| cases(&listed.key));
     inner.chain([keys.cases.len()]).max().unwrap_or_default()
 }
@@ -83,9 +83,9 @@ pub fn most_cases(keys: &Keys) -> usize {
 fn value(key: &Key, case: usize) -> String {
     let table = |keys: &Keys| format!("{{ {} }}", sample(keys, case).trim_end().replace('\n', ", "));
     match (key.kind, key.inner()) {
-        (Kind::Tables(keys), _) => format!("[{}]", table(keys)),
-        (Kind::Either(_), Some(keys)) if case > 0 => table(keys),
-        (Kind::Table(keys), _) => table(keys),
+        (ValueKind::Tables(keys), _) => format!("[{}]", table(keys)),
+        (ValueKind::Either(_), Some(keys)) if case > 0 => table(keys),
+        (ValueKind::Table(keys), _) => table(keys),
         _ => key.example.to_owned(),
     }
 }
@@ -94,19 +94,19 @@ fn value(key: &Key, case: usize) -> String {
 fn assert_takes(key: &Key, value: &str) {
     let keys: &'static [Key] = Vec::leak(vec![*key]);
     let keys: &'static Keys = Box::leak(Box::new(Keys::of(keys)));
-    let taken = |table: &Table, kind: &Kind| match kind {
-        Kind::Number(_) => table.number(key).is_some(),
-        Kind::Range(_) => table.range(key).is_some(),
-        Kind::PerUnit(_) => table.per_unit(key, None).is_some(),
-        Kind::Places(_) => table.places(key).is_some(),
-        Kind::Whole(..) => table.whole(key).is_some(),
-        Kind::Wholes(..) => table.wholes(key).is_some(),
-        Kind::Flag => table.flag(key).is_some(),
-        Kind::Text => table.text(key).is_some(),
-        Kind::Texts => table.texts(key).is_some(),
-        Kind::Word(words) => table.text(key).is_some_and(|word| words.contains(&word)),
-        Kind::Words(_) => table.words(key).is_some(),
-        Kind::Table(_) | Kind::Tables(_) | Kind::Either(_) => true,
+    let taken = |table: &Table, kind: &ValueKind| match kind {
+        ValueKind::Number(_) => table.number(key).is_some(),
+        ValueKind::Range(_) => table.range(key).is_some(),
+        ValueKind::PerUnit(_) => table.per_unit(key, None).is_some(),
+        ValueKind::Places(_) => table.places(key).is_some(),
+        ValueKind::Whole(..) => table.whole(key).is_some(),
+        ValueKind::Wholes(..) => table.wholes(key).is_some(),
+        ValueKind::Flag => table.flag(key).is_some(),
+        ValueKind::Text => table.text(key).is_some(),
+        ValueKind::Texts => table.texts(key).is_some(),
+        ValueKind::Word(words) => table.text(key).is_some_and(|word| words.contains(&word)),
+        ValueKind::Words(_) => table.words(key).is_some(),
+        ValueKind::Table(_) | ValueKind::Tables(_) | ValueKind::Either(_) => true,
     };
     let text = if value.is_empty() { String::new() } else { format!("{} = {value}\n", key.name) };
     let found = read("example", &text, keys, |table| taken(table, &key.kind).then_some(()));

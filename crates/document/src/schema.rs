@@ -1,6 +1,6 @@
 //! Creates JSON Schemas from lists of keys.
 
-use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
+use super::key::{Absent, Bounds, Case, DefaultValue, Key, Keys, ValueKind};
 use serde_json::{Map, Value as Json, json};
 
 /// Returns the JSON Schema (draft 7, which editors read) of a text whose root table has these keys. The schema refuses unknown
@@ -63,25 +63,25 @@ fn property(key: &Key) -> Json {
     Json::Object(property)
 }
 
-fn kind(kind: &Kind) -> Json {
+fn kind(kind: &ValueKind) -> Json {
     let list = |item: Json| json!({ "type": "array", "items": item });
     let pair = |item: Json| json!({ "type": "array", "items": item, "minItems": 2, "maxItems": 2 });
     let whole = |min: u64, max: u64| json!({ "type": "integer", "minimum": min, "maximum": max });
     match kind {
-        Kind::Number(bounds) => number(bounds),
-        Kind::Range(bounds) => pair(number(bounds)),
-        Kind::PerUnit(bounds) => list(number(bounds)),
-        Kind::Places(bounds) => list(pair(number(bounds))),
-        Kind::Whole(min, max) => whole(*min, *max),
-        Kind::Wholes(min, max) => list(whole(*min, *max)),
-        Kind::Flag => json!({ "type": "boolean" }),
-        Kind::Text => json!({ "type": "string" }),
-        Kind::Texts => list(json!({ "type": "string" })),
-        Kind::Word(words) => json!({ "enum": words }),
-        Kind::Words(words) => list(json!({ "enum": words })),
-        Kind::Table(keys) => Json::Object(table(keys)),
-        Kind::Tables(keys) => list(Json::Object(table(keys))),
-        Kind::Either(kinds) => json!({ "anyOf": kinds.iter().map(self::kind).collect::<Vec<_>>() }),
+        ValueKind::Number(bounds) => number(bounds),
+        ValueKind::Range(bounds) => pair(number(bounds)),
+        ValueKind::PerUnit(bounds) => list(number(bounds)),
+        ValueKind::Places(bounds) => list(pair(number(bounds))),
+        ValueKind::Whole(min, max) => whole(*min, *max),
+        ValueKind::Wholes(min, max) => list(whole(*min, *max)),
+        ValueKind::Flag => json!({ "type": "boolean" }),
+        ValueKind::Text => json!({ "type": "string" }),
+        ValueKind::Texts => list(json!({ "type": "string" })),
+        ValueKind::Word(words) => json!({ "enum": words }),
+        ValueKind::Words(words) => list(json!({ "enum": words })),
+        ValueKind::Table(keys) => Json::Object(table(keys)),
+        ValueKind::Tables(keys) => list(Json::Object(table(keys))),
+        ValueKind::Either(kinds) => json!({ "anyOf": kinds.iter().map(self::kind).collect::<Vec<_>>() }),
     }
 }
 
@@ -91,14 +91,14 @@ fn number(bounds: &Bounds) -> Json {
     json!({ "type": "number", least_key: least, "maximum": most })
 }
 
-fn of_value(value: Value) -> Json {
+fn of_value(value: DefaultValue) -> Json {
     match value {
-        Value::Number(number) => json!(number),
-        Value::Range(from, to) => json!([from, to]),
-        Value::Whole(number) => json!(number),
-        Value::Flag(flag) => json!(flag),
-        Value::Word(word) => json!(word),
-        Value::Texts(texts) => json!(texts),
+        DefaultValue::Number(number) => json!(number),
+        DefaultValue::Range(from, to) => json!([from, to]),
+        DefaultValue::Whole(number) => json!(number),
+        DefaultValue::Flag(flag) => json!(flag),
+        DefaultValue::Word(word) => json!(word),
+        DefaultValue::Texts(texts) => json!(texts),
     }
 }
 

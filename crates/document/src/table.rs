@@ -1,6 +1,6 @@
 //! Reads the listed keys of one table of a text.
 
-use super::key::{Absent, Bounds, Case, Key, Keys, Kind, Value};
+use super::key::{Absent, Bounds, Case, DefaultValue, Key, Keys, ValueKind};
 use super::problem::{Collector, Problem};
 use jiff::civil::Date;
 use palpate_core::quantity::{Place, Range};
@@ -107,7 +107,7 @@ impl<'d> Table<'d> {
     pub fn number(&self, key: &Key) -> Option<f64> {
         match self.get(key) {
             Some(value) => self.number_of(key, value, bounds(key)),
-            None => key.default().and_then(Value::number),
+            None => key.default().and_then(DefaultValue::number),
         }
     }
 
@@ -132,7 +132,7 @@ impl<'d> Table<'d> {
     pub fn whole_within(&self, key: &Key, min: u64, max: u64) -> Option<u64> {
         match self.get(key) {
             Some(value) => self.whole_of(key, value, min, max),
-            None => key.default().and_then(Value::whole),
+            None => key.default().and_then(DefaultValue::whole),
         }
     }
 
@@ -147,7 +147,7 @@ impl<'d> Table<'d> {
     pub fn flag(&self, key: &Key) -> Option<bool> {
         match self.get(key) {
             Some(value) => value.get_ref().as_bool().or_else(|| self.wrong_kind(key, value, "true or false")),
-            None => key.default().and_then(Value::flag),
+            None => key.default().and_then(DefaultValue::flag),
         }
     }
 
@@ -155,7 +155,7 @@ impl<'d> Table<'d> {
     pub fn text(&self, key: &Key) -> Option<&'d str> {
         match self.get(key) {
             Some(value) => self.text_of(key, value),
-            None => key.default().and_then(Value::word),
+            None => key.default().and_then(DefaultValue::word),
         }
     }
 
@@ -174,7 +174,7 @@ impl<'d> Table<'d> {
     pub fn texts(&self, key: &Key) -> Option<Vec<&'d str>> {
         match self.get(key) {
             Some(value) => all(self.list(key, value, "a list of strings")?.map(|item| self.text_of(key, item))),
-            None => key.default().and_then(Value::texts),
+            None => key.default().and_then(DefaultValue::texts),
         }
     }
 
@@ -193,7 +193,7 @@ impl<'d> Table<'d> {
                 }
                 text
             }
-            None => key.default().and_then(Value::word)?,
+            None => key.default().and_then(DefaultValue::word)?,
         };
         meanings.iter().find(|(known, _)| *known == word).map(|(_, value)| *value)
     }
@@ -207,7 +207,7 @@ impl<'d> Table<'d> {
     pub fn words(&self, key: &Key) -> Option<Vec<&'d str>> {
         let known = known_words(key);
         let Some(value) = self.get(key) else {
-            return key.default().and_then(Value::texts);
+            return key.default().and_then(DefaultValue::texts);
         };
         let chosen = self.list(key, value, "a list of strings")?.filter_map(|item| {
             let word = self.text_of(key, item)?;
@@ -224,7 +224,7 @@ impl<'d> Table<'d> {
     /// Reads an interval.
     pub fn range(&self, key: &Key) -> Option<Range> {
         let Some(value) = self.get(key) else {
-            return key.default().and_then(Value::range);
+            return key.default().and_then(DefaultValue::range);
         };
         let ends = self.numbers_of(key, value)?;
         match ends[..] {
@@ -366,7 +366,7 @@ impl<'d> Table<'d> {
         match whole {
             Some(Ok(n)) if n >= 0 && (min..=max).contains(&(n as u64)) => Some(n as u64),
             Some(Ok(0))
-                if min == 1 && key.kind.pick(|kind| matches!(kind, Kind::Wholes(..)).then_some(())).is_some() =>
+                if min == 1 && key.kind.pick(|kind| matches!(kind, ValueKind::Wholes(..)).then_some(())).is_some() =>
             {
                 let told = format!("`{}` has 0, must be {min} to {max}", key.name);
                 self.complain(Problem::new(value.span(), told).help("the first is 1"));
@@ -426,7 +426,7 @@ impl<'d> Table<'d> {
 fn tables_told(keys: &Keys) -> String {
     let each = |key: &Key| {
         let own = match key.kind {
-            Kind::Texts => "[...]",
+            ValueKind::Texts => "[...]",
             _ => "...",
         };
         format!("{{ {} = {own} }}", key.name)
@@ -440,15 +440,15 @@ const TABLES: &str = "a list of tables";
 
 /// Describes the expected value of a missing key.
 fn expected(key: &Key) -> String {
-    let of = |kind: &Kind| match kind {
-        Kind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
-        Kind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
-        Kind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
-        Kind::Places(_) => Some("[[x, y], ...]".to_owned()),
-        Kind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
-        Kind::Word(words) => Some(format!("one of {}", listed(words))),
-        Kind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
-        Kind::Tables(keys) => Some(format!("a list: [[{}]]{}", key.name, with_keys(keys))),
+    let of = |kind: &ValueKind| match kind {
+        ValueKind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
+        ValueKind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
+        ValueKind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
+        ValueKind::Places(_) => Some("[[x, y], ...]".to_owned()),
+        ValueKind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
+        ValueKind::Word(words) => Some(format!("one of {}", listed(words))),
+        ValueKind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
+        ValueKind::Tables(keys) => Some(format!("a list: [[{}]]{}", key.name, with_keys(keys))),
         _ => None,
     };
     key.kind.pick(of).unwrap_or_else(|| key.meaning.to_owned())
@@ -477,7 +477,10 @@ fn with_keys(keys: &Keys) -> String {
 /// Returns the bounds of a key's numbers in the list of keys. A program that asks for a number where the list has none is wrong.
 fn bounds(key: &Key) -> Bounds {
     let bounds = key.kind.pick(|kind| match kind {
-        Kind::Number(bounds) | Kind::Range(bounds) | Kind::PerUnit(bounds) | Kind::Places(bounds) => Some(*bounds),
+        ValueKind::Number(bounds)
+        | ValueKind::Range(bounds)
+        | ValueKind::PerUnit(bounds)
+        | ValueKind::Places(bounds) => Some(*bounds),
         _ => None,
     });
     bounds.unwrap_or_else(|| unreachable!("`{}` isn't a number", key.name))
@@ -485,7 +488,7 @@ fn bounds(key: &Key) -> Bounds {
 
 fn whole(key: &Key) -> (u64, u64) {
     let ends = key.kind.pick(|kind| match kind {
-        Kind::Whole(min, max) | Kind::Wholes(min, max) => Some((*min, *max)),
+        ValueKind::Whole(min, max) | ValueKind::Wholes(min, max) => Some((*min, *max)),
         _ => None,
     });
     ends.unwrap_or_else(|| unreachable!("`{}` isn't a whole number", key.name))
@@ -493,7 +496,7 @@ fn whole(key: &Key) -> (u64, u64) {
 
 fn known_words(key: &Key) -> &'static [&'static str] {
     let words = key.kind.pick(|kind| match kind {
-        Kind::Word(words) | Kind::Words(words) => Some(*words),
+        ValueKind::Word(words) | ValueKind::Words(words) => Some(*words),
         _ => None,
     });
     words.unwrap_or_else(|| unreachable!("`{}` isn't a word", key.name))

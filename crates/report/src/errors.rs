@@ -18,10 +18,10 @@ pub struct ErrorNumber {
     pub paper: Option<f64>,
     /// How many readers need it.
     pub detail: Detail,
-    value: Value,
+    value: EvaluationValue,
 }
 
-type Value = fn(&Evaluation) -> Option<f64>;
+type EvaluationValue = fn(&Evaluation) -> Option<f64>;
 
 /// Which tables have a number, from those that every table has to those that only the longest one has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -120,7 +120,7 @@ const fn row(
     unit: &'static str,
     digits: usize,
     paper: Option<f64>,
-    value: Value,
+    value: EvaluationValue,
 ) -> ErrorNumber {
     ErrorNumber { name, key, unit, digits, paper, detail, value }
 }

@@ -1,6 +1,6 @@
 //! Updates a calibration with few presses.
 
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::surrogate::surrogate;
 use super::{Calibration, CalibrationPoint, FitError};
 use palpate_core::algebra::{Matrix, Vector, cholesky, substitute};
@@ -10,7 +10,7 @@ use std::borrow::Cow;
 
 /// Difference between the present calibration and an older one, of the same array or of a sibling.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Change {
+pub struct ArrayChange {
     /// Change of each output.
     pub units: Vec<UnitChange>,
 }
@@ -58,11 +58,11 @@ impl Extent {
     pub const ALL: [Extent; 3] = [Extent::CommonGain, Extent::Gains, Extent::GainsAndPlaces];
 }
 
-impl Change {
+impl ArrayChange {
     pub(super) fn of(moved: &[Moved]) -> Self {
         let unit =
             |moved: &Moved| UnitChange { gain: 1.0 + moved[0], x_mm: -moved[1], y_mm: -moved[2], width: moved[3] };
-        Change { units: moved.iter().map(unit).collect() }
+        ArrayChange { units: moved.iter().map(unit).collect() }
     }
 }
 
@@ -76,13 +76,13 @@ impl UnitChange {
 /// An old calibration and its smooth map.
 pub(super) struct Older<'a> {
     calibration: &'a Calibration,
-    map: Map<'a>,
+    map: AdaptableMap<'a>,
 }
 
 /// A smooth map whose units can be moved, scaled and widened.
 #[derive(Clone)]
-pub(super) struct Map<'a> {
-    pub response: Cow<'a, Response>,
+pub(super) struct AdaptableMap<'a> {
+    pub response: Cow<'a, ForwardResponse>,
     /// Centre of each output's response. A response that is wider is stretched about it.
     pub centres: Cow<'a, [Place]>,
 }
@@ -92,14 +92,14 @@ impl<'a> Older<'a> {
         let response = surrogate(calibration)?;
         // widths don't change here
         let centres = vec![Place::default(); calibration.units()];
-        Ok(Older { calibration, map: Map { response: Cow::Owned(response), centres: Cow::Owned(centres) } })
+        Ok(Older { calibration, map: AdaptableMap { response: Cow::Owned(response), centres: Cow::Owned(centres) } })
     }
 
     /// Returns the change between the old calibration and new presses of the same units. For each unit, the smooth map of the old
     /// presses is moved and scaled as far as the new presses make this likely. The result is a mean over all standard deviations
     /// of these changes that are tried. Each is weighted by its marginal likelihood (Rasmussen and Williams 2006, equation 2.30,
     /// of a linear model with three weights per unit).
-    pub(crate) fn change(&self, new: &Calibration, extent: Extent) -> Change {
+    pub(crate) fn change(&self, new: &Calibration, extent: Extent) -> ArrayChange {
         let forces_are_known = self.calibration.forces_are_known() && new.forces_are_known();
         let fit = Fit { map: &self.map, new, forces_are_known };
         let all: Vec<usize> = (0..new.units()).collect();
@@ -113,28 +113,28 @@ impl<'a> Older<'a> {
         let common = fit.likeliest(std::slice::from_ref(&all), Moved::ZERO, common_gains, &places);
         let each: Vec<Vec<usize>> = all.into_iter().map(|unit| vec![unit]).collect();
         let own = fit.likeliest(&each, common[0], own_gains, &places);
-        Change::of(&own)
+        ArrayChange::of(&own)
     }
 
     /// Returns the old calibration as the array would have read it after a change.
-    pub(crate) fn changed(&self, change: &Change) -> Calibration {
+    pub(crate) fn changed(&self, change: &ArrayChange) -> Calibration {
         self.map.changed(self.calibration, change)
     }
 }
 
-impl Map<'_> {
+impl AdaptableMap<'_> {
     /// Returns presses of the map's array as the array would have read them after a change.
-    pub(crate) fn changed(&self, calibration: &Calibration, change: &Change) -> Calibration {
+    pub(crate) fn changed(&self, calibration: &Calibration, change: &ArrayChange) -> Calibration {
         self.each(calibration, change, |output, gain, moved| gain * (output + moved))
     }
 
     /// Returns presses of the changed array as the array would have read them before the change.
-    pub(crate) fn unchanged(&self, calibration: &Calibration, change: &Change) -> Calibration {
+    pub(crate) fn unchanged(&self, calibration: &Calibration, change: &ArrayChange) -> Calibration {
         self.each(calibration, change, |output, gain, moved| output / gain - moved)
     }
 
     /// Returns presses with new outputs: a function of the output, of the gain, and of what the displacement adds to the output.
-    fn each(&self, calibration: &Calibration, change: &Change, new: impl Fn(f64, f64, f64) -> f64) -> Calibration {
+    fn each(&self, calibration: &Calibration, change: &ArrayChange, new: impl Fn(f64, f64, f64) -> f64) -> Calibration {
         let row = |point: CalibrationPoint<'_>| {
             let of_unit = |(unit, change): (usize, &UnitChange)| {
                 let [there, ..] = self.felt(unit, point.place, &change.moved());
@@ -170,13 +170,13 @@ impl Map<'_> {
 
 /// New presses, and the map with which they are compared.
 pub(super) struct Fit<'a> {
-    pub map: &'a Map<'a>,
+    pub map: &'a AdaptableMap<'a>,
     pub new: &'a Calibration,
     pub forces_are_known: bool,
 }
 
 /// One output: its derivatives with respect to a change, its residual, and the residual's variance.
-pub(super) struct Row {
+pub(super) struct LinearRow {
     pub slopes: Moved,
     pub left: f64,
     pub variance: f64,
@@ -190,11 +190,11 @@ impl Fit<'_> {
             gains.iter().flat_map(|&gain| places.iter().map(move |&place| Moved::column([gain, place, place, 0.0])));
         let tried: Vec<_> = sds.flat_map(|sd| (0..STRAYS).map(move |doubled| (sd, 2f64.powi(doubled)))).collect();
         for _ in 0..ROUNDS {
-            let rows: Vec<Vec<Row>> =
+            let rows: Vec<Vec<LinearRow>> =
                 groups.iter().zip(&moved).map(|(of, moved)| self.rows(of, moved, about)).collect();
-            let found: Vec<Vec<Posterior>> = tried
+            let found: Vec<Vec<ChangePosterior>> = tried
                 .iter()
-                .map(|(sd, times)| rows.iter().map(|rows| Posterior::of(rows, *sd, *times)).collect())
+                .map(|(sd, times)| rows.iter().map(|rows| ChangePosterior::of(rows, *sd, *times)).collect())
                 .collect();
             let evidence: Vec<f64> = found.iter().map(|of| of.iter().map(|of_group| of_group.evidence).sum()).collect();
             let most = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -209,7 +209,7 @@ impl Fit<'_> {
     }
 
     /// Returns the outputs of some units as linear functions of a change relative to `about`, linearised at `at`.
-    pub(crate) fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<Row> {
+    pub(crate) fn rows(&self, units: &[usize], at: &Moved, about: Moved) -> Vec<LinearRow> {
         let response = &self.map.response;
         let mut leverage = vec![0.0; self.new.units()];
         let mut rows = Vec::with_capacity(units.len() * self.new.len());
@@ -221,7 +221,7 @@ impl Fit<'_> {
                 let (gain, slopes) = (1.0 + at[0], slopes * force_n);
                 let left = point.outputs[unit] - force_n * gain * value + slopes.dot(&(*at - about));
                 let variance = response.variance(unit, force_n, gain * value, leverage[unit]);
-                rows.push(Row { slopes, left, variance });
+                rows.push(LinearRow { slopes, left, variance });
             }
         }
         rows
@@ -241,18 +241,18 @@ impl Fit<'_> {
 }
 
 /// Change that follows from some rows, and its likelihood.
-struct Posterior {
+struct ChangePosterior {
     moved: Moved,
     /// Logarithm of the marginal likelihood.
     evidence: f64,
 }
 
-impl Posterior {
+impl ChangePosterior {
     /// Returns the posterior of changes with these standard deviations about 0. The rows' variance is multiplied by `times`.
-    fn of(rows: &[Row], sd: Moved, times: f64) -> Self {
+    fn of(rows: &[LinearRow], sd: Moved, times: f64) -> Self {
         let (mut normal, mut right) = (Matrix::<4, 4>::identity(), Moved::ZERO);
         let (mut squares, mut logs) = (0.0, 0.0);
-        for Row { slopes, left, variance } in rows {
+        for LinearRow { slopes, left, variance } in rows {
             let variance = times * variance;
             let scaled = slopes.times(sd);
             normal += scaled * scaled.transpose() / variance;
@@ -261,11 +261,11 @@ impl Posterior {
             logs += variance.ln();
         }
         let Some(factor) = cholesky(normal.rows()) else {
-            return Posterior { moved: Moved::ZERO, evidence: f64::NEG_INFINITY };
+            return ChangePosterior { moved: Moved::ZERO, evidence: f64::NEG_INFINITY };
         };
         let solved = Moved::column(substitute(&factor, right.values()));
         let determinant = 2.0 * (0..4).map(|i| factor[i][i].ln()).sum::<f64>();
         let evidence = -0.5 * (logs + determinant + squares - right.dot(&solved));
-        Posterior { moved: solved.times(sd), evidence }
+        ChangePosterior { moved: solved.times(sd), evidence }
     }
 }

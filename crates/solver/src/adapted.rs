@@ -1,6 +1,6 @@
 //! A method fitted to an old calibration that few new presses have updated.
 
-use super::adapt::{Change, Extent, Older};
+use super::adapt::{ArrayChange, Extent, Older};
 use super::widths::rank_68;
 use super::{Calibration, FitError, Fitted, HalfWidths, Model, Setting, Solver as _, Workspace, fit};
 use palpate_core::parallel::in_parallel;
@@ -11,17 +11,17 @@ pub struct Adapted {
     /// The method. Its half-widths are at least those that the held-out presses show.
     pub model: Model,
     /// Change between the old calibration and the new presses.
-    pub change: Change,
+    pub change: ArrayChange,
     /// Properties that are assumed to have changed: the smallest extent, unless a larger one has smaller errors on held-out
     /// presses.
     pub extent: Extent,
     /// Results on the new presses, each solved by a method that was updated without this press.
-    pub held_out: HeldOut,
+    pub held_out: NewPressErrors,
 }
 
 /// Mean errors on the new presses.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeldOut {
+pub struct NewPressErrors {
     /// Number of presses.
     pub presses: usize,
     /// Errors with the old calibration, unchanged.
@@ -83,7 +83,7 @@ impl Adapted {
         if new.len() < FEWEST_PRESSES {
             return Err(AdaptError::TooFew { presses: new.len() });
         }
-        let trials = Trials::new(name, old, new, setting)?;
+        let trials = NewPressTrials::new(name, old, new, setting)?;
         let held_out = trials.held_out()?;
         let extent = chosen(&held_out);
         let after = &held_out[extent as usize];
@@ -93,13 +93,13 @@ impl Adapted {
         let forces_are_known = old.forces_are_known() && new.forces_are_known();
         model.widen(location, if forces_are_known { force } else { 1.0 });
         let before = mean(&errors(&trials.unchanged, new, &trials.presses(|_| true), 1.0));
-        let held_out = HeldOut { presses: new.len(), before, after: mean(after) };
+        let held_out = NewPressErrors { presses: new.len(), before, after: mean(after) };
         Ok(Adapted { model, change, extent, held_out })
     }
 }
 
 /// Method that is tested on new presses.
-struct Trials<'a> {
+struct NewPressTrials<'a> {
     older: Older<'a>,
     new: &'a Calibration,
     setting: Setting<'a>,
@@ -112,9 +112,9 @@ struct Trials<'a> {
 }
 
 /// Error of each new press; `None` if there was no answer.
-type Errors = Vec<Option<MeanErrors>>;
+type PressErrors = Vec<Option<MeanErrors>>;
 
-impl<'a> Trials<'a> {
+impl<'a> NewPressTrials<'a> {
     fn new(name: &str, old: &'a Calibration, new: &'a Calibration, setting: &Setting<'a>) -> Result<Self, FitError> {
         let setting = Setting { appraised: false, ..*setting };
         let spots = new.by_place();
@@ -124,7 +124,7 @@ impl<'a> Trials<'a> {
             presses.iter().for_each(|&press| part_of[press] = spot % parts);
         }
         let unchanged = fit(name, old, &setting)?;
-        Ok(Trials { older: Older::new(old)?, new, setting, unchanged, part_of, parts })
+        Ok(NewPressTrials { older: Older::new(old)?, new, setting, unchanged, part_of, parts })
     }
 
     /// Returns the presses of the selected parts.
@@ -133,7 +133,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Returns the errors of each extent. Each press is held out of the change.
-    fn held_out(&self) -> Result<Vec<Errors>, FitError> {
+    fn held_out(&self) -> Result<Vec<PressErrors>, FitError> {
         let jobs: Vec<(Extent, usize)> =
             Extent::ALL.into_iter().flat_map(|extent| (0..self.parts).map(move |part| (extent, part))).collect();
         let tried = in_parallel(&jobs, |&(extent, part)| self.without(extent, part));
@@ -146,7 +146,7 @@ impl<'a> Trials<'a> {
     }
 
     /// Returns the errors of the presses of a part, which is held out of the change.
-    fn without(&self, extent: Extent, part: usize) -> Result<Errors, FitError> {
+    fn without(&self, extent: Extent, part: usize) -> Result<PressErrors, FitError> {
         let [held, others] = [self.presses(|of| of == part), self.presses(|of| of != part)];
         // all at one place: nothing is left to learn from
         if others.is_empty() {
@@ -165,7 +165,7 @@ impl<'a> Trials<'a> {
 
 /// Returns the extent with the smallest error among the extents that have significantly smaller errors than a common gain. If
 /// there is none, returns the common gain.
-fn chosen(held_out: &[Errors]) -> Extent {
+fn chosen(held_out: &[PressErrors]) -> Extent {
     let errors = |extent: Extent| &held_out[extent as usize];
     let leading = [Extent::Gains, Extent::GainsAndPlaces].into_iter();
     let leading = leading.filter(|larger| leads(errors(*larger), errors(Extent::CommonGain)));
@@ -175,7 +175,7 @@ fn chosen(held_out: &[Errors]) -> Extent {
 
 /// Returns the errors of a method on some of the new presses, whose outputs are first divided by a gain. `None` where the method
 /// has no answer.
-fn errors(fitted: &Fitted, new: &Calibration, presses: &[usize], gain: f64) -> Errors {
+fn errors(fitted: &Fitted, new: &Calibration, presses: &[usize], gain: f64) -> PressErrors {
     let mut workspace = Workspace::default();
     let error = |&press: &usize| {
         let point = new.point(press);
@@ -188,7 +188,7 @@ fn errors(fitted: &Fitted, new: &Calibration, presses: &[usize], gain: f64) -> E
 }
 
 /// Whether the location errors are smaller than the other errors on the same presses, by more than chance.
-fn leads(errors: &Errors, others: &Errors) -> bool {
+fn leads(errors: &PressErrors, others: &PressErrors) -> bool {
     let pairs = errors.iter().zip(others).filter_map(|(error, other)| error.as_ref().zip(other.as_ref()));
     let leads: Vec<f64> = pairs.map(|(error, other)| other.location_mm - error.location_mm).collect();
     let (count, free) = (leads.len() as f64, leads.len() as f64 - 1.0);

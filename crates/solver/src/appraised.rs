@@ -1,18 +1,20 @@
 //! A method with errors estimated from held-out presses.
 
 use super::heldout::HeldPress;
-use super::method::Method;
+use super::method::FittedMethod;
 use super::noise::{Noise, Residual};
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::threshold::{WEAK_SHARE, chi2_quantile, upper};
 use super::widths::{FEWEST_TRIALS, Widths};
-use super::{Covariance, Locate, Located, Pearson, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{
+    ContactVerdict, Covariance, Locate, LocatedContact, Pearson, Setting, Solution, SolveError, Solver, Workspace,
+};
 use serde::{Deserialize, Serialize};
 
 /// Method that gives only location and force, with its errors on presses held out of its calibration.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Appraised {
-    method: Method,
+    method: FittedMethod,
     experience: Option<Experience>,
 }
 
@@ -37,14 +39,19 @@ struct Experience {
 
 impl Appraised {
     /// Returns a method with the results of its trials, or without results if there are few trials.
-    pub(crate) fn new(method: Method, trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Self {
+    pub(crate) fn new(
+        method: FittedMethod,
+        trials: &[HeldPress],
+        response: &ForwardResponse,
+        setting: &Setting<'_>,
+    ) -> Self {
         Appraised { method, experience: Experience::of(trials, response, setting) }
     }
 
     /// Returns the method if it is the paper's.
     pub(crate) fn pearson(&self) -> Option<&Pearson> {
         match &self.method {
-            Method::Pearson(pearson) => Some(pearson),
+            FittedMethod::Pearson(pearson) => Some(pearson),
             _ => None,
         }
     }
@@ -64,7 +71,7 @@ impl Appraised {
     }
 
     /// Returns a method with unknown errors.
-    pub(crate) fn unappraised(method: Method) -> Self {
+    pub(crate) fn unappraised(method: FittedMethod) -> Self {
         Appraised { method, experience: None }
     }
 }
@@ -76,7 +83,7 @@ impl Solver for Appraised {
 
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let located = self.method.locate(outputs, workspace)?;
-        let mut solution = Solution::plain(located.place, located.force_n, Verdict::Ok);
+        let mut solution = Solution::plain(located.place, located.force_n, ContactVerdict::Ok);
         if let Some(experience) = &self.experience {
             let softness = 1.0 / located.force_n;
             if softness.is_finite() {
@@ -94,7 +101,7 @@ impl Solver for Appraised {
 }
 
 impl Experience {
-    fn of(trials: &[HeldPress], response: &Response, setting: &Setting<'_>) -> Option<Self> {
+    fn of(trials: &[HeldPress], response: &ForwardResponse, setting: &Setting<'_>) -> Option<Self> {
         let (mut location, mut force, mut residue) = (Vec::new(), Vec::new(), Vec::new());
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         for (trial, answer) in answered() {
@@ -130,20 +137,20 @@ impl Experience {
     }
 
     /// Variances of x and of y, mm^2, and of the force, N^2.
-    fn variances(&self, located: &Located) -> (f64, f64) {
+    fn variances(&self, located: &LocatedContact) -> (f64, f64) {
         let location = located.scale_mm.powi(2) * self.location.variance(0, 1.0 / located.force_n);
         (location, located.scale_n.powi(2) * self.force.variance(0, located.force_n))
     }
 
-    fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> Verdict {
+    fn verdict(&self, outputs: &[f64], misfit: Option<f64>) -> ContactVerdict {
         let loudness: f64 =
             outputs.iter().zip(&self.silence).map(|(output, precision)| output * output * precision).sum();
         if loudness < self.no_contact {
-            Verdict::WeakSignal
+            ContactVerdict::WeakSignal
         } else if misfit.is_some_and(|misfit| misfit > 1.0) {
-            Verdict::NotOneContact
+            ContactVerdict::NotOneContact
         } else {
-            Verdict::Ok
+            ContactVerdict::Ok
         }
     }
 }

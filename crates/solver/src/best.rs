@@ -1,12 +1,12 @@
 //! Chooses the method with the smallest errors on held-out presses.
 
-use super::fitted::{Candidate, Tie};
+use super::fitted::{Tie, TriedMethod};
 use super::heldout::HeldPress;
 use palpate_core::quantity::Place;
 use std::collections::BTreeMap;
 
 /// Method and its trials.
-pub(super) struct Tried {
+pub(super) struct MethodTrials {
     /// Name of the method.
     pub solver: &'static str,
     /// Results on presses whose place was held out; empty if the method couldn't be fitted.
@@ -32,12 +32,12 @@ const MEAN_OF_SD: f64 = 0.886;
 /// Least number of places from which this can be decided.
 const FEWEST_PLACES: usize = 30;
 
-impl Tried {
+impl MethodTrials {
     /// Returns the mean error of location, mm, and of force, N, where forces are known. A press without an answer counts with the
     /// largest error that occurred.
-    pub(crate) fn candidate(&self) -> Candidate {
+    pub(crate) fn candidate(&self) -> TriedMethod {
         let force_errors = self.errors(|trial| Some((trial.answer.as_ref().ok()?.force_n - trial.force_n).abs()));
-        Candidate {
+        TriedMethod {
             solver: self.solver.to_owned(),
             location_error_mm: mean(&self.location_errors()),
             force_error_n: mean(&force_errors).filter(|_| self.forces_are_known),
@@ -45,8 +45,8 @@ impl Tried {
     }
 
     /// Whether its mean force error is much smaller than another's: then its force is worth a slightly larger location error.
-    pub(crate) fn has_much_less_force_error_than(&self, other: &Tried) -> bool {
-        let of = |tried: &Tried| tried.candidate().force_error_n;
+    pub(crate) fn has_much_less_force_error_than(&self, other: &MethodTrials) -> bool {
+        let of = |tried: &MethodTrials| tried.candidate().force_error_n;
         of(self).zip(of(other)).is_some_and(|(own_n, other_n)| own_n <= FORCE_GAIN * other_n)
     }
 
@@ -94,14 +94,14 @@ impl Tried {
     }
 
     /// Returns the factor by which the mean location error is smaller than the other method's; 1 if the factor is unknown.
-    pub(crate) fn lead(&self, other: &Tried) -> f64 {
+    pub(crate) fn lead(&self, other: &MethodTrials) -> f64 {
         let errors_mm = mean(&other.location_errors()).zip(mean(&self.location_errors()));
         errors_mm.map_or(1.0, |(other_mm, own_mm)| other_mm / own_mm)
     }
 
     /// Returns the number of standard errors by which the location errors are smaller than the other method's. Both methods are
     /// compared on the same presses, counted by place.
-    pub(crate) fn lead_sigmas(&self, other: &Tried) -> f64 {
+    pub(crate) fn lead_sigmas(&self, other: &MethodTrials) -> f64 {
         let errors = other.location_errors().into_iter().zip(self.location_errors());
         let means = self.by_place(errors.map(|(other, own)| other - own));
         let Some(lead) = mean(&means) else { return 0.0 };
@@ -113,9 +113,9 @@ impl Tried {
 
 /// Ranks methods by location error. First come the methods that were tried on all parts of the places, then those that were given
 /// up. Methods without an error come last, in the given order.
-pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
+pub(super) fn ranked(tried: &[MethodTrials]) -> Vec<&MethodTrials> {
     let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
-    let key = |tried: &Tried| match mean(&tried.location_errors()) {
+    let key = |tried: &MethodTrials| match mean(&tried.location_errors()) {
         Some(error_mm) => (u8::from(tried.trials.len() < most), error_mm),
         None => (2, 0.0),
     };
@@ -128,7 +128,7 @@ pub(super) fn ranked(tried: &[Tried]) -> Vec<&Tried> {
 /// Another method is chosen if it has a much smaller force error and nearly as small a location error.
 /// `may_lead_by_force` states whether it may.
 pub(super) fn leader(
-    ranked: &[&Tried],
+    ranked: &[&MethodTrials],
     may_lead: impl Fn(&usize) -> bool,
     may_lead_by_force: impl Fn(&usize) -> bool,
 ) -> usize {
@@ -140,11 +140,13 @@ pub(super) fn leader(
 }
 
 /// Returns the methods that are nearly as good as the first one, with the standard errors of the difference of their errors.
-pub(super) fn ties(ranked: &[&Tried]) -> Vec<Tie> {
+pub(super) fn ties(ranked: &[&MethodTrials]) -> Vec<Tie> {
     let Some((first, others)) = ranked.split_first() else { return Vec::new() };
-    let is_whole = |other: &&&Tried| other.trials.len() == first.trials.len() && !other.location_errors().is_empty();
-    let tie = |other: &&Tried| Tie { solver: other.solver.to_owned(), sigmas: first.lead_sigmas(other).abs() };
-    let is_tie = |tie: &Tie, other: &&Tried| tie.sigmas < TIE_SIGMAS || (first.lead(other) - 1.0).abs() < TIE_LEAD;
+    let is_whole =
+        |other: &&&MethodTrials| other.trials.len() == first.trials.len() && !other.location_errors().is_empty();
+    let tie = |other: &&MethodTrials| Tie { solver: other.solver.to_owned(), sigmas: first.lead_sigmas(other).abs() };
+    let is_tie =
+        |tie: &Tie, other: &&MethodTrials| tie.sigmas < TIE_SIGMAS || (first.lead(other) - 1.0).abs() < TIE_LEAD;
     others
         .iter()
         .filter(is_whole)
@@ -156,7 +158,7 @@ pub(super) fn ties(ranked: &[&Tried]) -> Vec<Tie> {
 
 /// Returns for each method whether it should be tried on the other parts of the places, according to its trials on the first
 /// part. `counts` states whether others are compared with a method.
-pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<bool> {
+pub(super) fn hopeful(tried: &[MethodTrials], counts: impl Fn(&MethodTrials) -> bool) -> Vec<bool> {
     let ranked = tried.iter().filter(|tried| counts(tried));
     let ranked = ranked.filter_map(|tried| Some((tried, mean(&tried.location_errors())?)));
     let best = ranked.min_by(|a, b| a.1.total_cmp(&b.1));
@@ -164,7 +166,7 @@ pub(super) fn hopeful(tried: &[Tried], counts: impl Fn(&Tried) -> bool) -> Vec<b
     else {
         return vec![true; tried.len()];
     };
-    let is_hopeful = |tried: &Tried| {
+    let is_hopeful = |tried: &MethodTrials| {
         let mean_mm = mean(&tried.location_errors());
         mean_mm.is_some_and(|mean_mm| mean_mm <= HOPELESS * least_mm || best.lead_sigmas(tried) < HOPELESS_SIGMAS)
             || tried.has_much_less_force_error_than(best)
@@ -179,23 +181,23 @@ fn mean(values: &[f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Located, SolveError};
+    use crate::{LocatedContact, SolveError};
 
     /// A method whose answers are all off by so much.
-    fn tried(solver: &'static str, location_error_mm: f64, force_error_n: f64) -> Tried {
+    fn tried(solver: &'static str, location_error_mm: f64, force_error_n: f64) -> MethodTrials {
         let trial = |index: u32| {
             let place = Place::new(f64::from(index), 0.0);
             let place_found = Place::new(f64::from(index), location_error_mm);
-            let answer: Result<Located, SolveError> =
-                Ok(Located { place: place_found, force_n: 1.0 + force_error_n, ..Located::PLAIN });
+            let answer: Result<LocatedContact, SolveError> =
+                Ok(LocatedContact { place: place_found, force_n: 1.0 + force_error_n, ..LocatedContact::PLAIN });
             HeldPress { place, force_n: 1.0, is_inside: true, loudness: 1.0, answer }
         };
-        Tried { solver, trials: (0..40).map(trial).collect(), forces_are_known: true }
+        MethodTrials { solver, trials: (0..40).map(trial).collect(), forces_are_known: true }
     }
 
     #[test]
     fn a_method_with_much_less_force_error_is_chosen_where_its_location_error_is_nearly_as_small() {
-        let leader_of = |second: Tried| {
+        let leader_of = |second: MethodTrials| {
             let tried = [tried("a", 0.100, 0.040), second];
             leader(&ranked(&tried), |_| true, |_| true)
         };
@@ -204,7 +206,7 @@ mod tests {
         assert_eq!(leader_of(tried("b", 0.112, 0.001)), 0, "too far off");
         let two = [tried("a", 0.100, 0.040), tried("b", 0.109, 0.001)];
         assert_eq!(leader(&ranked(&two), |_| true, |rank| *rank == 0), 0, "it may not be chosen");
-        let two = two.map(|tried| Tried { forces_are_known: false, ..tried });
+        let two = two.map(|tried| MethodTrials { forces_are_known: false, ..tried });
         assert_eq!(leader(&ranked(&two), |_| true, |_| true), 0, "forces that aren't known can't decide");
     }
 
@@ -217,7 +219,7 @@ mod tests {
             }
         }
         let (first, near, far) = (tried("a", 0.100, 0.040), tried("c", 0.101, 0.040), tried("d", 0.110, 0.040));
-        let names = |ranked: &[&Tried]| ties(ranked).into_iter().map(|tie| tie.solver).collect::<Vec<_>>();
+        let names = |ranked: &[&MethodTrials]| ties(ranked).into_iter().map(|tie| tie.solver).collect::<Vec<_>>();
         assert_eq!(names(&[&first, &near, &scattered, &far]), ["c", "b"]);
         assert_eq!(names(&[&first, &tried("e", f64::NAN, 0.0)]), [""; 0]);
         assert_eq!(names(&[]), [""; 0]);
@@ -227,7 +229,7 @@ mod tests {
     fn a_method_that_is_far_behind_is_tried_further_for_its_force_alone() {
         let tried = [tried("a", 0.100, 0.040), tried("b", 0.150, 0.039), tried("c", 0.150, 0.001)];
         assert_eq!(hopeful(&tried, |_| true), [true, false, true]);
-        let tried = tried.map(|tried| Tried { forces_are_known: false, ..tried });
+        let tried = tried.map(|tried| MethodTrials { forces_are_known: false, ..tried });
         assert_eq!(hopeful(&tried, |_| true), [true, false, false]);
     }
 }

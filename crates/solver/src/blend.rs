@@ -1,9 +1,9 @@
 //! Mean of a regression and a map, each weighted by its expected error.
 
 use super::heldout::HeldPress;
-use super::method::Method;
+use super::method::FittedMethod;
 use super::widths::rank_68;
-use super::{Locate, Located, SolveError, Workspace};
+use super::{Locate, LocatedContact, SolveError, Workspace};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// both members find it so.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Blend {
-    members: Box<[Method; 2]>,
+    members: Box<[FittedMethod; 2]>,
     errors: [MemberErrors; 2],
 }
 
@@ -30,7 +30,7 @@ pub(super) struct MemberErrors {
 const APART: f64 = 4.0;
 
 impl Blend {
-    pub(crate) fn new(members: [Method; 2], errors: [MemberErrors; 2]) -> Self {
+    pub(crate) fn new(members: [FittedMethod; 2], errors: [MemberErrors; 2]) -> Self {
         Blend { members: Box::new(members), errors }
     }
 
@@ -52,7 +52,7 @@ impl MemberErrors {
     /// Returns the errors of a member that was tried on held-out presses.
     pub(crate) fn of(trials: &[HeldPress]) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
-        let known = |error: &dyn Fn(&HeldPress, &Located) -> f64| -> Vec<f64> {
+        let known = |error: &dyn Fn(&HeldPress, &LocatedContact) -> f64| -> Vec<f64> {
             answered().map(|(trial, answer)| error(trial, answer)).filter(|error| error.is_finite()).collect()
         };
         let typical = |errors: Vec<f64>| rank_68(errors).filter(|error| *error > 0.0).unwrap_or(1.0);
@@ -71,7 +71,7 @@ impl Locate for Blend {
         "blend"
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let [one, other] = &*self.members;
         Ok(mean([&one.locate(outputs, workspace)?, &other.locate(outputs, workspace)?], &self.errors))
     }
@@ -79,15 +79,15 @@ impl Locate for Blend {
 
 /// Returns the mean of two answers. Its scales are standard deviations, which include the mean's expected error and the
 /// difference of the two answers.
-fn mean(answers: [&Located; 2], errors: &[MemberErrors; 2]) -> Located {
+fn mean(answers: [&LocatedContact; 2], errors: &[MemberErrors; 2]) -> LocatedContact {
     let [one, other] = answers;
-    let of = |of_member: fn(&MemberErrors) -> f64, scale: fn(&Located) -> f64, apart: f64| {
+    let of = |of_member: fn(&MemberErrors) -> f64, scale: fn(&LocatedContact) -> f64, apart: f64| {
         let sd = |member: usize| of_member(&errors[member]) * scale(answers[member]);
-        Weighed::of([sd(0), sd(1)], apart)
+        WeightedMean::of([sd(0), sd(1)], apart)
     };
     let location = of(|errors| errors.location, |answer| answer.scale_mm, one.place.distance_mm(other.place));
     let force = of(|errors| errors.force, |answer| answer.scale_n, one.force_n - other.force_n);
-    Located {
+    LocatedContact {
         place: Place::new(
             location.mean(one.place.x_mm, other.place.x_mm),
             location.mean(one.place.y_mm, other.place.y_mm),
@@ -96,17 +96,17 @@ fn mean(answers: [&Located; 2], errors: &[MemberErrors; 2]) -> Located {
         residue: (one.residue / errors[0].residue).min(other.residue / errors[1].residue),
         scale_mm: location.sd,
         scale_n: force.sd,
-        ..Located::PLAIN
+        ..LocatedContact::PLAIN
     }
 }
 
 /// Weight of the first of two values, and the standard deviation of their weighted mean.
-struct Weighed {
+struct WeightedMean {
     first: f64,
     sd: f64,
 }
 
-impl Weighed {
+impl WeightedMean {
     /// Returns the weights for two values with these standard deviations and this difference. A value whose standard deviation is
     /// unknown has no weight.
     fn of(sds: [f64; 2], apart: f64) -> Self {
@@ -119,7 +119,7 @@ impl Weighed {
         let own = [(first, one), (1.0 - first, other)];
         let own: f64 =
             own.iter().filter(|(weight, _)| *weight > 0.0).map(|(weight, variance)| weight.powi(2) * variance).sum();
-        Weighed { first, sd: (own + first * (1.0 - first) * apart * apart).sqrt() }
+        WeightedMean { first, sd: (own + first * (1.0 - first) * apart * apart).sqrt() }
     }
 
     fn mean(&self, one: f64, other: f64) -> f64 {
@@ -133,8 +133,8 @@ mod tests {
 
     const ERRORS: MemberErrors = MemberErrors { location: 0.1, force: 0.01, residue: 2.0 };
 
-    fn answer(x_mm: f64, force_n: f64, scale_mm: f64) -> Located {
-        Located { place: Place::new(x_mm, 0.0), force_n, residue: 2.0, scale_mm, ..Located::PLAIN }
+    fn answer(x_mm: f64, force_n: f64, scale_mm: f64) -> LocatedContact {
+        LocatedContact { place: Place::new(x_mm, 0.0), force_n, residue: 2.0, scale_mm, ..LocatedContact::PLAIN }
     }
 
     #[test]

@@ -9,12 +9,12 @@ pub struct Broken {
     /// The unit, counted from 0.
     pub unit: usize,
     /// Fault of the unit.
-    pub fault: Fault,
+    pub fault: OutputFault,
 }
 
 /// Fault of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Fault {
+pub enum OutputFault {
     /// The unit read the same at every place of the calibration.
     Dead,
     /// The unit read its largest value at many places of the calibration, so it must have reached its limit.
@@ -25,14 +25,14 @@ pub enum Fault {
     Missing,
 }
 
-impl Fault {
+impl OutputFault {
     /// Describes the fault in words.
     pub fn told(self) -> &'static str {
         match self {
-            Fault::Dead => "has the same output everywhere",
-            Fault::Saturated => "saturates",
-            Fault::Contradicts => "contradicts all other outputs",
-            Fault::Missing => "is missing",
+            OutputFault::Dead => "has the same output everywhere",
+            OutputFault::Saturated => "saturates",
+            OutputFault::Contradicts => "contradicts all other outputs",
+            OutputFault::Missing => "is missing",
         }
     }
 }
@@ -53,18 +53,18 @@ pub fn broken(calibration: &Calibration) -> Vec<Broken> {
     (0..calibration.units()).filter_map(|unit| Some(Broken { unit, fault: fault(calibration, unit)? })).collect()
 }
 
-fn fault(calibration: &Calibration, unit: usize) -> Option<Fault> {
+fn fault(calibration: &Calibration, unit: usize) -> Option<OutputFault> {
     let outputs = || calibration.points().map(|point| point.outputs[unit]);
     let (least, most) =
         outputs().fold((f64::MAX, f64::MIN), |(least, most), output| (least.min(output), most.max(output)));
     if least == most {
-        return Some(Fault::Dead);
+        return Some(OutputFault::Dead);
     }
     let at = |extreme: f64| outputs().filter(|output| *output == extreme).count();
     let enough = FEWEST_CLIPPED.max((CLIPPED_SHARE * calibration.len() as f64).ceil() as usize);
     // at rest many units read exactly 0: that is no stop
     let is_clipped = |extreme: f64| extreme != 0.0 && at(extreme) >= enough;
-    (is_clipped(most) || is_clipped(least)).then_some(Fault::Saturated)
+    (is_clipped(most) || is_clipped(least)).then_some(OutputFault::Saturated)
 }
 
 #[cfg(test)]
@@ -87,7 +87,10 @@ mod tests {
         let rows: &'static [[f64; 4]] = Vec::leak(rows);
         let points: Vec<CalibrationPoint<'_>> = rows.iter().enumerate().map(point).collect();
         let found = broken(&Calibration::new(&points).unwrap());
-        assert_eq!(found, [Broken { unit: 1, fault: Fault::Dead }, Broken { unit: 2, fault: Fault::Saturated }]);
+        assert_eq!(
+            found,
+            [Broken { unit: 1, fault: OutputFault::Dead }, Broken { unit: 2, fault: OutputFault::Saturated }]
+        );
         assert_eq!(broken(&Calibration::new(&points[..3]).unwrap()), []);
     }
 }

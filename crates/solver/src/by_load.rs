@@ -2,9 +2,9 @@
 
 use super::fitted::Answering;
 use super::heldout::HeldPress;
-use super::method::Method;
+use super::method::FittedMethod;
 use super::threshold::upper;
-use super::{Calibration, Locate as _, Located, Solution, SolveError, Solver, Workspace};
+use super::{Calibration, Locate as _, LocatedContact, Solution, SolveError, Solver, Workspace};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -93,15 +93,15 @@ impl Solver for ByLoad {
 
 /// Both methods, fitted to a part of the presses.
 pub(super) struct Both {
-    pub any: Method,
-    pub calibrated: Method,
+    pub any: FittedMethod,
+    pub calibrated: FittedMethod,
     pub lengths: Lengths,
 }
 
 /// Answers of both methods to one reading.
 pub(super) struct BothAnswers {
-    any: Result<Located, SolveError>,
-    calibrated: Result<Located, SolveError>,
+    any: Result<LocatedContact, SolveError>,
+    calibrated: Result<LocatedContact, SolveError>,
     /// Whether the calibration had readings of this length near the place that the second method finds.
     has_length: bool,
 }

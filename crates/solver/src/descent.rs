@@ -1,15 +1,15 @@
 //! Finds the place where a map fits a reading best.
 
 use super::ForceKnown;
-use super::normal::Normal;
-use super::response::Response;
+use super::normal::NormalEquations;
+use super::response::ForwardResponse;
 use super::workspace::{Buffers, Workspace};
 use palpate_core::quantity::Place;
 
 /// Finds where a [`Response`] fits a reading best, from a start near the best place. It uses Gauss-Newton steps in the place.
 /// After each step it eliminates the force, in which the response is linear. Places stay in the response's area.
 pub(super) struct Descent<'a> {
-    pub response: &'a Response,
+    pub response: &'a ForwardResponse,
     pub load: ForceKnown,
     /// Whether a common offset of all units is eliminated too.
     pub common_offset: bool,
@@ -21,7 +21,7 @@ pub(super) struct Descent<'a> {
 
 /// Best fit.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Estimate {
+pub(super) struct BestFit {
     pub place: Place,
     pub force_n: f64,
     /// Weighted sum of squares of reading minus response.
@@ -45,7 +45,7 @@ pub(super) const LAST_GAIN: f64 = 1e-3;
 
 impl Descent<'_> {
     /// Returns the best fit near a place; `None` if nothing can be fitted.
-    pub(crate) fn from(&self, start: Place, workspace: &mut Workspace) -> Option<Estimate> {
+    pub(crate) fn from(&self, start: Place, workspace: &mut Workspace) -> Option<BestFit> {
         let area = self.response.field.area();
         let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm);
         let b = &mut workspace.buffers;
@@ -66,7 +66,7 @@ impl Descent<'_> {
             let estimate = |place| {
                 let beyond = normal.gain(freely) - normal.gain(step);
                 let leverage = b.leverage.iter().sum::<f64>() / b.leverage.len() as f64;
-                Estimate { place, force_n: force_n + step[2], chi2, information: normal.information, beyond, leverage }
+                BestFit { place, force_n: force_n + step[2], chi2, information: normal.information, beyond, leverage }
             };
             if !(chi2.is_finite() && step.iter().all(|value| value.is_finite())) {
                 return None;
@@ -137,8 +137,8 @@ impl Descent<'_> {
         terms.map(|((output, value), weight)| weight * (output - offset - force_n * value).powi(2)).sum()
     }
 
-    fn normal(&self, force_n: f64, b: &Buffers) -> (Normal, f64) {
-        let (mut normal, mut chi2) = (Normal::default(), 0.0);
+    fn normal(&self, force_n: f64, b: &Buffers) -> (NormalEquations, f64) {
+        let (mut normal, mut chi2) = (NormalEquations::default(), 0.0);
         let [x_0, y_0, value_0] = [&b.along_x, &b.along_y, &b.value].map(|column| self.offset(column, b));
         let offset = self.offset(self.outputs, b) - force_n * value_0;
         for (unit, output) in self.outputs.iter().enumerate() {
@@ -153,7 +153,7 @@ impl Descent<'_> {
     }
 
     /// Returns the step, or the best step along the border if the free step would leave the area.
-    fn inside(&self, normal: &Normal, place: Place, freely: [f64; 3]) -> [f64; 3] {
+    fn inside(&self, normal: &NormalEquations, place: Place, freely: [f64; 3]) -> [f64; 3] {
         let area = self.response.field.area();
         let leaves =
             |at: f64, least: f64, most: f64, step: f64| (at <= least && step < 0.0) || (at >= most && step > 0.0);

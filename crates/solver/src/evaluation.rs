@@ -1,7 +1,7 @@
 //! Compares solved with true presses: errors, and how well they were predicted.
 
-use super::chart::Chart;
-use super::{Choice, Setting, Solution, SolveError, Solver, Verdict, Workspace};
+use super::chart::MisfitChart;
+use super::{Choice, ContactVerdict, Setting, Solution, SolveError, Solver, Workspace};
 use palpate_core::quantity::{Place, percentile};
 use serde::Serialize;
 
@@ -51,7 +51,7 @@ pub struct Evaluation {
     pub presses: Vec<PressError>,
     /// The presses that had no answer, in test order.
     #[serde(skip)]
-    pub unsolved: Vec<Unsolved>,
+    pub unsolved: Vec<UnsolvedPress>,
 }
 
 /// Mean, median, 95th percentile and largest of a set of errors, in the errors' unit.
@@ -107,7 +107,7 @@ pub struct Coverage {
 /// Number of presses with each verdict, by the verdict's word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[allow(missing_docs, reason = "each is a verdict of `Verdict`, described there")]
+#[allow(missing_docs, reason = "each is a verdict of `ContactVerdict`, described there")]
 pub struct Verdicts {
     pub ok: usize,
     pub weak_signal: usize,
@@ -157,7 +157,7 @@ pub struct PressError {
 
 /// One test press without an answer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Unsolved {
+pub struct UnsolvedPress {
     /// Index among the test presses given, from 0.
     pub index: usize,
     /// Reason why there is no answer.
@@ -189,7 +189,7 @@ pub enum EvaluationError {
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
     let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
     let (mut verdicts, mut stated) = (Verdicts::default(), Stated::default());
-    let (mut chart, mut not_as_calibrated_after) = (Chart::new(Setting::default().false_alarms), None);
+    let (mut chart, mut not_as_calibrated_after) = (MisfitChart::new(Setting::default().false_alarms), None);
     let mut workspace = Workspace::default();
     for (index, press) in test.iter().enumerate() {
         match solver.solve(press.outputs, &mut workspace) {
@@ -210,7 +210,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
                 }
             }
             Err(reason @ SolveError::Channels { .. }) => return Err(EvaluationError::OtherArray(reason)),
-            Err(reason) => unsolved.push(Unsolved { index, reason }),
+            Err(reason) => unsolved.push(UnsolvedPress { index, reason }),
         }
     }
     let location_errors: Vec<f64> = presses.iter().map(|press| press.location_error_mm).collect();
@@ -273,15 +273,15 @@ impl Within {
     }
 }
 
-impl Verdict {
+impl ContactVerdict {
     /// Returns the word for this verdict in all outputs.
     pub fn word(self) -> &'static str {
         match self {
-            Verdict::Ok => "ok",
-            Verdict::WeakSignal => "weak-signal",
-            Verdict::OutsideArea => "outside-area",
-            Verdict::NotOneContact => "not-one-contact",
-            Verdict::ChannelFault(_) => "channel-fault",
+            ContactVerdict::Ok => "ok",
+            ContactVerdict::WeakSignal => "weak-signal",
+            ContactVerdict::OutsideArea => "outside-area",
+            ContactVerdict::NotOneContact => "not-one-contact",
+            ContactVerdict::ChannelFault(_) => "channel-fault",
         }
     }
 }
@@ -290,20 +290,20 @@ impl Verdicts {
     /// Returns the number of presses for each verdict other than ok, with the verdict's word.
     pub fn doubts(&self) -> [(usize, &'static str); 4] {
         [
-            (self.weak_signal, Verdict::WeakSignal.word()),
-            (self.outside_area, Verdict::OutsideArea.word()),
-            (self.not_one_contact, Verdict::NotOneContact.word()),
-            (self.channel_fault, Verdict::ChannelFault(0).word()),
+            (self.weak_signal, ContactVerdict::WeakSignal.word()),
+            (self.outside_area, ContactVerdict::OutsideArea.word()),
+            (self.not_one_contact, ContactVerdict::NotOneContact.word()),
+            (self.channel_fault, ContactVerdict::ChannelFault(0).word()),
         ]
     }
 
-    fn count(&mut self, verdict: Verdict) {
+    fn count(&mut self, verdict: ContactVerdict) {
         match verdict {
-            Verdict::Ok => self.ok += 1,
-            Verdict::WeakSignal => self.weak_signal += 1,
-            Verdict::OutsideArea => self.outside_area += 1,
-            Verdict::NotOneContact => self.not_one_contact += 1,
-            Verdict::ChannelFault(_) => self.channel_fault += 1,
+            ContactVerdict::Ok => self.ok += 1,
+            ContactVerdict::WeakSignal => self.weak_signal += 1,
+            ContactVerdict::OutsideArea => self.outside_area += 1,
+            ContactVerdict::NotOneContact => self.not_one_contact += 1,
+            ContactVerdict::ChannelFault(_) => self.channel_fault += 1,
         }
     }
 }
@@ -354,12 +354,12 @@ impl Stated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Covariance, Verdict};
+    use crate::{ContactVerdict, Covariance};
 
     /// Answers with its outputs: x, y and force.
-    struct Echo;
+    struct EchoMethod;
 
-    impl Solver for Echo {
+    impl Solver for EchoMethod {
         fn name(&self) -> &'static str {
             "echo"
         }
@@ -368,7 +368,7 @@ mod tests {
             match *outputs {
                 [x_mm, y_mm, force_n] if force_n.is_finite() => {
                     let place = Place::new(x_mm, y_mm);
-                    Ok(Solution::plain(place, force_n, Verdict::Ok))
+                    Ok(Solution::plain(place, force_n, ContactVerdict::Ok))
                 }
                 [_, _, _] => Err(SolveError::AllEqual),
                 _ => Err(SolveError::Channels { expected: 3, found: outputs.len() }),
@@ -397,7 +397,7 @@ mod tests {
             press(&[0.5, 0.0, 1.25], Some(1.0)), // location only
             press(&[1.0, 0.0, 1.0], Some(1.0)),  // exactly 1 mm isn't under 1 mm
         ];
-        let evaluation = evaluate(&Echo, &test).unwrap();
+        let evaluation = evaluate(&EchoMethod, &test).unwrap();
         assert_eq!(evaluation.location_error_mm.mean, (0.5 + 5.0 + 0.5 + 1.0) / 4.0);
         assert!((evaluation.force_error_n.unwrap().mean - 0.0875).abs() < 1e-12);
         assert_eq!(evaluation.within, Within { location_1mm: 0.5, force_0_1n: Some(0.75), both: Some(0.25) });
@@ -406,7 +406,7 @@ mod tests {
 
     #[test]
     fn without_forces_their_parts_are_null_and_the_object_has_exactly_its_keys() {
-        let json = serde_json::to_string(&evaluate(&Echo, &[press(&[0.0, 0.5, 1.0], None)]).unwrap()).unwrap();
+        let json = serde_json::to_string(&evaluate(&EchoMethod, &[press(&[0.0, 0.5, 1.0], None)]).unwrap()).unwrap();
         let expected =
             r#"{"solver":"echo","points":1,"location_error_mm":{"mean":0.5,"median":0.5,"p95":0.5,"max":0.5},"#
                 .to_owned()
@@ -428,7 +428,7 @@ mod tests {
             let variance = outputs[0] * outputs[0];
             let covariance = [[variance, 0.0, 0.0], [0.0, variance, 0.0], [0.0, 0.0, variance]];
             let covariance = (variance > 0.0).then_some(Covariance(covariance));
-            let verdict = if outputs[1] > 0.0 { Verdict::ChannelFault(0) } else { Verdict::OutsideArea };
+            let verdict = if outputs[1] > 0.0 { ContactVerdict::ChannelFault(0) } else { ContactVerdict::OutsideArea };
             Ok(Solution { covariance, ..Solution::plain(Place::new(0.0, 0.0), 1.0, verdict) })
         }
     }
@@ -459,9 +459,13 @@ mod tests {
 
     #[test]
     fn a_verdict_is_counted_under_the_word_it_is_written_with() {
-        for verdict in
-            [Verdict::Ok, Verdict::WeakSignal, Verdict::OutsideArea, Verdict::NotOneContact, Verdict::ChannelFault(3)]
-        {
+        for verdict in [
+            ContactVerdict::Ok,
+            ContactVerdict::WeakSignal,
+            ContactVerdict::OutsideArea,
+            ContactVerdict::NotOneContact,
+            ContactVerdict::ChannelFault(3),
+        ] {
             let mut verdicts = Verdicts::default();
             verdicts.count(verdict);
             let json = serde_json::to_string(&verdicts).unwrap();
@@ -472,17 +476,17 @@ mod tests {
     #[test]
     fn a_press_without_an_answer_is_counted_not_dropped() {
         let test = [press(&[0.0, 0.0, 1.0], Some(1.0)), press(&[0.0, 0.0, f64::NAN], Some(1.0))];
-        let evaluation = evaluate(&Echo, &test).unwrap();
+        let evaluation = evaluate(&EchoMethod, &test).unwrap();
         assert_eq!((evaluation.points, evaluation.left_out.test_unsolved), (1, 1));
-        assert_eq!(evaluation.unsolved, [Unsolved { index: 1, reason: SolveError::AllEqual }]);
+        assert_eq!(evaluation.unsolved, [UnsolvedPress { index: 1, reason: SolveError::AllEqual }]);
         assert!(serde_json::to_string(&evaluation).unwrap().contains(r#""test_unsolved":1"#));
     }
 
     #[test]
     fn nothing_to_evaluate_is_an_error_not_nan() {
-        assert_eq!(evaluate(&Echo, &[]).unwrap_err(), EvaluationError::NoPresses);
-        let unsolvable = evaluate(&Echo, &[press(&[0.0, 0.0, f64::NAN], None)]).unwrap_err();
+        assert_eq!(evaluate(&EchoMethod, &[]).unwrap_err(), EvaluationError::NoPresses);
+        let unsolvable = evaluate(&EchoMethod, &[press(&[0.0, 0.0, f64::NAN], None)]).unwrap_err();
         assert_eq!(unsolvable, EvaluationError::NoneSolved { presses: 1, first: SolveError::AllEqual });
-        assert!(matches!(evaluate(&Echo, &[press(&[1.0], None)]), Err(EvaluationError::OtherArray(_))));
+        assert!(matches!(evaluate(&EchoMethod, &[press(&[1.0], None)]), Err(EvaluationError::OtherArray(_))));
     }
 }

@@ -3,9 +3,9 @@
 use super::gaussian_process::places_in_turn;
 use super::method::EXTRA_TREES;
 use super::view::{View, has_several_lengths};
-use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
+use super::{Calibration, FitError, ForceKnown, Locate, LocatedContact, SolveError, Workspace};
 use palpate_core::parallel::in_parallel;
-use palpate_core::quantity::{Place, Stream, stream};
+use palpate_core::quantity::{Place, RandomStream, stream};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
@@ -40,12 +40,12 @@ enum Node {
         below: u32,
         above: u32,
     },
-    Leaf(Answer),
+    Leaf(LeafAnswer),
 }
 
 /// Answer: x and y, mm, and the logarithm of the force. If only the reading's direction is seen, the force is divided by a
 /// quantity proportional to the reading.
-type Answer = [f64; ANSWERS];
+type LeafAnswer = [f64; ANSWERS];
 const ANSWERS: usize = 3;
 
 const TREES: usize = 50;
@@ -107,7 +107,7 @@ impl Locate for ExtraTrees {
         EXTRA_TREES
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let length = self.view.length(outputs);
         if length == 0.0 {
             return Err(SolveError::AllEqual);
@@ -127,12 +127,12 @@ impl Locate for ExtraTrees {
         let force_n = self.load.force_n(self.force_n, log_force + self.log_proportional(length))?;
         let residue = squares / self.trees.len() as f64;
         let scale_mm = residue.sqrt().max(LEAST_SPREAD_MM);
-        Ok(Located { place: Place::new(x_mm, y_mm), force_n, residue, scale_mm, ..Located::PLAIN })
+        Ok(LocatedContact { place: Place::new(x_mm, y_mm), force_n, residue, scale_mm, ..LocatedContact::PLAIN })
     }
 }
 
 impl Tree {
-    fn answer(&self, row: &[f64]) -> Answer {
+    fn answer(&self, row: &[f64]) -> LeafAnswer {
         let mut at = 0;
         loop {
             match self.nodes[at] {
@@ -149,14 +149,14 @@ impl Tree {
 struct Grown {
     /// Columns, one for each coordinate.
     coordinates: Vec<Vec<f64>>,
-    answers: Vec<Answer>,
+    answers: Vec<LeafAnswer>,
     /// Factor by which each answer is multiplied so that all answers have equal weight.
-    scale: Answer,
+    scale: LeafAnswer,
 }
 
 impl Grown {
     /// Returns the inverse of the spread of the places, and of the forces.
-    fn scales(&self) -> Answer {
+    fn scales(&self) -> LeafAnswer {
         let count = self.answers.len() as f64;
         let variance = |i: usize| {
             let mean = self.answers.iter().map(|answer| answer[i]).sum::<f64>() / count;
@@ -167,10 +167,11 @@ impl Grown {
         [of_places, of_places, one_over_sd(variance(2))]
     }
 
-    fn tree(&self, mut rng: Stream) -> Tree {
+    fn tree(&self, mut rng: RandomStream) -> Tree {
         let mut rows: Vec<u32> = (0..self.answers.len() as u32).collect();
         let mut order: Vec<u32> = (0..self.coordinates.len() as u32).collect();
-        let scaled: Vec<Answer> = self.answers.iter().map(|a| std::array::from_fn(|i| a[i] * self.scale[i])).collect();
+        let scaled: Vec<LeafAnswer> =
+            self.answers.iter().map(|a| std::array::from_fn(|i| a[i] * self.scale[i])).collect();
         let mut nodes = vec![Node::Leaf([0.0; ANSWERS])];
         let mut open = vec![(0, 0, rows.len())];
         while let Some((node, first, past)) = open.pop() {
@@ -198,7 +199,13 @@ impl Grown {
 
     /// Returns the random threshold with the least remaining variance, from one threshold for each of some coordinates. Returns
     /// `None` if the rows are equal.
-    fn split(&self, rows: &[u32], scaled: &[Answer], order: &mut [u32], rng: &mut Stream) -> Option<(u32, f64)> {
+    fn split(
+        &self,
+        rows: &[u32],
+        scaled: &[LeafAnswer],
+        order: &mut [u32],
+        rng: &mut RandomStream,
+    ) -> Option<(u32, f64)> {
         let is_alike = rows.iter().all(|&row| scaled[row as usize] == scaled[rows[0] as usize]);
         if rows.len() < 2 || is_alike {
             return None;
@@ -234,7 +241,7 @@ impl Grown {
     }
 }
 
-fn sum(answers: impl Iterator<Item = Answer>) -> Answer {
+fn sum(answers: impl Iterator<Item = LeafAnswer>) -> LeafAnswer {
     answers.fold([0.0; ANSWERS], |sums, answer| std::array::from_fn(|i| sums[i] + answer[i]))
 }
 

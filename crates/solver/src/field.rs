@@ -6,28 +6,28 @@ use serde::{Deserialize, Serialize};
 /// Smooth functions of the place, one for each channel, tabulated over an area: uniform cubic B-splines in x and y. A value and
 /// its gradient need sixteen rows of the table, for any origin of the functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Field {
-    area: Area,
+pub(super) struct SplineField {
+    area: CalibratedArea,
     channels: usize,
-    x: Axis,
-    y: Axis,
+    x: Subdivision,
+    y: Subdivision,
     /// Coefficients, row-major, y nodes x x nodes x channels.
     coefficients: Vec<f64>,
 }
 
 /// Rectangle that contains the calibration points, mm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Area {
+pub(super) struct CalibratedArea {
     /// Lower left corner.
     pub least: Place,
     /// Upper right corner.
     pub most: Place,
 }
 
-impl Area {
+impl CalibratedArea {
     /// Returns the smallest area that contains all places; `None` if there are no places.
     pub(crate) fn around(places: impl IntoIterator<Item = Place>) -> Option<Self> {
-        places.into_iter().map(|place| Area { least: place, most: place }).reduce(|a, b| Area {
+        places.into_iter().map(|place| CalibratedArea { least: place, most: place }).reduce(|a, b| CalibratedArea {
             least: Place::new(a.least.x_mm.min(b.least.x_mm), a.least.y_mm.min(b.least.y_mm)),
             most: Place::new(a.most.x_mm.max(b.most.x_mm), a.most.y_mm.max(b.most.y_mm)),
         })
@@ -74,23 +74,28 @@ const MOST_CELLS: usize = 64;
 /// Least number of cells along one axis.
 const FEWEST_CELLS: usize = 4;
 
-impl Field {
+impl SplineField {
     /// Tabulates `sample` in cells of about `step_mm`. `sample` is called once for the values at many places (row-major, places x
     /// channels). The places go up to two cells beyond the area.
-    pub(crate) fn new(area: Area, step_mm: f64, channels: usize, sample: impl FnOnce(&[Place]) -> Vec<f64>) -> Self {
-        let x = Axis::new(area.least.x_mm, area.most.x_mm, step_mm);
-        let y = Axis::new(area.least.y_mm, area.most.y_mm, step_mm);
+    pub(crate) fn new(
+        area: CalibratedArea,
+        step_mm: f64,
+        channels: usize,
+        sample: impl FnOnce(&[Place]) -> Vec<f64>,
+    ) -> Self {
+        let x = Subdivision::new(area.least.x_mm, area.most.x_mm, step_mm);
+        let y = Subdivision::new(area.least.y_mm, area.most.y_mm, step_mm);
         // One more node each way than coefficients: a coefficient is made from three samples.
         let (wide, high) = (x.coefficients() + 2, y.coefficients() + 2);
         let place = |node: usize| Place::new(x.node(node % wide), y.node(node / wide));
         let samples = sample(&(0..wide * high).map(place).collect::<Vec<_>>());
         let along_x = quasi_interpolated(&samples, high, wide, channels);
         let row = x.coefficients() * channels;
-        Field { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
+        SplineField { area, channels, x, y, coefficients: quasi_interpolated(&along_x, 1, high, row) }
     }
 
     /// Returns the area of the table.
-    pub(crate) fn area(&self) -> Area {
+    pub(crate) fn area(&self) -> CalibratedArea {
         self.area
     }
 
@@ -162,7 +167,7 @@ impl Field {
 
 /// Equal cells between two values.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Axis {
+struct Subdivision {
     least: f64,
     step: f64,
     cells: usize,
@@ -175,14 +180,14 @@ struct Stencil {
     slopes: [f64; 4],
 }
 
-impl Axis {
+impl Subdivision {
     fn new(least: f64, most: f64, step: f64) -> Self {
         let width = most - least;
         if width <= 0.0 {
-            return Axis { least, step, cells: 1 }; // all places on one line: nothing is known beside it
+            return Subdivision { least, step, cells: 1 }; // all places on one line: nothing is known beside it
         }
         let cells = (width / step).ceil().clamp(FEWEST_CELLS as f64, MOST_CELLS as f64) as usize;
-        Axis { least, step: width / cells as f64, cells }
+        Subdivision { least, step: width / cells as f64, cells }
     }
 
     fn coefficients(&self) -> usize {
@@ -228,7 +233,8 @@ fn quasi_interpolated(samples: &[f64], outer: usize, count: usize, inner: usize)
 mod tests {
     use super::*;
 
-    const AREA: Area = Area { least: Place { x_mm: -3.0, y_mm: 1.0 }, most: Place { x_mm: 5.0, y_mm: 7.0 } };
+    const AREA: CalibratedArea =
+        CalibratedArea { least: Place { x_mm: -3.0, y_mm: 1.0 }, most: Place { x_mm: 5.0, y_mm: 7.0 } };
 
     #[test]
     fn cubics_and_their_gradients_are_exact() {
@@ -236,7 +242,7 @@ mod tests {
             let (x, y) = (place.x_mm, place.y_mm);
             values.copy_from_slice(&[x * x * x - 2.0 * x * y * y, y * y * y + x]);
         };
-        let field = Field::new(AREA, 1.3, 2, |places| {
+        let field = SplineField::new(AREA, 1.3, 2, |places| {
             let mut values = vec![0.0; 2 * places.len()];
             places.iter().zip(values.chunks_exact_mut(2)).for_each(|(place, row)| cubic(*place, row));
             values
@@ -261,7 +267,8 @@ mod tests {
 
     #[test]
     fn beyond_the_area_the_border_counts() {
-        let field = Field::new(AREA, 1.0, 1, |places| places.iter().map(|place| place.x_mm + place.y_mm).collect());
+        let field =
+            SplineField::new(AREA, 1.0, 1, |places| places.iter().map(|place| place.x_mm + place.y_mm).collect());
         let mut value = [0.0];
         field.value(Place::new(99.0, -99.0), &mut value);
         assert!((value[0] - 6.0).abs() < 1e-9);
@@ -270,12 +277,12 @@ mod tests {
     #[test]
     fn an_area_may_be_a_line_or_a_place() {
         let place = Place::new(1.0, 2.0);
-        let area = Area::around([place]).unwrap();
-        let field = Field::new(area, 0.5, 1, |places| places.iter().map(|place| place.y_mm).collect());
+        let area = CalibratedArea::around([place]).unwrap();
+        let field = SplineField::new(area, 0.5, 1, |places| places.iter().map(|place| place.y_mm).collect());
         let mut value = [0.0];
         field.value(place, &mut value);
         assert!((value[0] - 2.0).abs() < 1e-12);
         assert_eq!(area.clamp(Place::new(7.0, 7.0)), place);
-        assert_eq!(Area::around([]), None);
+        assert_eq!(CalibratedArea::around([]), None);
     }
 }

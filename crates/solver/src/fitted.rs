@@ -4,7 +4,7 @@ use super::appraised::Appraised;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
-use super::{Broken, Calibration, Covariance, HalfWidths, Solution, SolveError, Solver, Verdict, Workspace};
+use super::{Broken, Calibration, ContactVerdict, Covariance, HalfWidths, Solution, SolveError, Solver, Workspace};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -54,7 +54,7 @@ impl Answering {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
     /// Every method that was tried: the chosen one first, then the others by error.
-    pub candidates: Vec<Candidate>,
+    pub candidates: Vec<TriedMethod>,
     /// Methods that are nearly as good as the chosen one. A sensor file doesn't keep them.
     #[serde(skip)]
     pub ties: Vec<Tie>,
@@ -84,7 +84,7 @@ pub struct Tie {
 
 /// A method that was tried on presses to which it hadn't been fitted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Candidate {
+pub struct TriedMethod {
     /// Name of the method.
     pub solver: String,
     /// Mean location error, mm; null if the method couldn't be fitted or had no answers.
@@ -221,7 +221,7 @@ impl Solver for Fitted {
             SolveError::NotFinite { unit } => SolveError::NotFinite { unit: kept[unit - 1] + 1 },
             other => other,
         })?;
-        if let Verdict::ChannelFault(unit) = &mut solution.verdict {
+        if let ContactVerdict::ChannelFault(unit) = &mut solution.verdict {
             *unit = kept[*unit];
         }
         self.stated(solution, &workspace.kept)

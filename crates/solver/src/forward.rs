@@ -1,16 +1,16 @@
 //! Inverts a map: finds the place and force at which the map reads like the array.
 
-use super::descent::{Descent, Estimate};
+use super::descent::{BestFit, Descent};
 use super::heldout::HeldPress;
 use super::method::{PHYSICS, SURROGATE};
-use super::normal::{Normal, inverse};
-use super::response::Response;
+use super::normal::{NormalEquations, inverse};
+use super::response::ForwardResponse;
 use super::starts::Starts;
 use super::threshold::{Unexplained, WEAK_SHARE, chi2_quantile, upper};
 use super::widths::{FEWEST_TRIALS, Widths};
 use super::{
-    Calibration, CalibrationPoint, Covariance, ForceKnown, Locate, Located, Setting, Solution, SolveError, Solver,
-    Verdict, Workspace,
+    Calibration, CalibrationPoint, ContactVerdict, Covariance, ForceKnown, Locate, LocatedContact, Setting, Solution,
+    SolveError, Solver, Workspace,
 };
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
@@ -22,13 +22,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(super) struct Forward {
     kind: MapKind,
-    pub response: Response,
+    pub response: ForwardResponse,
     pub load: ForceKnown,
     common_offset: bool,
     pub starts: Starts,
     /// Largest output per newton that each unit showed anywhere.
     pub loudest: Vec<f64>,
-    pub limits: Limits,
+    pub limits: MisfitLimits,
     widths: Option<Widths>,
 }
 
@@ -52,7 +52,7 @@ impl MapKind {
 
 /// Limits of sums of squares that are exceeded at the false-alarm rate.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct Limits {
+pub(super) struct MisfitLimits {
     /// Limit for the residue of one contact.
     pub one_contact: f64,
     /// Limit for the residue of one contact with one unit excluded.
@@ -87,7 +87,12 @@ const EXPECTED_A_SIDE: usize = 9;
 const MOST_SD_AREAS: f64 = 1000.0;
 
 impl Forward {
-    pub(crate) fn new(kind: MapKind, response: Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+    pub(crate) fn new(
+        kind: MapKind,
+        response: ForwardResponse,
+        calibration: &Calibration,
+        setting: &Setting<'_>,
+    ) -> Self {
         let starts = Starts::new(&response, setting.common_offset);
         let mut loudest = vec![0.0f64; response.field.channels()];
         let mut value = vec![0.0; loudest.len()];
@@ -99,7 +104,7 @@ impl Forward {
         let left = |units: usize| chi2_quantile(units.saturating_sub(setting.unknowns()), rate);
         let unexplained = Unexplained::of(&response, calibration, setting);
         let one_contact = unexplained.limit(setting.excluded_share());
-        let limits = Limits {
+        let limits = MisfitLimits {
             one_contact,
             without_a_unit: one_contact * left(units.saturating_sub(1)) / left(units),
             no_contact: chi2_quantile(units, rate),
@@ -180,12 +185,12 @@ impl Forward {
         outputs: &[f64],
         without: Option<usize>,
         workspace: &mut Workspace,
-    ) -> Option<(Estimate, Option<Place>)> {
+    ) -> Option<(BestFit, Option<Place>)> {
         self.starts.seek(outputs, without, workspace);
         let Forward { response, load, common_offset, .. } = self;
         let descent = Descent { response, load: *load, common_offset: *common_offset, outputs, without };
         let starts = std::mem::take(&mut workspace.starts);
-        let (mut best, mut other): (Option<Estimate>, Option<Estimate>) = (None, None);
+        let (mut best, mut other): (Option<BestFit>, Option<BestFit>) = (None, None);
         for (_, start) in &starts {
             let Some(next) = descent.from(*start, workspace) else { continue };
             let Some(first) = best else {
@@ -194,7 +199,7 @@ impl Forward {
             };
             let (better, worse) = if next.chi2 < first.chi2 { (next, first) } else { (first, next) };
             best = Some(better);
-            let is_elsewhere = |fit: &Estimate| fit.place.distance_mm(better.place) > self.starts.step_mm();
+            let is_elsewhere = |fit: &BestFit| fit.place.distance_mm(better.place) > self.starts.step_mm();
             other = [other, Some(worse)]
                 .into_iter()
                 .flatten()
@@ -203,12 +208,12 @@ impl Forward {
         }
         workspace.starts = starts;
         let best = best?;
-        let is_as_likely = |other: &Estimate| other.chi2 - best.chi2 < NEARLY_AS_LIKELY * self.limits.excess;
+        let is_as_likely = |other: &BestFit| other.chi2 - best.chi2 < NEARLY_AS_LIKELY * self.limits.excess;
         Some((best, other.filter(is_as_likely).map(|other| other.place)))
     }
 
     /// Returns the best fit without a unit that looks broken, if this fit explains the reading.
-    fn without_a_unit(&self, outputs: &[f64], force_n: f64, workspace: &mut Workspace) -> Option<(usize, Estimate)> {
+    fn without_a_unit(&self, outputs: &[f64], force_n: f64, workspace: &mut Workspace) -> Option<(usize, BestFit)> {
         let looks_broken = |&unit: &usize| {
             let sd = self.response.noise.variance(unit, 0.0).sqrt();
             outputs[unit].abs() < BROKEN_SD * sd || outputs[unit] > force_n * self.loudest[unit] + BROKEN_SD * sd
@@ -219,7 +224,7 @@ impl Forward {
     }
 
     /// Part of the variance of a solution that is due to the map's own error, to first order.
-    fn of_map(&self, estimate: &Estimate) -> f64 {
+    fn of_map(&self, estimate: &BestFit) -> f64 {
         let share = estimate.force_n / self.response.force_n;
         let of_map = share * share * estimate.leverage.max(0.0);
         of_map / (1.0 + of_map)
@@ -248,22 +253,22 @@ impl Solver for Forward {
     fn solve(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Solution, SolveError> {
         let (mut estimate, mut other) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
         let mut limit = self.limits.one_contact;
-        let mut verdict = Verdict::Ok;
+        let mut verdict = ContactVerdict::Ok;
         if self.response.loudness(outputs) < self.limits.no_contact {
-            verdict = Verdict::WeakSignal;
+            verdict = ContactVerdict::WeakSignal;
         } else if estimate.chi2 > limit {
-            verdict = Verdict::NotOneContact;
+            verdict = ContactVerdict::NotOneContact;
             if let Some((unit, fit)) = self.without_a_unit(outputs, estimate.force_n, workspace) {
-                (estimate, limit, verdict) = (fit, self.limits.without_a_unit, Verdict::ChannelFault(unit));
+                (estimate, limit, verdict) = (fit, self.limits.without_a_unit, ContactVerdict::ChannelFault(unit));
                 other = None;
             }
         } else if estimate.beyond > self.limits.inside || estimate.leverage > self.limits.known {
-            verdict = Verdict::OutsideArea;
+            verdict = ContactVerdict::OutsideArea;
         }
         let misfit = estimate.chi2 / limit;
         let covariance = self.covariance(&estimate.information);
         // beyond the calibrated places nothing was held out that could show it
-        let widths = self.widths.filter(|_| verdict != Verdict::OutsideArea);
+        let widths = self.widths.filter(|_| verdict != ContactVerdict::OutsideArea);
         let (scale_mm, scale_n) = scales(covariance);
         let of_map = self.of_map(&estimate);
         let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n, of_map).widened(misfit));
@@ -286,7 +291,7 @@ impl Solver for Forward {
             [(); 4].map(|()| vec![0.0; response.field.channels()]);
         response.field.value_and_gradient(place, &mut value, &mut along_x, &mut along_y);
         response.leverage.value(place, &mut leverage);
-        let mut normal = Normal::default();
+        let mut normal = NormalEquations::default();
         for unit in 0..value.len() {
             let weight = 1.0 / response.variance(unit, force_n, value[unit], leverage[unit]);
             normal.add(weight, [force_n * along_x[unit], force_n * along_y[unit], value[unit]], 0.0);
@@ -301,12 +306,12 @@ impl Locate for Forward {
         self.kind.name()
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let (estimate, _) = self.estimate(outputs, None, workspace).ok_or(SolveError::AllEqual)?;
-        let Estimate { place, force_n, chi2, beyond, .. } = estimate;
+        let BestFit { place, force_n, chi2, beyond, .. } = estimate;
         let covariance = self.covariance(&estimate.information);
         let (scale_mm, scale_n) = scales(covariance);
-        Ok(Located { place, force_n, residue: chi2, beyond, scale_mm, scale_n, of_map: self.of_map(&estimate) })
+        Ok(LocatedContact { place, force_n, residue: chi2, beyond, scale_mm, scale_n, of_map: self.of_map(&estimate) })
     }
 }
 

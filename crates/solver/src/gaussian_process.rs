@@ -5,7 +5,7 @@ use super::kriging::Kriging;
 use super::process::{self, Process};
 use super::sought::{Regression, Sought};
 use super::view::View;
-use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
+use super::{Calibration, FitError, ForceKnown, Locate, LocatedContact, SolveError, Workspace};
 use palpate_core::quantity::{Place, stream};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -233,7 +233,7 @@ impl Locate for GaussianProcess {
         "gaussian-process"
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let length = self.view.length(outputs);
         if length == 0.0 {
             return Err(SolveError::AllEqual);
@@ -246,7 +246,7 @@ impl Locate for GaussianProcess {
         self.spread.predict(&workspace.row, &mut log_error);
         let force_n = self.load.force_n(self.force_n, answer[2] + self.view.log_proportional(length))?;
         let (place, residue, scale_mm) = (Place::new(answer[0], answer[1]), nearest * nearest, log_error[0].exp());
-        Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN })
+        Ok(LocatedContact { place, force_n, residue, scale_mm, ..LocatedContact::PLAIN })
     }
 }
 

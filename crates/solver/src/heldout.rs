@@ -1,15 +1,15 @@
 //! Holds out calibration presses and solves them, as trials of a method.
 
-use super::field::Area;
-use super::response::Response;
-use super::{Calibration, FitError, Located, Setting, SolveError, Workspace};
+use super::field::CalibratedArea;
+use super::response::ForwardResponse;
+use super::{Calibration, FitError, LocatedContact, Setting, SolveError, Workspace};
 use palpate_core::quantity::{Place, stream};
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 
 /// Calibration press, scaled to another force, and solved by a method that was fitted without this press' place.
 #[derive(Clone)]
-pub(super) struct HeldPress<A = Result<Located, SolveError>> {
+pub(super) struct HeldPress<A = Result<LocatedContact, SolveError>> {
     /// Place of the press.
     pub place: Place,
     /// Force that the press represents, N.
@@ -60,11 +60,11 @@ impl Loads {
 pub(super) struct Folds<'a> {
     calibration: &'a Calibration,
     /// Response that readings are compared with. Its noise is added to readings that are scaled down.
-    response: &'a Response,
+    response: &'a ForwardResponse,
     /// The presses of each part.
     parts: Vec<Vec<usize>>,
     loads: Loads,
-    area: Option<Area>,
+    area: Option<CalibratedArea>,
 }
 
 /// Number of parts into which the places of a calibration are divided. One part at a time is held out. Of few places fewer are held
@@ -83,7 +83,11 @@ const MOST_TRIALS: usize = 2000;
 
 impl<'a> Folds<'a> {
     /// Returns the parts of a calibration; `None` if it has too few places to hold any out.
-    pub(crate) fn of(calibration: &'a Calibration, setting: &Setting<'_>, response: &'a Response) -> Option<Self> {
+    pub(crate) fn of(
+        calibration: &'a Calibration,
+        setting: &Setting<'_>,
+        response: &'a ForwardResponse,
+    ) -> Option<Self> {
         let mut spots = calibration.by_place();
         if spots.len() < FEWEST_PLACES {
             return None;
@@ -92,7 +96,7 @@ impl<'a> Folds<'a> {
         let folds = if calibration.has_few_places() { FOLDS_OF_FEW.min(spots.len()) } else { FOLDS };
         let part = |fold: usize| spots.iter().skip(fold).step_by(folds).flatten().copied().collect();
         let parts = (0..folds).map(part).collect();
-        let inner = Area::around(calibration.points().map(|point| point.place));
+        let inner = CalibratedArea::around(calibration.points().map(|point| point.place));
         let area = inner.filter(|area| calibration.points().any(|point| area.has_inside(point.place)));
         let (least, most) = setting.shares(calibration);
         Some(Folds { calibration, response, parts, loads: Loads::Between(least, most), area })

@@ -25,7 +25,7 @@ pub(super) struct Kriging {
 }
 
 /// Prediction at a place by a process that was regressed without this place.
-pub(super) struct HeldOut {
+pub(super) struct LeftOutPrediction {
     /// Measured minus predicted values, row-major places x outputs.
     pub residuals: Vec<f64>,
     /// Variance of the prediction divided by the variance of the noise, row-major places x outputs.
@@ -129,7 +129,7 @@ impl Kriging {
     }
 
     /// Predicts each place from the other places, in closed form (equations 5.10 to 5.12).
-    pub(crate) fn held_out(&self) -> HeldOut {
+    pub(crate) fn held_out(&self) -> LeftOutPrediction {
         let mut squares = self.eigen.vectors.clone();
         square(&mut squares);
         let mut precisions = squares * self.precisions();
@@ -141,7 +141,7 @@ impl Kriging {
         let own = |i: usize| self.counts.as_ref().map_or(1.0, |counts| 1.0 / counts[i / self.outputs]);
         let terms = rows(&precisions).zip(ratios).enumerate();
         let leverage = terms.map(|(i, (p, ratio))| (1.0 / (p * ratio) - own(i)).max(0.0)).collect();
-        HeldOut { residuals, leverage }
+        LeftOutPrediction { residuals, leverage }
     }
 
     /// Returns the correlations of the known places with others, known x others.
@@ -267,7 +267,7 @@ mod tests {
         let (places, values, counts) = unequal();
         let sought = Sought::counting(&places, 1, &values, 1, MANNER, Some(&counts));
         let whole = Kriging::fit_counting(&places, 1, &values, 1, MANNER, &sought, Some(&counts));
-        let HeldOut { residuals, leverage } = whole.held_out();
+        let LeftOutPrediction { residuals, leverage } = whole.held_out();
         let eigen = |rows: &[usize]| -> (Vec<f64>, Mat<f64>) {
             let places: Vec<f64> = rows.iter().map(|&row| places[row]).collect();
             let ratio = whole.noise_ratio[0];

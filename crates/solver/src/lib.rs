@@ -99,30 +99,30 @@ mod view;
 mod widths;
 mod workspace;
 
-pub use adapt::{Change, Extent, UnitChange};
+pub use adapt::{ArrayChange, Extent, UnitChange};
 pub use adapted::AdaptError;
-pub use adapted::{Adapted, HeldOut, MeanErrors};
-pub use broken::{Broken, Fault, broken};
+pub use adapted::{Adapted, MeanErrors, NewPressErrors};
+pub use broken::{Broken, OutputFault, broken};
 pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
-    TestPress, Unsolved, Verdicts, Within, evaluate,
+    TestPress, UnsolvedPress, Verdicts, Within, evaluate,
 };
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
-pub use fitted::{Candidate, Choice, Fitted, Tie};
+pub use fitted::{Choice, Fitted, Tie, TriedMethod};
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};
 pub use plane::Plane;
-pub use prepared::Prepared;
+pub use prepared::PreparedCalibration;
 pub use prior::Deviations;
 pub use prior::PriorError;
-pub use prior::{Belongs, Deviation, Prior, SENSORS_LEAST, Sibling, Spread};
+pub use prior::{Belongs, DesignSpread, Deviation, Prior, SENSORS_LEAST, Sibling};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
-pub use solution::{Covariance, Solution, Verdict};
+pub use solution::{ContactVerdict, Covariance, Solution};
 pub use widths::HalfWidths;
 pub use workspace::Workspace;
 
@@ -160,12 +160,12 @@ trait Locate: Send + Sync {
     fn name(&self) -> &'static str;
 
     /// Returns the contact that caused one reading.
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError>;
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError>;
 }
 
 /// A contact without its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Located {
+struct LocatedContact {
     /// Place of the contact, specimen frame, mm.
     place: Place,
     /// Force, N.
@@ -182,9 +182,9 @@ struct Located {
     of_map: f64,
 }
 
-impl Located {
+impl LocatedContact {
     /// Default values for a method that gives only place, force and residue.
-    const PLAIN: Located = Located {
+    const PLAIN: LocatedContact = LocatedContact {
         place: Place { x_mm: 0.0, y_mm: 0.0 },
         force_n: 0.0,
         residue: 0.0,
@@ -206,7 +206,7 @@ pub const BEST: &str = "best";
 /// # Errors
 /// No method has that name, the layout belongs to another array, or the method can't be fitted to the calibration.
 pub fn fit(name: &str, calibration: &Calibration, setting: &Setting<'_>) -> Result<Fitted, FitError> {
-    Prepared::new(calibration.clone(), setting)?.fit(name)
+    PreparedCalibration::new(calibration.clone(), setting)?.fit(name)
 }
 
 /// Reason why a method couldn't be fitted.

@@ -5,12 +5,12 @@ use super::extra_trees::ExtraTrees;
 use super::forward::Forward;
 use super::gaussian_process::GaussianProcess;
 use super::pattern_map::PatternMap;
-use super::{Locate, Located, Pearson, SolveError, Workspace};
+use super::{Locate, LocatedContact, Pearson, SolveError, Workspace};
 use serde::{Deserialize, Serialize};
 
 /// Fitted method. A sensor file contains one, so the order of the variants is fixed, and a new variant is added last.
 #[derive(Serialize, Deserialize)]
-pub(super) enum Method {
+pub(super) enum FittedMethod {
     Pearson(Pearson),
     /// Places of the [removed](super::REMOVED) methods: the variants after them keep their numbers.
     PearsonKnn(Removed),
@@ -34,26 +34,26 @@ pub(super) const PATTERN_MAP: &str = "pattern-map";
 pub(super) const BLEND: &str = "blend";
 pub(super) const EXTRA_TREES: &str = "extra-trees";
 
-impl Method {
+impl FittedMethod {
     fn inner(&self) -> &dyn Locate {
         match self {
-            Method::Pearson(method) => method,
-            Method::PearsonKnn(never) | Method::Whitened(never) => match *never {},
-            Method::Forward(method) => &**method,
-            Method::GaussianProcess(method) => method,
-            Method::PatternMap(method) => method,
-            Method::Blend(method) => method,
-            Method::ExtraTrees(method) => method,
+            FittedMethod::Pearson(method) => method,
+            FittedMethod::PearsonKnn(never) | FittedMethod::Whitened(never) => match *never {},
+            FittedMethod::Forward(method) => &**method,
+            FittedMethod::GaussianProcess(method) => method,
+            FittedMethod::PatternMap(method) => method,
+            FittedMethod::Blend(method) => method,
+            FittedMethod::ExtraTrees(method) => method,
         }
     }
 }
 
-impl Locate for Method {
+impl Locate for FittedMethod {
     fn name(&self) -> &'static str {
         self.inner().name()
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         self.inner().locate(outputs, workspace)
     }
 }

@@ -1,9 +1,9 @@
 //! A fit with everything that a session needs: the content of a sensor file.
 
-use super::field::Area;
+use super::field::CalibratedArea;
 use super::fitted::Answering;
 use super::forward::Forward;
-use super::{Broken, Calibration, FitError, Fitted, ForceKnown, Prepared, Setting};
+use super::{Broken, Calibration, FitError, Fitted, ForceKnown, PreparedCalibration, Setting};
 use palpate_core::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
@@ -153,7 +153,7 @@ impl Model {
     pub(super) fn fit_without(&self, units: &[Broken]) -> Option<Result<Fitted, FitError>> {
         let calibration = self.calibration.clone()?;
         let broken = [self.fitted.broken(), units].concat();
-        let fitted = Prepared::without(calibration, &self.setting(), broken)
+        let fitted = PreparedCalibration::without(calibration, &self.setting(), broken)
             .and_then(|prepared| prepared.fit_like(&self.fitted))
             .map(|fitted| fitted.widened_as(&self.fitted));
         Some(fitted)
@@ -170,7 +170,7 @@ impl Validity {
         let forces = || calibration.points().map(|point| point.force_n);
         let force_n = [forces().fold(f64::INFINITY, f64::min), forces().fold(0.0, f64::max)];
         // a calibration has a point at least
-        let area = Area::around(calibration.points().map(|point| point.place)).unwrap_or_default();
+        let area = CalibratedArea::around(calibration.points().map(|point| point.place)).unwrap_or_default();
         Validity {
             units: calibration.units(),
             presses: calibration.len(),

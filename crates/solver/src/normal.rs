@@ -4,14 +4,14 @@ use palpate_core::algebra::{cholesky, substitute};
 
 /// Normal equations of three unknowns: J'WJ and J'Wr, summed over weighted rows.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Normal {
+pub(super) struct NormalEquations {
     /// J'WJ, the information about the unknowns.
     pub information: [[f64; 3]; 3],
     /// J'Wr, half the decrease of the sum of squares along each unknown.
     pub slope: [f64; 3],
 }
 
-impl Normal {
+impl NormalEquations {
     /// Adds a row. The half above the diagonal is left to [`finish`](Self::finish).
     #[inline]
     pub(crate) fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
@@ -68,8 +68,8 @@ pub(super) fn inverse(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
 mod tests {
     use super::*;
 
-    fn normal() -> Normal {
-        let mut normal = Normal::default();
+    fn normal() -> NormalEquations {
+        let mut normal = NormalEquations::default();
         // three unknowns 1, -2, 3 read by four rows without error
         for (weight, jacobian) in
             [(1.0, [1.0, 0.5, 0.0]), (2.0, [0.0, 1.0, 1.0]), (0.5, [1.0, 1.0, 1.0]), (1.0, [0.3, 0.0, 1.0])]
@@ -99,7 +99,7 @@ mod tests {
             let product = |j: usize| row.iter().zip(&inverse).map(|(value, row)| value * row[j]).sum::<f64>();
             assert!((0..3).all(|j| (product(j) - f64::from(u8::from(i == j))).abs() < 1e-12));
         }
-        let mut blind = Normal::default();
+        let mut blind = NormalEquations::default();
         blind.add(1.0, [1.0, 1.0, 0.0], 1.0);
         blind.finish();
         assert_eq!(super::inverse(&blind.information), None);

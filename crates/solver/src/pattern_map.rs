@@ -1,12 +1,12 @@
 //! A smooth map of the pattern, inverted with correlated errors of all units.
 
 use super::correlation::Smoothness;
-use super::field::{Area, Field};
+use super::field::{CalibratedArea, SplineField};
 use super::kriging::Kriging;
 use super::sought::{Regression, Sought};
 use super::spots::coordinates;
 use super::view::has_several_lengths;
-use super::{Calibration, FitError, ForceKnown, Locate, Located, SolveError, Workspace};
+use super::{Calibration, FitError, ForceKnown, Locate, LocatedContact, SolveError, Workspace};
 use faer::{Mat, MatRef, Side};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub(super) struct PatternMap {
     load: ForceKnown,
     /// Whitened pattern of a reading of typical length. It is followed by its change with the logarithm of the length, if it
     /// changes.
-    field: Field,
+    field: SplineField,
     /// Logarithm of the length: typical, smallest and largest.
     log_lengths: [f64; 3],
     /// Matrix that whitens a deviation: row-major, units x units, one row for each whitened coordinate.
@@ -31,7 +31,7 @@ pub(super) struct PatternMap {
     starts: Vec<Place>,
     patterns: Vec<f64>,
     /// Logarithm of the force that reads with length 1, as a function of place.
-    log_force: Field,
+    log_force: SplineField,
     /// Exponent of the force as a function of the length.
     power: f64,
     /// Force of the calibration if the load is constant, N.
@@ -85,9 +85,9 @@ impl PatternMap {
         known: &Correlations,
     ) -> Result<(Self, Correlations), FitError> {
         let units = calibration.units();
-        let mut presses = Presses::of(calibration, load);
+        let mut presses = GroupedPresses::of(calibration, load);
         let places = presses.places();
-        let area = Area::around(places.iter().copied()).ok_or(FitError::NothingToTellApart)?;
+        let area = CalibratedArea::around(places.iter().copied()).ok_or(FitError::NothingToTellApart)?;
         let log_lengths = presses.log_lengths();
         let has_slopes = load == ForceKnown::Unknown && has_several_lengths(calibration);
         let slopes = if has_slopes { presses.take_slopes(units, log_lengths[0], &known.slopes) } else { None };
@@ -109,7 +109,7 @@ impl PatternMap {
         };
         let grain = slopes.iter().map(Kriging::grain).fold(kriging.grain(), f64::min);
         let channels = if slopes.is_some() { 2 * units } else { units };
-        let field = Field::new(area, grain / CELLS_A_GRAIN, channels, sample);
+        let field = SplineField::new(area, grain / CELLS_A_GRAIN, channels, sample);
         let starts = area.grid(STARTS_A_SIDE);
         let mut patterns = vec![0.0; starts.len() * channels];
         for (place, pattern) in starts.iter().zip(patterns.chunks_exact_mut(channels)) {
@@ -118,7 +118,7 @@ impl PatternMap {
         let power = if calibration.has_several_forces() { presses.power() } else { 1.0 };
         let (forces, of_force) = self::kriging(&places, &presses.log_forces(power), 1, &known.log_force);
         let sample = |places: &[Place]| forces.predict_all(&coordinates(places.iter().copied()));
-        let log_force = Field::new(area, forces.grain() / CELLS_A_GRAIN, 1, sample);
+        let log_force = SplineField::new(area, forces.grain() / CELLS_A_GRAIN, 1, sample);
         let force_n = calibration.typical_force_n();
         let correlations = Correlations { pattern: Some(of_pattern), slopes: of_slopes, log_force: Some(of_force) };
         let map = PatternMap { load, field, log_lengths, whitening, starts, patterns, log_force, power, force_n };
@@ -180,7 +180,7 @@ impl Locate for PatternMap {
         "pattern-map"
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let length = length(outputs);
         if length == 0.0 {
             return Err(SolveError::AllEqual);
@@ -213,7 +213,7 @@ impl Locate for PatternMap {
         let mut log_force = [0.0];
         self.log_force.value(place, &mut log_force);
         let force_n = self.load.force_n(self.force_n, log_force[0] + self.power * length.ln())?;
-        Ok(Located { place, force_n, residue, scale_mm, ..Located::PLAIN })
+        Ok(LocatedContact { place, force_n, residue, scale_mm, ..LocatedContact::PLAIN })
     }
 }
 
@@ -225,17 +225,17 @@ fn kriging(places: &[Place], values: &[f64], outputs: usize, known: &Option<Soug
 }
 
 /// Presses grouped by place.
-struct Presses {
-    spots: Vec<Spot>,
+struct GroupedPresses {
+    spots: Vec<PatternSpot>,
 }
 
-struct Spot {
+struct PatternSpot {
     place: Place,
     /// Pattern, logarithm of the length and logarithm of the force of each press.
     presses: Vec<(Vec<f64>, f64, f64)>,
 }
 
-impl Presses {
+impl GroupedPresses {
     /// Returns the presses without those that no unit felt.
     fn of(calibration: &Calibration, load: ForceKnown) -> Self {
         let press = |&index: &usize| {
@@ -245,11 +245,11 @@ impl Presses {
             let pattern = point.outputs.iter().map(|output| output * scale).collect();
             (length > 0.0).then(|| (pattern, length.ln(), point.force_n.ln()))
         };
-        let spots = super::spots::by_spread_place(calibration).into_iter().map(|presses| Spot {
+        let spots = super::spots::by_spread_place(calibration).into_iter().map(|presses| PatternSpot {
             place: calibration.point(presses[0]).place,
             presses: presses.iter().filter_map(press).collect(),
         });
-        Presses { spots: spots.filter(|spot| !spot.presses.is_empty()).collect() }
+        GroupedPresses { spots: spots.filter(|spot| !spot.presses.is_empty()).collect() }
     }
 
     fn places(&self) -> Vec<Place> {
@@ -267,7 +267,7 @@ impl Presses {
     /// press. The rest is the pattern at the typical length.
     fn take_slopes(&mut self, units: usize, typical: f64, known: &Option<Sought>) -> Option<(Kriging, Sought)> {
         let (mut places, mut slopes) = (Vec::new(), Vec::new());
-        for Spot { place, presses } in &self.spots {
+        for PatternSpot { place, presses } in &self.spots {
             let count = presses.len() as f64;
             let mean = presses.iter().map(|press| press.1).sum::<f64>() / count;
             let squares: f64 = presses.iter().map(|press| (press.1 - mean).powi(2)).sum();
@@ -283,7 +283,7 @@ impl Presses {
         }
         let (kriging, sought) = kriging(&places, &slopes, units, known);
         let mut slope = vec![0.0; units];
-        for Spot { place, presses } in &mut self.spots {
+        for PatternSpot { place, presses } in &mut self.spots {
             kriging.predict(&[place.x_mm, place.y_mm], &mut slope);
             for (pattern, log_length, _) in presses {
                 pattern.iter_mut().zip(&slope).for_each(|(value, slope)| *value -= (*log_length - typical) * slope);
@@ -294,7 +294,7 @@ impl Presses {
 
     /// Returns the mean pattern at each place, row-major places x units.
     fn means(&self, units: usize) -> Vec<f64> {
-        let mean = |spot: &Spot, unit: usize| {
+        let mean = |spot: &PatternSpot, unit: usize| {
             spot.presses.iter().map(|press| press.0[unit]).sum::<f64>() / spot.presses.len() as f64
         };
         self.spots.iter().flat_map(|spot| (0..units).map(move |unit| mean(spot, unit))).collect()
@@ -304,7 +304,7 @@ impl Presses {
     /// is the same difference for the places' means.
     fn held_out(&self, means: &[f64], residuals: &[f64], units: usize) -> Vec<f64> {
         let rows = residuals.chunks_exact(units).zip(means.chunks_exact(units));
-        let of_spot = |(spot, (residuals, mean)): (&'_ Spot, (&'_ [f64], &'_ [f64]))| -> Vec<f64> {
+        let of_spot = |(spot, (residuals, mean)): (&'_ PatternSpot, (&'_ [f64], &'_ [f64]))| -> Vec<f64> {
             let off = |pattern: &[f64], unit: usize| pattern[unit] - mean[unit] + residuals[unit];
             spot.presses.iter().flat_map(|(pattern, ..)| (0..units).map(|unit| off(pattern, unit))).collect()
         };
@@ -314,7 +314,7 @@ impl Presses {
     /// Exponent with which the force grows with the reading's length, from presses that share their place.
     fn power(&self) -> f64 {
         let (mut squares, mut products) = (0.0, 0.0);
-        for Spot { presses, .. } in &self.spots {
+        for PatternSpot { presses, .. } in &self.spots {
             let count = presses.len() as f64;
             let length = presses.iter().map(|press| press.1).sum::<f64>() / count;
             let force = presses.iter().map(|press| press.2).sum::<f64>() / count;
@@ -327,7 +327,7 @@ impl Presses {
 
     /// Logarithm of the force that would give a reading of length 1 at each place.
     fn log_forces(&self, power: f64) -> Vec<f64> {
-        let of = |spot: &Spot| {
+        let of = |spot: &PatternSpot| {
             let sum: f64 = spot.presses.iter().map(|(_, length, force)| force - power * length).sum();
             sum / spot.presses.len() as f64
         };
@@ -401,7 +401,7 @@ fn length(outputs: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::method::Method;
+    use crate::method::FittedMethod;
     use crate::{CalibrationPoint, ForceRule, Pearson};
     use rand::distr::Distribution;
     use rand_distr::StandardNormal;
@@ -433,8 +433,10 @@ mod tests {
             .collect();
         let calibration = Calibration::new(&points).unwrap();
         let methods = [
-            Method::PatternMap(PatternMap::fit(&calibration, ForceKnown::Unknown, &Correlations::default()).unwrap().0),
-            Method::Pearson(Pearson::fit(&calibration, None, ForceRule::LeastSquares).unwrap()),
+            FittedMethod::PatternMap(
+                PatternMap::fit(&calibration, ForceKnown::Unknown, &Correlations::default()).unwrap().0,
+            ),
+            FittedMethod::Pearson(Pearson::fit(&calibration, None, ForceRule::LeastSquares).unwrap()),
         ];
         let errors = methods.map(|method| {
             let error = |(place, outputs): &(Place, [f64; 4])| {

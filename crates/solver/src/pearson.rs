@@ -2,7 +2,7 @@
 
 use super::scan::{Scan, dot, to_length_one, to_order_one};
 use super::tables::Points;
-use super::{Calibration, CalibrationPoint, FitError, Locate, Located, SolveError, Workspace};
+use super::{Calibration, CalibrationPoint, FitError, Locate, LocatedContact, SolveError, Workspace};
 use palpate_core::quantity::{ArrayLayout, Place};
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub struct Pearson {
     units: usize,
     force_rule: ForceRule,
-    candidates: Vec<Candidate>,
+    candidates: Vec<CandidatePoint>,
     /// Outputs of the candidates, row-major candidates x units.
     outputs: Vec<f64>,
     /// The same outputs, centred and of length 1. The dot product with these is r. They aren't stored.
@@ -29,7 +29,7 @@ pub struct Pearson {
 struct Stored {
     units: usize,
     force_rule: ForceRule,
-    candidates: Vec<Candidate>,
+    candidates: Vec<CandidatePoint>,
     outputs: Vec<f64>,
 }
 
@@ -84,7 +84,7 @@ impl Pearson {
             if direction(point.outputs, &mut room).is_some() {
                 calibrated.extend_from_slice(point.outputs);
                 let closest = closest_unit(&point, layout);
-                candidates.push(Candidate { place: point.place, force_n: point.force_n, closest });
+                candidates.push(CandidatePoint { place: point.place, force_n: point.force_n, closest });
             }
         }
         if candidates.is_empty() {
@@ -139,19 +139,24 @@ impl Locate for Pearson {
         }
     }
 
-    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<Located, SolveError> {
+    fn locate(&self, outputs: &[f64], workspace: &mut Workspace) -> Result<LocatedContact, SolveError> {
         let (row, r) = self.nearest(outputs, workspace)?;
         let force_n = self.force_n(row, outputs);
         if !force_n.is_finite() {
             return Err(SolveError::OutOfProportion);
         }
-        Ok(Located { place: self.candidates[row].place, force_n, residue: (1.0 - r).max(0.0), ..Located::PLAIN })
+        Ok(LocatedContact {
+            place: self.candidates[row].place,
+            force_n,
+            residue: (1.0 - r).max(0.0),
+            ..LocatedContact::PLAIN
+        })
     }
 }
 
 /// Calibration point that can be an answer.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Candidate {
+struct CandidatePoint {
     place: Place,
     force_n: f64,
     /// Index of the unit whose ratio gives the force.
@@ -200,7 +205,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn solve(solver: &Pearson, outputs: &[f64]) -> Result<Located, SolveError> {
+    fn solve(solver: &Pearson, outputs: &[f64]) -> Result<LocatedContact, SolveError> {
         solver.locate(outputs, &mut Workspace::default())
     }
 

@@ -1,33 +1,33 @@
 //! Map computed by elasticity.
 
-use super::field::{Area, Field};
-use super::response::Response;
+use super::field::{CalibratedArea, SplineField};
+use super::response::ForwardResponse;
 use super::spots::Spots;
 use super::{Calibration, FitError};
 use palpate_core::algebra::{Matrix, Vector};
-use palpate_core::mechanics::{Medium, Passage, Response as Shape};
+use palpate_core::mechanics::{Medium, Passage, TaxelResponse as Shape};
 use palpate_core::quantity::{ArrayLayout, Place};
 
 /// Returns the response by elasticity. Each unit has a gain, a place and a depth under a cover. The cover is a half-space (paper
 /// equation 1) or a layer bonded to a rigid base, whichever fits the calibration better. Four parameters for each unit need few
 /// presses, as long as the cover is of one of these kinds.
-pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Response, FitError> {
+pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<ForwardResponse, FitError> {
     let spots = Spots::of(calibration);
     if spots.places().count() < FEWEST_PLACES {
         return Err(FitError::TooFewPlaces { places: spots.places().count(), needed: FEWEST_PLACES });
     }
-    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let area = CalibratedArea::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let side = area.side_mm();
     let places: Vec<Place> = spots.places().collect();
     let (per_newton, units) = (spots.per_newton(), calibration.units());
     let taxels = &fitted_taxels(&places, &per_newton, units, layout, side);
 
     let depth_mm = taxels.iter().map(|taxel| taxel.parameters[DEPTH].exp()).fold(side, f64::min);
-    let everywhere = |value: fn(&Taxel, Place) -> f64| {
+    let everywhere = |value: fn(&CoveredTaxel, Place) -> f64| {
         let row = move |place: &Place| taxels.iter().map(move |taxel| value(taxel, *place)).collect::<Vec<f64>>();
         move |places: &[Place]| places.iter().flat_map(row).collect::<Vec<f64>>()
     };
-    let field = Field::new(area, depth_mm / CELLS_A_DEPTH, units, everywhere(|taxel, place| taxel.at(place).0));
+    let field = SplineField::new(area, depth_mm / CELLS_A_DEPTH, units, everywhere(|taxel, place| taxel.at(place).0));
     let (mut residuals, mut leverage) = (Vec::new(), Vec::new());
     for (place, row) in places.iter().zip(per_newton.chunks_exact(units)) {
         for (output, taxel) in row.iter().zip(taxels) {
@@ -37,7 +37,7 @@ pub(super) fn physics(calibration: &Calibration, layout: Option<&ArrayLayout>) -
         }
     }
     let held = spots.hold_out(calibration, &residuals, &leverage, false);
-    Ok(Response::new(field, everywhere(Taxel::leverage), held, calibration).known_everywhere())
+    Ok(ForwardResponse::new(field, everywhere(CoveredTaxel::leverage), held, calibration).known_everywhere())
 }
 
 /// Returns the place of each unit according to its own outputs, as [`physics`] finds it. Each unit is fitted separately, starting
@@ -49,7 +49,7 @@ pub(super) fn unit_places(calibration: &Calibration, layout: &ArrayLayout) -> Re
     if places.len() < FEWEST_PLACES {
         return Err(FitError::TooFewPlaces { places: places.len(), needed: FEWEST_PLACES });
     }
-    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let area = CalibratedArea::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let (per_newton, outputs) = (spots.per_newton(), calibration.units());
     let taxels = fitted_taxels(&places, &per_newton, outputs, Some(layout), area.side_mm());
     let misfit = |output: usize| {
@@ -70,17 +70,17 @@ fn fitted_taxels(
     units: usize,
     layout: Option<&ArrayLayout>,
     side: f64,
-) -> Vec<Taxel> {
+) -> Vec<CoveredTaxel> {
     let covers = [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: RUBBER }].map(|medium| {
         let shape = Shape::new(Passage { medium, ..Passage::half_space(1.0) });
         let of_unit = |unit: usize| {
             let outputs: Vec<f64> = per_newton[unit..].iter().step_by(units).copied().collect();
             let start = layout.map(|layout| layout.places()[unit]);
-            Taxel::fit(&shape, places, &outputs, start, side)
+            CoveredTaxel::fit(&shape, places, &outputs, start, side)
         };
-        (0..units).map(of_unit).collect::<Vec<Taxel>>()
+        (0..units).map(of_unit).collect::<Vec<CoveredTaxel>>()
     });
-    let misfit = |taxels: &[Taxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
+    let misfit = |taxels: &[CoveredTaxel]| taxels.iter().map(|taxel| taxel.left.ln()).sum::<f64>();
     let [half_space, layer] = covers;
     if misfit(&layer) < misfit(&half_space) { layer } else { half_space }
 }
@@ -112,7 +112,7 @@ const LEAST_STEP: f64 = 1e-13;
 
 /// One unit under the cover.
 #[derive(Clone)]
-struct Taxel {
+struct CoveredTaxel {
     shape: Shape,
     parameters: Vector<4>,
     /// (J'J)^-1 at the fit; `None` if the parameters can't be distinguished.
@@ -121,14 +121,14 @@ struct Taxel {
     left: f64,
 }
 
-impl Taxel {
+impl CoveredTaxel {
     /// Returns the most likely parameters, from one output per newton for each place.
     fn fit(shape: &Shape, places: &[Place], outputs: &[f64], start: Option<Place>, side: f64) -> Self {
         let loudest = (0..outputs.len()).max_by(|&a, &b| outputs[a].abs().total_cmp(&outputs[b].abs())).unwrap_or(0);
         let at = start.unwrap_or(places[loudest]);
         let fits = STARTS.map(|share| {
             let parameters = Vector::column([outputs[loudest], at.x_mm, at.y_mm, (share * side).ln()]);
-            let taxel = Taxel { shape: shape.clone(), parameters, spread: None, left: f64::INFINITY };
+            let taxel = CoveredTaxel { shape: shape.clone(), parameters, spread: None, left: f64::INFINITY };
             taxel.settled(places, outputs)
         });
         let [first, others @ ..] = fits;
@@ -158,11 +158,11 @@ impl Taxel {
         }
         self.parameters = best;
         let left = if sums.squares.is_finite() { sums.squares.max(f64::MIN_POSITIVE) } else { f64::INFINITY };
-        Taxel { spread: sums.information.inverse(), left, ..self }
+        CoveredTaxel { spread: sums.information.inverse(), left, ..self }
     }
 
-    fn sums(&self, places: &[Place], outputs: &[f64]) -> Sums {
-        let mut sums = Sums { information: Matrix::ZERO, slope: Vector::ZERO, squares: 0.0 };
+    fn sums(&self, places: &[Place], outputs: &[f64]) -> StepSums {
+        let mut sums = StepSums { information: Matrix::ZERO, slope: Vector::ZERO, squares: 0.0 };
         for (place, output) in places.iter().zip(outputs) {
             let (value, jacobian) = self.at(*place);
             let residual = value - output;
@@ -194,7 +194,7 @@ impl Taxel {
 }
 
 /// Sums over the places for one step of a fit: J'J, J'r and r'r.
-struct Sums {
+struct StepSums {
     information: Matrix<4, 4>,
     slope: Vector<4>,
     squares: f64,
@@ -209,11 +209,11 @@ mod tests {
         let shape = Shape::new(Passage::half_space(1.0));
         let places: Vec<Place> = (0..25).map(|n| Place::new(f64::from(n % 5) - 2.0, f64::from(n / 5) - 2.0)).collect();
         let parameters = Vector::column([0.8, 0.4, -0.3, 1.5f64.ln()]);
-        let truth = Taxel { shape: shape.clone(), parameters, spread: None, left: 1.0 };
+        let truth = CoveredTaxel { shape: shape.clone(), parameters, spread: None, left: 1.0 };
         for error in [0.0, 0.02] {
             let output = |(n, place): (usize, &Place)| truth.at(*place).0 + if n % 2 == 0 { error } else { -error };
             let outputs: Vec<f64> = places.iter().enumerate().map(output).collect();
-            let found = Taxel::fit(&shape, &places, &outputs, None, 4.0);
+            let found = CoveredTaxel::fit(&shape, &places, &outputs, None, 4.0);
             let sums = found.sums(&places, &outputs);
             for (i, truth) in parameters.values().into_iter().enumerate() {
                 let most = 1e-9 * (sums.information.rows()[i][i] * sums.squares).sqrt() + 1e-14;

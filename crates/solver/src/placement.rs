@@ -183,9 +183,9 @@ mod tests {
 
     #[test]
     fn an_array_of_units_with_three_channels_is_found_by_those_that_peak_above_them() {
-        use palpate_core::mechanics::{Passage, Response};
+        use palpate_core::mechanics::{Passage, TaxelResponse};
         let (units, origin) = (ArrayLayout::grid(3, 3, 4.5), Place::new(0.7, -0.4));
-        let response = Response::new(Passage::half_space(5.0));
+        let response = TaxelResponse::new(Passage::half_space(5.0));
         let places: Vec<Place> =
             (0..49).map(|n| Place::new(f64::from(n % 7) * 2.0 - 6.0, f64::from(n / 7) * 2.0 - 6.0)).collect();
         let read = |own: Place| -> Vec<f64> {

@@ -1,26 +1,26 @@
 //! A calibration prepared for fitting any number of methods. Results that several methods need are computed once.
 
 use super::appraised::Appraised;
-use super::best::Tried;
+use super::best::MethodTrials;
 use super::blend::{Blend, MemberErrors};
 use super::broken::broken;
 use super::by_load::{Both, ByLoad, Earned, LOADS, Lengths};
 use super::extra_trees::ExtraTrees;
-use super::field::Area;
+use super::field::CalibratedArea;
 use super::fitted::Answering;
 use super::forward::{Forward, MapKind};
 use super::gaussian_process::{GaussianProcess, Likeliest};
 use super::heldout::{Folds, HeldPress};
-use super::method::{BLEND, EXTRA_TREES, Method, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
+use super::method::{BLEND, EXTRA_TREES, FittedMethod, PATTERN_MAP, PHYSICS, PROCESS, SURROGATE};
 use super::pattern_map::{Correlations, PatternMap};
 use super::physics::physics;
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::surrogate::{surrogate, surrogate_with};
 use super::threshold::Unexplained;
 use super::view::has_several_lengths;
 use super::{
-    BEST, Broken, Calibration, Candidate, Choice, FitError, Fitted, ForceKnown, ForceRule, Locate, Pearson, SOLVERS,
-    Setting, Solver as _, best,
+    BEST, Broken, Calibration, Choice, FitError, Fitted, ForceKnown, ForceRule, Locate, Pearson, SOLVERS, Setting,
+    Solver as _, TriedMethod, best,
 };
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -28,7 +28,7 @@ use std::ops::RangeBounds;
 use std::sync::OnceLock;
 
 /// A calibration, and other data about its array.
-pub struct Prepared<'a> {
+pub struct PreparedCalibration<'a> {
     /// Calibration without the excluded units.
     calibration: Calibration,
     /// Layout of the remaining units, if some are excluded.
@@ -38,24 +38,24 @@ pub struct Prepared<'a> {
     /// Number of units, including the excluded units.
     units: usize,
     /// The smooth map of the calibration.
-    response: OnceLock<Result<Response, FitError>>,
+    response: OnceLock<Result<ForwardResponse, FitError>>,
     /// View of a reading in the Gaussian process, and its correlation.
     process: OnceLock<Result<Likeliest, FitError>>,
     /// The pattern map of the calibration, and its correlations.
     pattern: OnceLock<Result<(PatternMap, Correlations), FitError>>,
     /// The trials of each method, by [`SOLVERS`].
-    trials: [Trials; SOLVERS.len()],
+    trials: [FoldTrials; SOLVERS.len()],
 }
 
 /// Trials of a method on the first part of the presses, and on the other parts.
 #[derive(Default)]
-struct Trials {
+struct FoldTrials {
     first: OnceLock<Result<Vec<HeldPress>, FitError>>,
     others: OnceLock<Result<Vec<HeldPress>, FitError>>,
 }
 
 /// The chosen method, and its trials.
-struct Chosen {
+struct ChosenMethod {
     solver: &'static str,
     trials: Vec<HeldPress>,
     choice: Choice,
@@ -100,7 +100,7 @@ const UNEXPLAINED_OF_FEW: f64 = 0.1;
 /// few places the smooth map is poor, and its residual shows nothing.
 const FAR_AHEAD: f64 = 3.0;
 
-impl<'a> Prepared<'a> {
+impl<'a> PreparedCalibration<'a> {
     /// Prepares a calibration, without the units that are dead or saturated.
     ///
     /// # Errors
@@ -110,7 +110,7 @@ impl<'a> Prepared<'a> {
             return Err(FitError::Layout { layout: layout.len(), calibration: calibration.units() });
         }
         let broken = broken(&calibration);
-        Prepared::without(calibration, setting, broken)
+        PreparedCalibration::without(calibration, setting, broken)
     }
 
     /// Returns the same calibration with the units to leave out.
@@ -120,7 +120,7 @@ impl<'a> Prepared<'a> {
         broken: Vec<Broken>,
     ) -> Result<Self, FitError> {
         let units = calibration.units();
-        let prepared = |calibration, layout, broken| Prepared {
+        let prepared = |calibration, layout, broken| PreparedCalibration {
             calibration,
             layout,
             setting: *setting,
@@ -166,7 +166,7 @@ impl<'a> Prepared<'a> {
     ///
     /// # Errors
     /// No method has that name, or the method can't be fitted to the calibration.
-    pub fn candidates(&self, name: &str) -> Result<Vec<Candidate>, FitError> {
+    pub fn candidates(&self, name: &str) -> Result<Vec<TriedMethod>, FitError> {
         match SOLVERS.into_iter().find(|solver| *solver == name) {
             Some(solver) => Ok(vec![self.tried_as(solver, self.tried(solver)?).candidate()]),
             None => Ok(self.fit(name)?.choice().map(|choice| choice.candidates.clone()).unwrap_or_default()),
@@ -186,7 +186,7 @@ impl<'a> Prepared<'a> {
     /// Chooses the method with the least location error on held-out places. If the location errors are nearly equal, a much smaller force
     /// error decides. If the smooth map explains the calibration, no other regression is tried; nor is `physics` if the map's own
     /// error is small. After the first part of the places, methods with much larger errors aren't tried further.
-    fn choose(&self) -> Result<Chosen, FitError> {
+    fn choose(&self) -> Result<ChosenMethod, FitError> {
         let is_explained = self.is_explained()?;
         let is_known = is_explained && self.response()?.mean_leverage() <= KNOWN_LEVERAGE;
         let needless = |name: &str| (is_explained && REGRESSIONS.contains(&name)) || (is_known && name == PHYSICS);
@@ -219,13 +219,13 @@ impl<'a> Prepared<'a> {
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
         let mean_place_error_mm = chosen.mean_place_error_mm();
         let (solver, trials) = (chosen.solver, chosen.trials.clone());
-        Ok(Chosen { solver, trials, choice: Choice { candidates, ties, mean_place_error_mm, load_gain: None } })
+        Ok(ChosenMethod { solver, trials, choice: Choice { candidates, ties, mean_place_error_mm, load_gain: None } })
     }
 
     /// Returns the chosen method. If forces are unknown and it is worth it, a second one answers readings with the load of the
     /// calibration.
     fn best(&self) -> Result<Fitted, FitError> {
-        let Chosen { solver, trials, mut choice } = self.choose()?;
+        let ChosenMethod { solver, trials, mut choice } = self.choose()?;
         let any = self.answering(solver, &trials)?;
         let second = match self.has_one_unknown_load() {
             true => self.second(solver, choice.location_error_mm())?,
@@ -247,22 +247,22 @@ impl<'a> Prepared<'a> {
     /// this error.
     fn second(&self, any: &str, any_mm: Option<f64>) -> Result<Option<(Answering, Earned)>, FitError> {
         let alike = self.with_equal_forces()?;
-        let Chosen { solver, choice, .. } = alike.choose()?;
+        let ChosenMethod { solver, choice, .. } = alike.choose()?;
         let is_better = choice.location_error_mm().zip(any_mm).is_some_and(|(error_mm, any_mm)| error_mm < any_mm);
         if is_better { self.earned(any, &alike, solver) } else { Ok(None) }
     }
 
     /// Returns the same presses, all with the same load, which is expected of contacts too.
-    fn with_equal_forces(&self) -> Result<Prepared<'_>, FitError> {
+    fn with_equal_forces(&self) -> Result<PreparedCalibration<'_>, FitError> {
         let setting = Setting { load: ForceKnown::Constant, ..self.setting() };
-        Prepared::without(self.calibration.with_equal_forces(), &setting, Vec::new())
+        PreparedCalibration::without(self.calibration.with_equal_forces(), &setting, Vec::new())
     }
 
     /// Returns a method that assumes the load of the calibration, if held-out presses show that it is worth it.
     fn earned(
         &self,
         any: &str,
-        alike: &Prepared<'_>,
+        alike: &PreparedCalibration<'_>,
         calibrated: &str,
     ) -> Result<Option<(Answering, Earned)>, FitError> {
         let Some(folds) = Folds::of(&self.calibration, &self.setting(), self.response()?) else { return Ok(None) };
@@ -288,20 +288,20 @@ impl<'a> Prepared<'a> {
     }
 
     /// Returns a method that is fitted to some of the presses; `blend` with the members' errors of all presses.
-    fn fit_part(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
+    fn fit_part(&self, part: &Calibration, name: &str) -> Result<FittedMethod, FitError> {
         if name == BLEND { self.blend(|member| self.fit_to(part, member)) } else { self.fit_to(part, name) }
     }
 
     /// Returns `blend` of members that `fit` makes, with the members' errors of all presses.
-    fn blend(&self, fit: impl Fn(&str) -> Result<Method, FitError>) -> Result<Method, FitError> {
+    fn blend(&self, fit: impl Fn(&str) -> Result<FittedMethod, FitError>) -> Result<FittedMethod, FitError> {
         let [one, other] = self.members();
         let errors = [MemberErrors::of(&self.tried(one)?), MemberErrors::of(&self.tried(other)?)];
-        Ok(Method::Blend(Blend::new([fit(one)?, fit(other)?], errors)))
+        Ok(FittedMethod::Blend(Blend::new([fit(one)?, fit(other)?], errors)))
     }
 
     /// Whether the method ranked before others may be chosen. `blend` runs two methods, and the assumptions of `physics` may
     /// be wrong for this skin.
-    fn may_lead(&self, first: &Tried, others: &[&Tried]) -> bool {
+    fn may_lead(&self, first: &MethodTrials, others: &[&MethodTrials]) -> bool {
         let next = others.first();
         match first.solver {
             BLEND => next.is_none_or(|next| first.lead_sigmas(next) >= WORTH_TWO_SIGMAS),
@@ -309,7 +309,7 @@ impl<'a> Prepared<'a> {
             PATTERN_MAP => {
                 // `blend` has it as a member
                 let rival = others.iter().find(|other| other.solver != BLEND);
-                let is_ahead = |rival: &&Tried| {
+                let is_ahead = |rival: &&MethodTrials| {
                     first.lead(rival) >= FEW_PLACES_LEAD || first.lead_sigmas(rival) >= FEW_PLACES_SIGMAS
                 };
                 self.has_places_a_unit(PLACES_A_UNIT) || rival.is_none_or(is_ahead)
@@ -358,7 +358,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// Adds `blend` to the tried methods, if its members were tried on all parts.
-    fn add_blend(&self, tried: &mut Vec<Tried>) {
+    fn add_blend(&self, tried: &mut Vec<MethodTrials>) {
         let most = tried.iter().map(|tried| tried.trials.len()).max().unwrap_or(0);
         let of = |name| tried.iter().find(|tried| tried.solver == name && tried.trials.len() == most);
         let [Some(one), Some(other)] = self.members().map(of) else { return };
@@ -380,7 +380,7 @@ impl<'a> Prepared<'a> {
     /// Whether too few places are inside the area to compare methods on them, and `physics` explains most of the outputs. On a grid
     /// of 3 x 3 only the middle is inside, and one place that is held out shows nothing about the method.
     fn is_elastic_by_few(&self) -> bool {
-        let area = Area::around(self.calibration.points().map(|point| point.place));
+        let area = CalibratedArea::around(self.calibration.points().map(|point| point.place));
         let is_inside = |place: &Place| area.is_some_and(|area| area.has_inside(*place));
         let places: Vec<Place> =
             self.calibration.by_place().iter().map(|spot| self.calibration.point(spot[0]).place).collect();
@@ -397,8 +397,8 @@ impl<'a> Prepared<'a> {
         share <= UNEXPLAINED_OF_FEW
     }
 
-    fn tried_as(&self, solver: &'static str, trials: Vec<HeldPress>) -> Tried {
-        Tried { solver, trials, forces_are_known: self.calibration.forces_are_known() }
+    fn tried_as(&self, solver: &'static str, trials: Vec<HeldPress>) -> MethodTrials {
+        MethodTrials { solver, trials, forces_are_known: self.calibration.forces_are_known() }
     }
 
     /// Returns the trials of a method on all presses, each held out of the calibration.
@@ -418,7 +418,7 @@ impl<'a> Prepared<'a> {
         self.trials_of(name)?.first.get_or_init(|| self.try_on(..1, name)).clone()
     }
 
-    fn trials_of(&self, name: &str) -> Result<&Trials, FitError> {
+    fn trials_of(&self, name: &str) -> Result<&FoldTrials, FitError> {
         let index = SOLVERS.iter().position(|solver| *solver == name);
         Ok(&self.trials[index.ok_or_else(|| FitError::UnknownSolver { name: name.to_owned() })?])
     }
@@ -449,7 +449,7 @@ impl<'a> Prepared<'a> {
     fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Answering, FitError> {
         let setting = self.setting();
         Ok(match self.method(name)? {
-            Method::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
+            FittedMethod::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
             method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
         })
     }
@@ -466,36 +466,36 @@ impl<'a> Prepared<'a> {
     }
 
     /// Returns a method that is fitted to all presses.
-    fn method(&self, name: &str) -> Result<Method, FitError> {
+    fn method(&self, name: &str) -> Result<FittedMethod, FitError> {
         match name {
             SURROGATE => Ok(self.forward(MapKind::Smooth, self.response()?.clone(), &self.calibration)),
             BLEND => self.blend(|member| self.method(member)),
-            PATTERN_MAP => Ok(Method::PatternMap(self.pattern()?.0.clone())),
+            PATTERN_MAP => Ok(FittedMethod::PatternMap(self.pattern()?.0.clone())),
             name => self.fit_to(&self.calibration, name),
         }
     }
 
     /// Returns a method that is fitted to some of the presses. The correlations are those of all presses. A change of a fifth in
     /// the presses has little effect on them, and finding them takes most of a fit's time.
-    fn fit_to(&self, part: &Calibration, name: &str) -> Result<Method, FitError> {
+    fn fit_to(&self, part: &Calibration, name: &str) -> Result<FittedMethod, FitError> {
         let setting = self.setting();
         Ok(match name {
             SURROGATE => self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.sought.as_ref())?, part),
             PHYSICS => self.forward(MapKind::Elastic, physics(part, setting.layout)?, part),
-            PROCESS => Method::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
-            PATTERN_MAP => Method::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),
-            "pearson" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
-            "pearson-lsq" => Method::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
-            EXTRA_TREES => Method::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
+            PROCESS => FittedMethod::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
+            PATTERN_MAP => FittedMethod::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),
+            "pearson" => FittedMethod::Pearson(Pearson::fit(part, setting.layout, ForceRule::ClosestUnit)?),
+            "pearson-lsq" => FittedMethod::Pearson(Pearson::fit(part, setting.layout, ForceRule::LeastSquares)?),
+            EXTRA_TREES => FittedMethod::ExtraTrees(ExtraTrees::fit(part, setting.load)?),
             name => return Err(FitError::UnknownSolver { name: name.to_owned() }),
         })
     }
 
-    fn forward(&self, kind: MapKind, response: Response, calibration: &Calibration) -> Method {
-        Method::Forward(Box::new(Forward::new(kind, response, calibration, &self.setting())))
+    fn forward(&self, kind: MapKind, response: ForwardResponse, calibration: &Calibration) -> FittedMethod {
+        FittedMethod::Forward(Box::new(Forward::new(kind, response, calibration, &self.setting())))
     }
 
-    fn response(&self) -> Result<&Response, FitError> {
+    fn response(&self) -> Result<&ForwardResponse, FitError> {
         self.response.get_or_init(|| surrogate(&self.calibration)).as_ref().map_err(Clone::clone)
     }
 

@@ -1,7 +1,7 @@
 //! The array's readings under one contact, as a function of place.
 
 use super::Calibration;
-use super::field::Field;
+use super::field::SplineField;
 use super::noise::{Noise, Residual};
 use super::sought::Sought;
 use faer::Mat;
@@ -11,18 +11,18 @@ use serde::{Deserialize, Serialize};
 /// Readings of the array under one contact, from place to place, and their uncertainty. This is the forward map that a forward
 /// solver inverts.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Response {
+pub(super) struct ForwardResponse {
     /// Output of each unit per newton.
-    pub field: Field,
+    pub field: SplineField,
     /// Variance of `field` divided by the noise variance of one calibration press, one value for each unit.
-    pub leverage: Field,
+    pub leverage: SplineField,
     /// Deviation of an output from the map.
     pub noise: Noise,
     /// Force of the calibration presses, N. The map's error grows with the force divided by this force.
     pub force_n: f64,
     /// The calibration's presses, each compared with a map made without it. Empty if the response was read from a file.
     #[serde(skip)]
-    pub held: Vec<Held>,
+    pub held: Vec<LeftOutPress>,
     /// Largest leverage, mean of all units, at which the map is known. It is the leverage of the press that is predicted worst by
     /// the others. If the map is less certain than this, the place is outside the calibrated places.
     pub known_leverage: f64,
@@ -33,7 +33,7 @@ pub(super) struct Response {
 
 /// Calibration press, compared with a map made without it.
 #[derive(Clone, Debug)]
-pub(super) struct Held {
+pub(super) struct LeftOutPress {
     /// Place of the press.
     pub place: Place,
     /// Force, N.
@@ -45,23 +45,31 @@ pub(super) struct Held {
 /// Number of cells along each side of the table with the map's own error.
 const LEVERAGE_CELLS: f64 = 12.0;
 
-impl Response {
+impl ForwardResponse {
     /// Combines a map with the presses compared with it. `leverage` is called once, for many places. It returns the map's
     /// variance at each place divided by the variance of one calibration press, row-major, places x units.
     pub(crate) fn new(
-        field: Field,
+        field: SplineField,
         leverage: impl FnOnce(&[Place]) -> Vec<f64>,
-        held: Vec<Held>,
+        held: Vec<LeftOutPress>,
         calibration: &Calibration,
     ) -> Self {
         let (area, units) = (field.area(), field.channels());
         let side = (area.most.x_mm - area.least.x_mm).max(area.most.y_mm - area.least.y_mm).max(f64::MIN_POSITIVE);
-        let leverage = Field::new(area, side / LEVERAGE_CELLS, units, leverage);
+        let leverage = SplineField::new(area, side / LEVERAGE_CELLS, units, leverage);
         let of_unit = |unit: usize| held.iter().map(|held| held.residuals[unit]).collect();
         let noise = Noise::fit(&(0..units).map(of_unit).collect::<Vec<Vec<Residual>>>());
-        let mean = |held: &Held| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / units as f64;
+        let mean = |held: &LeftOutPress| held.residuals.iter().map(|r| r.leverage).sum::<f64>() / units as f64;
         let known_leverage = held.iter().map(mean).fold(0.0, f64::max);
-        Response { field, leverage, noise, force_n: calibration.typical_force_n(), held, known_leverage, sought: None }
+        ForwardResponse {
+            field,
+            leverage,
+            noise,
+            force_n: calibration.typical_force_n(),
+            held,
+            known_leverage,
+            sought: None,
+        }
     }
 
     /// Returns the variance of one unit's output under `force_n`, if one newton gives `per_newton`. It contains the noise of the
@@ -94,7 +102,7 @@ impl Response {
     /// Returns the response of a map that is valid wherever it was fitted, because the map includes the structure under the
     /// cover.
     pub(crate) fn known_everywhere(self) -> Self {
-        Response { known_leverage: f64::INFINITY, ..self }
+        ForwardResponse { known_leverage: f64::INFINITY, ..self }
     }
 
     /// Returns the response of a map that is known within its area, however large its own error is.
@@ -106,7 +114,7 @@ impl Response {
             self.leverage.value(place, &mut leverage);
             most = most.max(leverage.iter().sum::<f64>() / leverage.len() as f64);
         }
-        Response { known_leverage: most, ..self }
+        ForwardResponse { known_leverage: most, ..self }
     }
 
     /// Returns the noise that must be added to an output scaled by `share`, as a standard deviation. The output is then as noisy
@@ -125,7 +133,7 @@ impl Response {
     /// own errors, and larger if errors are common to several units.
     pub(crate) fn correlation(&self) -> f64 {
         let (units, presses) = (self.field.channels(), self.held.len());
-        let deviation = |held: &Held, unit: usize| {
+        let deviation = |held: &LeftOutPress, unit: usize| {
             let Residual { predicted, residual, leverage } = held.residuals[unit];
             residual / (self.noise.variance(unit, predicted) * (1.0 + leverage.max(0.0))).sqrt()
         };
@@ -162,7 +170,7 @@ mod tests {
     use rand_distr::StandardNormal;
 
     /// Calibration of six units on 15 x 15 places, with an error that all units share and one of their own.
-    fn response(shared: f64, own: f64) -> Response {
+    fn response(shared: f64, own: f64) -> ForwardResponse {
         let mut rng = stream(1, 0, "residuals");
         let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
         let mut press = |index: usize| {

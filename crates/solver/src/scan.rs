@@ -17,7 +17,7 @@ pub(super) struct Scan {
     rows: Vec<f64>,
     /// The rows in single precision, rearranged so that one instruction multiplies many rows. First come the first unit's values
     /// of the first [`PANEL`] rows, then the second unit's, and so on. Then come the next rows. The last rows are padded with 0.
-    panels: Vec<Panel>,
+    panels: Vec<RowPanel>,
 }
 
 /// Source data of a table.
@@ -52,7 +52,7 @@ pub(super) struct Hit {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     direction: Vec<f32>,
-    scores: Vec<Panel>,
+    scores: Vec<RowPanel>,
     hits: Vec<Hit>,
 }
 
@@ -76,7 +76,7 @@ const LINE: usize = 16;
 /// One number for each of [`PANEL`] rows. The panel is aligned, because a load across two cache lines costs twice as much.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
-struct Panel([f32; PANEL]);
+struct RowPanel([f32; PANEL]);
 
 impl Scan {
     /// Takes rows x units, row-major, each row of length 1. Requires at least one unit.
@@ -103,7 +103,7 @@ impl Scan {
     /// Returns the `count` rows with the largest dot products, the largest first. Of equal rows, the first in the table comes
     /// first. Returns fewer if there are fewer rows.
     pub(crate) fn nearest<'a>(&self, direction: &[f64], count: usize, scratch: &'a mut Scratch) -> &'a [Hit] {
-        self.arch.dispatch(Search { scan: self, direction, count, scratch });
+        self.arch.dispatch(PanelSearch { scan: self, direction, count, scratch });
         &scratch.hits
     }
 
@@ -119,9 +119,9 @@ impl Scan {
     }
 }
 
-fn panels(units: usize, rows: &[f64]) -> Vec<Panel> {
+fn panels(units: usize, rows: &[f64]) -> Vec<RowPanel> {
     let panel = |rows: &[f64], unit: usize| {
-        let mut panel = Panel([0.0; PANEL]);
+        let mut panel = RowPanel([0.0; PANEL]);
         for (value, row) in panel.0.iter_mut().zip(rows.chunks_exact(units)) {
             *value = row[unit] as f32;
         }
@@ -130,7 +130,7 @@ fn panels(units: usize, rows: &[f64]) -> Vec<Panel> {
     rows.chunks(units * PANEL).flat_map(|rows| (0..units).map(move |unit| panel(rows, unit))).collect()
 }
 
-struct Search<'a> {
+struct PanelSearch<'a> {
     scan: &'a Scan,
     direction: &'a [f64],
     count: usize,
@@ -139,16 +139,16 @@ struct Search<'a> {
 
 // Everything below runs as the instructions that `simd` stands for only where it is inlined: hence the attributes, and
 // no closure that might not be.
-impl WithSimd for Search<'_> {
+impl WithSimd for PanelSearch<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Search { scan, direction, count, scratch } = self;
+        let PanelSearch { scan, direction, count, scratch } = self;
         let Scratch { direction: narrow, scores, hits } = scratch;
         narrow.clear();
         narrow.extend(direction.iter().map(|&value| value as f32));
-        scores.resize(scan.panels.len() / scan.units, Panel([0.0; PANEL]));
+        scores.resize(scan.panels.len() / scan.units, RowPanel([0.0; PANEL]));
         multiply(simd, &scan.panels, narrow, scores);
         let last = scan.rows.len() / scan.units % PANEL;
         if let Some(scores) = scores.last_mut().filter(|_| last > 0) {
@@ -163,7 +163,7 @@ impl WithSimd for Search<'_> {
 
 /// Computes the dot product of every row with the direction.
 #[inline(always)]
-fn multiply<S: Simd>(simd: S, panels: &[Panel], direction: &[f32], scores: &mut [Panel]) {
+fn multiply<S: Simd>(simd: S, panels: &[RowPanel], direction: &[f32], scores: &mut [RowPanel]) {
     for (panel, scores) in panels.chunks_exact(direction.len()).zip(scores) {
         let (strips, _) = pulp::as_arrays_mut::<SUMS, _>(S::as_mut_simd_f32s(&mut scores.0).0);
         for (strip, scores) in strips.iter_mut().enumerate() {
@@ -189,7 +189,7 @@ fn multiply<S: Simd>(simd: S, panels: &[Panel], direction: &[f32], scores: &mut 
 ///
 /// Each lane keeps the largest of its scores, so the lanes hold scores of different rows.
 #[inline(always)]
-fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
+fn floor<S: Simd>(simd: S, scores: &[RowPanel], count: usize) -> f32 {
     let nothing = simd.splat_f32s(f32::NEG_INFINITY);
     let mut peaks = [nothing; PEAKS];
     for scores in scores {
@@ -216,7 +216,7 @@ fn floor<S: Simd>(simd: S, scores: &[Panel], count: usize) -> f32 {
 
 /// Returns the rows with a score of at least the floor, in order.
 #[inline(always)]
-fn gather(scores: &[Panel], floor: f32, mut found: impl FnMut(usize)) {
+fn gather(scores: &[RowPanel], floor: f32, mut found: impl FnMut(usize)) {
     for (panel, scores) in scores.iter().enumerate().filter(|(_, scores)| any_reaches(floor, &scores.0)) {
         for (line, scores) in scores.0.as_chunks::<LINE>().0.iter().enumerate() {
             if any_reaches(floor, scores) {

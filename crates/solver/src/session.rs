@@ -1,9 +1,10 @@
 //! Solves one reading after another, without broken units.
 
-use super::chart::Chart;
+use super::chart::MisfitChart;
 use super::fits::Unmade;
 use super::{
-    Broken, Fault, FitError, Fits, Fitted, MOST_FITS, Model, Solution, SolveError, Solver, Verdict, Workspace,
+    Broken, ContactVerdict, FitError, Fits, Fitted, MOST_FITS, Model, OutputFault, Solution, SolveError, Solver,
+    Workspace,
 };
 use std::sync::Arc;
 
@@ -32,7 +33,7 @@ pub struct Session {
     /// Last contact that counted.
     witness: Option<Solution>,
     /// Contacts that don't fit the calibration.
-    chart: Chart,
+    chart: MisfitChart,
     is_out_of_date: bool,
     workspace: Workspace,
 }
@@ -87,7 +88,7 @@ impl Session {
     pub fn sharing(fits: Arc<Fits>) -> Self {
         Session {
             evidence: vec![0.0; fits.model().validity().units],
-            chart: Chart::new(fits.model().setting().false_alarms),
+            chart: MisfitChart::new(fits.model().setting().false_alarms),
             fits,
             broke: Vec::new(),
             reduced: None,
@@ -156,7 +157,7 @@ impl Session {
         if self.partial.len() == MOST_PARTIAL {
             return Err(Unanswered::TooMany);
         }
-        let without = missing.iter().map(|&unit| Broken { unit, fault: Fault::Missing });
+        let without = missing.iter().map(|&unit| Broken { unit, fault: OutputFault::Missing });
         let without: Vec<Broken> = self.broke.iter().copied().chain(without).collect();
         let fitted = self.fits.without(&without).map_err(|why| match why {
             Unmade::NoPresses => Unanswered::NoPresses,
@@ -168,13 +169,13 @@ impl Session {
 
     /// Counts the solution as evidence for or against each unit. Leaves out a unit if the evidence against it is sufficient.
     fn weigh(&mut self, solution: &Solution, missing: &[usize]) {
-        let says_nothing = solution.verdict == Verdict::WeakSignal;
+        let says_nothing = solution.verdict == ContactVerdict::WeakSignal;
         if says_nothing || self.witness.is_some_and(|last| is_same(&last, solution)) {
             return;
         }
         self.witness = Some(*solution);
         let named = match solution.verdict {
-            Verdict::ChannelFault(unit) => Some(unit),
+            ContactVerdict::ChannelFault(unit) => Some(unit),
             _ => None,
         };
         let odds_if_named = (NAMED_IF_BROKEN / NAMED_IF_GOOD).ln();
@@ -185,13 +186,13 @@ impl Session {
         }
         self.is_out_of_date |= self.chart.count(solution);
         if let Some(unit) = named.filter(|unit| self.evidence[*unit] > ENOUGH) {
-            let without = [self.broke.as_slice(), &[Broken { unit, fault: Fault::Contradicts }]].concat();
+            let without = [self.broke.as_slice(), &[Broken { unit, fault: OutputFault::Contradicts }]].concat();
             // an array that has too few units left, or a model without presses, continues with the units it has
             if let Ok(Ok(fitted)) = self.fits.without(&without) {
                 (self.broke, self.reduced) = (without, Some(fitted));
                 self.partial.clear();
                 // the unit was the reason
-                self.chart = Chart::new(self.model().setting().false_alarms);
+                self.chart = MisfitChart::new(self.model().setting().false_alarms);
             }
             self.evidence.fill(0.0);
         }

@@ -21,7 +21,7 @@ pub struct Solution {
     /// only at the false-alarm rate. `None` if the calibration can't show it.
     pub misfit: Option<f64>,
     /// Whether the solution is credible.
-    pub verdict: Verdict,
+    pub verdict: ContactVerdict,
     /// Whether the answer is that of a fit that assumes the load of the calibration, because the reading has this load. Always false if
     /// the model has only one fit.
     pub is_calibrated_load: bool,
@@ -34,7 +34,7 @@ impl Solution {
     }
 
     /// Returns a solution of a place and a force whose errors are unknown.
-    pub(super) fn plain(place: Place, force_n: f64, verdict: Verdict) -> Self {
+    pub(super) fn plain(place: Place, force_n: f64, verdict: ContactVerdict) -> Self {
         Solution {
             place,
             force_n,
@@ -96,7 +96,7 @@ impl Covariance {
 
 /// Whether a solution is credible, and the reason if it isn't.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum ContactVerdict {
     /// No reason for doubt was found.
     Ok,
     /// The reading can't be distinguished from a reading without contact.

@@ -1,7 +1,7 @@
 //! Places of a calibration, with one measurement each.
 
 use super::noise::Residual;
-use super::response::Held;
+use super::response::LeftOutPress;
 use super::{Calibration, correlation::farthest_apart, kriging::MOST_PLACES};
 use palpate_core::quantity::Place;
 
@@ -57,7 +57,7 @@ impl Spots {
         residuals: &[f64],
         leverage: &[f64],
         is_weighted: bool,
-    ) -> Vec<Held> {
+    ) -> Vec<LeftOutPress> {
         let rows = residuals.chunks_exact(self.units).zip(leverage.chunks_exact(self.units));
         let mut held = Vec::with_capacity(calibration.len());
         let typical = self.typical_weight();
@@ -72,7 +72,7 @@ impl Spots {
                     Residual { predicted, residual: press.outputs[unit] - predicted, leverage: leverage[unit] * share }
                 };
                 let residuals = (0..self.units).map(of_unit).collect();
-                held.push(Held { place: spot.place, force_n: press.force_n, residuals });
+                held.push(LeftOutPress { place: spot.place, force_n: press.force_n, residuals });
             }
         }
         held

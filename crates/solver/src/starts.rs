@@ -1,6 +1,6 @@
 //! Start places for the search for the best fit.
 
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::scan::{Scan, to_length_one};
 use super::workspace::Workspace;
 use palpate_core::quantity::Place;
@@ -24,7 +24,7 @@ pub(super) const STARTS_A_SIDE: usize = 25;
 pub(super) const MOST_STARTS: usize = 6;
 
 impl Starts {
-    pub(crate) fn new(response: &Response, common_offset: bool) -> Self {
+    pub(crate) fn new(response: &ForwardResponse, common_offset: bool) -> Self {
         let (area, units) = (response.field.area(), response.field.channels());
         let places = area.grid(STARTS_A_SIDE);
         let sd = response.typical_sd();

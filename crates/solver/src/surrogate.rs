@@ -1,9 +1,9 @@
 //! Map computed by regression.
 
 use super::correlation::Smoothness;
-use super::field::{Area, Field};
+use super::field::{CalibratedArea, SplineField};
 use super::kriging::Kriging;
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::sought::{Regression, Sought};
 use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};
@@ -19,7 +19,7 @@ const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 14
 
 /// Returns the response as measured by the calibration, without assumptions about the material under the cover. Each unit's
 /// output per newton is smoothed over the places by kriging.
-pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError> {
+pub(super) fn surrogate(calibration: &Calibration) -> Result<ForwardResponse, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
     let places = coordinates(spots.places());
     let sought = Sought::weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
@@ -27,22 +27,22 @@ pub(super) fn surrogate(calibration: &Calibration) -> Result<Response, FitError>
 }
 
 /// Returns the same response with the correlation of a larger calibration.
-pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<&Sought>) -> Result<Response, FitError> {
+pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<&Sought>) -> Result<ForwardResponse, FitError> {
     match sought {
         Some(sought) => map(calibration, &Spots::of(calibration), sought),
         None => surrogate(calibration),
     }
 }
 
-fn map(calibration: &Calibration, spots: &Spots, sought: &Sought) -> Result<Response, FitError> {
+fn map(calibration: &Calibration, spots: &Spots, sought: &Sought) -> Result<ForwardResponse, FitError> {
     let units = calibration.units();
     let (places, counts) = (coordinates(spots.places()), spots.counts());
     let kriging = Kriging::fit_counting(&places, 2, &spots.per_newton(), units, MANNER, sought, Some(&counts));
     let held_out = kriging.held_out();
-    let area = Area::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
+    let area = CalibratedArea::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
-    let field = Field::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
+    let field = SplineField::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
     let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage, kriging.is_weighted());
     let leverage = |places: &[Place]| kriging.leverage(&coordinates(places.iter().copied()));
-    Ok(Response { sought: Some(sought.clone()), ..Response::new(field, leverage, held, calibration) })
+    Ok(ForwardResponse { sought: Some(sought.clone()), ..ForwardResponse::new(field, leverage, held, calibration) })
 }

@@ -1,6 +1,6 @@
 //! A fitted method as plain tables, for programs that solve without this library.
 
-use super::field::Field;
+use super::field::SplineField;
 use super::fitted::Answering;
 use super::forward::Forward;
 use super::{ForceKnown, ForceRule, Model, Solver as _};
@@ -23,16 +23,16 @@ pub struct Tables {
     /// Whether forces are in newtons. Otherwise they are relative to the typical press of the calibration.
     pub forces_are_known: bool,
     /// The method's own tables.
-    pub kind: Kind,
+    pub kind: MethodTables,
 }
 
 /// The tables of a kind of method.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Kind {
+pub enum MethodTables {
     /// A table of calibration points, of which one is the answer.
     Points(Points),
     /// A map of the outputs, which is inverted.
-    Map(Box<Map>),
+    Map(Box<MapTables>),
 }
 
 /// Points of `pearson` and `pearson-lsq`.
@@ -57,7 +57,7 @@ pub struct Points {
 
 /// Map of `surrogate` and `physics`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Map {
+pub struct MapTables {
     /// Output of each unit per newton.
     pub response: Splines,
     /// Variance of the map relative to the noise of one calibration press.
@@ -87,12 +87,12 @@ pub struct Map {
     /// Largest mean leverage at which the map is known; infinite if it is known everywhere.
     pub known: f64,
     /// Bounds of the search.
-    pub search: Search,
+    pub search: SearchBounds,
 }
 
 /// Bounds of the search for the best fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Search {
+pub struct SearchBounds {
     /// Largest number of starts.
     pub most_starts: usize,
     /// Largest number of steps from a start.
@@ -128,11 +128,11 @@ impl Model {
         let (silence, no_contact, kind) = match fitted.answering() {
             Answering::Forward(forward) => {
                 let silence = (0..kept.len()).map(|unit| forward.response.noise.variance(unit, 0.0)).collect();
-                (silence, forward.limits.no_contact, Kind::Map(Box::new(map(forward))))
+                (silence, forward.limits.no_contact, MethodTables::Map(Box::new(map(forward))))
             }
             Answering::Appraised(appraised) => {
                 let (silence, no_contact, most_residue) = appraised.silence();
-                (silence, no_contact, Kind::Points(appraised.pearson()?.points(most_residue)))
+                (silence, no_contact, MethodTables::Points(appraised.pearson()?.points(most_residue)))
             }
             Answering::ByLoad(_) => return None,
         };
@@ -142,9 +142,9 @@ impl Model {
     }
 }
 
-fn map(forward: &Forward) -> Map {
+fn map(forward: &Forward) -> MapTables {
     let Forward { response, starts, limits, load, loudest, .. } = forward;
-    Map {
+    MapTables {
         response: splines(&response.field),
         leverage: splines(&response.leverage),
         noise: response.noise.parts(),
@@ -159,7 +159,7 @@ fn map(forward: &Forward) -> Map {
         most: [limits.one_contact, limits.without_a_unit],
         inside: limits.inside,
         known: limits.known,
-        search: Search {
+        search: SearchBounds {
             most_starts: starts::MOST_STARTS,
             most_steps: descent::MOST_STEPS,
             most_halvings: descent::MOST_HALVINGS,
@@ -170,7 +170,7 @@ fn map(forward: &Forward) -> Map {
     }
 }
 
-fn splines(field: &Field) -> Splines {
+fn splines(field: &SplineField) -> Splines {
     let area = field.area();
     let (step_mm, cells, coefficients) = field.table();
     Splines { area: [area.least, area.most], step_mm, cells, coefficients: coefficients.to_vec() }

@@ -1,7 +1,7 @@
 //! Input that says little or nothing: every method answers with an error or a verdict, never NaN, never a panic.
 
 use super::*;
-use palpate_core::mechanics::{Passage, Response};
+use palpate_core::mechanics::{Passage, TaxelResponse};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
 use proptest::prelude::*;
@@ -105,7 +105,7 @@ fn a_unit_that_is_dead_in_the_calibration_changes_nothing_whatever_it_reads() {
         let setting = Setting::default();
         let reference = fit(name, &Calibration::new(&points(&whole)).unwrap(), &setting).unwrap();
         let fitted = fit(name, &Calibration::new(&points(&with_dead)).unwrap(), &setting).unwrap();
-        assert_eq!(fitted.broken(), [Broken { unit: 1, fault: Fault::Dead }]);
+        assert_eq!(fitted.broken(), [Broken { unit: 1, fault: OutputFault::Dead }]);
         let (mut a, mut b) = (Workspace::default(), Workspace::default());
         let expected = reference.solve(&[0.4, 0.2, 0.1], &mut a).unwrap();
         assert_eq!(fitted.solve(&[0.4, f64::NAN, 0.2, 0.1], &mut b).unwrap(), expected, "{name}");
@@ -168,7 +168,7 @@ fn answers_are_the_same_without_an_idea_of_their_errors() {
 
 /// What units of three channels read of a force: the stress, and its slopes along x and y times the depth.
 fn of_three_channels(units: &ArrayLayout, place: Place, force_n: f64) -> Vec<f64> {
-    let response = Response::new(Passage::half_space(5.0));
+    let response = TaxelResponse::new(Passage::half_space(5.0));
     let read = |unit: &Place| {
         let distance_mm = place.distance_mm(*unit);
         let (value, slope) = response.with_slope(distance_mm);

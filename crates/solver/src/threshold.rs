@@ -1,7 +1,7 @@
 //! Threshold above which a misfit is more than noise.
 
 use super::heldout::GOLDEN_SHARE;
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::widths::FEWEST_TRIALS;
 use super::{Calibration, ForceKnown, Setting};
 use palpate_core::quantity::stream;
@@ -40,7 +40,7 @@ const FEWEST_TO_TELL: usize = 100;
 
 impl Unexplained {
     /// Measures the residuals of a map on its calibration.
-    pub(crate) fn of(response: &Response, calibration: &Calibration, setting: &Setting<'_>) -> Self {
+    pub(crate) fn of(response: &ForwardResponse, calibration: &Calibration, setting: &Setting<'_>) -> Self {
         let units = response.field.channels();
         let mut rng = stream(0, 0, "thresholds");
         let (mut value, mut along_x, mut along_y) = (vec![0.0; units], vec![0.0; units], vec![0.0; units]);

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Coordinates of a reading that a regression from readings to places uses.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct View {
-    kind: Kind,
+    kind: ViewKind,
     /// Factor by which each output is multiplied first.
     scale: Vec<f64>,
     /// Factor by which each coordinate is multiplied at the end; empty if there are no factors.
@@ -16,7 +16,7 @@ pub(super) struct View {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-enum Kind {
+enum ViewKind {
     /// The reading divided by its length, and the logarithm of the length times a weight. With weight 0 the length isn't used.
     Direction(f64),
     /// The outputs, unchanged.
@@ -30,7 +30,7 @@ enum Kind {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Components {
-    of: Kind,
+    of: ViewKind,
     /// Mean of each coordinate of the other view.
     mean: Vec<f64>,
     /// Directions divided by the standard deviation along them, row-major, components x coordinates.
@@ -59,32 +59,32 @@ impl View {
             rms => 1.0 / rms,
         };
         let each: Vec<f64> = (0..calibration.units()).map(of_unit).collect();
-        let view = |kind: Kind, scale: &[f64]| View { kind, scale: scale.to_vec(), stretch: Vec::new() };
+        let view = |kind: ViewKind, scale: &[f64]| View { kind, scale: scale.to_vec(), stretch: Vec::new() };
         let sees_amplitude =
             load == ForceKnown::Constant || calibration.has_several_forces() || has_several_lengths(calibration);
         let first = match load {
-            ForceKnown::Unknown => view(Kind::Direction(0.0), &alike),
-            ForceKnown::Constant => view(Kind::Outputs, &alike),
+            ForceKnown::Unknown => view(ViewKind::Direction(0.0), &alike),
+            ForceKnown::Constant => view(ViewKind::Outputs, &alike),
         };
         let mut views = vec![first];
         if sees_amplitude {
-            views.extend(WEIGHTS.map(|weight| view(Kind::Direction(weight), &alike)));
-            views.extend([view(Kind::Outputs, &each), view(Kind::Logarithms, &each)]);
+            views.extend(WEIGHTS.map(|weight| view(ViewKind::Direction(weight), &alike)));
+            views.extend([view(ViewKind::Outputs, &each), view(ViewKind::Logarithms, &each)]);
         }
         views
     }
 
     /// Returns the view of only the direction.
     pub(crate) fn of_direction(calibration: &Calibration) -> View {
-        View { kind: Kind::Direction(0.0), scale: vec![1.0; calibration.units()], stretch: Vec::new() }
+        View { kind: ViewKind::Direction(0.0), scale: vec![1.0; calibration.units()], stretch: Vec::new() }
     }
 
     /// Returns the number of coordinates of a reading.
     pub(crate) fn dimensions(&self) -> usize {
         match &self.kind {
-            Kind::Direction(weight) => self.scale.len() + usize::from(*weight > 0.0),
-            Kind::Outputs | Kind::Logarithms => self.scale.len(),
-            Kind::Components(components) => components.rows.len() / components.mean.len(),
+            ViewKind::Direction(weight) => self.scale.len() + usize::from(*weight > 0.0),
+            ViewKind::Outputs | ViewKind::Logarithms => self.scale.len(),
+            ViewKind::Components(components) => components.rows.len() / components.mean.len(),
         }
     }
 
@@ -103,7 +103,7 @@ impl View {
         };
         let rows: Vec<f64> = kept.flat_map(of_component).collect();
         let components = Components { of: self.kind.clone(), mean, rows };
-        let kind = Kind::Components(Box::new(components));
+        let kind = ViewKind::Components(Box::new(components));
         Some(View { kind, scale: self.scale.clone(), stretch: Vec::new() })
     }
 
@@ -131,27 +131,27 @@ impl View {
     }
 }
 
-impl Kind {
+impl ViewKind {
     /// Appends the coordinates of a reading with scaled outputs and this length.
     fn see(&self, scaled: impl Iterator<Item = f64>, length: f64, seen: &mut Vec<f64>) {
         match self {
-            Kind::Direction(weight) => {
+            ViewKind::Direction(weight) => {
                 seen.extend(scaled.map(|output| output / length));
                 if *weight > 0.0 {
                     seen.push(weight * length.ln());
                 }
             }
-            Kind::Outputs => seen.extend(scaled),
-            Kind::Logarithms => seen.extend(scaled.map(|output| (LOGARITHMIC_FROM * output).asinh())),
-            Kind::Components(components) => components.see(scaled, length, seen),
+            ViewKind::Outputs => seen.extend(scaled),
+            ViewKind::Logarithms => seen.extend(scaled.map(|output| (LOGARITHMIC_FROM * output).asinh())),
+            ViewKind::Components(components) => components.see(scaled, length, seen),
         }
     }
 
     fn log_proportional(&self, length: f64) -> f64 {
         match self {
-            Kind::Direction(_) => length.ln(),
-            Kind::Outputs | Kind::Logarithms => 0.0,
-            Kind::Components(components) => components.of.log_proportional(length),
+            ViewKind::Direction(_) => length.ln(),
+            ViewKind::Outputs | ViewKind::Logarithms => 0.0,
+            ViewKind::Components(components) => components.of.log_proportional(length),
         }
     }
 }
@@ -201,7 +201,7 @@ mod tests {
 
     #[test]
     fn principal_components_are_uncorrelated_with_variance_1() {
-        let view = View { kind: Kind::Outputs, scale: vec![2.0; 3], stretch: Vec::new() };
+        let view = View { kind: ViewKind::Outputs, scale: vec![2.0; 3], stretch: Vec::new() };
         // the third output is the sum of the others
         let readings: Vec<[f64; 3]> = (0..40)
             .map(|i| {

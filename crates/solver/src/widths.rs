@@ -147,7 +147,7 @@ fn ranked(scores: &[f64], share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Located;
+    use crate::LocatedContact;
     use palpate_core::quantity::Place;
 
     #[test]
@@ -166,7 +166,8 @@ mod tests {
         // 0.01 to 0.99 mm, and 0.001 to 0.099 N
         let trial = |i: u32| {
             let (off_mm, off_n) = (0.01 * f64::from(i), 0.001 * f64::from(i));
-            let answer = Located { place: Place::new(off_mm, 0.0), force_n: 1.0 - off_n, ..Located::PLAIN };
+            let answer =
+                LocatedContact { place: Place::new(off_mm, 0.0), force_n: 1.0 - off_n, ..LocatedContact::PLAIN };
             let (place, force_n) = (Place::default(), 1.0);
             HeldPress { place, force_n, is_inside: true, loudness: 1.0, answer: Ok(answer) }
         };

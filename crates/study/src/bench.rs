@@ -1,31 +1,31 @@
 //! Simulated benches on which conditions are measured.
 
 use super::StudyError;
-use palpate_data::dataset::{Contact, Memory};
+use palpate_data::dataset::{Memory, RecordedContact};
 use palpate_data::recipe::Plan;
 use palpate_document::Problems;
 use palpate_link::time::run_virtually;
 use palpate_run::rig::{self, RigSpec};
-use palpate_run::run::{Cancel, Ending, Listener, Walk, walk};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk};
 
 /// Simulated benches on which conditions are measured: one plant with two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Bench {
+pub enum StudyBench {
     /// A stage behind an ESP301: 5 to 20 ms per exchange.
     Esp301,
     /// The same stage behind a controller as fast as an XPS: 1 to 5 ms per exchange.
     XpsLike,
 }
 
-impl Bench {
+impl StudyBench {
     /// Both benches, the slow one first.
-    pub const ALL: [Bench; 2] = [Bench::Esp301, Bench::XpsLike];
+    pub const ALL: [StudyBench; 2] = [StudyBench::Esp301, StudyBench::XpsLike];
 
     /// Returns the name in tables and figures.
     pub fn name(self) -> &'static str {
         match self {
-            Bench::Esp301 => "ESP301",
-            Bench::XpsLike => "XPS-like",
+            StudyBench::Esp301 => "ESP301",
+            StudyBench::XpsLike => "XPS-like",
         }
     }
 
@@ -35,8 +35,8 @@ impl Bench {
     /// Never in practice: a test checks that the supplied text is valid.
     pub fn spec(self) -> Result<RigSpec, Problems> {
         let (file, text) = match self {
-            Bench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../../rigs/bench-esp301.toml")),
-            Bench::XpsLike => ("rigs/bench-fast.toml", include_str!("../../../rigs/bench-fast.toml")),
+            StudyBench::Esp301 => ("rigs/bench-esp301.toml", include_str!("../../../rigs/bench-esp301.toml")),
+            StudyBench::XpsLike => ("rigs/bench-fast.toml", include_str!("../../../rigs/bench-fast.toml")),
         };
         shipped(file, text)
     }
@@ -54,16 +54,16 @@ pub(crate) fn papers_rig() -> Result<RigSpec, Problems> {
 ///
 /// # Errors
 /// An error of the operating system: it provides no runtime.
-pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<Contact>, Ending), StudyError> {
+pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<RecordedContact>, Ending), StudyError> {
     let mut memory = Memory::default();
-    let errand = Walk { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
-    let ending = run_virtually(walk(errand, &mut Nobody));
+    let errand = RunJob { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+    let ending = run_virtually(walk(errand, &mut StudyListener));
     Ok((memory.contacts().cloned().collect(), ending))
 }
 
-struct Nobody;
+struct StudyListener;
 
-impl Listener for Nobody {}
+impl Listener for StudyListener {}
 
 fn shipped(file: &str, text: &str) -> Result<RigSpec, Problems> {
     rig::parse(file, text, &|_| Err(std::io::ErrorKind::NotFound.into()))
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn the_benches_are_simulated_and_differ_in_their_controller_alone() {
-        let [slow, fast] = Bench::ALL.map(|bench| bench.spec().unwrap());
+        let [slow, fast] = StudyBench::ALL.map(|bench| bench.spec().unwrap());
         assert!(slow.is_simulated() && fast.is_simulated());
         assert!(fast.scene.latencies.stage_s.1 < slow.scene.latencies.stage_s.0 + 1e-9);
         let mut scene = slow.scene.clone();

@@ -6,8 +6,8 @@ use palpate_control::Strategy;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{ArrayLayout, Range};
 use palpate_data::dataset::evaluate::Trial;
-use palpate_data::dataset::{Contact, Press, PressTruth, Presses};
-use palpate_data::recipe::{Load, Manner, Order, Phase, Places, Plan, Recipe, Step};
+use palpate_data::dataset::{Press, PressTruth, Presses, RecordedContact};
+use palpate_data::recipe::{GridOrder, Manner, Phase, Places, Plan, Recipe, Step, StepLoad};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Ending, Halt};
 use palpate_solver::{ErrorSummary, Evaluation, SOLVERS};
@@ -20,7 +20,7 @@ pub(super) const WINDOW_S: f64 = 0.1;
 /// Part of the study to which a condition belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Part {
+pub enum StudyPart {
     /// Time per press as a function of the force error.
     Tolerance,
     /// A specimen stiffer or softer than declared.
@@ -33,9 +33,9 @@ pub enum Part {
 
 /// One measurement: a square of places pressed with one force by one strategy.
 #[derive(Clone, Debug)]
-pub struct Condition {
+pub struct LoopCondition {
     /// Part of the study.
-    pub part: Part,
+    pub part: StudyPart,
     /// Name of the bench.
     pub bench: &'static str,
     /// Name of the scene.
@@ -60,7 +60,7 @@ pub struct Condition {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConditionOutcome {
     /// Part of the study.
-    pub part: Part,
+    pub part: StudyPart,
     /// Method by which the force was found.
     pub strategy: Strategy,
     /// Name of the bench.
@@ -121,7 +121,7 @@ pub struct ConditionOutcome {
     pub solved_force_error_n: Option<f64>,
 }
 
-impl Condition {
+impl LoopCondition {
     /// Executes the condition in virtual time, without files.
     ///
     /// # Errors
@@ -141,19 +141,19 @@ impl Condition {
             strategy: self.strategy,
             ..Manner::PAPER
         };
-        let grid = Places::Grid { x_mm: square, y_mm: square, spacing_mm: PITCH_MM, order: Order::Raster };
-        let mut steps = vec![Step::new(Phase::Calibration, grid, Load::Force(self.force_n), manner)];
+        let grid = Places::Grid { x_mm: square, y_mm: square, spacing_mm: PITCH_MM, order: GridOrder::Raster };
+        let mut steps = vec![Step::new(Phase::Calibration, grid, StepLoad::Force(self.force_n), manner)];
         if self.tests > 0 {
             let random = Places::Random { count: self.tests as u64, x_mm: square, y_mm: square };
-            steps.push(Step::new(Phase::Test, random, Load::RandomForce(Range { min: 0.1, max: 1.0 }), manner));
+            steps.push(Step::new(Phase::Test, random, StepLoad::RandomForce(Range { min: 0.1, max: 1.0 }), manner));
         }
         let recipe = Recipe::new("study", steps);
         Ok(Plan::new(&recipe, &self.spec.ground(), self.seed)?)
     }
 
-    fn outcome(&self, plan: &Plan, contacts: &[Contact], ending: &Ending) -> ConditionOutcome {
-        let ordinary = |contact: &&Contact| phase(contact) == Some(Phase::Calibration);
-        let made: Vec<&Contact> = contacts.iter().filter(ordinary).collect();
+    fn outcome(&self, plan: &Plan, contacts: &[RecordedContact], ending: &Ending) -> ConditionOutcome {
+        let ordinary = |contact: &&RecordedContact| phase(contact) == Some(Phase::Calibration);
+        let made: Vec<&RecordedContact> = contacts.iter().filter(ordinary).collect();
         let misses_mn: Vec<f64> = made.iter().flat_map(|contact| misses_mn(contact)).collect();
         let error_mn = ErrorSummary::of(&misses_mn.iter().map(|miss| miss.abs()).collect::<Vec<f64>>());
         let time_s = ErrorSummary::of(&intervals_s(contacts));
@@ -202,7 +202,7 @@ impl Condition {
 }
 
 /// Purpose of a press.
-pub(super) fn phase(contact: &Contact) -> Option<Phase> {
+pub(super) fn phase(contact: &RecordedContact) -> Option<Phase> {
     contact.levels.first().and_then(|press| press.phase)
 }
 
@@ -212,23 +212,23 @@ fn grain(value: f64) -> f64 {
 }
 
 /// Results of the paper's solver for the test presses, calibrated on the square.
-fn solved(contacts: &[Contact], layout: &ArrayLayout) -> Option<Evaluation> {
+fn solved(contacts: &[RecordedContact], layout: &ArrayLayout) -> Option<Evaluation> {
     Trial::of_run(&Presses::of_contacts("the study", contacts), Some(layout)).ok()?.answers(SOLVERS[0]).ok()
 }
 
-fn misses_mn(contact: &Contact) -> impl Iterator<Item = f64> {
+fn misses_mn(contact: &RecordedContact) -> impl Iterator<Item = f64> {
     let of = |(press, truth): (&Press, &PressTruth)| Some(to_mn(truth.force_true_n - press.force_set_n?));
     contact.levels.iter().zip(&contact.truth).filter_map(of)
 }
 
 /// Times from one press of the square to the next, s. Times before and after a press that teaches are excluded.
-fn intervals_s(contacts: &[Contact]) -> Vec<f64> {
-    let begun = |contact: &Contact| contact.levels.first().filter(|press| press.is_of(Phase::Calibration))?.t_s;
+fn intervals_s(contacts: &[RecordedContact]) -> Vec<f64> {
+    let begun = |contact: &RecordedContact| contact.levels.first().filter(|press| press.is_of(Phase::Calibration))?.t_s;
     contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()
 }
 
 /// Time at which the last window of some presses ended, s from the run's start.
-pub(super) fn last_s(made: &[&Contact]) -> Option<f64> {
+pub(super) fn last_s(made: &[&RecordedContact]) -> Option<f64> {
     made.iter().flat_map(|contact| &contact.levels).filter_map(|press| Some(press.t_s? + WINDOW_S)).reduce(f64::max)
 }
 

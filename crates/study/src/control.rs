@@ -1,9 +1,9 @@
 //! The study of the force loop: its conditions and their execution.
 
-use super::condition::{Condition, ConditionOutcome, Part};
+use super::condition::{ConditionOutcome, LoopCondition, StudyPart};
 use super::scenes::{NOMINAL, SCENES, line};
 use super::stability::{Onset, stability};
-use super::{Bench, StudyError, Told, carried_out, ndjson, pareto};
+use super::{OnProgress, StudyBench, StudyError, carried_out, ndjson, pareto};
 use palpate_control::Strategy;
 use palpate_run::rig::RigSpec;
 
@@ -58,7 +58,7 @@ impl LoopFindings {
     }
 
     /// Returns the outcomes of one part.
-    pub fn of(&self, part: Part) -> impl Iterator<Item = &ConditionOutcome> {
+    pub fn of(&self, part: StudyPart) -> impl Iterator<Item = &ConditionOutcome> {
         self.outcomes.iter().filter(move |outcome| outcome.part == part)
     }
 }
@@ -67,26 +67,26 @@ impl LoopFindings {
 ///
 /// # Errors
 /// A condition can't be started. A trip is a result and not an error.
-pub fn control(size: LoopSize, seed: u64, told: Told<'_>) -> Result<LoopFindings, StudyError> {
+pub fn control(size: LoopSize, seed: u64, told: OnProgress<'_>) -> Result<LoopFindings, StudyError> {
     let conditions = conditions(size, seed)?;
-    let mut outcomes = carried_out(&conditions, told, Condition::measure)?;
+    let mut outcomes = carried_out(&conditions, told, LoopCondition::measure)?;
     // of the outcomes of one bench that made the whole square
     let mark = |outcome: &ConditionOutcome| {
         Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())
     };
     let mut asked: Vec<&mut ConditionOutcome> =
-        outcomes.iter_mut().filter(|outcome| outcome.part == Part::Tolerance).collect();
+        outcomes.iter_mut().filter(|outcome| outcome.part == StudyPart::Tolerance).collect();
     let best = pareto(&asked.iter().map(|outcome| (outcome.rig, mark(outcome))).collect::<Vec<_>>());
     asked.iter_mut().zip(best).for_each(|(outcome, is_best)| outcome.pareto = Some(is_best));
     Ok(LoopFindings { size, outcomes, onsets: stability() })
 }
 
 /// Returns all strategies under all conditions.
-fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
+fn conditions(size: LoopSize, seed: u64) -> Result<Vec<LoopCondition>, StudyError> {
     let mut conditions = Vec::new();
-    let nominal = |bench: Bench, strategy| -> Result<Condition, StudyError> {
-        Ok(Condition {
-            part: Part::Tolerance,
+    let nominal = |bench: StudyBench, strategy| -> Result<LoopCondition, StudyError> {
+        Ok(LoopCondition {
+            part: StudyPart::Tolerance,
             bench: bench.name(),
             scene: NOMINAL.name.to_owned(),
             spec: bench.spec()?,
@@ -98,16 +98,16 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
             seed,
         })
     };
-    for bench in Bench::ALL {
+    for bench in StudyBench::ALL {
         for strategy in Strategy::ALL {
             for tolerance_n in TOLERANCES_N {
-                let is_calibration = bench == Bench::XpsLike && strategy != Strategy::Velocity;
+                let is_calibration = bench == StudyBench::XpsLike && strategy != Strategy::Velocity;
                 let tests = if is_calibration { size.tests } else { 0 };
-                conditions.push(Condition { tolerance_n, tests, ..nominal(bench, strategy)? });
+                conditions.push(LoopCondition { tolerance_n, tests, ..nominal(bench, strategy)? });
             }
         }
     }
-    for bench in Bench::ALL {
+    for bench in StudyBench::ALL {
         for ratio in MISMATCHES {
             let mut condition = nominal(bench, Strategy::Velocity)?;
             let scene = &mut condition.spec.scene;
@@ -116,19 +116,19 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
             scene.contact = line(sudden_n_mm / (1.0 + shares), scene.contact.toe_mm);
             scene.stiffness = None;
             let scene = format!("stiffness {ratio}x as said");
-            conditions.push(Condition { part: Part::Mismatch, scene, side: size.small, ..condition });
+            conditions.push(LoopCondition { part: StudyPart::Mismatch, scene, side: size.small, ..condition });
         }
     }
-    for bench in Bench::ALL {
+    for bench in StudyBench::ALL {
         for scene in SCENES {
             for strategy in Strategy::ALL {
                 let condition = nominal(bench, strategy)?;
                 let spec = scene.on(condition.spec);
-                conditions.push(Condition {
-                    part: Part::Scenes,
+                conditions.push(LoopCondition {
+                    part: StudyPart::Scenes,
                     scene: scene.name.to_owned(),
                     force_n: scene.force_n,
-                    side: slow_side(&spec, if bench == Bench::XpsLike { size.scene } else { size.small }),
+                    side: slow_side(&spec, if bench == StudyBench::XpsLike { size.scene } else { size.small }),
                     spec,
                     ..condition
                 });
@@ -137,10 +137,10 @@ fn conditions(size: LoopSize, seed: u64) -> Result<Vec<Condition>, StudyError> {
     }
     for declared_n_mm in DECLARED_N_MM {
         for strategy in Strategy::ALL {
-            let mut condition = nominal(Bench::XpsLike, strategy)?;
+            let mut condition = nominal(StudyBench::XpsLike, strategy)?;
             condition.spec.limits.stiffness_n_mm = declared_n_mm;
             let side = slow_side(&condition.spec, size.small);
-            conditions.push(Condition { part: Part::Caution, side, ..condition });
+            conditions.push(LoopCondition { part: StudyPart::Caution, side, ..condition });
         }
     }
     Ok(conditions)

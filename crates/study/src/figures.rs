@@ -1,19 +1,19 @@
 //! Figures of the study's results.
 
-use super::Bench;
-use super::condition::{ConditionOutcome, Part};
+use super::StudyBench;
+use super::condition::{ConditionOutcome, StudyPart};
 use super::control::{LoopFindings, MISMATCHES, SLOW_N_MM, SLOW_SIDE, TOLERANCES_N};
 use super::scenes::SCENES;
 use super::stability::{self, OVERSHOOTS_AT, UNSTABLE_AT};
 use palpate_control::{GAIN_TIMES_DEAD_TIME, Strategy};
-use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel, Shape};
 use palpate_report::paper;
 
 /// Mean location error in the paper, mm.
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// One number of an outcome, if the outcome has it.
-type Value = fn(&ConditionOutcome) -> Option<f64>;
+type OutcomeValue = fn(&ConditionOutcome) -> Option<f64>;
 
 /// Returns every figure: a file's name and the SVG.
 pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
@@ -29,14 +29,14 @@ pub fn figures(findings: &LoopFindings) -> Vec<(String, String)> {
 
 /// Figure of time per press against force error, for each strategy on each bench.
 fn time_and_error(findings: &LoopFindings) -> Figure {
-    let whole = || findings.of(Part::Tolerance).filter(|outcome| outcome.rule.is_none());
+    let whole = || findings.of(StudyPart::Tolerance).filter(|outcome| outcome.rule.is_none());
     let point = |outcome: &ConditionOutcome| Some((outcome.median_s?, outcome.error_p95_mn?));
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
     let x = ChartAxis::log("time per press, median, s", whole().filter_map(point).map(|p| p.0), (bound_s / 1.1, 1.0));
     let y = ChartAxis::log("force error, 95th percentile, mN", whole().filter_map(point).map(|p| p.1), (2.0, 10.0));
     let mut marks = vec![Mark::At(bound_s, format!("least possible time: {bound_s:.3} s"))];
     let mut legend = Vec::new();
-    for bench in Bench::ALL {
+    for bench in StudyBench::ALL {
         for strategy in Strategy::ALL {
             let of_it: Vec<&ConditionOutcome> =
                 whole().filter(|outcome| outcome.rig == bench.name() && outcome.strategy == strategy).collect();
@@ -70,11 +70,11 @@ fn time_and_error(findings: &LoopFindings) -> Figure {
 /// Figure of the gains at which the velocity loop is stable, and of the effect of a wrong stiffness on the real links.
 fn stability_map(findings: &LoopFindings) -> Figure {
     let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
-    let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: Line::None };
+    let dot = |hue, shape, filled| Look { hue, shape: Some(shape), filled, line: LineStyle::None };
     let theory = |gain: f64| [0.5, 5.0].map(|mismatch| (mismatch, gain / mismatch)).to_vec();
     let mut marks = vec![
-        Mark::Curve(Look::line(Hue::Orange, Line::Solid), theory(UNSTABLE_AT)),
-        Mark::Curve(Look::line(Hue::Blue, Line::Dashed), theory(OVERSHOOTS_AT)),
+        Mark::Curve(Look::line(Hue::Orange, LineStyle::Solid), theory(UNSTABLE_AT)),
+        Mark::Curve(Look::line(Hue::Blue, LineStyle::Dashed), theory(OVERSHOOTS_AT)),
         Mark::Level(GAIN_TIMES_DEAD_TIME, format!("this loop: {GAIN_TIMES_DEAD_TIME}")),
     ];
     let mut dots = Vec::new();
@@ -94,15 +94,15 @@ fn stability_map(findings: &LoopFindings) -> Figure {
     let mut marks = vec![Mark::Level(1.0, "set".to_owned())];
     let alone =
         |mismatch: f64| (mismatch, stability::peak(GAIN_TIMES_DEAD_TIME * mismatch, stability::DEAD_TIMES_S[1]));
-    marks.push(Mark::Curve(Look::line(Hue::Grey, Line::Dashed), MISMATCHES.map(alone).to_vec()));
+    marks.push(Mark::Curve(Look::line(Hue::Grey, LineStyle::Dashed), MISMATCHES.map(alone).to_vec()));
     let cross = Look::markers(Hue::Grey, Shape::Cross);
     let mut wire_legend = vec![
         (cross, "right: a rule ends it".to_owned()),
-        (Look::line(Hue::Grey, Line::Dashed), "the loop alone".to_owned()),
+        (Look::line(Hue::Grey, LineStyle::Dashed), "the loop alone".to_owned()),
     ];
-    for bench in Bench::ALL {
+    for bench in StudyBench::ALL {
         let of_it = || {
-            let outcomes = findings.of(Part::Mismatch).filter(move |outcome| outcome.rig == bench.name());
+            let outcomes = findings.of(StudyPart::Mismatch).filter(move |outcome| outcome.rig == bench.name());
             MISMATCHES.into_iter().zip(outcomes)
         };
         let reached =
@@ -128,8 +128,8 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         panels: vec![map, wire],
         legend: vec![
             vec![
-                (Look::line(Hue::Orange, Line::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
-                (Look::line(Hue::Blue, Line::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
+                (Look::line(Hue::Orange, LineStyle::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
+                (Look::line(Hue::Blue, LineStyle::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
             ],
             dots,
             wire_legend,
@@ -144,12 +144,13 @@ fn stability_map(findings: &LoopFindings) -> Figure {
 /// Figure of error and peak of each strategy in each scene, on the fast bench.
 fn scenes(findings: &LoopFindings) -> Figure {
     let rows = || ChartAxis::rows(SCENES.iter().map(|scene| scene.name.to_owned()).collect());
-    let markers = |strategy| Look { line: Line::None, ..look(strategy, Bench::XpsLike) };
+    let markers = |strategy| Look { line: LineStyle::None, ..look(strategy, StudyBench::XpsLike) };
     let (mut errors, mut peaks) = (vec![Mark::At(10.0, String::new())], Vec::new());
     for (strategy, offset) in Strategy::ALL.into_iter().zip([-0.27, 0.0, 0.27]) {
         let (mut near, mut over) = (Vec::new(), Vec::new());
-        let of_it = |outcome: &&ConditionOutcome| outcome.strategy == strategy && outcome.rig == Bench::XpsLike.name();
-        for outcome in findings.of(Part::Scenes).filter(of_it) {
+        let of_it =
+            |outcome: &&ConditionOutcome| outcome.strategy == strategy && outcome.rig == StudyBench::XpsLike.name();
+        for outcome in findings.of(StudyPart::Scenes).filter(of_it) {
             let row = SCENES.iter().position(|scene| scene.name == outcome.scene).unwrap_or_default();
             let y = row as f64 + offset;
             near.extend(outcome.error_p95_mn.map(|error_mn| (error_mn, y)));
@@ -185,7 +186,7 @@ fn scenes(findings: &LoopFindings) -> Figure {
 
 /// Figure of time per press against the declared stiffness, for the same specimen.
 fn caution(findings: &LoopFindings) -> Figure {
-    let whole = || findings.of(Part::Caution).filter(|outcome| outcome.rule.is_none());
+    let whole = || findings.of(StudyPart::Caution).filter(|outcome| outcome.rule.is_none());
     let bound_s = whole().next().map_or(1.0, |outcome| outcome.bound_s);
     let times_s = whole().filter_map(|outcome| outcome.median_s);
     let y = ChartAxis::log("time per press, median, s", times_s, (bound_s / 1.1, 2.0));
@@ -193,7 +194,7 @@ fn caution(findings: &LoopFindings) -> Figure {
     for strategy in Strategy::ALL {
         let of_it = whole().filter(|outcome| outcome.strategy == strategy);
         let points = of_it.filter_map(|outcome| Some((outcome.declared_n_mm, outcome.median_s?))).collect();
-        marks.push(Mark::Curve(look(strategy, Bench::XpsLike), points));
+        marks.push(Mark::Curve(look(strategy, StudyBench::XpsLike), points));
     }
     Figure {
         title: "Cost of caution: time per press against the declared stiffness".to_owned(),
@@ -214,13 +215,13 @@ fn caution(findings: &LoopFindings) -> Figure {
 /// Figure of a calibration's time and location error against the tolerance.
 fn calibration(findings: &LoopFindings) -> Figure {
     let strategies = [Strategy::Guarded, Strategy::Map];
-    let panel = |label: &str, value: Value, level: Option<Mark>| {
+    let panel = |label: &str, value: OutcomeValue, level: Option<Mark>| {
         let of = |strategy| {
-            let of_it = findings.of(Part::Tolerance).filter(move |outcome| outcome.strategy == strategy);
+            let of_it = findings.of(StudyPart::Tolerance).filter(move |outcome| outcome.strategy == strategy);
             of_it.filter_map(|outcome| Some((1000.0 * outcome.tolerance_n, value(outcome)?))).collect::<Vec<_>>()
         };
         let most = strategies.iter().flat_map(|strategy| of(*strategy)).map(|point| point.1).fold(0.1, f64::max);
-        let curves = strategies.map(|strategy| Mark::Curve(look(strategy, Bench::XpsLike), of(strategy)));
+        let curves = strategies.map(|strategy| Mark::Curve(look(strategy, StudyBench::XpsLike), of(strategy)));
         let ends = (1000.0 * TOLERANCES_N[TOLERANCES_N.len() - 1] / 1.2, 1000.0 * TOLERANCES_N[0] * 1.2);
         Panel {
             x: ChartAxis::log("set force tolerance, mN", [], ends),
@@ -251,19 +252,19 @@ fn calibration(findings: &LoopFindings) -> Figure {
 
 /// Look of a strategy on the fast bench, and its name.
 fn named(strategy: Strategy) -> (Look, String) {
-    (look(strategy, Bench::XpsLike), strategy.name().to_owned())
+    (look(strategy, StudyBench::XpsLike), strategy.name().to_owned())
 }
 
 /// Look of a strategy on a bench: colour and shape show the strategy, fill and line show the bench.
-fn look(strategy: Strategy, bench: Bench) -> Look {
+fn look(strategy: Strategy, bench: StudyBench) -> Look {
     let (hue, shape) = match strategy {
         Strategy::Guarded => (Hue::Blue, Shape::Square),
         Strategy::Velocity => (Hue::Orange, Shape::Triangle),
         Strategy::Map => (Hue::Green, Shape::Circle),
     };
     let (filled, line) = match bench {
-        Bench::XpsLike => (true, Line::Solid),
-        Bench::Esp301 => (false, Line::Dashed),
+        StudyBench::XpsLike => (true, LineStyle::Solid),
+        StudyBench::Esp301 => (false, LineStyle::Dashed),
     };
     Look { hue, shape: Some(shape), filled, line }
 }

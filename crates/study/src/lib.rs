@@ -1,6 +1,6 @@
 //! Studies: many conditions, rows of their results, and figures.
 //!
-//! [`control`] studies the force loop. A [`Condition`] is executed like any run, on the supplied benches with one change. It is
+//! [`control`] studies the force loop. A [`LoopCondition`] is executed like any run, on the supplied benches with one change. It is
 //! judged by the scene's truth. [`methods`] studies the methods that solve: their accuracy, speed, required number of presses,
 //! and conditions of failure. [`minutes`] studies both together: the accuracy of a calibration as a function of its time at the
 //! bench. [`curves`] studies arrays: the paper's numerical study, for its lines of units and for any array. [`ablation`] studies
@@ -24,9 +24,9 @@ mod scenes;
 mod stability;
 pub mod validation;
 
-pub use bench::Bench;
+pub use bench::StudyBench;
 pub use bound::least_s;
-pub use condition::{Condition, ConditionOutcome, Part};
+pub use condition::{ConditionOutcome, LoopCondition, StudyPart};
 pub use control::{LoopFindings, LoopSize, control};
 pub use figures::figures;
 pub use scenes::BenchChange;
@@ -42,12 +42,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use thiserror::Error;
 
 /// Callback with the number of finished parts of a study and the total number.
-pub type Told<'a> = &'a (dyn Fn(usize, usize) + Sync);
+pub type OnProgress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
 /// Returns the result of each job, in order. All processors work on the jobs, and `told` is informed about each finished job.
 fn carried_out<J: Sync, O: Send>(
     jobs: &[J],
-    told: Told<'_>,
+    told: OnProgress<'_>,
     work: impl Fn(&J) -> Result<O, StudyError> + Sync,
 ) -> Result<Vec<O>, StudyError> {
     let done = AtomicUsize::new(0);

@@ -2,7 +2,7 @@
 
 use palpate_core::quantity::Limits;
 use palpate_run::rig::RigSpec;
-use palpate_sim::scene::{ContactLaw, LoadCell, RelaxationBranch, Relief, Servo, Spikes, Stiffness};
+use palpate_sim::scene::{ContactLaw, LoadCellScene, RelaxationBranch, Relief, Servo, Spikes, Stiffness};
 
 /// One change to a bench. The limits are those that a careful user would set, unless the scene is about a wrong limit.
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +58,7 @@ pub(crate) const SCENES: [BenchChange; 13] = [
     change("noise 30 mN", 1.0, |spec| cell(spec).noise_n = 0.030),
     change("50 Hz bus", 1.0, |spec| {
         let (transport_s, low_pass_hz) = (0.020, 20.0);
-        *cell(spec) = LoadCell { transport_s, low_pass_hz: Some(low_pass_hz), ..*cell(spec) };
+        *cell(spec) = LoadCellScene { transport_s, low_pass_hz: Some(low_pass_hz), ..*cell(spec) };
         spec.load_cell.conversions_hz = 50.0;
         spec.load_cell.lag_s = transport_s + TIME_CONSTANTS / (std::f64::consts::TAU * low_pass_hz);
     }),
@@ -99,13 +99,13 @@ fn steel(spec: &mut RigSpec, linear_n_mm: f64) {
     spec.scene.relaxation.clear();
 }
 
-fn cell(spec: &mut RigSpec) -> &mut LoadCell {
+fn cell(spec: &mut RigSpec) -> &mut LoadCellScene {
     spec.scene.load_cell.get_or_insert_default()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Bench;
+    use super::super::StudyBench;
     use super::*;
 
     /// The largest stiffness up to the largest force, relaxation and the stiffest place included, N/mm.
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn the_declared_stiffness_is_honest_but_where_it_is_not_meant_to_be() {
         for scene in SCENES {
-            let spec = scene.on(Bench::XpsLike.spec().unwrap());
+            let spec = scene.on(StudyBench::XpsLike.spec().unwrap());
             let (largest, declared) = (largest_n_mm(&spec), spec.limits.stiffness_n_mm);
             let lies = scene.name.starts_with("stiffness 3x");
             assert_eq!(largest > declared, lies, "{}: {largest} of {declared} N/mm", scene.name);

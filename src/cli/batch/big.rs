@@ -1,6 +1,6 @@
 //! Words in block letters, which can be read from the other side of a bench.
 
-use palpate_run::batch::Standing;
+use palpate_run::batch::SensorState;
 
 /// Number of rows of a letter.
 const ROWS: usize = 5;
@@ -9,7 +9,7 @@ const ROWS: usize = 5;
 const COLUMNS: usize = 40;
 
 /// Returns a standing in block letters of at most 40 columns, one line of letters for each word. A longer word is plain text.
-pub(super) fn big(standing: Standing) -> String {
+pub(super) fn big(standing: SensorState) -> String {
     let words = standing.name().to_uppercase();
     words.split(' ').map(|word| block(word).unwrap_or_else(|| format!("{word}\n"))).collect::<Vec<_>>().join("\n")
 }
@@ -51,7 +51,7 @@ mod tests {
     #[test]
     fn every_result_fits_forty_columns_and_has_all_its_letters() {
         for standing in
-            Standing::ALL.into_iter().filter(|standing| standing.is_judged() || *standing == Standing::Failed)
+            SensorState::ALL.into_iter().filter(|standing| standing.is_judged() || *standing == SensorState::Failed)
         {
             let text = big(standing);
             assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
@@ -62,11 +62,11 @@ mod tests {
             );
         }
         assert_eq!(
-            big(Standing::NotAccepted).lines().filter(|line| line.is_empty()).count(),
+            big(SensorState::NotAccepted).lines().filter(|line| line.is_empty()).count(),
             1,
             "two words, two lines"
         );
-        assert_eq!(big(Standing::Accepted).lines().next(), Some(" ##   ###  ### #### ###  ### #### ###"));
-        assert_eq!(big(Standing::Interrupted), "INTERRUPTED\n");
+        assert_eq!(big(SensorState::Accepted).lines().next(), Some(" ##   ###  ### #### ###  ### #### ###"));
+        assert_eq!(big(SensorState::Interrupted), "INTERRUPTED\n");
     }
 }

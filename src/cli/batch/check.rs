@@ -8,7 +8,7 @@ use super::material::{Material, calibrated};
 use crate::api::Failure;
 use crate::api::run::check_gain;
 use palpate_core::quantity::Place;
-use palpate_data::acceptance::{Decision, Rule};
+use palpate_data::acceptance::{AcceptanceRule, Decision};
 use palpate_data::recipe::{Phase, Plan};
 use palpate_run::batch::{Chance, DRAWS, Test, chance};
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
@@ -26,7 +26,7 @@ Examples:
 /// Print what a batch would do with each sensor; nothing moves
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct CheckArgs {
+pub(super) struct BatchCheckArgs {
     /// The batch file
     #[arg(value_name = "BATCH")]
     batch_file: PathBuf,
@@ -38,7 +38,7 @@ pub(super) struct CheckArgs {
 }
 
 /// Checks every file and the plan at each nest, and prints minutes, presses and the chance of no decision.
-pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
+pub(super) fn check(args: &BatchCheckArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch_file, args.simulate)?;
     check_gain(&material.rig)?;
     material.check()?;
@@ -148,7 +148,7 @@ fn chance_of(material: &Material, plan: &Plan) -> Option<Result<Chance, &'static
     Some(chance(rule, &test, &material.file.typical))
 }
 
-fn chance_text(rule: Option<&Rule>, chance: Option<Result<Chance, &'static str>>) -> String {
+fn chance_text(rule: Option<&AcceptanceRule>, chance: Option<Result<Chance, &'static str>>) -> String {
     let Some((rule, chance)) = rule.zip(chance) else {
         return "no verdict: no acceptance rule (`accept` of the batch, or [accept] of the recipe)\n".to_owned();
     };
@@ -161,7 +161,7 @@ fn chance_text(rule: Option<&Rule>, chance: Option<Result<Chance, &'static str>>
     }
 }
 
-fn described_chance(rule: &Rule, chance: Chance) -> String {
+fn described_chance(rule: &AcceptanceRule, chance: Chance) -> String {
     let percent = |share: f64| 100.0 * share;
     let mut text = format!(
         "{} rule; a typical sensor is\n  NOT DECIDED with a chance of {:.1} %, ACCEPTED with {:.1} %, NOT ACCEPTED with {:.1} %\n  \

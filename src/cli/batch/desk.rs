@@ -9,10 +9,10 @@ use super::status::{counted, described};
 use super::typed::{Typed, next_line};
 use crate::api::MannerOptions;
 use crate::api::provenance::now;
-use crate::api::{Failure, Kind};
+use crate::api::{Failure, FailureKind};
 use miette::IntoDiagnostic;
 use palpate_document::printable;
-use palpate_run::batch::{Admitted, BatchFolder, Event, Nest, Standing, check_serial};
+use palpate_run::batch::{Admitted, BatchEvent, BatchFolder, Nest, SensorState, check_serial};
 use palpate_run::run::Cancel;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -72,7 +72,7 @@ enum Wanted {
 }
 
 /// Answer to one line.
-enum Answer {
+enum OperatorAnswer {
     Placed(Placed),
     Empty,
     Again,
@@ -81,13 +81,13 @@ enum Answer {
 
 impl Desk {
     /// Records an event, and then publishes it.
-    pub(super) fn record(&mut self, event: &Event) -> Result<(), Failure> {
+    pub(super) fn record(&mut self, event: &BatchEvent) -> Result<(), Failure> {
         self.folder.record(event).map_err(Failure::batch)?;
         self.publish(event)
     }
 
     /// Publishes an event that is on the disk. Every event of a batch that is at work passes here once.
-    pub(super) fn publish(&self, event: &Event) -> Result<(), Failure> {
+    pub(super) fn publish(&self, event: &BatchEvent) -> Result<(), Failure> {
         if self.json {
             let line = serde_json::to_string(event).into_diagnostic().map_err(Failure::unwritten)?;
             print(&format!("{line}\n"))?;
@@ -98,7 +98,7 @@ impl Desk {
 
     /// Publishes that the run of a sensor is paused. A line that can't be printed stops no run.
     pub(super) fn pauses(&self, serial: &str) {
-        _ = self.publish(&Event::Paused { at: now(), serial: serial.to_owned() });
+        _ = self.publish(&BatchEvent::Paused { at: now(), serial: serial.to_owned() });
     }
 
     /// Shows a result: on standard output, unless that is for events.
@@ -116,7 +116,7 @@ impl Desk {
         let state = self.folder.state();
         tell(&format!("{}: {}\n", self.folder.path().display(), counted(state)))?;
         let interrupted = state.items.iter().chain(&state.reference);
-        for item in interrupted.filter(|item| item.standing == Standing::Interrupted).take(NAMED_MOST) {
+        for item in interrupted.filter(|item| item.standing == SensorState::Interrupted).take(NAMED_MOST) {
             let serial = &item.serial;
             let run = item.run.as_deref().unwrap_or_default();
             tell(&format!(
@@ -133,10 +133,10 @@ impl Desk {
             let tray = match self.ask()? {
                 Wanted::Run(tray) => tray,
                 Wanted::End => break,
-                Wanted::Cancelled => return Ok(exit_code(Kind::Cancelled)),
+                Wanted::Cancelled => return Ok(exit_code(FailureKind::Cancelled)),
             };
             if self.calibrate(&tray, manner)? == Flow::Cancelled {
-                return Ok(exit_code(Kind::Cancelled));
+                return Ok(exit_code(FailureKind::Cancelled));
             }
         }
         self.greet()?;
@@ -159,10 +159,10 @@ impl Desk {
                     Typed::Line(line) => line,
                 };
                 match self.answer(&line, nest.clone(), &tray)? {
-                    Answer::Placed(placed) => tray.push(placed),
-                    Answer::Empty if nest.is_some() => {}
-                    Answer::Empty | Answer::Again => continue,
-                    Answer::End => return Ok(Wanted::End),
+                    OperatorAnswer::Placed(placed) => tray.push(placed),
+                    OperatorAnswer::Empty if nest.is_some() => {}
+                    OperatorAnswer::Empty | OperatorAnswer::Again => continue,
+                    OperatorAnswer::End => return Ok(Wanted::End),
                 }
                 break;
             }
@@ -175,72 +175,78 @@ impl Desk {
         let place = nest.map(|nest| format!("nest {}, ", nest.name)).unwrap_or_default();
         let is_on_tray = |serial: &str| tray.iter().any(|placed| placed.serial == serial);
         let due = state.reference.as_ref().filter(|item| state.is_reference_due() && !is_on_tray(&item.serial));
-        let waiting = state.count(Standing::Waiting);
-        match (due, state.items.iter().find(|item| item.standing == Standing::Waiting && !is_on_tray(&item.serial))) {
+        let waiting = state.count(SensorState::Waiting);
+        match (due, state.items.iter().find(|item| item.standing == SensorState::Waiting && !is_on_tray(&item.serial)))
+        {
             (Some(reference), _) => format!("{place}reference sensor {} (or `later`) > ", reference.serial),
             (None, Some(next)) => format!("{place}next sensor ({}; {waiting} waiting) > ", next.serial),
             (None, None) => format!("{place}no sensor is waiting (.end, or .repeat SERIAL) > "),
         }
     }
 
-    fn answer(&mut self, line: &str, nest: Option<Nest>, tray: &[Placed]) -> Result<Answer, Failure> {
+    fn answer(&mut self, line: &str, nest: Option<Nest>, tray: &[Placed]) -> Result<OperatorAnswer, Failure> {
         if line.is_empty() {
-            return Ok(Answer::Empty);
+            return Ok(OperatorAnswer::Empty);
         }
         if let Some(command) = line.strip_prefix('.') {
             return self.command(command);
         }
         let state = self.folder.state();
         if line.eq_ignore_ascii_case("later") && state.is_reference_due() {
-            self.record(&Event::Postponed { at: now() })?;
+            self.record(&BatchEvent::Postponed { at: now() })?;
             tell("the reference sensor is asked for after the next sensor\n")?;
-            return Ok(Answer::Again);
+            return Ok(OperatorAnswer::Again);
         }
         let serials: Vec<String> = tray.iter().map(|placed| placed.serial.clone()).collect();
         match state.admit(line, &serials) {
-            Ok(kind) => Ok(Answer::Placed(Placed { serial: line.to_owned(), kind, nest })),
+            Ok(kind) => Ok(OperatorAnswer::Placed(Placed { serial: line.to_owned(), kind, nest })),
             Err(reason) => {
                 let typed = printable(line.chars().take(TYPED_MOST).collect());
                 tell(&format!("refused: {typed}\n  {reason}; nothing moves\n"))?;
-                self.record(&Event::Refused { at: now(), typed, reason })?;
-                Ok(Answer::Again)
+                self.record(&BatchEvent::Refused { at: now(), typed, reason })?;
+                Ok(OperatorAnswer::Again)
             }
         }
     }
 
-    fn command(&mut self, line: &str) -> Result<Answer, Failure> {
+    fn command(&mut self, line: &str) -> Result<OperatorAnswer, Failure> {
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
         let last = || self.folder.state().last.clone();
         let serial = if rest.is_empty() { last() } else { Some(rest.to_owned()) };
         let marked = match (word, serial) {
-            ("end", _) => return Ok(Answer::End),
+            ("end", _) => return Ok(OperatorAnswer::End),
             ("status", _) => {
                 self.show(&described(self.folder.state()))?;
-                return Ok(Answer::Again);
+                return Ok(OperatorAnswer::Again);
             }
             ("repeat", Some(serial)) => self.mark(
                 &serial,
-                |at, serial| Event::Retry { at, serial },
+                |at, serial| BatchEvent::Retry { at, serial },
                 "may be calibrated again: type its serial number",
             ),
             ("skip", Some(serial)) if !rest.is_empty() => {
-                self.mark(&serial, |at, serial| Event::Skipped { at, serial }, "is skipped")
+                self.mark(&serial, |at, serial| BatchEvent::Skipped { at, serial }, "is skipped")
             }
             ("note", _) if !rest.is_empty() && last().is_some() => {
                 let note = printable(rest.chars().take(TYPED_MOST).collect());
                 let serial = last().unwrap_or_default();
-                self.mark(&serial, |at, serial| Event::Noted { at, serial, note }, "has this note")
+                self.mark(&serial, |at, serial| BatchEvent::Noted { at, serial, note }, "has this note")
             }
             _ => {
                 return tell(&format!("unknown, or incomplete: .{}\n{COMMANDS}", printable(line.to_owned())))
-                    .map(|()| Answer::Again);
+                    .map(|()| OperatorAnswer::Again);
             }
         };
-        marked.map(|()| Answer::Again)
+        marked.map(|()| OperatorAnswer::Again)
     }
 
-    fn mark(&mut self, serial: &str, event: impl FnOnce(String, String) -> Event, done: &str) -> Result<(), Failure> {
+    fn mark(
+        &mut self,
+        serial: &str,
+        event: impl FnOnce(String, String) -> BatchEvent,
+        done: &str,
+    ) -> Result<(), Failure> {
         if check_serial(serial).is_err() || self.folder.state().item(serial).is_none() {
             return tell(&format!("{} isn't in this batch\n", printable(serial.to_owned())));
         }

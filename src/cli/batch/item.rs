@@ -12,17 +12,17 @@ use crate::api::Failure;
 use crate::api::MannerOptions;
 use crate::api::provenance::{now, session};
 use crate::api::run::{execute, walked};
-use palpate_data::acceptance::{Judgement, Verdict, limit_used};
+use palpate_data::acceptance::{Judgement, SensorVerdict, limit_used};
 use palpate_data::dataset::sensor_file::SensorFile;
 use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
 use palpate_data::recipe::Plan;
 use palpate_link::time::{sleep, spawn};
-use palpate_run::batch::chart::{LIMIT_SIGMAS, Shown};
+use palpate_run::batch::chart::{ChartedChange, LIMIT_SIGMAS};
 use palpate_run::batch::{
-    Admitted, Alarm, Basis, Began, Cause, Conclusion, Ended, Event, Found, Item, Standing, conclude, run_seed,
-    specimen_seed,
+    Admitted, Alarm, Basis, BatchEvent, BatchSensor, Began, Cause, Conclusion, Ended, SensorFigure, SensorState,
+    conclude, run_seed, specimen_seed,
 };
-use palpate_run::run::{Asked, Ending, Halt, examine, keep_pace};
+use palpate_run::run::{Ending, ForceCheck, Halt, examine, keep_pace};
 use palpate_solver::{Model, UnitChange};
 use std::fmt::Write as _;
 use std::fs;
@@ -45,7 +45,7 @@ pub(super) enum Flow {
 }
 
 /// A sensor with everything that its runs need.
-struct Prepared {
+struct PreparedSensor {
     placed: Placed,
     rig: NestRig,
     /// Number of its first run, from 1.
@@ -54,7 +54,7 @@ struct Prepared {
 }
 
 /// What is known when a sensor's runs end.
-struct Outcome {
+struct ItemOutcome {
     status: Status,
     runs: Vec<String>,
     minutes: f64,
@@ -74,7 +74,8 @@ impl Desk {
     /// Calibrates the sensors on the tray, one after another.
     pub(super) fn calibrate(&mut self, tray: &[Placed], manner: &MannerOptions) -> Result<Flow, Failure> {
         // all plans are made before anything moves
-        let prepared: Result<Vec<Prepared>, Failure> = tray.iter().map(|placed| self.prepare(placed, manner)).collect();
+        let prepared: Result<Vec<PreparedSensor>, Failure> =
+            tray.iter().map(|placed| self.prepare(placed, manner)).collect();
         let prepared = prepared?;
         if self.warm_up(manner)? == Flow::Cancelled {
             return Ok(Flow::Cancelled);
@@ -87,14 +88,14 @@ impl Desk {
         Ok(Flow::Next)
     }
 
-    fn prepare(&self, placed: &Placed, manner: &MannerOptions) -> Result<Prepared, Failure> {
+    fn prepare(&self, placed: &Placed, manner: &MannerOptions) -> Result<PreparedSensor, Failure> {
         let mut rig = self.material.rig_at(placed.nest.as_ref())?;
         rig.spec = asked_at(&manner.confirm, rig.spec);
         let (seed, serial) = (self.folder.state().facts.seed, placed.serial.as_str());
         rig.spec.scene.specimen = Some(specimen_seed(seed, serial));
         let number = 1 + self.folder.state().item(serial).map_or(0, |item| item.times);
         let first = self.material.plan(0, &rig.spec, run_seed(seed, serial, number))?;
-        Ok(Prepared { placed: placed.clone(), rig, number, first })
+        Ok(PreparedSensor { placed: placed.clone(), rig, number, first })
     }
 
     /// Waits until the sensors have the bench's temperature.
@@ -116,7 +117,7 @@ impl Desk {
         Ok(if self.cancel.asked() { Flow::Cancelled } else { Flow::Next })
     }
 
-    fn one(&mut self, sensor: &Prepared, manner: &MannerOptions) -> Result<Flow, Failure> {
+    fn one(&mut self, sensor: &PreparedSensor, manner: &MannerOptions) -> Result<Flow, Failure> {
         let Placed { serial, kind, nest } = &sensor.placed;
         let is_reference = *kind == Admitted::Reference;
         let run = self.folder.next_run(serial).map_err(Failure::batch)?;
@@ -124,7 +125,7 @@ impl Desk {
         tell(&format!("{serial}{place}: {run}\n"))?;
         let nest = nest.as_ref().map(|nest| nest.name.clone());
         let began = Began { at: now(), serial: serial.clone(), reference: is_reference, nest, run: run.clone() };
-        self.record(&Event::Began(began))?;
+        self.record(&BatchEvent::Began(began))?;
         let mut outcome = match self.quick_check(sensor)? {
             Some(failed) => failed,
             None => self.runs(sensor, run, manner)?,
@@ -141,7 +142,7 @@ impl Desk {
             verdict: judgement.as_ref().map(|judgement| judgement.verdict).filter(|_| !is_reference),
             // a reference sensor isn't judged
             reasons: if is_reference && judgement.is_some() { Vec::new() } else { outcome.reasons },
-            found: judgement.iter().flat_map(|judgement| &judgement.checks).map(Found::of).collect(),
+            found: judgement.iter().flat_map(|judgement| &judgement.checks).map(SensorFigure::of).collect(),
             calibration_presses: outcome.presses.0,
             test_presses: outcome.presses.1,
             minutes: outcome.minutes,
@@ -149,7 +150,7 @@ impl Desk {
             refused: outcome.is_refused,
             model,
         };
-        self.record(&Event::Ended(ended))?;
+        self.record(&BatchEvent::Ended(ended))?;
         self.alarms(serial)?;
         let is_stopped = outcome.status == Status::Stopped;
         if let Some(failure) = outcome.failure {
@@ -164,9 +165,9 @@ impl Desk {
     }
 
     /// Checks without pressing that every device answers, and that zero and noise are sound. Returns the end of a sensor that fails.
-    fn quick_check(&self, sensor: &Prepared) -> Result<Option<Outcome>, Failure> {
+    fn quick_check(&self, sensor: &PreparedSensor) -> Result<Option<ItemOutcome>, Failure> {
         let spec = &sensor.rig.spec;
-        let found = execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, Asked::Nobody))?;
+        let found = execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, ForceCheck::Nobody))?;
         let halt = match found {
             Err(halt) => Some(halt),
             Ok(found) => {
@@ -174,11 +175,11 @@ impl Desk {
                 device.or_else(|| found.air.and_then(Result::err).map(Halt::from))
             }
         };
-        Ok(halt.map(|halt| Outcome::halted(Ending::halted(halt), Vec::new(), 0.0)))
+        Ok(halt.map(|halt| ItemOutcome::halted(Ending::halted(halt), Vec::new(), 0.0)))
     }
 
     /// Walks the first recipe, and further ones as long as the result asks for more presses.
-    fn runs(&self, sensor: &Prepared, first: String, manner: &MannerOptions) -> Result<Outcome, Failure> {
+    fn runs(&self, sensor: &PreparedSensor, first: String, manner: &MannerOptions) -> Result<ItemOutcome, Failure> {
         let (mut runs, mut seconds) = (Vec::new(), 0.0);
         let (mut recipe, mut plan, mut name) = (0, sensor.first.clone(), first);
         loop {
@@ -196,12 +197,12 @@ impl Desk {
             let minutes = seconds / SECONDS_PER_MINUTE;
             drop(folder);
             if ending.status() != Status::Complete {
-                return Ok(Outcome::halted(ending, runs, minutes));
+                return Ok(ItemOutcome::halted(ending, runs, minutes));
             }
             let is_last = recipe + 1 == self.material.recipes.len();
             let conclusion = self.concluded(&runs, is_last).map_err(Failure::dataset)?;
             match conclusion.needs_more && !is_last {
-                false => return Ok(Outcome::complete(conclusion, runs, minutes)),
+                false => return Ok(ItemOutcome::complete(conclusion, runs, minutes)),
                 true => {
                     recipe += 1;
                     let number = sensor.number + runs.len() as u64;
@@ -215,7 +216,7 @@ impl Desk {
 
     fn new_run(
         &self,
-        sensor: &Prepared,
+        sensor: &PreparedSensor,
         recipe: usize,
         plan: &Plan,
         name: &str,
@@ -267,7 +268,7 @@ impl Desk {
     /// Records the alarms of the control charts after a result, and shows them.
     fn alarms(&mut self, serial: &str) -> Result<(), Failure> {
         let shown = self.folder.state().monitor.shown().to_vec();
-        for (quantity, Shown { cause, sigmas }) in shown {
+        for (quantity, ChartedChange { cause, sigmas }) in shown {
             let (serial, quantity) = (serial.to_owned(), quantity.name().to_owned());
             let what = match cause {
                 Cause::Bench => {
@@ -276,28 +277,28 @@ impl Desk {
                 Cause::Batch => "THE SENSORS HAVE CHANGED: those since the last alarm differ from the design",
             };
             self.show(&filled(&format!("{what} ({quantity}: {sigmas:+.1} standard deviations)"), "  "))?;
-            self.record(&Event::Alarm(Alarm { at: now(), serial, cause, quantity, sigmas, limit: LIMIT_SIGMAS }))?;
+            self.record(&BatchEvent::Alarm(Alarm { at: now(), serial, cause, quantity, sigmas, limit: LIMIT_SIGMAS }))?;
         }
         Ok(())
     }
 }
 
-impl Outcome {
-    fn complete(conclusion: Conclusion, runs: Vec<String>, minutes: f64) -> Outcome {
+impl ItemOutcome {
+    fn complete(conclusion: Conclusion, runs: Vec<String>, minutes: f64) -> ItemOutcome {
         let Conclusion { judgement, presses, change, is_refused, reasons, model, .. } = conclusion;
         let reasons = reasons.into_iter().chain(judgement.iter().flat_map(Judgement::all_reasons)).collect();
         let (failure, is_fatal) = (None, false);
         let status = Status::Complete;
-        Outcome { status, runs, minutes, reasons, judgement, presses, change, is_refused, model, failure, is_fatal }
+        ItemOutcome { status, runs, minutes, reasons, judgement, presses, change, is_refused, model, failure, is_fatal }
     }
 
     /// Returns the end of a sensor whose run, or whose quick check, ended early.
-    fn halted(ending: Ending, runs: Vec<String>, minutes: f64) -> Outcome {
+    fn halted(ending: Ending, runs: Vec<String>, minutes: f64) -> ItemOutcome {
         let status = ending.status();
         let reasons = ending.told().into_iter().collect();
         let is_fatal = ending.unparked.is_some() || matches!(ending.halt, Some(Halt::Record(_) | Halt::Unconfirmed(_)));
         let failure = (status != Status::Stopped).then(|| Failure::ended(ending));
-        Outcome {
+        ItemOutcome {
             status,
             runs,
             minutes,
@@ -314,7 +315,7 @@ impl Outcome {
 }
 
 /// Returns a sensor's result for the person: large on a screen, and the figure that is nearest to its limit, or farthest beyond it.
-fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> String {
+fn result(item: &BatchSensor, judgement: Option<&Judgement>, is_on_screen: bool) -> String {
     let mut text = String::new();
     // writing to a string can't fail
     if is_on_screen {
@@ -332,7 +333,7 @@ fn result(item: &Item, judgement: Option<&Judgement>, is_on_screen: bool) -> Str
                 format!("{name} {} {unit}, limit {} {unit}", check.shown(check.value), check.shown(Some(check.limit)));
             text += &filled(&format!("  {}", line.replace(" ,", ",").trim_end()), "    ");
         }
-        let is_listed = judgement.verdict != Verdict::Accepted && item.standing != Standing::Calibrated;
+        let is_listed = judgement.verdict != SensorVerdict::Accepted && item.standing != SensorState::Calibrated;
         for reason in judgement.all_reasons().filter(|_| is_listed) {
             text += &filled(&format!("  {reason}"), "    ");
         }

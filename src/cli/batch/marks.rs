@@ -4,7 +4,7 @@ use super::super::summary::print;
 use crate::api::Failure;
 use crate::api::labels::label;
 use crate::api::provenance::now;
-use palpate_run::batch::{BatchFolder, Event, check_serial};
+use palpate_run::batch::{BatchEvent, BatchFolder, check_serial};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -89,29 +89,29 @@ pub(super) fn add(args: &AddArgs) -> Result<ExitCode, Failure> {
             return Err(Failure::usage(miette::miette!(help = help, "{serial:?}: {problem}")));
         }
     }
-    folder.record(&Event::Added { at: now(), serials: args.serials.clone() }).map_err(Failure::batch)?;
+    folder.record(&BatchEvent::Added { at: now(), serials: args.serials.clone() }).map_err(Failure::batch)?;
     print(&format!("{} sensors added\n", args.serials.len()))?;
     Ok(ExitCode::SUCCESS)
 }
 
 /// Allows a sensor again.
 pub(super) fn retry(args: &RetryArgs) -> Result<ExitCode, Failure> {
-    let event = Event::Retry { at: now(), serial: args.serial.clone() };
+    let event = BatchEvent::Retry { at: now(), serial: args.serial.clone() };
     mark(&args.batch, &args.serial, &event, "may be calibrated again")
 }
 
 /// Skips a sensor.
 pub(super) fn skip(args: &SkipArgs) -> Result<ExitCode, Failure> {
-    mark(&args.batch, &args.serial, &Event::Skipped { at: now(), serial: args.serial.clone() }, "is skipped")
+    mark(&args.batch, &args.serial, &BatchEvent::Skipped { at: now(), serial: args.serial.clone() }, "is skipped")
 }
 
 /// Adds a note.
 pub(super) fn note(args: &NoteArgs) -> Result<ExitCode, Failure> {
-    let event = Event::Noted { at: now(), serial: args.serial.clone(), note: args.note.clone() };
+    let event = BatchEvent::Noted { at: now(), serial: args.serial.clone(), note: args.note.clone() };
     mark(&args.batch, &args.serial, &event, "has this note")
 }
 
-fn mark(batch: &Path, serial: &str, event: &Event, done: &str) -> Result<ExitCode, Failure> {
+fn mark(batch: &Path, serial: &str, event: &BatchEvent, done: &str) -> Result<ExitCode, Failure> {
     let mut folder = BatchFolder::open(batch).map_err(Failure::batch)?;
     if folder.state().item(serial).is_none() {
         let help = "`palpate batch status` shows the sensors; `palpate batch add` adds one";

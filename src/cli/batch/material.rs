@@ -6,11 +6,11 @@ use crate::api::Failure;
 use crate::api::recorded::read_run;
 use crate::api::shipped::{self, BATCHES, RECIPES};
 use crate::api::sources::{ReadRecipe, as_asked, bounded, own_texts, parse_recipe, read_named_in, unread};
-use crate::api::which_rig::{Chosen, THE_BATCH};
+use crate::api::which_rig::{ChosenRig, THE_BATCH};
 use palpate_core::quantity::{Place, round};
-use palpate_data::acceptance::Rule;
+use palpate_data::acceptance::AcceptanceRule;
 use palpate_data::dataset::calibration::calibration_of_run;
-use palpate_data::dataset::{Fingerprint, Origins, Text, source_fingerprint};
+use palpate_data::dataset::{Fingerprint, Origins, RecordedText, source_fingerprint};
 use palpate_data::recipe::{self, Phase, Plan};
 use palpate_run::batch::{self, BatchFile, Charted, Nest, PriorRuns, Quantity, RIG};
 use palpate_run::rig::{self, RigSpec};
@@ -38,15 +38,15 @@ pub(super) struct Material {
     /// The recipes.
     pub recipes: Vec<ReadRecipe>,
     /// The acceptance rule.
-    pub rule: Option<Rule>,
+    pub rule: Option<AcceptanceRule>,
     /// The design's prior.
     pub prior: Option<Prior>,
     /// Journals of the runs that make the prior.
     pub made_from: Vec<Fingerprint>,
     /// All texts, as the batch folder keeps them.
-    pub texts: Vec<Text>,
+    pub texts: Vec<RecordedText>,
     /// How the rig was chosen.
-    pub chosen: Chosen,
+    pub chosen: ChosenRig,
     simulate: bool,
 }
 
@@ -72,7 +72,7 @@ impl Material {
             })?,
         };
         let file = batch::parse(&path.display().to_string(), &text).map_err(Failure::usage)?;
-        let mut texts = vec![Text { name: BATCH.to_owned(), text }];
+        let mut texts = vec![RecordedText { name: BATCH.to_owned(), text }];
         let rig = read_rig(path, &file.rig, simulate);
         let named = rig.as_ref().ok().map(|(chosen, _)| chosen);
         let recipes: Vec<Result<ReadRecipe, Failure>> =
@@ -92,7 +92,7 @@ impl Material {
             (None, Some(rig), Some(accept), Some(prior)) => (rig, accept, prior),
             _ => unreachable!("what couldn't be read is a failure"),
         };
-        let mut keep = |name: String, text: &str| texts.push(Text { name, text: text.to_owned() });
+        let mut keep = |name: String, text: &str| texts.push(RecordedText { name, text: text.to_owned() });
         keep(RIG.to_owned(), &chosen.text);
         own_texts(&rig).iter().for_each(|(name, text)| keep(format!("rig-{name}"), text));
         for (number, recipe) in (1..).zip(&read) {
@@ -197,14 +197,14 @@ fn path_of(batch: &Path, name: &str) -> PathBuf {
     batch.parent().unwrap_or(Path::new("")).join(name)
 }
 
-fn read_rig(batch: &Path, name: &str, simulate: bool) -> Result<(Chosen, RigSpec), Failure> {
-    let chosen = Chosen::of_batch(batch, name)?;
+fn read_rig(batch: &Path, name: &str, simulate: bool) -> Result<(ChosenRig, RigSpec), Failure> {
+    let chosen = ChosenRig::of_batch(batch, name)?;
     let spec = as_asked(chosen.read()?, simulate, 1)?;
     Ok((chosen, spec))
 }
 
 /// Reads a recipe. `rig` is the one of the batch, if it could be read.
-fn read_recipe(batch: &Path, name: &str, rig: Option<&Chosen>) -> Result<ReadRecipe, Failure> {
+fn read_recipe(batch: &Path, name: &str, rig: Option<&ChosenRig>) -> Result<ReadRecipe, Failure> {
     let (path, text) = read_named_in(batch, name, RECIPES, "recipes", THE_BATCH)?;
     let read = parse_recipe(&path, text, &|name: &str| bounded(&path.with_file_name(name)))?;
     if let (Some(rig), Some(key)) = (rig, &read.recipe.rig) {
@@ -213,7 +213,7 @@ fn read_recipe(batch: &Path, name: &str, rig: Option<&Chosen>) -> Result<ReadRec
     Ok(read)
 }
 
-fn read_rule(batch: &Path, name: &str) -> Result<(Rule, String), Failure> {
+fn read_rule(batch: &Path, name: &str) -> Result<(AcceptanceRule, String), Failure> {
     let path = path_of(batch, name);
     let text =
         bounded(&path).map_err(|error| unread(&path, &error, "the batch names it in `accept`; correct the name"))?;

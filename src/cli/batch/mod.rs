@@ -28,15 +28,15 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub(super) struct BatchArgs {
     #[command(subcommand)]
-    command: Command,
+    command: BatchCommand,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum Command {
-    Check(check::CheckArgs),
-    Run(run::RunArgs),
+enum BatchCommand {
+    Check(check::BatchCheckArgs),
+    Run(run::BatchRunArgs),
     Status(status::StatusArgs),
-    Report(report::ReportArgs),
+    Report(report::BatchReportArgs),
     Add(marks::AddArgs),
     Retry(marks::RetryArgs),
     Skip(marks::SkipArgs),
@@ -46,13 +46,13 @@ enum Command {
 /// Carries a command out.
 pub(super) fn batch(args: &BatchArgs) -> Result<ExitCode, Failure> {
     match &args.command {
-        Command::Check(args) => check::check(args),
-        Command::Run(args) => run::run(args),
-        Command::Status(args) => status::status(args),
-        Command::Report(args) => report::report(args),
-        Command::Add(args) => marks::add(args),
-        Command::Retry(args) => marks::retry(args),
-        Command::Skip(args) => marks::skip(args),
-        Command::Note(args) => marks::note(args),
+        BatchCommand::Check(args) => check::check(args),
+        BatchCommand::Run(args) => run::run(args),
+        BatchCommand::Status(args) => status::status(args),
+        BatchCommand::Report(args) => report::report(args),
+        BatchCommand::Add(args) => marks::add(args),
+        BatchCommand::Retry(args) => marks::retry(args),
+        BatchCommand::Skip(args) => marks::skip(args),
+        BatchCommand::Note(args) => marks::note(args),
     }
 }

@@ -3,8 +3,8 @@
 use super::super::output::OutputArgs;
 use crate::api::Failure;
 use crate::api::report::{check_free, write};
-use palpate_report::report::{Link, batch_page, batches_page, counted};
-use palpate_run::batch::{Ended, History, Standing};
+use palpate_report::report::{PageLink, batch_page, batches_page, counted};
+use palpate_run::batch::{Ended, History, SensorState};
 use serde_json::json;
 use std::path::{Component, Path, PathBuf};
 use std::process::ExitCode;
@@ -28,7 +28,7 @@ const LINKED: [(&str, &str); 2] = [("report", "report.html"), ("certificate", "c
 /// Write a page about a batch: yield, figures, control charts, and all sensors
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct ReportArgs {
+pub(super) struct BatchReportArgs {
     /// The batch folders
     #[arg(required = true)]
     batches: Vec<PathBuf>,
@@ -43,7 +43,7 @@ pub(super) struct ReportArgs {
 }
 
 /// Writes the page and reports in a line what is in it.
-pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
+pub(super) fn report(args: &BatchReportArgs) -> Result<ExitCode, Failure> {
     if !args.compare && args.batches.len() > 1 {
         let help = "add --compare, or give one batch";
         return Err(Failure::usage(miette::miette!(help = help, "a page is about one batch")));
@@ -57,7 +57,7 @@ pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
         ([history], false) => {
             let folder = &args.batches[0];
             let to_folder = address(&out, folder);
-            let accepted = history.state.count(Standing::Accepted);
+            let accepted = history.state.count(SensorState::Accepted);
             let of = counted(history.state.items.len(), "sensor");
             (batch_page(history, &|ended| links(folder, &to_folder, ended)), format!("{accepted} of {of} accepted"))
         }
@@ -70,12 +70,12 @@ pub(super) fn report(args: &ReportArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Returns the links to the pages about a result that exist, each in the first run folder that has it.
-fn links(folder: &Path, to_folder: &str, ended: &Ended) -> Vec<Link> {
+fn links(folder: &Path, to_folder: &str, ended: &Ended) -> Vec<PageLink> {
     let is_inside = |run: &&String| Path::new(run).components().all(|part| matches!(part, Component::Normal(_)));
     let link = |(name, file): (&'static str, &str)| {
         let mut runs = ended.runs.iter().filter(is_inside);
         let run = runs.find(|run| folder.join(run).join(file).is_file())?;
-        Some(Link { name, href: format!("{to_folder}{}/{file}", escaped(run)) })
+        Some(PageLink { name, href: format!("{to_folder}{}/{file}", escaped(run)) })
     };
     LINKED.into_iter().filter_map(link).collect()
 }

@@ -9,7 +9,7 @@ use crate::api::Failure;
 use crate::api::MannerOptions;
 use crate::api::labels::label;
 use crate::api::provenance::now;
-use palpate_run::batch::{BATCH_FORMAT, BatchFolder, Event, Facts, RIG, Session, beginning};
+use palpate_run::batch::{BATCH_FORMAT, BatchEvent, BatchFolder, BatchSession, Facts, RIG, beginning};
 use palpate_run::rig::{Difference, differences};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ Ctrl-C during a run finishes the press and pauses; a second one stops and ends."
 /// Calibrate the sensors of a batch, one after another
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct RunArgs {
+pub(super) struct BatchRunArgs {
     /// The batch file
     #[arg(value_name = "BATCH")]
     batch_file: PathBuf,
@@ -52,7 +52,7 @@ pub(super) struct RunArgs {
 }
 
 /// Creates the batch's folder or continues it, and calibrates the sensors that are typed.
-pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
+pub(super) fn run(args: &BatchRunArgs) -> Result<ExitCode, Failure> {
     let material = Material::read(&args.batch_file, args.simulate)?;
     args.manner.check(&material.rig)?;
     material.check()?;
@@ -60,7 +60,7 @@ pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let operator = args.operator.clone().or_else(|| material.file.operator.clone());
     let path = args.out.clone().unwrap_or_else(|| Path::new("runs").join(&material.file.name));
     let version = env!("CARGO_PKG_VERSION").to_owned();
-    let session = Session { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
+    let session = BatchSession { at: now(), version, bench: material.bench.clone(), operator: operator.clone() };
     let cancel = heed(First::Pause, Some("stopping"))?;
     let new = |folder: BatchFolder, material: Material| {
         let warned = RefCell::default();
@@ -80,7 +80,7 @@ pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     };
     desk.notifier = Notifier::start(desk.material.notified());
     let ended = desk.work(&args.manner);
-    let closed = desk.record(&Event::Closed { at: now() });
+    let closed = desk.record(&BatchEvent::Closed { at: now() });
     let code = ended?;
     closed.map(|()| code)
 }
@@ -101,7 +101,7 @@ fn facts(material: &Material) -> Result<Facts, Failure> {
 }
 
 /// Continues a batch: checks that it is this one. Only the rig may have changed; the batch then keeps its text too.
-fn go_on(desk: &mut Desk, session: Session) -> Result<(), Failure> {
+fn go_on(desk: &mut Desk, session: BatchSession) -> Result<(), Failure> {
     let (state, material) = (desk.folder.state(), &desk.material);
     let path = desk.folder.path().display();
     let is_rigs = |name: &str| name == RIG || name.starts_with("rig-");
@@ -134,10 +134,10 @@ fn go_on(desk: &mut Desk, session: Session) -> Result<(), Failure> {
         return Err(Failure::usage(miette::miette!(help = help, "{path} can't be continued with wider limits:{each}")));
     }
     let texts = material.texts.iter().filter(|text| is_rigs(&text.name) && kept(&text.name) != Some(&text.text));
-    let changed: Vec<Event> = texts.cloned().map(Event::Text).collect();
+    let changed: Vec<BatchEvent> = texts.cloned().map(BatchEvent::Text).collect();
     if !changed.is_empty() {
         tell("the rig has changed since the last session: the batch keeps both\n")?;
     }
-    desk.record(&Event::Session(session))?;
+    desk.record(&BatchEvent::Session(session))?;
     changed.iter().try_for_each(|event| desk.record(event))
 }

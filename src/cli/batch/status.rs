@@ -3,7 +3,7 @@
 use super::super::output::OutputArgs;
 use super::super::text_table::{TextTable, cells};
 use crate::api::{Failure, batch_status};
-use palpate_run::batch::{Item, Standing, State};
+use palpate_run::batch::{BatchSensor, BatchState, SensorState};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -30,8 +30,8 @@ pub(super) struct StatusArgs {
 /// Prints the state that follows from the batch's journal.
 pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
     let state = batch_status(&args.batch)?;
-    let counts = Standing::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
-    let told = Told {
+    let counts = SensorState::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
+    let told = StatusJson {
         name: &state.facts.name,
         design: &state.facts.design,
         counts: counts.into_iter().collect(),
@@ -48,20 +48,20 @@ pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
 
 /// The state of a batch as JSON.
 #[derive(Serialize)]
-struct Told<'a> {
+struct StatusJson<'a> {
     name: &'a str,
     design: &'a str,
     counts: BTreeMap<String, usize>,
-    reference: Option<&'a Item>,
+    reference: Option<&'a BatchSensor>,
     reference_due: bool,
     next: Option<&'a str>,
     refused: u64,
     alarms: u64,
-    sensors: &'a [Item],
+    sensors: &'a [BatchSensor],
 }
 
 /// Returns the state for a person: the numbers, then each sensor that has begun or was skipped.
-pub(super) fn described(state: &State) -> String {
+pub(super) fn described(state: &BatchState) -> String {
     let mut text = format!("batch {}, design {}: {}\n", state.facts.name, state.facts.design, counted(state));
     // writing to a string can't fail
     if let Some(reference) = &state.reference {
@@ -72,7 +72,7 @@ pub(super) fn described(state: &State) -> String {
         let _ = writeln!(text, "{} refused serial numbers, {} alarms", state.refused, state.alarms);
     }
     let mut table = TextTable::new(3, ["serial", "state", "run", "minutes"]);
-    for item in state.items.iter().filter(|item| item.standing != Standing::Waiting || item.times > 0) {
+    for item in state.items.iter().filter(|item| item.standing != SensorState::Waiting || item.times > 0) {
         let minutes = item.minutes.map(|minutes| format!("{minutes:.1}")).unwrap_or_default();
         table.row(cells![item.serial, item.standing.name(), item.run.as_deref().unwrap_or_default(), minutes]);
         for remark in item.reason.iter().chain(&item.before()).chain(&item.note) {
@@ -89,8 +89,8 @@ pub(super) fn described(state: &State) -> String {
 }
 
 /// Returns the number of sensors of each standing that occurs.
-pub(super) fn counted(state: &State) -> String {
-    let counts = Standing::ALL.map(|standing| (state.count(standing), standing.name()));
+pub(super) fn counted(state: &BatchState) -> String {
+    let counts = SensorState::ALL.map(|standing| (state.count(standing), standing.name()));
     let counts: Vec<String> =
         counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, name)| format!("{count} {name}")).collect();
     format!("{} sensors, {}", state.items.len(), counts.join(", "))

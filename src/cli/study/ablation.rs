@@ -1,18 +1,18 @@
 //! `palpate study ablation`: the terms that a scene needs, and the results that need them.
 
-use super::begun::{Begun, Common};
+use super::begun::{Common, StudyOutput};
 use crate::api::Failure;
 use crate::cli::text_table::TextTable;
 use palpate_study::ablation::{
-    ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, TERMS, Term,
-    TermRow, ablation,
+    ALL_TERMS, AblationFindings, AblationSize, Needed, PER_PRESS, PER_READING, QUESTIONS, Question, SHARE, SceneTerm,
+    TERMS, TermRow, ablation,
 };
 use std::path::Path;
 use std::process::ExitCode;
 
 /// Executes the study, writes its rows and prints the results.
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "ablation")?;
+    let begun = StudyOutput::new(&args.output, "ablation")?;
     let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };
     let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
     begun.end(Vec::new(), found.ndjson(), |out| summary(&found, out))
@@ -66,7 +66,7 @@ fn effects(found: &AblationFindings, questions: &[Question], heads: &[&str], cos
     table.to_string()
 }
 
-fn named(term: &Term) -> String {
+fn named(term: &SceneTerm) -> String {
     format!("{}{}", term.name, if term.in_base { "*" } else { "" })
 }
 

@@ -35,20 +35,20 @@ pub(super) struct Output {
 }
 
 /// Study in progress.
-pub(super) struct Begun {
+pub(super) struct StudyOutput {
     pub(super) out: PathBuf,
     pub(super) json: bool,
     bar: ProgressBar,
 }
 
-impl Begun {
+impl StudyOutput {
     /// Checks that the folder is free, before anything is computed.
-    pub(super) fn new(args: &Output, name: &str) -> Result<Begun, Failure> {
+    pub(super) fn new(args: &Output, name: &str) -> Result<StudyOutput, Failure> {
         let out = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
         if out.symlink_metadata().is_ok() {
             return Err(Failure::dataset(DatasetError::Exists { path: out }));
         }
-        Ok(Begun { out, json: args.json, bar: bar() })
+        Ok(StudyOutput { out, json: args.json, bar: bar() })
     }
 
     /// Returns the function that is informed about the progress.

@@ -1,15 +1,15 @@
 //! `palpate study control`: how fast and how near each strategy presses.
 
-use super::begun::{Begun, Common, number};
+use super::begun::{Common, StudyOutput, number};
 use crate::api::Failure;
 use crate::cli::text_table::{TextTable, cells};
-use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, Part, control, figures};
+use palpate_study::{ConditionOutcome, LoopFindings, LoopSize, StudyPart, control, figures};
 use std::path::Path;
 use std::process::ExitCode;
 
 /// Executes the study, writes its figures and prints the results.
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "control")?;
+    let begun = StudyOutput::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
     let findings = begun.carried(control(size, args.seed, &begun.told()))?;
     begun.end(figures(&findings), findings.ndjson(), |out| summary(&findings, out))
@@ -22,7 +22,7 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
         format!("1 N at {0} x {0} places 0.5 mm apart: time, and error of the force, by tolerance\n\n", size.main);
     let mut table =
         TextTable::new(2, ["bench", "strategy", "mN", "median s", "p95", "/min", "mean mN", "p95", "max", "peak", ""]);
-    for outcome in findings.of(Part::Tolerance) {
+    for outcome in findings.of(StudyPart::Tolerance) {
         table.row(cells![
             outcome.rig,
             outcome.strategy.name(),
@@ -53,7 +53,7 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
             number(outcome.peak_over_mn, 0)
         ),
     };
-    let mut table = |title: &str, part: Part, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
+    let mut table = |title: &str, part: StudyPart, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
         let mut table = TextTable::new(1, ["", "guarded", "velocity", "map"]);
         // the strategies of a row stand together
         let outcomes: Vec<(String, &ConditionOutcome)> =
@@ -65,20 +65,20 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
     };
     for (rig, side) in [("XPS-like", size.scene), ("ESP301", size.small)] {
         let title = format!("scenes, {rig}, {side} x {side} (steel 5 x 5): s, p95, peak over mN; or rule @presses");
-        table(&title, Part::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
+        table(&title, StudyPart::Scenes, &|outcome| (outcome.rig == rig).then(|| outcome.scene.clone()));
     }
-    table("the declared stiffness, on the nominal specimen", Part::Caution, &|outcome| {
+    table("the declared stiffness, on the nominal specimen", StudyPart::Caution, &|outcome| {
         Some(format!("{} N/mm", outcome.declared_n_mm))
     });
 
     let mut table = TextTable::new(2, ["bench", "stiffness", "velocity"]);
-    for outcome in findings.of(Part::Mismatch) {
+    for outcome in findings.of(StudyPart::Mismatch) {
         table.row(cells![outcome.rig, outcome.scene.replace("stiffness ", ""), cell(outcome)]);
     }
     text += &format!("velocity on a stiffness other than declared: s, p95 mN, peak over mN\n{table}\n");
     text += &format!("a calibration of {0} x {0} places and its test of {1}, XPS-like\n", size.main, size.tests);
     let mut table = TextTable::new(1, ["", "mN", "minutes", "location error, mean, mm"]);
-    for outcome in findings.of(Part::Tolerance).filter(|outcome| outcome.location_error_mm.is_some()) {
+    for outcome in findings.of(StudyPart::Tolerance).filter(|outcome| outcome.location_error_mm.is_some()) {
         table.row(cells![
             outcome.strategy.name(),
             1000.0 * outcome.tolerance_n,

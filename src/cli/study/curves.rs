@@ -1,6 +1,6 @@
 //! `palpate study curves`: the paper's numerical study, and any array put through the same.
 
-use super::begun::{Begun, Output, ended};
+use super::begun::{Output, StudyOutput, ended};
 use crate::api::Failure;
 use crate::api::sources::read_rig;
 use crate::cli::summary::beside;
@@ -8,8 +8,8 @@ use palpate_core::mechanics::{Medium, Passage};
 use palpate_document as document;
 use palpate_sim::scene::{Elastomer, SkinSpec};
 use palpate_study::curves::{
-    ASSUMED_SD, Area, Claim, Curves, Design, DesignError, DesignFindings, MeanBound, NEAR_R, Turning, curves,
-    design_figures, figures,
+    ASSUMED_SD, ContactArea, Curves, DesignError, DesignFindings, MeanBound, NEAR_R, NominalArray, PaperClaim, Turning,
+    curves, design_figures, figures,
 };
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ const COORDINATE_MAX_MM: f64 = 10_000.0;
 
 /// Executes the study, writes its figures and prints the results.
 pub(super) fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "curves")?;
+    let begun = StudyOutput::new(&args.output, "curves")?;
     match &args.rig {
         None => {
             let found = curves();
@@ -62,7 +62,7 @@ pub(super) fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
     }
 }
 
-fn design(path: &Path, args: &CurvesArgs) -> Result<Design, Failure> {
+fn design(path: &Path, args: &CurvesArgs) -> Result<NominalArray, Failure> {
     let (text, rig) = read_rig(path)?;
     // a rig without a scene is simulated as the paper's: that says nothing of its own array
     let mut skin = if document::has_key(&text, "scene") { rig.scene.skin } else { SkinSpec::default() };
@@ -70,7 +70,7 @@ fn design(path: &Path, args: &CurvesArgs) -> Result<Design, Failure> {
         skin.elastomer = Some(Elastomer::half_space(depth_mm));
     }
     let area = args.area_mm.as_deref().map(area).transpose()?;
-    Design::new(&rig.array.layout.one_per_unit(), &skin, rig.limits.force_n, area).map_err(|error| {
+    NominalArray::new(&rig.array.layout.one_per_unit(), &skin, rig.limits.force_n, area).map_err(|error| {
         let help = match error {
             DesignError::NoDepth => "add it: --depth-mm 5",
             DesignError::OneUnit | DesignError::SamePlace(..) => "see [array] of the rig: grid or places_mm",
@@ -80,9 +80,9 @@ fn design(path: &Path, args: &CurvesArgs) -> Result<Design, Failure> {
     })
 }
 
-fn area(ends: &[f64]) -> Result<Area, Failure> {
+fn area(ends: &[f64]) -> Result<ContactArea, Failure> {
     match *ends {
-        [x0, x1, y0, y1] if x0 < x1 && y0 < y1 => Ok(Area { x_mm: (x0, x1), y_mm: (y0, y1) }),
+        [x0, x1, y0, y1] if x0 < x1 && y0 < y1 => Ok(ContactArea { x_mm: (x0, x1), y_mm: (y0, y1) }),
         _ => {
             let help = "expected smallest and largest x, then y: --area-mm -6 6 -6 6";
             Err(Failure::usage(miette::miette!(help = help, "--area-mm: the area is empty")))
@@ -103,7 +103,7 @@ fn coordinate(text: &str) -> Result<f64, String> {
 /// Returns the verdict on each claim.
 fn summary(found: &Curves) -> String {
     let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
-    for Claim { told, verdict, found, .. } in &found.claims {
+    for PaperClaim { told, verdict, found, .. } in &found.claims {
         text += &beside(verdict, FIRST, told);
         text += &beside("", FIRST, found);
     }

@@ -1,6 +1,6 @@
 //! `palpate study few`: few presses of new sensors with the prior of their design.
 
-use super::begun::{Begun, Common, ended, number};
+use super::begun::{Common, StudyOutput, ended, number};
 use crate::api::Failure;
 use crate::cli::text_table::{TextTable, cells};
 use palpate_study::few::{FewRow, FewSize, StrangerRow, VerdictRow, few_figures, presses, strangers, verdicts};
@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 /// Carries the study out, writes its figures and prints its tables.
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "few")?;
+    let begun = StudyOutput::new(&args.output, "few")?;
     let size = if args.quick { FewSize::QUICK } else { FewSize::WHOLE };
     let few = begun.carried(presses(size, &begun.told()))?;
     let strange = begun.carried(strangers(size, &begun.told()))?;

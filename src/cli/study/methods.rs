@@ -1,6 +1,6 @@
 //! `palpate study speed-accuracy | budget | failures`: the methods that solve.
 
-use super::begun::{Begun, Common, ended, number};
+use super::begun::{Common, StudyOutput, ended, number};
 
 use crate::api::ColumnsOptions;
 use crate::api::Failure;
@@ -10,8 +10,8 @@ use crate::cli::text_table::{TextTable, cells};
 use palpate_data::recipe::Phase;
 use palpate_solver::{BEST, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use palpate_study::methods::{
-    CONDITIONS, Method, MethodRow, MethodTrial, NoiseReference, budget_figures, budget_figures_of, coverage_figures,
-    failure_figures, of_run, of_tables, speed_accuracy_figures,
+    CONDITIONS, MethodRow, MethodTrial, NoiseReference, StudiedMethod, budget_figures, budget_figures_of,
+    coverage_figures, failure_figures, of_run, of_tables, speed_accuracy_figures,
 };
 use palpate_study::{methods, ndjson};
 use std::fmt::Write as _;
@@ -38,25 +38,25 @@ quarter and so on, spread over the area. Without: the paper's array, simulated."
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct SpeedAccuracy {
+pub(super) struct SpeedAccuracyArgs {
     #[command(flatten)]
-    source: Source,
+    source: RecordedSource,
     #[command(flatten)]
     common: Common,
 }
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = BUDGET_EXAMPLES)]
-pub(super) struct Budget {
+pub(super) struct BudgetArgs {
     #[command(flatten)]
-    source: Source,
+    source: RecordedSource,
     #[command(flatten)]
     common: Common,
 }
 
 /// Recorded data, if the study isn't simulated.
 #[derive(Debug, clap::Args)]
-struct Source {
+struct RecordedSource {
     /// A run folder with calibration and test presses
     run: Option<PathBuf>,
     /// A table of calibration presses
@@ -69,7 +69,7 @@ struct Source {
     columns: ColumnsOptions,
 }
 
-impl Source {
+impl RecordedSource {
     /// Returns the recorded trial; `None` if nothing was named.
     fn trial(&self) -> Result<Option<MethodTrial>, Failure> {
         match (&self.run, &self.calibration, &self.test) {
@@ -92,8 +92,8 @@ const SIMULATED: (usize, usize) = (25, 10_000);
 const QUICK: (usize, usize) = (7, 100);
 
 /// Accuracy of each method, and the time of a solve.
-pub(super) fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.common.output, "speed-accuracy")?;
+pub(super) fn speed_accuracy(args: &SpeedAccuracyArgs) -> Result<ExitCode, Failure> {
+    let begun = StudyOutput::new(&args.common.output, "speed-accuracy")?;
     let trials = match args.source.trial()? {
         Some(trial) => vec![trial],
         None => {
@@ -112,8 +112,8 @@ pub(super) fn speed_accuracy(args: &SpeedAccuracy) -> Result<ExitCode, Failure> 
 }
 
 /// How near each method comes against the number of presses.
-pub(super) fn budget(args: &Budget) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.common.output, "budget")?;
+pub(super) fn budget(args: &BudgetArgs) -> Result<ExitCode, Failure> {
+    let begun = StudyOutput::new(&args.common.output, "budget")?;
     let Common { quick, seed, .. } = args.common;
     let title = "location error, mean, mm, by calibration presses\n\n";
     if let Some(trial) = args.source.trial()? {
@@ -133,7 +133,7 @@ pub(super) fn budget(args: &Budget) -> Result<ExitCode, Failure> {
 
 /// Where each method fails.
 pub(super) fn failures(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "failures")?;
+    let begun = StudyOutput::new(&args.output, "failures")?;
     let found = begun.carried(methods::failures(args.quick, args.seed, &begun.told()))?;
     let figures = [failure_figures(&found), coverage_figures(&found)].concat();
     begun.end(figures, ndjson(&found), |out| {
@@ -192,7 +192,7 @@ fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
     if presses.iter().any(|row| row.minutes.is_some()) {
         table.row(row("minutes", &presses, &|row| number(row.minutes, 1)));
     }
-    for solver in Method::names() {
+    for solver in StudiedMethod::names() {
         table.row(row(solver, &of(solver), &|row| number(row.mean_mm(), 3)));
     }
     if presses.iter().any(|row| row.location_bound_mm.is_some()) {
@@ -239,7 +239,7 @@ fn covered(noise: NoiseReference, found: &[MethodRow]) -> String {
 fn table(cell: &dyn Fn(&str, &methods::Harm) -> String) -> String {
     let row = |first: &str, cell: &dyn Fn(&'static str) -> String| {
         let letters = |solver| cell(solver).chars().take(MOST_LETTERS).collect();
-        [first.to_owned()].into_iter().chain(Method::names().map(letters)).collect::<Vec<String>>()
+        [first.to_owned()].into_iter().chain(StudiedMethod::names().map(letters)).collect::<Vec<String>>()
     };
     let mut table = TextTable::new(1, row("", &|solver| solver.rsplit('-').next().unwrap_or(solver).to_owned()));
     for harm in &CONDITIONS {

@@ -35,9 +35,9 @@ enum Study {
     /// Force control: every strategy under every condition; 1 to 2 minutes
     Control(Common),
     /// Accuracy of each method against its solving time, on a run or on the paper's array
-    SpeedAccuracy(methods::SpeedAccuracy),
+    SpeedAccuracy(methods::SpeedAccuracyArgs),
     /// Accuracy of each method against the number of calibration presses, on a run or on the paper's array; a minute
-    Budget(methods::Budget),
+    Budget(methods::BudgetArgs),
     /// Conditions where each method fails, and whether it reports that; 1 to 2 minutes
     Failures(Common),
     /// Accuracy of a calibration against the total minutes at the bench, by strategy, places and repeats; some minutes

@@ -1,13 +1,13 @@
 //! `palpate study validation`: the paper's protocol many times over, and its numerical study, as a page.
 
-use super::begun::{Begun, Common};
+use super::begun::{Common, StudyOutput};
 use crate::api::Failure;
 use palpate_study::validation::{QUICK_SEEDS, SEEDS, validation};
 use std::process::ExitCode;
 
 /// Carries the protocol out, writes the page and prints it.
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
-    let begun = Begun::new(&args.output, "validation")?;
+    let begun = StudyOutput::new(&args.output, "validation")?;
     let seeds = if args.quick { QUICK_SEEDS } else { SEEDS };
     let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;
     let page = found.markdown();

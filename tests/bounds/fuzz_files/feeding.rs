@@ -3,7 +3,7 @@
 use super::FILE;
 use crate::HEAP;
 use cpu_time::ThreadTime;
-use palpate_core::quantity::{Stream, stream};
+use palpate_core::quantity::{RandomStream, stream};
 use palpate_testing::campaign;
 use palpate_testing::mutation::rewritten;
 use rand::RngExt;
@@ -31,7 +31,7 @@ pub(super) fn fuzz_file(
     name: &str,
     inputs: usize,
     seeds: &[Vec<u8>],
-    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
+    mutate: fn(&[Vec<u8>], &mut RandomStream, &mut Vec<u8>),
     mut read: impl FnMut(&Path, &[u8]),
 ) {
     let home = tempfile::tempdir().expect("a folder");
@@ -47,7 +47,7 @@ fn fuzz_with(
     name: &str,
     inputs: usize,
     seeds: &[Vec<u8>],
-    mutate: fn(&[Vec<u8>], &mut Stream, &mut Vec<u8>),
+    mutate: fn(&[Vec<u8>], &mut RandomStream, &mut Vec<u8>),
     mut read: impl FnMut(&[u8]),
 ) {
     let inputs = campaign::size(inputs.div_ceil(QUICK_PART), inputs);
@@ -85,7 +85,7 @@ fn excerpt(input: &[u8]) -> String {
 
 /// A journal after some mutations, the check sums and the numbers of most of its lines put right: what has none gets no
 /// further.
-pub(super) fn resealed(seeds: &[Vec<u8>], rng: &mut Stream, into: &mut Vec<u8>) {
+pub(super) fn resealed(seeds: &[Vec<u8>], rng: &mut RandomStream, into: &mut Vec<u8>) {
     rewritten(seeds, rng, into);
     if rng.random_bool(0.2) {
         return;

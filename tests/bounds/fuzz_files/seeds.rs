@@ -3,7 +3,7 @@
 use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
-use palpate_run::run::{Cancel, Listener, Walk, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, walk};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -35,7 +35,7 @@ pub(super) fn run() -> &'static Run {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
         let ending = runtime.expect("a runtime").block_on(async {
             let cancel = Cancel::default();
-            let errand = Walk { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+            let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
             walk(errand, &mut Unheard).await
         });
         folder.finish(ending.end(String::new(), 0.0)).expect("a run that ends");

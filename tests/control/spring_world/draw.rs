@@ -1,6 +1,6 @@
 //! What a run of the campaign is: it follows from its seed.
 
-use palpate_core::quantity::{Stream, stream};
+use palpate_core::quantity::{RandomStream, stream};
 use rand::RngExt;
 
 /// Share of runs with two faults, and of those on a specimen stiffer than declared.
@@ -63,7 +63,7 @@ impl Kind {
     }
 }
 
-fn when(Kind { name, parameter }: &Kind, rng: &mut Stream) -> String {
+fn when(Kind { name, parameter }: &Kind, rng: &mut RandomStream) -> String {
     let (low, high) = PLACES[rng.random_range(0..PLACES.len())];
     let mut text = format!("{name}:at-press={}", rng.random_range(low..=high));
     match rng.random_range(0..3) {

@@ -2,7 +2,7 @@
 
 use super::{Outcome, Subject, rig};
 use palpate_core::parallel::lock;
-use palpate_core::quantity::{Axis, Stream, stream};
+use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
 use palpate_drivers::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
 use palpate_drivers::process::{ProcessArray, ProcessLoadCell};
@@ -145,7 +145,7 @@ pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
 }
 
 /// Puts z on an endless way up and down across the surface; what each unit reads of 1 N.
-fn begin_to_press(scene: &Shared<Scene>, rng: &mut Stream) -> (Trajectory, Vec<f64>) {
+fn begin_to_press(scene: &Shared<Scene>, rng: &mut RandomStream) -> (Trajectory, Vec<f64>) {
     let mut scene = lock(scene);
     for axis in [Axis::X, Axis::Y] {
         let from_mm = scene.motion(axis).end_mm();
@@ -237,7 +237,7 @@ fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
 struct BadTable {
     table: DaqmxEmulator,
     fate: Shared<Fate>,
-    rng: Mutex<Stream>,
+    rng: Mutex<RandomStream>,
     /// What was read last.
     last: Mutex<Vec<f64>>,
 }

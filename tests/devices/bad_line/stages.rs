@@ -2,7 +2,7 @@
 
 use super::{Outcome, Subject, rig};
 use palpate_core::parallel::lock;
-use palpate_core::quantity::{Axis, Range, Steps, Stream, Travel, stream};
+use palpate_core::quantity::{Axis, RandomStream, Range, Steps, Travel, stream};
 use palpate_drivers::grbl::Grbl;
 use palpate_drivers::process::ProcessStage;
 use palpate_drivers::xps::{Grouping, Xps};
@@ -58,7 +58,7 @@ struct Trial {
     subject: Subject,
     stage: AnyStage,
     fate: Shared<Fate>,
-    rng: Stream,
+    rng: RandomStream,
     bad: bool,
     outcome: Outcome,
     /// True place less counted, mm, of each axis: what it was switched on with, and none once it is homed.
@@ -87,7 +87,7 @@ pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
         // its frame is that of the others, and counts from minus its travel
         Subject::Grbl => {
             let board = GrblBoard { plus_ends_mm: [12.5; 3], ..GrblBoard::default() };
-            Arc::new(Mutex::new(emulator::Grbl::new(board, &lock(&scene))))
+            Arc::new(Mutex::new(emulator::GrblEmulator::new(board, &lock(&scene))))
         }
         _ => simulated.stage.instrument().expect("it has a link").clone(),
     };

@@ -3,7 +3,7 @@
 use palpate_core::quantity::stream;
 use palpate_run::rig::SimulatedRig;
 use palpate_sim::emulator::{Instrument, Owed, Shared};
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::phases::Watcher;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -28,7 +28,7 @@ impl Loss {
 /// What is lost, how, and at which of the rig's messages.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fate {
-    pub device: Device,
+    pub device: SceneDevice,
     pub loss: Loss,
     pub at: usize,
 }
@@ -37,12 +37,15 @@ pub(super) struct Fate {
 pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<Fate>) {
     let lost = Arc::new(Mutex::new(Lost { at: fate.map(|fate| fate.at), struck: false, bells: Vec::new() }));
     let shared = rig.load_cell.is_same(&rig.stage);
-    for (device, role) in
-        [(&mut rig.stage, Device::Stage), (&mut rig.load_cell, Device::LoadCell), (&mut rig.array, Device::Array)]
-    {
+    for (device, role) in [
+        (&mut rig.stage, SceneDevice::Stage),
+        (&mut rig.load_cell, SceneDevice::LoadCell),
+        (&mut rig.array, SceneDevice::Array),
+    ] {
         let Some(instrument) = device.instrument().cloned() else { continue };
-        let loss =
-            fate.filter(|fate| fate.device == role || shared && fate.device == Device::Stage && role != Device::Array);
+        let loss = fate.filter(|fate| {
+            fate.device == role || shared && fate.device == SceneDevice::Stage && role != SceneDevice::Array
+        });
         device.replace(Far::put(instrument, watcher.clone(), lost.clone(), loss));
     }
 }
@@ -102,7 +105,7 @@ impl Far {
     fn act<R>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> R) -> R {
         let mut watcher = self.watcher.lock().expect("a test that goes on");
         self.device(|device| match device.device() {
-            Device::Stage => watcher.acts(scene, now_s, |scene| act(device, scene)),
+            SceneDevice::Stage => watcher.acts(scene, now_s, |scene| act(device, scene)),
             _ => act(device, scene),
         })
     }
@@ -118,7 +121,7 @@ impl Far {
 }
 
 impl Instrument for Far {
-    fn device(&self) -> Device {
+    fn device(&self) -> SceneDevice {
         self.device(|device| device.device())
     }
 

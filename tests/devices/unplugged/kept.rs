@@ -2,11 +2,11 @@
 
 use super::RECIPE;
 use super::far::{Fate, beset};
-use palpate_data::dataset::{Contact, Manifest, Origins, Provenance, RunFacts, RunFolder};
+use palpate_data::dataset::{Manifest, Origins, Provenance, RecordedContact, RunFacts, RunFolder};
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, Ending, Listener, Walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk_on};
 use palpate_sim::emulator::Shared;
 use palpate_testing::phases::{Phase, Watcher};
 use palpate_testing::walks::{Worst, run_virtually};
@@ -25,7 +25,7 @@ const AFTERWARDS: Duration = Duration::from_secs(5);
 pub(super) struct Walked {
     pub ending: Ending,
     /// What was recorded, in its order.
-    pub contacts: Vec<Contact>,
+    pub contacts: Vec<RecordedContact>,
     pub phases: Vec<Option<Phase>>,
     pub worst: Worst,
     /// Where z ended in the specimen frame, mm.
@@ -69,7 +69,7 @@ impl Kept {
             beset(&mut rig, &watcher, fate);
             let (cancel, began) = (Cancel::default(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let errand = Walk { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
+            let errand = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
             let mut notes = Notes { watcher: watcher.clone(), contacts: Vec::new() };
             let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut notes)).await.expect("it doesn't end by itself");
             let virtual_s = began.elapsed().as_secs_f64();
@@ -87,7 +87,7 @@ impl Kept {
     pub(super) fn wrong_on_disk(
         &self,
         ending: &Ending,
-        contacts: &[Contact],
+        contacts: &[RecordedContact],
         plan: &Plan,
     ) -> impl Iterator<Item = String> + use<> {
         let mut wrong = Vec::new();
@@ -97,7 +97,7 @@ impl Kept {
         check(manifest.failure == ending.told(), format!("the manifest tells {:?}", manifest.failure));
         let mut expected = contacts.to_vec();
         expected.sort_by_key(|contact| contact.press);
-        let journal: Vec<Contact> = self.folder.contacts().expect("a journal").map(Result::unwrap).collect();
+        let journal: Vec<RecordedContact> = self.folder.contacts().expect("a journal").map(Result::unwrap).collect();
         check(journal == expected, "the journal holds other contacts".to_owned());
         let rows: Vec<(u64, u64)> =
             expected.iter().flat_map(|contact| contact.levels.iter().map(|row| (row.press, row.level))).collect();
@@ -122,7 +122,7 @@ impl Kept {
 /// Notes what is recorded, and tells the watcher of each press.
 struct Notes {
     watcher: Shared<Watcher>,
-    contacts: Vec<Contact>,
+    contacts: Vec<RecordedContact>,
 }
 
 impl Listener for Notes {
@@ -131,7 +131,7 @@ impl Listener for Notes {
         self.watcher.lock().expect("a test that goes on").begins(!teaches);
     }
 
-    fn recorded(&mut self, contact: &Contact) {
+    fn recorded(&mut self, contact: &RecordedContact) {
         self.contacts.push(contact.clone());
     }
 }

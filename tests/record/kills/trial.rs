@@ -1,7 +1,7 @@
 //! One run that is killed, once or more.
 
 use super::{Course, Tally, journalled, rows_of};
-use palpate_core::quantity::{Stream, stream};
+use palpate_core::quantity::{RandomStream, stream};
 use palpate_testing::rows::{self, json};
 use palpate_testing::{Bench, Live};
 use rand::RngExt;
@@ -41,7 +41,7 @@ pub(super) struct Trial<'a> {
     number: u64,
     course: &'a Course,
     bench: Bench,
-    rng: Stream,
+    rng: RandomStream,
     /// The sessions so far, to tell of if something doesn't hold.
     sessions: Vec<String>,
 }

@@ -5,7 +5,7 @@ use crate::map::Shot;
 use crate::permit::{Permit, Permitted};
 use crate::speed::Timing;
 use crate::surface::Expected;
-use crate::trip::{Rule, Trip};
+use crate::trip::{SafetyRule, Trip};
 use crate::zero::Zero;
 use palpate_core::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
@@ -41,16 +41,16 @@ pub struct Context {
 
 /// Next action of the loop. Only the motion commands move the stage, and only toward a permitted end.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Command {
-    /// Average this number of readings; answered by [`Event::Averaged`].
+pub enum LoopCommand {
+    /// Average this number of readings; answered by [`LoopEvent::Averaged`].
     Average(u32),
-    /// Move along z and pass every reading to [`ForceLoop::see`](super::ForceLoop::see); answered by [`Event::Moved`].
+    /// Move along z and pass every reading to [`ForceLoop::see`](super::ForceLoop::see); answered by [`LoopEvent::Moved`].
     Move(Permitted),
-    /// Stay still for this time, s, and read the force; answered by [`Event::Dwelt`].
+    /// Stay still for this time, s, and read the force; answered by [`LoopEvent::Dwelt`].
     Dwell(f64),
-    /// Sample force and outputs for this time, s; answered by [`Event::Sampled`].
+    /// Sample force and outputs for this time, s; answered by [`LoopEvent::Sampled`].
     Sample(f64),
-    /// Withdraw for good. The next action may begin once the specimen is clear. Answered by [`Event::Moved`].
+    /// Withdraw for good. The next action may begin once the specimen is clear. Answered by [`LoopEvent::Moved`].
     Depart(Permitted),
     /// The contact is over.
     Done,
@@ -60,7 +60,7 @@ pub enum Command {
 
 /// Event that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event {
+pub enum LoopEvent {
     /// The indenter is in the clear above its place.
     Begin {
         /// Position z of the indenter, read back, mm.
@@ -87,17 +87,17 @@ pub enum Event {
     },
 }
 
-impl Event {
+impl LoopEvent {
     /// # Errors
     /// Returns a trip if a value isn't a finite number.
     pub(super) fn check_finite(&self) -> Result<(), Trip> {
         let (number, unit) = match *self {
-            Event::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),
-            Event::Moved { z_mm } => (z_mm, "mm"),
-            Event::Averaged { force_n } | Event::Sampled { force_n } => (force_n, "N"),
-            Event::Dwelt => return Ok(()),
+            LoopEvent::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),
+            LoopEvent::Moved { z_mm } => (z_mm, "mm"),
+            LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } => (force_n, "N"),
+            LoopEvent::Dwelt => return Ok(()),
         };
-        if number.is_finite() { Ok(()) } else { Err(Trip::new(Rule::NotFinite, number, 0.0, unit)) }
+        if number.is_finite() { Ok(()) } else { Err(Trip::new(SafetyRule::NotFinite, number, 0.0, unit)) }
     }
 }
 

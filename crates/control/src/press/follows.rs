@@ -1,7 +1,7 @@
 //! Proof that the load cell follows the force. A force may be old: a cell behind a slow filter shows a step long after it.
 
 use super::state::{ForceLoop, Rested, STEP_LEAST_MM};
-use super::{Branch, Rule, Trip};
+use super::{Branch, SafetyRule, Trip};
 use crate::surface::Expected;
 
 /// Largest rise of a mean at rest, in sd, and in N/s: a specimen relaxes, so its force falls, while a zero and a surface drift.
@@ -78,7 +78,7 @@ impl ForceLoop {
         match self.rested {
             Some(rested) if rested.is_long => {
                 let (rose_n, least_n) = self.answer_n(self.force_n);
-                Err(Trip::new(Rule::NoResponse, rose_n, least_n, "N"))
+                Err(Trip::new(SafetyRule::NoResponse, rose_n, least_n, "N"))
             }
             _ => Ok(Some(self.proof_s())),
         }
@@ -104,7 +104,7 @@ impl ForceLoop {
             let (rise_n, sigma_n) = (force_n - before.force_n, before.sigma_n.hypot(self.sigma_n));
             let most_n = RISE_SIGMAS * sigma_n + RISE_N_S * between_s;
             if rise_n > most_n {
-                return Err(Trip::new(Rule::RisesAtRest, rise_n, most_n, "N"));
+                return Err(Trip::new(SafetyRule::RisesAtRest, rise_n, most_n, "N"));
             }
             let is_long = between_s >= self.proof_s();
             let (rose_n, least_n) = self.answer_n(force_n);

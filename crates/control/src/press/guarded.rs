@@ -1,8 +1,8 @@
 //! The guarded press: contact stops a slow approach, then steps from below follow. Each step uses a stiffness that can't be too
 //! small. So the force exceeds the set force only if a single step of the stage causes that.
 
-use super::state::{ForceLoop, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
-use super::{Branch, Command, Rule, Strategy, Trip};
+use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
+use super::{Branch, LoopCommand, SafetyRule, Strategy, Trip};
 use crate::surface::Expected;
 
 /// Fraction of the first force that an approach may add before it stops at contact.
@@ -56,35 +56,35 @@ pub const FIRST_APPROACH_MM_S: f64 = 0.4;
 
 impl ForceLoop {
     /// Descends fast to just above the earliest contact, if the distance is long enough for a separate motion.
-    pub(super) fn descend(&mut self) -> Result<Command, Trip> {
+    pub(super) fn descend(&mut self) -> Result<LoopCommand, Trip> {
         let standoff_mm = self.first_mm - STANDOFF_MM;
         if !self.context.expected.touched || standoff_mm - self.z_mm < SHORT_DESCENT_MM {
             return self.approach();
         }
-        self.advance(State::Descending, standoff_mm, self.context.speed_mm_s)
+        self.advance(PressState::Descending, standoff_mm, self.context.speed_mm_s)
     }
 
     /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
-    pub(super) fn approach(&mut self) -> Result<Command, Trip> {
+    pub(super) fn approach(&mut self) -> Result<LoopCommand, Trip> {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
         let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()).min(search_mm));
         self.steps += 1;
         let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
         if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
-            return Err(Trip::new(Rule::NoContact, self.z_mm, search_mm, "mm"));
+            return Err(Trip::new(SafetyRule::NoContact, self.z_mm, search_mm, "mm"));
         }
         let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
         let detect_n = self.context.zero.detect_n();
         let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
         let most_mm_s = if self.context.expected.touched { APPROACH_MOST_MM_S } else { self.context.approach_mm_s };
-        self.advance(State::Approaching, target_mm, speed.min(most_mm_s).min(self.context.speed_mm_s))
+        self.advance(PressState::Approaching, target_mm, speed.min(most_mm_s).min(self.context.speed_mm_s))
     }
 
-    pub(super) fn touched(&mut self, force_n: f64) -> Result<Command, Trip> {
+    pub(super) fn touched(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         let Expected { first_mm, touched, .. } = self.context.expected;
         let in_contact = force_n >= self.context.zero.detect_n() / 2.0;
         if in_contact && !touched && self.z_mm < first_mm {
-            return Err(Trip::new(Rule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
+            return Err(Trip::new(SafetyRule::SurfaceElsewhere, self.z_mm, first_mm, "mm"));
         }
         self.check_hardness(force_n)?;
         self.force_n = force_n;
@@ -117,7 +117,7 @@ impl ForceLoop {
         let tell_n = room_n.max(TELL_LEAST * force_n).min(TELL_SHARE * force_n); // a force may be negative
         if least_n > TELL_SIGMAS * self.sigma_n && expected_n > tell_n {
             if answer_n < least_n {
-                return Err(Trip::new(Rule::NoResponse, answer_n, least_n, "N"));
+                return Err(Trip::new(SafetyRule::NoResponse, answer_n, least_n, "N"));
             }
             self.answered = (self.z_mm, self.force_n);
         }
@@ -141,7 +141,7 @@ impl ForceLoop {
     }
 
     /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
-    pub(super) fn pursue(&mut self) -> Result<Command, Trip> {
+    pub(super) fn pursue(&mut self) -> Result<LoopCommand, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };
         let limit_n = self.context.limits.force_n;
         let (side, below_n) = match level.branch {
@@ -157,7 +157,7 @@ impl ForceLoop {
         }
         self.steps += 1;
         if self.steps > STEPS_MAX {
-            return Err(Trip::new(Rule::NoConvergence, self.force_n, level.force_set_n, "N"));
+            return Err(Trip::new(SafetyRule::NoConvergence, self.force_n, level.force_set_n, "N"));
         }
         let declared = self.context.limits.stiffness_n_mm;
         let stiffness = match self.stiffness_n_mm {
@@ -171,9 +171,9 @@ impl ForceLoop {
         if side < 0.0 {
             let z_mm = self.z_mm + step_mm;
             let granted = self.withdraw_to(z_mm)?;
-            return self.go(State::Stepping, Command::Move(granted));
+            return self.go(PressState::Stepping, LoopCommand::Move(granted));
         }
-        self.step_to(State::Stepping, self.z_mm + step_mm)
+        self.step_to(PressState::Stepping, self.z_mm + step_mm)
     }
 
     /// Returns the distance that closes a gap, mm: the nearest that the stage can go. `None` if the gap is under half a step, so
@@ -192,9 +192,9 @@ impl ForceLoop {
     }
 
     /// Moves deeper as far as permitted. If no further motion is permitted, a force within the tolerance is accepted.
-    pub(super) fn step_to(&mut self, state: State, wanted_mm: f64) -> Result<Command, Trip> {
+    pub(super) fn step_to(&mut self, state: PressState, wanted_mm: f64) -> Result<LoopCommand, Trip> {
         if let Some(dwell_s) = self.must_show_answer_s(wanted_mm)? {
-            return self.go(State::Lingering, Command::Dwell(dwell_s));
+            return self.go(PressState::Lingering, LoopCommand::Dwell(dwell_s));
         }
         let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
@@ -202,7 +202,8 @@ impl ForceLoop {
             if force_set_n - self.force_n <= self.task.force_tolerance_n {
                 return self.reached();
             }
-            let rule = if self.is_bounded_by_neighbours() { Rule::SofterThanTaught } else { Rule::OutOfReach };
+            let rule =
+                if self.is_bounded_by_neighbours() { SafetyRule::SofterThanTaught } else { SafetyRule::OutOfReach };
             return Err(Trip::new(rule, self.force_n, force_set_n, "N"));
         }
         self.advance(state, wanted_mm.min(deepest_mm), self.context.speed_mm_s)

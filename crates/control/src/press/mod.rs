@@ -10,17 +10,17 @@ mod state;
 mod velocity;
 
 use super::map::Lesson;
-use super::permit::{DEPTH_MARGIN_MM, Permitted, Standing};
+use super::permit::{DEPTH_MARGIN_MM, MotionContext, Permitted};
 use super::profile::MotionProfile;
-use super::task::{Branch, Level, Strategy, Task};
-use super::trip::{Rule, Trip};
-pub use dialogue::{AirReadings, Command, Context, Event, Moment, Steer};
+use super::task::{Branch, ForceLevel, PressTask, Strategy};
+use super::trip::{SafetyRule, Trip};
+pub use dialogue::{AirReadings, Context, LoopCommand, LoopEvent, Moment, Steer};
 pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
 pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
 
 pub use state::ForceLoop;
-use state::{Motion, Push, SEARCH_MM, STEP_LEAST_MM, State, TELL_SIGMAS};
+use state::{MotionInProgress, PressState, Push, SEARCH_MM, STEP_LEAST_MM, TELL_SIGMAS};
 
 /// Number of air readings that are checked before a press.
 pub const AIR_READINGS: u32 = 8;
@@ -44,11 +44,11 @@ const PATH_MAX: usize = 12;
 
 impl ForceLoop {
     /// Creates a press that hasn't begun.
-    pub fn new(task: Task, context: Context) -> Self {
+    pub fn new(task: PressTask, context: Context) -> Self {
         ForceLoop {
             task,
             context,
-            state: State::Idle,
+            state: PressState::Idle,
             level: 0,
             z_mm: 0.0,
             force_n: 0.0,
@@ -75,13 +75,13 @@ impl ForceLoop {
     }
 
     /// Returns the level that is being reached, held or sampled, with its number.
-    pub fn level(&self) -> Option<(usize, Level)> {
+    pub fn level(&self) -> Option<(usize, ForceLevel)> {
         self.task.levels.get(self.level).map(|level| (self.level, *level))
     }
 
     /// Whether the press is on its way to the first touch of a specimen.
     pub fn is_first_descent(&self) -> bool {
-        !self.context.expected.touched && matches!(self.state, State::Descending | State::Approaching)
+        !self.context.expected.touched && matches!(self.state, PressState::Descending | PressState::Approaching)
     }
 
     /// Position where contact began, mm. It comes from the loading path extrapolated to zero force, or from the map's surface.
@@ -115,74 +115,74 @@ impl ForceLoop {
             return Steer::Stop;
         }
         match self.state {
-            State::Descending | State::Approaching if force_n >= self.context.zero.detect_n() => Steer::Stop,
-            State::Shooting | State::Stepping | State::Trimming => self.hold_below(force_n),
-            State::Pushing => self.steer(force_n, now_s),
+            PressState::Descending | PressState::Approaching if force_n >= self.context.zero.detect_n() => Steer::Stop,
+            PressState::Shooting | PressState::Stepping | PressState::Trimming => self.hold_below(force_n),
+            PressState::Pushing => self.steer(force_n, now_s),
             _ => Steer::On,
         }
     }
 
     /// Returns the next command. An event that doesn't fit the state ends the press with a trip.
-    pub fn next(&mut self, event: Event, moment: Moment) -> Command {
+    pub fn next(&mut self, event: LoopEvent, moment: Moment) -> LoopCommand {
         self.moment = moment;
         let command = match self.broken.take() {
-            Some(trip) => Command::Trip(trip),
-            None => self.answer(event).unwrap_or_else(Command::Trip),
+            Some(trip) => LoopCommand::Trip(trip),
+            None => self.answer(event).unwrap_or_else(LoopCommand::Trip),
         };
-        if matches!(command, Command::Done | Command::Trip(_)) {
-            self.state = State::Over; // nothing moves it any more
+        if matches!(command, LoopCommand::Done | LoopCommand::Trip(_)) {
+            self.state = PressState::Over; // nothing moves it any more
         }
         command
     }
 
-    fn answer(&mut self, event: Event) -> Result<Command, Trip> {
+    fn answer(&mut self, event: LoopEvent) -> Result<LoopCommand, Trip> {
         event.check_finite()?;
         match (self.state, event) {
-            (State::Idle, Event::Begin { z_mm, air }) => {
+            (PressState::Idle, LoopEvent::Begin { z_mm, air }) => {
                 self.z_mm = z_mm;
                 self.begin(air)
             }
-            (State::Descending | State::Approaching, Event::Moved { z_mm }) => {
-                let descended = self.state == State::Descending && z_mm < self.first_mm;
+            (PressState::Descending | PressState::Approaching, LoopEvent::Moved { z_mm }) => {
+                let descended = self.state == PressState::Descending && z_mm < self.first_mm;
                 self.z_mm = z_mm;
-                if descended { self.approach() } else { self.average(State::Touching) }
+                if descended { self.approach() } else { self.average(PressState::Touching) }
             }
-            (State::Touching, Event::Averaged { force_n }) => self.touched(force_n),
-            (State::Shooting, Event::Moved { z_mm }) => {
+            (PressState::Touching, LoopEvent::Averaged { force_n }) => self.touched(force_n),
+            (PressState::Shooting, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;
-                self.average(State::Landing)
+                self.average(PressState::Landing)
             }
-            (State::Landing, Event::Averaged { force_n }) => self.landed(force_n),
-            (State::Pushing | State::Stepping, Event::Moved { z_mm }) => {
+            (PressState::Landing, LoopEvent::Averaged { force_n }) => self.landed(force_n),
+            (PressState::Pushing | PressState::Stepping, LoopEvent::Moved { z_mm }) => {
                 self.before_mm = self.z_mm;
                 self.z_mm = z_mm;
-                self.average(State::Reading)
+                self.average(PressState::Reading)
             }
-            (State::Trimming, Event::Moved { z_mm }) => {
+            (PressState::Trimming, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;
                 self.reached()
             }
-            (State::Reading, Event::Averaged { force_n }) => self.read(force_n),
-            (State::Dwelling | State::Lingering, Event::Dwelt) => self.average(State::Reading),
-            (State::Waiting, Event::Dwelt) => self.sample(),
-            (State::Sampling, Event::Sampled { force_n }) => self.sampled(force_n),
-            (State::Withdrawing, Event::Moved { z_mm }) => {
+            (PressState::Reading, LoopEvent::Averaged { force_n }) => self.read(force_n),
+            (PressState::Dwelling | PressState::Lingering, LoopEvent::Dwelt) => self.average(PressState::Reading),
+            (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
+            (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
+            (PressState::Withdrawing, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;
-                self.average(State::Leaving)
+                self.average(PressState::Leaving)
             }
-            (State::Leaving, Event::Averaged { force_n }) => self.left(force_n),
-            (State::Departing, Event::Moved { .. }) => Ok(Command::Done),
-            _ => Err(Trip::new(Rule::NotPermitted, 0.0, 0.0, "event out of turn")),
+            (PressState::Leaving, LoopEvent::Averaged { force_n }) => self.left(force_n),
+            (PressState::Departing, LoopEvent::Moved { .. }) => Ok(LoopCommand::Done),
+            _ => Err(Trip::new(SafetyRule::NotPermitted, 0.0, 0.0, "event out of turn")),
         }
     }
 
     /// Takes the newest air reading as the zero of the forces, if the permit accepts it as air.
-    fn begin(&mut self, air: AirReadings) -> Result<Command, Trip> {
+    fn begin(&mut self, air: AirReadings) -> Result<LoopCommand, Trip> {
         let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
         let is_quiet = air.sigma_n <= noise_n && air.readings >= AIR_READINGS;
         if !is_quiet {
-            return Err(Trip::new(Rule::Noisy, air.sigma_n, noise_n, "N"));
+            return Err(Trip::new(SafetyRule::Noisy, air.sigma_n, noise_n, "N"));
         }
         let moved_n = air.mean_n - self.context.zero.offset_n;
         let sigma_n = self.context.zero.sigma_mean_n(air.readings);
@@ -199,13 +199,13 @@ impl ForceLoop {
         if self.context.expected.touched || self.in_contact { self.first_mm } else { self.first_mm.min(from_mm) }
     }
 
-    fn next_level(&mut self) -> Result<Command, Trip> {
+    fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.depart(),
-            None => Ok(Command::Done),
-            Some((_, Level { force_set_n: 0.0, .. })) if self.in_contact => self.withdraw(),
-            Some((_, Level { force_set_n: 0.0, .. })) => self.sample(),
-            Some(_) if self.in_contact => self.average(State::Reading),
+            None => Ok(LoopCommand::Done),
+            Some((_, ForceLevel { force_set_n: 0.0, .. })) if self.in_contact => self.withdraw(),
+            Some((_, ForceLevel { force_set_n: 0.0, .. })) => self.sample(),
+            Some(_) if self.in_contact => self.average(PressState::Reading),
             Some((_, level)) => match self.context.shot {
                 Some(shot) if self.task.strategy == Strategy::Map && level.branch == Branch::Loading => {
                     self.shoot(shot, level)
@@ -216,7 +216,7 @@ impl ForceLoop {
     }
 
     /// Evaluates a mean after a step. It checks that the force responded and didn't fall by itself, and then continues.
-    fn read(&mut self, force_n: f64) -> Result<Command, Trip> {
+    fn read(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         self.check_hardness(force_n)?;
         self.check_fall(force_n)?;
         self.check_rest(force_n)?;
@@ -235,18 +235,18 @@ impl ForceLoop {
         let withdrawn = self.before_mm > self.z_mm + STEP_LEAST_MM;
         let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
         if self.in_contact && !withdrawn && force_n < least_n {
-            return Err(Trip::new(Rule::Fallen, force_n, least_n, "N"));
+            return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
         }
         Ok(())
     }
 
-    fn reached(&mut self) -> Result<Command, Trip> {
+    fn reached(&mut self) -> Result<LoopCommand, Trip> {
         if self.task.hold_s > 0.0 && !self.dwelt {
             self.dwelt = true;
-            return self.go(State::Dwelling, Command::Dwell(self.task.hold_s));
+            return self.go(PressState::Dwelling, LoopCommand::Dwell(self.task.hold_s));
         }
         if let Some(wait_s) = self.wait_s().filter(|wait_s| *wait_s > 0.0) {
-            return self.go(State::Waiting, Command::Dwell(wait_s));
+            return self.go(PressState::Waiting, LoopCommand::Dwell(wait_s));
         }
         self.sample()
     }
@@ -262,11 +262,11 @@ impl ForceLoop {
         Some(contact_s + after_s - self.moment.now_s)
     }
 
-    fn sample(&mut self) -> Result<Command, Trip> {
-        self.go(State::Sampling, Command::Sample(self.task.sample_s))
+    fn sample(&mut self) -> Result<LoopCommand, Trip> {
+        self.go(PressState::Sampling, LoopCommand::Sample(self.task.sample_s))
     }
 
-    fn sampled(&mut self, force_n: f64) -> Result<Command, Trip> {
+    fn sampled(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         self.check_fall(force_n)?;
         self.check_rest(force_n)?;
         self.check_trim(force_n)?;
@@ -282,21 +282,21 @@ impl ForceLoop {
         self.next_level()
     }
 
-    fn withdraw(&mut self) -> Result<Command, Trip> {
+    fn withdraw(&mut self) -> Result<LoopCommand, Trip> {
         let granted = self.withdraw_to(self.context.clear_mm)?;
-        self.go(State::Withdrawing, Command::Move(granted))
+        self.go(PressState::Withdrawing, LoopCommand::Move(granted))
     }
 
-    fn depart(&mut self) -> Result<Command, Trip> {
+    fn depart(&mut self) -> Result<LoopCommand, Trip> {
         let granted = self.withdraw_to(self.context.clear_mm)?;
-        self.go(State::Departing, Command::Depart(granted))
+        self.go(PressState::Departing, LoopCommand::Depart(granted))
     }
 
     /// Checks that the force shows no contact any more. Then the next level follows, in air.
-    fn left(&mut self, force_n: f64) -> Result<Command, Trip> {
+    fn left(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         let most_n = self.context.zero.detect_n();
         if force_n.abs() >= most_n {
-            return Err(Trip::new(Rule::StillTouching, force_n, most_n, "N"));
+            return Err(Trip::new(SafetyRule::StillTouching, force_n, most_n, "N"));
         }
         self.in_contact = false;
         self.force_n = 0.0;
@@ -304,19 +304,20 @@ impl ForceLoop {
         self.next_level()
     }
 
-    fn advance(&mut self, state: State, z_mm: f64, speed_mm_s: f64) -> Result<Command, Trip> {
+    fn advance(&mut self, state: PressState, z_mm: f64, speed_mm_s: f64) -> Result<LoopCommand, Trip> {
         let z_mm = self.in_steps_mm(z_mm);
         let granted = self.context.permit.advance(&self.standing(), z_mm, speed_mm_s)?;
         let profile =
             MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
-        self.motion = Some(Motion { from_mm: self.z_mm, from_n: self.force_n, began_s: self.moment.now_s, profile });
-        self.go(state, Command::Move(granted))
+        self.motion =
+            Some(MotionInProgress { from_mm: self.z_mm, from_n: self.force_n, began_s: self.moment.now_s, profile });
+        self.go(state, LoopCommand::Move(granted))
     }
 
     /// Returns a trip if a contact is harder than declared. The limit comes from the declared stiffness and the deepest position
     /// that the stage can have reached (E+).
     fn harder_than_declared(&self, force_n: f64, now_s: f64) -> Option<Trip> {
-        let Motion { from_mm, began_s, profile, .. } = self.motion?;
+        let MotionInProgress { from_mm, began_s, profile, .. } = self.motion?;
         self.harder_at(force_n, from_mm + profile.at_mm(now_s - began_s), self.earliest_mm(from_mm))
     }
 
@@ -326,9 +327,9 @@ impl ForceLoop {
     }
 
     fn harder_at(&self, force_n: f64, z_mm: f64, first_mm: f64) -> Option<Trip> {
-        let Motion { from_mm, from_n, .. } = self.motion?;
+        let MotionInProgress { from_mm, from_n, .. } = self.motion?;
         let most_n = self.context.permit.most_n((from_mm, from_n), first_mm, z_mm);
-        (force_n > most_n).then(|| Trip::new(Rule::HardContact, force_n, most_n, "N"))
+        (force_n > most_n).then(|| Trip::new(SafetyRule::HardContact, force_n, most_n, "N"))
     }
 
     /// Withdraws from the specimen. No force rule has to limit this motion.
@@ -338,15 +339,15 @@ impl ForceLoop {
         self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)
     }
 
-    fn go(&mut self, state: State, command: Command) -> Result<Command, Trip> {
+    fn go(&mut self, state: PressState, command: LoopCommand) -> Result<LoopCommand, Trip> {
         self.state = state;
         Ok(command)
     }
 
-    fn average(&mut self, state: State) -> Result<Command, Trip> {
+    fn average(&mut self, state: PressState) -> Result<LoopCommand, Trip> {
         let readings = self.readings();
         self.sigma_n = self.context.zero.sigma_mean_n(readings);
-        self.go(state, Command::Average(readings))
+        self.go(state, LoopCommand::Average(readings))
     }
 
     /// Number of readings for the next look at the force. It depends on the tolerance and on the available time.
@@ -373,8 +374,8 @@ impl ForceLoop {
         }
     }
 
-    fn standing(&self) -> Standing {
-        Standing {
+    fn standing(&self) -> MotionContext {
+        MotionContext {
             z_mm: self.z_mm,
             force_n: self.force_n,
             sigma_n: self.sigma_n,

@@ -2,8 +2,8 @@
 //! from below follows. A late trim allows for the force that will fade until the sampling.
 
 use super::guarded::LEARN_SHARE;
-use super::state::{ForceLoop, Landing, STEP_LEAST_MM, STEPS_MAX, State, TELL_SIGMAS};
-use super::{Branch, Command, Level, Rule, Steer, Trip};
+use super::state::{ForceLoop, Landing, PressState, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
+use super::{Branch, ForceLevel, LoopCommand, SafetyRule, Steer, Trip};
 use crate::map::{Lesson, Shot};
 use crate::profile::MotionProfile;
 use palpate_core::quantity::Place;
@@ -47,23 +47,23 @@ impl Landing {
 impl ForceLoop {
     /// Moves to the position where the aim will be met, or as far as permitted. If this position isn't inside the specimen, the
     /// press continues guarded.
-    pub(super) fn shoot(&mut self, shot: Shot, level: Level) -> Result<Command, Trip> {
+    pub(super) fn shoot(&mut self, shot: Shot, level: ForceLevel) -> Result<LoopCommand, Trip> {
         let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
         let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.standing()));
         if shot.force_n(target_mm) < self.context.zero.detect_n() {
             return self.descend();
         }
-        self.advance(State::Shooting, target_mm, self.context.speed_mm_s)
+        self.advance(PressState::Shooting, target_mm, self.context.speed_mm_s)
     }
 
     /// Evaluates the first look at the force after the shot.
-    pub(super) fn landed(&mut self, force_n: f64) -> Result<Command, Trip> {
+    pub(super) fn landed(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         let Some(shot) = self.context.shot else { return self.descend() };
         self.check_hardness(force_n)?;
         let expected_n = shot.force_n(self.z_mm);
         let least_n = MET_SHARE * expected_n - MET_N.max(TELL_SIGMAS * self.sigma_n);
         if force_n < least_n {
-            return Err(Trip::new(Rule::NoResponse, force_n, least_n, "N"));
+            return Err(Trip::new(SafetyRule::NoResponse, force_n, least_n, "N"));
         }
         self.force_n = force_n;
         self.check_shot_softness()?;
@@ -78,7 +78,7 @@ impl ForceLoop {
     }
 
     /// Moves closer to the force from below. The last trim goes above the set force by the amount that the force will fade.
-    pub(super) fn correct(&mut self) -> Result<Command, Trip> {
+    pub(super) fn correct(&mut self) -> Result<LoopCommand, Trip> {
         let (Some(landing), Some(shot), Some((_, level))) = (self.landing, self.context.shot, self.level()) else {
             return self.pursue();
         };
@@ -98,24 +98,24 @@ impl ForceLoop {
         };
         self.steps += 1;
         if self.steps > STEPS_MAX {
-            return Err(Trip::new(Rule::NoConvergence, self.force_n, set_n, "N"));
+            return Err(Trip::new(SafetyRule::NoConvergence, self.force_n, set_n, "N"));
         }
         let trim_most_n = TRIM_TOLERANCES * self.task.force_tolerance_n;
         if gap_n > trim_most_n {
             // short of it, but near enough for the trim to be the last
             let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n).min(trim_most_n / 2.0);
             let short_mm = self.way_mm((gap_n - short_n) / stiffness).unwrap_or(way_mm);
-            return self.step_to(State::Stepping, self.z_mm + short_mm);
+            return self.step_to(PressState::Stepping, self.z_mm + short_mm);
         }
         // what is trimmed late has less time to fade
         let trim_s = self.trim_s(gap_n / stiffness);
         let linger_s = self.wait_s().unwrap_or(0.0) - trim_s - self.reading_s();
         if linger_s > SHORT_WAIT_S {
-            return self.go(State::Lingering, Command::Dwell(linger_s));
+            return self.go(PressState::Lingering, LoopCommand::Dwell(linger_s));
         }
         let before_mm = self.z_mm;
-        let command = self.step_to(State::Trimming, before_mm + way_mm)?;
-        if let Command::Move(granted) = &command {
+        let command = self.step_to(PressState::Trimming, before_mm + way_mm)?;
+        if let LoopCommand::Move(granted) = &command {
             self.leave(self.force_n + stiffness * (granted.z_mm() - before_mm));
         }
         Ok(command)
@@ -125,7 +125,7 @@ impl ForceLoop {
     pub(super) fn check_trim(&self, force_n: f64) -> Result<(), Trip> {
         let Some(landing) = self.landing.filter(|landing| landing.faded.is_none()) else { return Ok(()) };
         let most_n = landing.left_n + TRIM_TOLERANCES * self.task.force_tolerance_n + TELL_SIGMAS * self.sigma_n;
-        if force_n > most_n { Err(Trip::new(Rule::RisesAtRest, force_n, most_n, "N")) } else { Ok(()) }
+        if force_n > most_n { Err(Trip::new(SafetyRule::RisesAtRest, force_n, most_n, "N")) } else { Ok(()) }
     }
 
     /// Stops a shot or a step that meets more force than it should.

@@ -3,7 +3,7 @@
 
 use super::guarded::RESPONSE_SHARE;
 use super::state::{ForceLoop, TELL_SIGMAS};
-use super::{Rule, Trip};
+use super::{SafetyRule, Trip};
 use crate::taught::{Taught, WAY_MM};
 
 /// Fraction of the declared least stiffness below which a press counts as too soft. The force relaxes while it is reached.
@@ -56,7 +56,7 @@ impl ForceLoop {
         }
         let rose_n = self.force_n - from_n;
         if rose_n + noise_n < DECLARED_SHARE * expected_n {
-            return Err(Trip::new(Rule::SofterThanDeclared, rose_n / way_mm, least_n_mm, "N/mm"));
+            return Err(Trip::new(SafetyRule::SofterThanDeclared, rose_n / way_mm, least_n_mm, "N/mm"));
         }
         Ok(())
     }
@@ -72,7 +72,7 @@ impl ForceLoop {
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
         let longest_mm = taught.longest_mm((from_n - noise_n).max(0.0), to_n) + self.read_back_mm();
         if way_mm > longest_mm {
-            return Err(Trip::new(Rule::SofterThanTaught, rose_n / way_mm, rose_n / longest_mm, "N/mm"));
+            return Err(Trip::new(SafetyRule::SofterThanTaught, rose_n / way_mm, rose_n / longest_mm, "N/mm"));
         }
         Ok(())
     }
@@ -90,7 +90,7 @@ impl ForceLoop {
         let (way_mm, rose_n, noise_n) = (self.z_mm - from_mm, self.force_n - from_n, TELL_SIGMAS * self.sigma_n);
         let shortest_mm = taught.shortest_mm(from_n + noise_n, (self.force_n - noise_n).max(from_n + noise_n));
         if way_mm < shortest_mm - self.read_back_mm() {
-            return Err(Trip::new(Rule::StifferThanTaught, rose_n / way_mm, rose_n / shortest_mm, "N/mm"));
+            return Err(Trip::new(SafetyRule::StifferThanTaught, rose_n / way_mm, rose_n / shortest_mm, "N/mm"));
         }
         Ok(())
     }

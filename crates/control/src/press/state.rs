@@ -2,7 +2,7 @@
 
 use super::dialogue::{Context, Moment};
 use crate::profile::MotionProfile;
-use crate::task::Task;
+use crate::task::PressTask;
 use crate::trip::Trip;
 
 /// Distance beyond the latest expected contact over which the search continues before it reports no contact, mm. A soft surface
@@ -19,7 +19,7 @@ pub(super) const STEP_LEAST_MM: f64 = 0.000_1;
 pub(super) const STEPS_MAX: u32 = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum State {
+pub(super) enum PressState {
     Idle,
     Descending,
     Approaching,
@@ -42,9 +42,9 @@ pub(super) enum State {
 
 /// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
 pub struct ForceLoop {
-    pub(super) task: Task,
+    pub(super) task: PressTask,
     pub(super) context: Context,
-    pub(super) state: State,
+    pub(super) state: PressState,
     pub(super) level: usize,
     pub(super) z_mm: f64,
     pub(super) force_n: f64,
@@ -55,7 +55,7 @@ pub struct ForceLoop {
     pub(super) in_contact: bool,
     pub(super) dwelt: bool,
     pub(super) steps: u32,
-    pub(super) motion: Option<Motion>,
+    pub(super) motion: Option<MotionInProgress>,
     /// Rule that a reading broke during a motion.
     pub(super) broken: Option<Trip>,
     /// Time at which contact was first felt, s.
@@ -81,7 +81,7 @@ pub struct ForceLoop {
 
 /// Motion in progress: its start position, its earliest start time and its course.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Motion {
+pub(super) struct MotionInProgress {
     pub(super) from_mm: f64,
     pub(super) from_n: f64,
     pub(super) began_s: f64,

@@ -1,7 +1,7 @@
 //! The press against a spring.
 
 use super::*;
-use crate::{Lesson, Map, Permit, Timing, Zero};
+use crate::{ContactMap, Lesson, Permit, Timing, Zero};
 use palpate_core::quantity::{Limits, Place};
 use rand::seq::SliceRandom;
 use std::sync::Arc;
@@ -17,19 +17,19 @@ fn force_at(depth_mm: f64) -> f64 {
 /// How long a stage continues after it was stopped, s.
 const REACTION_S: f64 = 0.03;
 
-struct Walk {
+struct PressScript {
     forces: Vec<f64>,
     moves: Vec<f64>,
     deepest_mm: f64,
-    end: Command,
+    end: LoopCommand,
 }
 
 /// What a press is made with.
-struct Bench {
-    levels: Arc<[Level]>,
+struct PressBench {
+    levels: Arc<[ForceLevel]>,
     strategy: Strategy,
     tolerance_n: f64,
-    map: Map,
+    map: ContactMap,
     surface_mm: f64,
     air: AirReadings,
     place: Place,
@@ -38,15 +38,15 @@ struct Bench {
     lag_s: f64,
 }
 
-fn bench(levels: Arc<[Level]>, surface_mm: f64) -> Bench {
+fn bench(levels: Arc<[ForceLevel]>, surface_mm: f64) -> PressBench {
     // what a cell of 1 kHz reads on the way from place to place
     let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
-    let map = Map::new(0.3);
+    let map = ContactMap::new(0.3);
     let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
-    Bench { levels, strategy, tolerance_n: 0.05, map, surface_mm, air, place, least_n_mm, lag_s: 0.0 }
+    PressBench { levels, strategy, tolerance_n: 0.05, map, surface_mm, air, place, least_n_mm, lag_s: 0.0 }
 }
 
-impl Bench {
+impl PressBench {
     fn press(&self) -> ForceLoop {
         let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
         let timing = Timing {
@@ -72,7 +72,7 @@ impl Bench {
             speed_mm_s: 10.0,
             timing,
         };
-        let task = Task {
+        let task = PressTask {
             levels: self.levels.clone(),
             force_tolerance_n: self.tolerance_n,
             hold_s: 0.0,
@@ -85,12 +85,12 @@ impl Bench {
 
     /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
     /// last commanded and reaches its target unless it is stopped.
-    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, Walk) {
+    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, PressScript) {
         let mut press = self.press();
         let force = |z: f64| force_at(z - self.surface_mm);
-        let mut walk = Walk { forces: vec![], moves: vec![], deepest_mm: -0.5, end: Command::Done };
+        let mut walk = PressScript { forces: vec![], moves: vec![], deepest_mm: -0.5, end: LoopCommand::Done };
         let (mut z, mut now_s) = (-0.5, 0.0);
-        let mut event = Event::Begin { z_mm: z, air: self.air };
+        let mut event = LoopEvent::Begin { z_mm: z, air: self.air };
         let mut shown_n = 0.0;
         let mut read = |z: f64, after_s: f64| {
             shown_n =
@@ -99,11 +99,11 @@ impl Bench {
         };
         for _ in 0..500 {
             event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
-                Command::Average(readings) => {
+                LoopCommand::Average(readings) => {
                     now_s += f64::from(readings) * 0.001;
-                    Event::Averaged { force_n: read(z, f64::from(readings) * 0.001) }
+                    LoopEvent::Averaged { force_n: read(z, f64::from(readings) * 0.001) }
                 }
-                Command::Move(granted) | Command::Depart(granted) => {
+                LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
                     let (from_mm, began_s, end_mm) = (z, now_s, granted.z_mm());
                     let heading = (end_mm - z).signum();
                     let profile = MotionProfile::new(end_mm - z, granted.speed_mm_s(), 100.0);
@@ -127,16 +127,16 @@ impl Bench {
                     }
                     walk.deepest_mm = walk.deepest_mm.max(z);
                     walk.moves.push(z);
-                    Event::Moved { z_mm: z }
+                    LoopEvent::Moved { z_mm: z }
                 }
-                Command::Dwell(seconds) => {
+                LoopCommand::Dwell(seconds) => {
                     now_s += seconds;
                     read(z, seconds);
-                    Event::Dwelt
+                    LoopEvent::Dwelt
                 }
-                Command::Sample(_) => {
+                LoopCommand::Sample(_) => {
                     walk.forces.push(force(z));
-                    Event::Sampled { force_n: read(z, 0.1) }
+                    LoopEvent::Sampled { force_n: read(z, 0.1) }
                 }
                 end => {
                     walk.end = end;
@@ -147,19 +147,19 @@ impl Bench {
         panic!("the press has no end");
     }
 
-    fn rule(&self, force_at: impl Fn(f64) -> f64) -> (Rule, Walk) {
+    fn rule(&self, force_at: impl Fn(f64) -> f64) -> (SafetyRule, PressScript) {
         match self.walk(force_at).1 {
-            Walk { end: Command::Trip(trip), forces, moves, deepest_mm } => {
-                (trip.rule, Walk { end: Command::Done, forces, moves, deepest_mm })
+            PressScript { end: LoopCommand::Trip(trip), forces, moves, deepest_mm } => {
+                (trip.rule, PressScript { end: LoopCommand::Done, forces, moves, deepest_mm })
             }
-            Walk { end, .. } => panic!("{end:?}"),
+            PressScript { end, .. } => panic!("{end:?}"),
         }
     }
 }
 
 /// A map that was taught the nominal specimen with its surface at z = 0, by five touches.
-fn taught() -> Map {
-    let mut map = Map::new(0.3);
+fn taught() -> ContactMap {
+    let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
     for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
         map.learn(&Lesson::Touch { place: Place::new(x, y), z_mm: 0.0, path: path.clone() });
@@ -167,8 +167,13 @@ fn taught() -> Map {
     map
 }
 
-fn mapped(force_n: f64, surface_mm: f64) -> Bench {
-    Bench { strategy: Strategy::Map, tolerance_n: 0.01, map: taught(), ..bench(Task::press(force_n), surface_mm) }
+fn mapped(force_n: f64, surface_mm: f64) -> PressBench {
+    PressBench {
+        strategy: Strategy::Map,
+        tolerance_n: 0.01,
+        map: taught(),
+        ..bench(PressTask::press(force_n), surface_mm)
+    }
 }
 
 #[test]
@@ -177,8 +182,9 @@ fn a_press_reaches_its_force_from_below_and_withdraws() {
         for force_n in [0.1, 0.5, 1.0] {
             // one push leaves no point between the touch and its end: the way back is a chord
             for (strategy, touch_mm) in [(Strategy::Guarded, 0.005), (Strategy::Velocity, 0.010)] {
-                let (press, walk) = Bench { strategy, ..bench(Task::press(force_n), surface_mm) }.walk(force_at);
-                assert_eq!(walk.end, Command::Done);
+                let (press, walk) =
+                    PressBench { strategy, ..bench(PressTask::press(force_n), surface_mm) }.walk(force_at);
+                assert_eq!(walk.end, LoopCommand::Done);
                 assert!((walk.forces[0] - force_n).abs() < 0.0055 && walk.forces[0] <= force_n, "{:?}", walk.forces);
                 assert!((press.touched_mm().unwrap() - surface_mm).abs() < touch_mm, "{:?}", press.touched_mm());
                 assert!(force_at(walk.deepest_mm - surface_mm) <= force_n, "{strategy:?}");
@@ -190,10 +196,10 @@ fn a_press_reaches_its_force_from_below_and_withdraws() {
 
 #[test]
 fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above() {
-    let levels = Task::staircase(2.0, 0.5);
+    let levels = PressTask::staircase(2.0, 0.5);
     for strategy in Strategy::ALL {
-        let (_, walk) = Bench { strategy, map: taught(), ..bench(levels.clone(), 0.02) }.walk(force_at);
-        assert_eq!(walk.end, Command::Done);
+        let (_, walk) = PressBench { strategy, map: taught(), ..bench(levels.clone(), 0.02) }.walk(force_at);
+        assert_eq!(walk.end, LoopCommand::Done);
         assert_eq!(walk.forces.len(), 9);
         for (level, force_n) in levels.iter().zip(&walk.forces) {
             match level.branch {
@@ -214,27 +220,27 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
 
 #[test]
 fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitted() {
-    let (rule, soft) = bench(Task::press(1.0), 0.0).rule(|depth| 0.4 * depth.max(0.0));
-    assert_eq!(rule, Rule::OutOfReach);
+    let (rule, soft) = bench(PressTask::press(1.0), 0.0).rule(|depth| 0.4 * depth.max(0.0));
+    assert_eq!(rule, SafetyRule::OutOfReach);
     assert!(soft.deepest_mm <= LIMITS.depth_mm);
-    assert_eq!(bench(Task::press(1.0), 0.0).rule(|_| 0.0).0, Rule::NoContact);
+    assert_eq!(bench(PressTask::press(1.0), 0.0).rule(|_| 0.0).0, SafetyRule::NoContact);
     // a shot that meets nothing is no reason to go deeper
     let (rule, absent) = mapped(1.0, 0.0).rule(|_| 0.0);
-    assert_eq!((rule, absent.moves.len()), (Rule::NoResponse, 1));
+    assert_eq!((rule, absent.moves.len()), (SafetyRule::NoResponse, 1));
 }
 
 #[test]
 fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
     let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS, age_s: 0.0 };
     for (air, rule) in [
-        (AirReadings { mean_n: -0.04, ..quiet }, Rule::ZeroDrifted),
-        (AirReadings { mean_n: 0.04, ..quiet }, Rule::ZeroDrifted),
-        (AirReadings { mean_n: f64::NAN, ..quiet }, Rule::NotFinite),
-        (AirReadings { sigma_n: 0.012, ..quiet }, Rule::Noisy),
-        (AirReadings { sigma_n: f64::NAN, ..quiet }, Rule::NotFinite),
-        (AirReadings { readings: 2, ..quiet }, Rule::Noisy),
+        (AirReadings { mean_n: -0.04, ..quiet }, SafetyRule::ZeroDrifted),
+        (AirReadings { mean_n: 0.04, ..quiet }, SafetyRule::ZeroDrifted),
+        (AirReadings { mean_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
+        (AirReadings { sigma_n: 0.012, ..quiet }, SafetyRule::Noisy),
+        (AirReadings { sigma_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
+        (AirReadings { readings: 2, ..quiet }, SafetyRule::Noisy),
     ] {
-        let (tripped, walk) = Bench { air, ..bench(Task::press(1.0), 0.0) }.rule(force_at);
+        let (tripped, walk) = PressBench { air, ..bench(PressTask::press(1.0), 0.0) }.rule(force_at);
         assert_eq!(tripped, rule, "{air:?}");
         assert!(walk.moves.is_empty());
     }
@@ -243,10 +249,10 @@ fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
 #[test]
 fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
     // it slips away, or the cell gives what it gave; on a specimen that was never touched the surface is known less well
-    for (map, deepest_mm) in [(taught(), 1.0), (Map::new(0.3), LIMITS.depth_mm)] {
-        let bench = Bench { map, ..bench(Task::press(1.0), 0.0) };
+    for (map, deepest_mm) in [(taught(), 1.0), (ContactMap::new(0.3), LIMITS.depth_mm)] {
+        let bench = PressBench { map, ..bench(PressTask::press(1.0), 0.0) };
         let (rule, stuck) = bench.rule(|depth| force_at(depth).min(0.12));
-        assert_eq!(rule, Rule::NoResponse);
+        assert_eq!(rule, SafetyRule::NoResponse);
         assert!(stuck.deepest_mm < deepest_mm, "{}", stuck.deepest_mm);
     }
 }
@@ -254,17 +260,17 @@ fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
 #[test]
 fn a_force_that_falls_by_itself_is_a_trip() {
     let slips = |depth: f64| if depth > 0.6 { 0.2 * force_at(depth) } else { force_at(depth) };
-    let (rule, walk) = bench(Task::press(1.0), 0.0).rule(slips);
-    assert_eq!(rule, Rule::Fallen);
+    let (rule, walk) = bench(PressTask::press(1.0), 0.0).rule(slips);
+    assert_eq!(rule, SafetyRule::Fallen);
     assert!(force_at(walk.deepest_mm) < 1.0);
 }
 
 #[test]
 fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
     // what is left is the way of the reaction: 2 mm/s and 10 mm/s at most
-    for (bench, deepest_mm) in [(bench(Task::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
+    for (bench, deepest_mm) in [(bench(PressTask::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
         let (rule, walk) = bench.rule(|depth| 20.0 * depth.max(0.0));
-        assert_eq!(rule, Rule::HardContact);
+        assert_eq!(rule, SafetyRule::HardContact);
         assert!(walk.deepest_mm < deepest_mm, "{}", walk.deepest_mm);
     }
 }
@@ -274,7 +280,7 @@ fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
     for surface_mm in [-0.004, 0.0, 0.004] {
         for force_n in [0.2, 0.5, 1.0] {
             let (press, walk) = mapped(force_n, surface_mm).walk(force_at);
-            assert_eq!(walk.end, Command::Done);
+            assert_eq!(walk.end, LoopCommand::Done);
             assert!((walk.forces[0] - force_n).abs() < 0.001, "{:?}", walk.forces);
             assert!(walk.moves.len() <= 4, "{:?}", walk.moves);
             let shot_n = force_at(walk.moves[0] - surface_mm);
@@ -289,8 +295,8 @@ fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
 #[test]
 fn any_tolerance_is_reached_in_a_few_motions() {
     for tolerance_n in [0.0005, 0.002, 0.01, 0.05, 0.2] {
-        let (_, walk) = Bench { tolerance_n, ..mapped(1.0, 0.01) }.walk(force_at);
-        assert_eq!(walk.end, Command::Done, "{tolerance_n} N");
+        let (_, walk) = PressBench { tolerance_n, ..mapped(1.0, 0.01) }.walk(force_at);
+        assert_eq!(walk.end, LoopCommand::Done, "{tolerance_n} N");
         assert!((walk.forces[0] - 1.0).abs() < tolerance_n.min(0.005), "{tolerance_n} N: {:?}", walk.forces);
         assert!(walk.moves.len() <= 8, "{tolerance_n} N: {:?}", walk.moves);
     }
@@ -303,9 +309,9 @@ fn what_the_map_cannot_be_trusted_with_is_pressed_guarded() {
     for force_n in [0.02, 1.5, 1.95, 2.0] {
         assert_eq!(map.shot(Place::default(), force_n, &LIMITS), None, "{force_n} N");
     }
-    assert_eq!(Map::new(0.3).shot(Place::default(), 1.0, &LIMITS), None, "before it was taught");
-    let (press, walk) = Bench { map, strategy: Strategy::Map, ..bench(Task::press(2.0), 0.0) }.walk(force_at);
-    assert_eq!(walk.end, Command::Done);
+    assert_eq!(ContactMap::new(0.3).shot(Place::default(), 1.0, &LIMITS), None, "before it was taught");
+    let (press, walk) = PressBench { map, strategy: Strategy::Map, ..bench(PressTask::press(2.0), 0.0) }.walk(force_at);
+    assert_eq!(walk.end, LoopCommand::Done);
     assert!(walk.forces[0] <= 2.0 && matches!(press.lesson(), Some(Lesson::Touch { .. })));
 }
 
@@ -316,11 +322,11 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
         let mut press = bench.press();
         let force = |z: f64| force_at(z - surface_mm);
         let (mut z, mut now_s, mut touched_s) = (-0.5, 0.0, None);
-        let mut event = Event::Begin { z_mm: z, air: bench.air };
+        let mut event = LoopEvent::Begin { z_mm: z, air: bench.air };
         loop {
             event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
-                Command::Average(_) => Event::Averaged { force_n: force(z) },
-                Command::Move(granted) => {
+                LoopCommand::Average(_) => LoopEvent::Averaged { force_n: force(z) },
+                LoopCommand::Move(granted) => {
                     let (from_mm, began_s) = (z, now_s);
                     let profile = MotionProfile::new(granted.z_mm() - z, granted.speed_mm_s(), 100.0);
                     while now_s - began_s < profile.duration_s() {
@@ -329,13 +335,13 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
                         press.see(force(z), now_s);
                         touched_s = touched_s.or((force(z) >= 0.03).then_some(now_s));
                     }
-                    Event::Moved { z_mm: z }
+                    LoopEvent::Moved { z_mm: z }
                 }
-                Command::Dwell(seconds) => {
+                LoopCommand::Dwell(seconds) => {
                     now_s += seconds;
-                    Event::Dwelt
+                    LoopEvent::Dwelt
                 }
-                Command::Sample(_) => return now_s - touched_s.unwrap(),
+                LoopCommand::Sample(_) => return now_s - touched_s.unwrap(),
                 other => panic!("{other:?}"),
             };
         }
@@ -346,10 +352,10 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
 
 #[test]
 fn an_event_out_of_turn_is_a_trip() {
-    let mut press = bench(Task::press(1.0), 0.0).press();
+    let mut press = bench(PressTask::press(1.0), 0.0).press();
     let moment = Moment { now_s: 0.0, age_s: 0.0 };
-    let command = press.next(Event::Sampled { force_n: 1.0 }, moment);
-    assert!(matches!(command, Command::Trip(Trip { rule: Rule::NotPermitted, .. })), "{command:?}");
+    let command = press.next(LoopEvent::Sampled { force_n: 1.0 }, moment);
+    assert!(matches!(command, LoopCommand::Trip(Trip { rule: SafetyRule::NotPermitted, .. })), "{command:?}");
 }
 
 #[test]
@@ -358,24 +364,28 @@ fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is
         for (gain, least_n_mm, trips) in
             [(0.5, Some(0.9), true), (0.95, Some(0.9), false), (1.0, Some(1.1), false), (0.5, None, false)]
         {
-            let first = Bench { strategy, least_n_mm, ..bench(Task::press(1.0), 0.0) };
+            let first = PressBench { strategy, least_n_mm, ..bench(PressTask::press(1.0), 0.0) };
             let (_, walk) = first.walk(|depth_mm| gain * force_at(depth_mm));
-            let is_soft = matches!(&walk.end, Command::Trip(trip) if trip.rule == Rule::SofterThanDeclared);
-            assert!(is_soft == trips && (trips || walk.end == Command::Done), "{strategy:?}, {gain}: {:?}", walk.end);
+            let is_soft = matches!(&walk.end, LoopCommand::Trip(trip) if trip.rule == SafetyRule::SofterThanDeclared);
+            assert!(
+                is_soft == trips && (trips || walk.end == LoopCommand::Done),
+                "{strategy:?}, {gain}: {:?}",
+                walk.end
+            );
             assert!(!trips || force_at(walk.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(walk.deepest_mm));
         }
         // what was touched before is no first press
-        let later = Bench { strategy, least_n_mm: Some(1.4), map: taught(), ..bench(Task::press(1.0), 0.0) };
-        assert_eq!(later.walk(force_at).1.end, Command::Done);
+        let later = PressBench { strategy, least_n_mm: Some(1.4), map: taught(), ..bench(PressTask::press(1.0), 0.0) };
+        assert_eq!(later.walk(force_at).1.end, LoopCommand::Done);
     }
 }
 
 #[test]
 fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy() {
     for strategy in Strategy::ALL {
-        let bench = Bench { strategy, map: taught(), ..bench(Task::press(1.0), 0.0) };
-        assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, Rule::SofterThanTaught, "{strategy:?}");
-        assert_eq!(bench.walk(|depth_mm| 0.65 * force_at(depth_mm)).1.end, Command::Done, "{strategy:?}");
+        let bench = PressBench { strategy, map: taught(), ..bench(PressTask::press(1.0), 0.0) };
+        assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
+        assert_eq!(bench.walk(|depth_mm| 0.65 * force_at(depth_mm)).1.end, LoopCommand::Done, "{strategy:?}");
     }
 }
 
@@ -395,13 +405,14 @@ fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
     for strategy in Strategy::ALL {
         for edge in [0.6, 1.4] {
             for order in [&grid, &shuffled, &inside_out] {
-                let mut map = Map::new(0.3);
+                let mut map = ContactMap::new(0.3);
                 for &place in order {
                     let inward_mm = 6.0 - place.x_mm.abs().max(place.y_mm.abs());
                     let stiff = edge + (1.0 - edge) * (inward_mm / 2.0).min(1.0);
-                    let bench = Bench { strategy, place, map, tolerance_n: 0.01, ..bench(Task::press(0.8), 0.0) };
+                    let bench =
+                        PressBench { strategy, place, map, tolerance_n: 0.01, ..bench(PressTask::press(0.8), 0.0) };
                     let (press, walk) = bench.walk(|depth_mm| stiff * force_at(depth_mm));
-                    assert_eq!(walk.end, Command::Done, "{strategy:?}, edges of {edge}, {place:?}");
+                    assert_eq!(walk.end, LoopCommand::Done, "{strategy:?}, edges of {edge}, {place:?}");
                     map = bench.map;
                     press.lesson().iter().for_each(|lesson| map.learn(lesson));
                     presses += 1;
@@ -417,15 +428,16 @@ fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
 fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
     let mut worst = 0.0f64;
     for strategy in Strategy::ALL {
-        for map in [Map::new(0.3), taught()] {
+        for map in [ContactMap::new(0.3), taught()] {
             for force_n in [1.0, 1.9] {
                 for stiffness in [0.2, 0.5, 1.0] {
                     for lag_s in [0.2, 0.5, 1.0, 1.5] {
-                        let slow = Bench { strategy, map: map.clone(), lag_s, ..bench(Task::press(force_n), 0.02) };
+                        let slow =
+                            PressBench { strategy, map: map.clone(), lag_s, ..bench(PressTask::press(force_n), 0.02) };
                         let (_, walk) = slow.walk(|depth_mm| stiffness * 2.0 * depth_mm.max(0.0));
                         let true_n = stiffness * 2.0 * (walk.deepest_mm - 0.02);
                         assert!(
-                            matches!(walk.end, Command::Trip(_)),
+                            matches!(walk.end, LoopCommand::Trip(_)),
                             "{strategy:?}, {stiffness}, {lag_s} s: {:?}",
                             walk.end
                         );
@@ -440,8 +452,8 @@ fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
 }
 
 /// A map that was taught the nominal specimen by twelve touches, 1 mm apart.
-fn taught_around() -> Map {
-    let mut map = Map::new(0.3);
+fn taught_around() -> ContactMap {
+    let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
     for i in 0..12 {
         let place = Place::new(f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0);
@@ -453,21 +465,21 @@ fn taught_around() -> Map {
 #[test]
 fn a_gain_that_changes_after_ten_presses_is_found_at_the_next_press() {
     for strategy in Strategy::ALL {
-        let bench = Bench { strategy, map: taught_around(), ..bench(Task::press(0.8), 0.0) };
+        let bench = PressBench { strategy, map: taught_around(), ..bench(PressTask::press(0.8), 0.0) };
         for (gain, rules) in [
-            (0.5, [Rule::SofterThanTaught, Rule::NoResponse]),
-            (0.65, [Rule::SofterThanTaught, Rule::NoResponse]),
-            (1.6, [Rule::StifferThanTaught, Rule::HardContact]),
-            (2.0, [Rule::StifferThanTaught, Rule::HardContact]),
+            (0.5, [SafetyRule::SofterThanTaught, SafetyRule::NoResponse]),
+            (0.65, [SafetyRule::SofterThanTaught, SafetyRule::NoResponse]),
+            (1.6, [SafetyRule::StifferThanTaught, SafetyRule::HardContact]),
+            (2.0, [SafetyRule::StifferThanTaught, SafetyRule::HardContact]),
         ] {
             let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
-            let found = matches!(&walk.end, Command::Trip(trip) if rules.contains(&trip.rule));
+            let found = matches!(&walk.end, LoopCommand::Trip(trip) if rules.contains(&trip.rule));
             assert!(found, "{strategy:?}, {gain}: {:?}", walk.end);
             assert!(force_at(walk.deepest_mm) <= 1.1 * LIMITS.force_n, "{strategy:?}, {gain}");
         }
         for gain in [0.9, 1.0, 1.1] {
             let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
-            assert_eq!(walk.end, Command::Done, "{strategy:?}, {gain}");
+            assert_eq!(walk.end, LoopCommand::Done, "{strategy:?}, {gain}");
         }
     }
 }

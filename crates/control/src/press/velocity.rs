@@ -1,8 +1,8 @@
 //! The velocity press: one finite, permitted motion toward the force. Its speed is proportional to the missing force, and it
 //! stops when little is missing. If the host fails, the motion still ends at its safe point. The guarded press does the rest.
 
-use super::state::{ForceLoop, Push, STEP_LEAST_MM, State};
-use super::{Command, Steer, Trip};
+use super::state::{ForceLoop, PressState, Push, STEP_LEAST_MM};
+use super::{LoopCommand, Steer, Trip};
 
 /// Gain times dead time. There is no overshoot up to 1/e; this value leaves room for a dead time longer than measured (CONTROL
 /// 3.1).
@@ -19,7 +19,7 @@ const BELOW_SIGMAS: f64 = 4.0;
 
 impl ForceLoop {
     /// Moves toward the force, at a speed that is safe for the dead time of the rig.
-    pub(super) fn push(&mut self) -> Result<Command, Trip> {
+    pub(super) fn push(&mut self) -> Result<LoopCommand, Trip> {
         let Some((_, level)) = self.level() else { return self.depart() };
         let goal_n = level.force_set_n.min(self.context.limits.force_n) - BELOW_SIGMAS * self.sigma_n;
         let speed_mm_s = self.speed_for(goal_n - self.force_n).min(self.context.speed_mm_s);
@@ -28,7 +28,7 @@ impl ForceLoop {
             return self.pursue();
         }
         self.push = Push { goal_n, speed_mm_s, ordered_s: self.moment.now_s, sum_n: 0.0, count: 0.0 };
-        self.advance(State::Pushing, target_mm, speed_mm_s)
+        self.advance(PressState::Pushing, target_mm, speed_mm_s)
     }
 
     /// Decides how the motion continues after a reading.

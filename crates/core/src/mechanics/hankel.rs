@@ -18,12 +18,12 @@ const NODES: usize = 560;
 
 /// Function of the distance in depths: twice continuously differentiable, even, and 0 far out.
 #[derive(Debug, PartialEq)]
-pub(super) struct Table {
+pub(super) struct HankelTable {
     /// Coefficients of each cell's quintic, constant first; its variable is the fraction of the cell.
     cells: Vec<[f64; 6]>,
 }
 
-impl Table {
+impl HankelTable {
     /// Returns the function with this transform, accurate to some 1e-8 of a half-space's peak.
     pub(super) fn inverse_of(transform: impl Fn(f64) -> f64) -> Self {
         let inversion = &*INVERSION;
@@ -31,7 +31,7 @@ impl Table {
         let knots: Vec<[f64; 3]> = (0..CELLS).map(|knot| inversion.knot(knot, &weights)).collect();
         let end = [0.0; 3];
         let cells = (0..CELLS).map(|cell| quintic(knots[cell], *knots.get(cell + 1).unwrap_or(&end))).collect();
-        Table { cells }
+        HankelTable { cells }
     }
 
     /// Returns the value at `k` depths and its change per depth.
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn the_half_spaces_transform_leads_back_to_lambda() {
-        let table = Table::inverse_of(|h| Medium::HalfSpace.transform(h));
+        let table = HankelTable::inverse_of(|h| Medium::HalfSpace.transform(h));
         for i in 0..18000 {
             let k = f64::from(i) * 1.0913e-3;
             let (value, slope) = table.value_and_slope(k);
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_table_is_smooth_at_its_knots_and_ends_at_nothing() {
-        let table = Table::inverse_of(|h| Medium::BondedLayer { poisson_ratio: 0.49 }.transform(h));
+        let table = HankelTable::inverse_of(|h| Medium::BondedLayer { poisson_ratio: 0.49 }.transform(h));
         for knot in 1..=CELLS {
             let (k, step) = (knot as f64 * PER_CELL, 1e-9);
             let ((below, slope_below), (above, slope_above)) =

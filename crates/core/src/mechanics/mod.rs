@@ -1,6 +1,6 @@
 //! Linear elasticity: the effect of a surface load at the depth of the taxels.
 //!
-//! [`lambda`] is the shape of a point load's stress in a half-space, in closed form. A [`Response`] is the reading of a taxel for
+//! [`lambda`] is the shape of a point load's stress in a half-space, in closed form. A [`TaxelResponse`] is the reading of a taxel for
 //! a load on the sensor's material: a half-space or a bonded layer, with an indenter and a taxel of some size.
 
 mod hankel;
@@ -9,7 +9,7 @@ mod response;
 mod spread;
 
 pub use layer::{MOST_POISSON_RATIO, Medium};
-pub use response::{MOST_RADIUS_DEPTHS, Passage, Response};
+pub use response::{MOST_RADIUS_DEPTHS, Passage, TaxelResponse};
 
 /// Shape of the stress under a point load, lambda = (k^2 + 1)^(-5/2) (paper equation 4); `k` = distance over depth. The value is
 /// 1 straight above.

@@ -1,6 +1,6 @@
 //! Reading of a taxel under a load, as a function of distance.
 
-use super::hankel::Table;
+use super::hankel::HankelTable;
 use super::lambda;
 use super::layer::Medium;
 use super::spread::{disc, flat_punch};
@@ -38,14 +38,14 @@ impl Passage {
 /// created in a fraction of a millisecond and accurate to some 1e-8. All copies use the same table. At large distances (20
 /// depths) a layer's stress is zero, and a half-space's stress is only `lambda`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Response {
+pub struct TaxelResponse {
     passage: Passage,
     /// Whether `lambda` must be added to the table, which then contains only the difference from `lambda`.
     over_lambda: bool,
-    table: Option<Arc<Table>>,
+    table: Option<Arc<HankelTable>>,
 }
 
-impl Response {
+impl TaxelResponse {
     /// Creates the response of a passage.
     pub fn new(passage: Passage) -> Self {
         let Passage { medium, depth_mm, indenter_radius_mm, taxel_radius_mm } = passage;
@@ -55,9 +55,9 @@ impl Response {
         let (indenter, taxel) = (indenter_radius_mm / depth_mm, taxel_radius_mm / depth_mm);
         let table = (!(over_lambda && points)).then(|| {
             let spread = |h: f64| flat_punch(h * indenter) * disc(h * taxel) - left_out;
-            Arc::new(Table::inverse_of(|h| medium.transform(h) * spread(h)))
+            Arc::new(HankelTable::inverse_of(|h| medium.transform(h) * spread(h)))
         });
-        Response { passage, over_lambda, table }
+        TaxelResponse { passage, over_lambda, table }
     }
 
     /// Returns the passage of this response.

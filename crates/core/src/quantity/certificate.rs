@@ -9,7 +9,7 @@ pub const GAIN_OFF_MOST: f64 = 0.1;
 
 /// A load cell's calibration certificate.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Certificate {
+pub struct LoadCellCertificate {
     /// Number of the certificate.
     pub number: String,
     /// Date of the calibration, as year-month-day.
@@ -64,7 +64,7 @@ impl StageCertificate {
     }
 }
 
-impl Certificate {
+impl LoadCellCertificate {
     /// Standard uncertainty of a force of this size, N.
     pub fn standard_uncertainty_n(&self, force_n: f64) -> f64 {
         match self.stated {
@@ -110,7 +110,7 @@ impl WeightCheck {
 
     /// Largest difference of a gain from 1 that can be explained. It is twice the standard uncertainty of this check combined
     /// with that of the certificate, if there is one. The certificate isn't used for a gain that was adjusted for.
-    pub fn explained(&self, certificate: Option<&Certificate>) -> f64 {
+    pub fn explained(&self, certificate: Option<&LoadCellCertificate>) -> f64 {
         let certificate = certificate.filter(|_| !self.adjusted);
         let stated = certificate.map_or(0.0, |stated| stated.standard_uncertainty_n(self.weight_n) / self.weight_n);
         COVERAGE * self.standard_uncertainty().hypot(stated)
@@ -123,7 +123,7 @@ impl WeightCheck {
 
     /// Whether the readings can be used. Either the gain is no fault and is adjusted for, or it is 1 within what check and
     /// certificate can show.
-    pub fn is_sound(&self, certificate: Option<&Certificate>) -> bool {
+    pub fn is_sound(&self, certificate: Option<&LoadCellCertificate>) -> bool {
         self.is_adjustable() && (self.adjusted || (self.gain - 1.0).abs() <= self.explained(certificate))
     }
 }
@@ -132,8 +132,8 @@ impl WeightCheck {
 mod tests {
     use super::*;
 
-    fn certificate(stated: StatedError) -> Certificate {
-        Certificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), stated }
+    fn certificate(stated: StatedError) -> LoadCellCertificate {
+        LoadCellCertificate { number: "1".to_owned(), date: "2026-05-04".to_owned(), stated }
     }
 
     fn check(gain: f64, adjusted: bool) -> WeightCheck {

@@ -20,7 +20,7 @@ mod stream;
 mod tilt;
 
 pub use cells::cell_centres;
-pub use certificate::{COVERAGE, Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
+pub use certificate::{COVERAGE, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck};
 pub use ewma::Ewma;
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use identity::{Identity, SHOWN_MAX_CHARS, shortened, shown};
@@ -29,7 +29,7 @@ pub use limits::{Limits, Range, Travel};
 pub use number::{hexadecimal, percentile, round, seconds};
 pub use reading::{ForceReading, Health};
 pub use steps::Steps;
-pub use stream::{Stream, stream};
+pub use stream::{RandomStream, stream};
 pub use tilt::{TILT_MOST_DEG, Tilt};
 
 /// Standard gravity, m/s^2.

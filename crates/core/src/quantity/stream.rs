@@ -3,19 +3,19 @@
 use rand::SeedableRng;
 
 /// The generator behind every random stream: portable, so a seed means the same on every machine.
-pub type Stream = rand_pcg::Pcg64Mcg;
+pub type RandomStream = rand_pcg::Pcg64Mcg;
 
 /// Returns the random stream of one device in one press of one seed.
 ///
 /// Streams of other presses, devices or seeds are unrelated. A press that is measured again draws the same values. Properties of
 /// the specimen or the plan use press 0.
-pub fn stream(seed: u64, press: u64, device: &str) -> Stream {
+pub fn stream(seed: u64, press: u64, device: &str) -> RandomStream {
     let mut state = mix(seed);
     state = mix(state ^ press);
     for byte in device.bytes() {
         state = mix(state ^ u64::from(byte));
     }
-    Stream::seed_from_u64(state)
+    RandomStream::seed_from_u64(state)
 }
 
 /// Finaliser of SplitMix64 (Steele, Lea and Flood 2014): every input bit affects every output bit.

@@ -1,7 +1,7 @@
 //! The only verdict: measured values of a sensor, compared with a rule.
 
 use super::bound::{CONFIDENCE, MEAN_PRESSES_LEAST, mean_upper, quantile_least, quantile_upper, share_lower};
-use super::rule::{Decision, Figure, Limit, Rule};
+use super::rule::{AcceptanceRule, Decision, Limit, LimitedFigure};
 use palpate_core::quantity::percentile;
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ const NORMAL_95: f64 = 1.645;
 /// Whether a sensor satisfies a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum SensorVerdict {
     /// Every figure is within its limit; with a guarded rule, the bound of every figure is within its limit.
     Accepted,
     /// A figure exceeds its limit.
@@ -50,9 +50,9 @@ pub struct Measured {
     /// Whether a known weight for the load cell wasn't used after the run.
     pub cell_unchecked: bool,
     /// Location errors, mm; `None` if there was no test.
-    pub location: Option<Errors>,
+    pub location: Option<TestErrors>,
     /// Absolute force errors, N; `None` if no true force is known.
-    pub force: Option<Errors>,
+    pub force: Option<TestErrors>,
     /// Figures of single units, the worst value for each kind.
     pub worst: Vec<Worst>,
     /// Number of dead or saturated channels; `None` if there was no calibration.
@@ -63,7 +63,7 @@ pub struct Measured {
 
 /// Errors of the test presses.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Errors {
+pub struct TestErrors {
     /// Sizes of the errors, mm or N, in any order.
     pub sizes: Vec<f64>,
     /// Standard uncertainty of the truth that is common to all errors, mm or N; `None` if it is unknown.
@@ -74,7 +74,7 @@ pub struct Errors {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Worst {
     /// The figure.
-    pub figure: Figure,
+    pub figure: LimitedFigure,
     /// Its largest value among the units.
     pub value: f64,
     /// Largest of the units' upper bounds; `None` if one unit has no bound.
@@ -87,7 +87,7 @@ pub struct Worst {
 
 /// Result of checking one limit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Check {
+pub struct LimitCheck {
     /// Key that sets the limit.
     pub figure: &'static str,
     /// Measured value; `None` if it wasn't measured.
@@ -104,7 +104,7 @@ pub struct Check {
     /// Number of presses or readings.
     pub n: usize,
     /// The result of this limit alone.
-    pub verdict: Verdict,
+    pub verdict: SensorVerdict,
     /// Reason why the value isn't accepted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -113,14 +113,14 @@ pub struct Check {
     pub warning: Option<String>,
     /// The figure itself.
     #[serde(skip)]
-    pub kind: Figure,
+    pub kind: LimitedFigure,
 }
 
 /// A verdict and the data on which it is based.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judgement {
     /// The verdict.
-    pub verdict: Verdict,
+    pub verdict: SensorVerdict,
     /// `simple` or `guarded`.
     pub rule: &'static str,
     /// Method that finds places and forces.
@@ -139,21 +139,21 @@ pub struct Judgement {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// Checks, one for each limit.
-    pub checks: Vec<Check>,
+    pub checks: Vec<LimitCheck>,
 }
 
 /// Compares the measured values with a rule. This is the only function that decides.
-pub fn judge(rule: &Rule, measured: &Measured) -> Judgement {
-    let checks: Vec<Check> = rule.limits.iter().map(|limit| check(limit, rule.decision, measured)).collect();
+pub fn judge(rule: &AcceptanceRule, measured: &Measured) -> Judgement {
+    let checks: Vec<LimitCheck> = rule.limits.iter().map(|limit| check(limit, rule.decision, measured)).collect();
     let reasons = reasons(rule, measured);
-    let is = |verdict: Verdict| checks.iter().any(|check| check.verdict == verdict);
+    let is = |verdict: SensorVerdict| checks.iter().any(|check| check.verdict == verdict);
     let verdict = match () {
         // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
-        () if measured.is_held_out && !rule.holdout => Verdict::NotDecided,
-        () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => Verdict::NotDecided,
-        () if is(Verdict::NotAccepted) => Verdict::NotAccepted,
-        () if !reasons.is_empty() || is(Verdict::NotDecided) => Verdict::NotDecided,
-        () => Verdict::Accepted,
+        () if measured.is_held_out && !rule.holdout => SensorVerdict::NotDecided,
+        () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => SensorVerdict::NotDecided,
+        () if is(SensorVerdict::NotAccepted) => SensorVerdict::NotAccepted,
+        () if !reasons.is_empty() || is(SensorVerdict::NotDecided) => SensorVerdict::NotDecided,
+        () => SensorVerdict::Accepted,
     };
     Judgement {
         verdict,
@@ -182,7 +182,7 @@ fn notes(measured: &Measured) -> Vec<String> {
 }
 
 /// Returns the reasons why nothing can be decided for any limits.
-fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
+fn reasons(rule: &AcceptanceRule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
         (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
     };
@@ -207,86 +207,86 @@ fn reasons(rule: &Rule, measured: &Measured) -> Vec<String> {
 }
 
 /// Value, its bound or the reason why it has none, and the number of presses or readings.
-struct Found {
+struct FoundValue {
     value: f64,
     bound: Result<f64, String>,
     n: usize,
 }
 
-fn check(limit: &Limit, decision: Decision, measured: &Measured) -> Check {
+fn check(limit: &Limit, decision: Decision, measured: &Measured) -> LimitCheck {
     let Limit { figure, limit: most, reach } = *limit;
-    let blank = Check {
+    let blank = LimitCheck {
         figure: figure.key(),
         value: None,
         bound: None,
         limit: most,
         reach,
         n: 0,
-        verdict: Verdict::NotDecided,
+        verdict: SensorVerdict::NotDecided,
         reason: None,
         warning: None,
         kind: figure,
     };
-    let Found { value, bound, n } = match found(limit, measured) {
+    let FoundValue { value, bound, n } = match found(limit, measured) {
         Ok(found) => found,
-        Err(reason) => return Check { reason: Some(reason), ..blank },
+        Err(reason) => return LimitCheck { reason: Some(reason), ..blank },
     };
     let keeps = |value: f64| if figure.is_share() { value >= most } else { value <= most };
     let (verdict, reason) = match (decision, &bound) {
-        _ if !keeps(value) => (Verdict::NotAccepted, Some("exceeds the limit".to_owned())),
-        (Decision::Simple, _) => (Verdict::Accepted, None),
-        (Decision::Guarded, Ok(bound)) if keeps(*bound) => (Verdict::Accepted, None),
-        (Decision::Guarded, Ok(_)) => (Verdict::NotDecided, Some("its bound exceeds the limit".to_owned())),
-        (Decision::Guarded, Err(why)) => (Verdict::NotDecided, Some(why.clone())),
+        _ if !keeps(value) => (SensorVerdict::NotAccepted, Some("exceeds the limit".to_owned())),
+        (Decision::Simple, _) => (SensorVerdict::Accepted, None),
+        (Decision::Guarded, Ok(bound)) if keeps(*bound) => (SensorVerdict::Accepted, None),
+        (Decision::Guarded, Ok(_)) => (SensorVerdict::NotDecided, Some("its bound exceeds the limit".to_owned())),
+        (Decision::Guarded, Err(why)) => (SensorVerdict::NotDecided, Some(why.clone())),
     };
     let reason = reason.map(|told| if figure.is_share() { told.replace("exceeds", "is below") } else { told });
     // few repeats leave a unit's figure open: with five a repeatability scatters by a third
-    let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == Verdict::Accepted;
+    let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == SensorVerdict::Accepted;
     let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
         let (bound, unit) = (figure.shown(*bound, figure.digits()), figure.unit());
         format!("within the limit, but with {n} repeats its bound is {bound} {unit}")
     });
     let bound = bound.ok().filter(|_| decision == Decision::Guarded);
-    Check { value: Some(value), bound, n, verdict, reason, warning, ..blank }
+    LimitCheck { value: Some(value), bound, n, verdict, reason, warning, ..blank }
 }
 
-fn found(limit: &Limit, measured: &Measured) -> Result<Found, String> {
-    let errors_of = |errors: &Option<Errors>, missing: &str| match errors {
+fn found(limit: &Limit, measured: &Measured) -> Result<FoundValue, String> {
+    let errors_of = |errors: &Option<TestErrors>, missing: &str| match errors {
         Some(errors) => of_errors(limit, errors, measured.test_unsolved),
         None => Err(missing.to_owned()),
     };
     match limit.figure {
-        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+        LimitedFigure::LocationMean | LimitedFigure::LocationP95 | LimitedFigure::LocationWithin => {
             errors_of(&measured.location, "no test was evaluated")
         }
-        Figure::ForceMean | Figure::ForceP95 | Figure::ForceWithin => {
+        LimitedFigure::ForceMean | LimitedFigure::ForceP95 | LimitedFigure::ForceWithin => {
             errors_of(&measured.force, "no true force is known")
         }
-        Figure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
-        Figure::FlaggedPresses => {
+        LimitedFigure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
+        LimitedFigure::FlaggedPresses => {
             counted(Some(measured.flagged_presses), measured.calibration_presses + measured.test_presses)
         }
         figure => {
             let worst = measured.worst.iter().find(|worst| worst.figure == figure);
-            let how = if figure == Figure::Noise { "a run" } else { "a step with `staircase`" };
+            let how = if figure == LimitedFigure::Noise { "a run" } else { "a step with `staircase`" };
             let worst = worst.ok_or_else(|| format!("not measured: {how} of palpate measures it"))?;
             let Worst { value, upper, n, missing, .. } = *worst;
             if missing > 0 {
-                let noun = if figure == Figure::Noise { "channels" } else { "units" };
+                let noun = if figure == LimitedFigure::Noise { "channels" } else { "units" };
                 return Err(format!("{missing} {noun} have no value (not measured, or without an output)"));
             }
-            Ok(Found { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
+            Ok(FoundValue { value, bound: upper.ok_or_else(|| "too few repeats for a bound".to_owned()), n })
         }
     }
 }
 
 /// Returns a count in this sample. Its bound is the count itself.
-fn counted(count: Option<usize>, n: usize) -> Result<Found, String> {
+fn counted(count: Option<usize>, n: usize) -> Result<FoundValue, String> {
     let value = count.ok_or("it was not measured")? as f64;
-    Ok(Found { value, bound: Ok(value), n })
+    Ok(FoundValue { value, bound: Ok(value), n })
 }
 
-fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, String> {
+fn of_errors(limit: &Limit, errors: &TestErrors, unsolved: usize) -> Result<FoundValue, String> {
     let n = errors.sizes.len() + unsolved;
     let mut sorted = errors.sizes.clone();
     sorted.sort_by(f64::total_cmp);
@@ -300,25 +300,25 @@ fn of_errors(limit: &Limit, errors: &Errors, unsolved: usize) -> Result<Found, S
         format!("{n} test presses; its {:.0} % bound needs {least} (a simple rule needs no bound)", 100.0 * CONFIDENCE)
     };
     match limit.figure {
-        Figure::LocationMean | Figure::ForceMean => {
+        LimitedFigure::LocationMean | LimitedFigure::ForceMean => {
             if unsolved > 0 {
                 return Err(format!("{unsolved} test presses have no answer, so there is no mean"));
             }
             let value = sorted.iter().sum::<f64>() / n as f64;
             let bound = mean_upper(&sorted).ok_or_else(|| fewer(MEAN_PRESSES_LEAST));
-            Ok(Found { value, bound: widened_by(value, bound, truth), n })
+            Ok(FoundValue { value, bound: widened_by(value, bound, truth), n })
         }
-        Figure::LocationP95 | Figure::ForceP95 => {
+        LimitedFigure::LocationP95 | LimitedFigure::ForceP95 => {
             let value = percentile(&sorted, PERCENTILE);
             let bound = quantile_upper(&sorted, PERCENTILE).ok_or_else(|| fewer(quantile_least(PERCENTILE)));
-            Ok(Found { value, bound: widened_by(value, bound, truth), n })
+            Ok(FoundValue { value, bound: widened_by(value, bound, truth), n })
         }
         _ => {
             let reach = limit.reach.unwrap_or_default();
             let count = |reach: f64| sorted.iter().filter(|size| **size <= reach).count();
             let value = count(reach) as f64 / n as f64;
             // an error that the truth's own uncertainty could hide doesn't count as within
-            Ok(Found { value, bound: truth.map(|truth| share_lower(count(reach - truth), n)), n })
+            Ok(FoundValue { value, bound: truth.map(|truth| share_lower(count(reach - truth), n)), n })
         }
     }
 }
@@ -332,9 +332,9 @@ fn widened_by(value: f64, bound: Result<f64, String>, truth: Result<f64, String>
     }
 }
 
-fn unknown_truth(figure: Figure) -> String {
+fn unknown_truth(figure: LimitedFigure) -> String {
     match figure {
-        Figure::LocationMean | Figure::LocationP95 | Figure::LocationWithin => {
+        LimitedFigure::LocationMean | LimitedFigure::LocationP95 | LimitedFigure::LocationWithin => {
             "the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)".to_owned()
         }
         _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
@@ -350,7 +350,7 @@ impl Judgement {
     /// Returns the reasons why the sensor isn't accepted: first the reasons that don't depend on the limits, then each limit that
     /// isn't satisfied. Also returns the warnings about satisfied limits.
     pub fn all_reasons(&self) -> impl Iterator<Item = String> {
-        let of_check = |check: &Check| match (&check.reason, &check.warning) {
+        let of_check = |check: &LimitCheck| match (&check.reason, &check.warning) {
             (Some(_), _) => Some(check.compared()),
             (None, warning) => {
                 warning.as_ref().map(|warning| format!("{}: {warning}", check.kind.full_name(check.reach)))
@@ -360,7 +360,7 @@ impl Judgement {
     }
 }
 
-impl Check {
+impl LimitCheck {
     /// Returns the figure with its value, its bound and its limit, and the reason why it isn't accepted.
     pub fn compared(&self) -> String {
         let (name, unit) = (self.kind.full_name(self.reach), self.kind.unit());
@@ -370,9 +370,9 @@ impl Check {
         let bound = self.bound.map_or(String::new(), |bound| format!(" (95 % bound {})", shown(bound)));
         let limit = shown(self.limit);
         match self.verdict {
-            Verdict::NotAccepted => format!("{name} {value}{bound} {reason} {limit}"),
-            Verdict::NotDecided => format!("{name} {value}{bound}, limit {limit}: {reason}"),
-            Verdict::Accepted => format!("{name} {value}{bound}, limit {limit}"),
+            SensorVerdict::NotAccepted => format!("{name} {value}{bound} {reason} {limit}"),
+            SensorVerdict::NotDecided => format!("{name} {value}{bound}, limit {limit}: {reason}"),
+            SensorVerdict::Accepted => format!("{name} {value}{bound}, limit {limit}"),
         }
     }
 
@@ -391,13 +391,13 @@ impl Check {
 /// Largest number of a value's digits after the decimal point.
 const DIGITS_MOST: usize = 9;
 
-impl Verdict {
+impl SensorVerdict {
     /// Describes the verdict in words.
     pub const fn told(self) -> &'static str {
         match self {
-            Verdict::Accepted => "accepted",
-            Verdict::NotAccepted => "not accepted",
-            Verdict::NotDecided => "not decided",
+            SensorVerdict::Accepted => "accepted",
+            SensorVerdict::NotAccepted => "not accepted",
+            SensorVerdict::NotDecided => "not decided",
         }
     }
 }
@@ -406,8 +406,8 @@ impl Verdict {
 mod tests {
     use super::*;
 
-    fn rule(decision: Decision, limits: &[(Figure, f64, Option<f64>)]) -> Rule {
-        Rule {
+    fn rule(decision: Decision, limits: &[(LimitedFigure, f64, Option<f64>)]) -> AcceptanceRule {
+        AcceptanceRule {
             decision,
             method: "best".to_owned(),
             calibration_presses_least: 10,
@@ -424,14 +424,24 @@ mod tests {
         Measured {
             calibration_presses: 100,
             test_presses: 100,
-            location: Some(Errors { sizes, u_truth: Some(0.0) }),
-            worst: vec![Worst { figure: Figure::Repeatability, value: 2.0, upper: Some(4.0), n: 20, missing: 0 }],
+            location: Some(TestErrors { sizes, u_truth: Some(0.0) }),
+            worst: vec![Worst {
+                figure: LimitedFigure::Repeatability,
+                value: 2.0,
+                upper: Some(4.0),
+                n: 20,
+                missing: 0,
+            }],
             broken_channels: Some(0),
             ..Measured::default()
         }
     }
 
-    fn verdict(decision: Decision, limit: (Figure, f64, Option<f64>), measured: &Measured) -> (Verdict, String) {
+    fn verdict(
+        decision: Decision,
+        limit: (LimitedFigure, f64, Option<f64>),
+        measured: &Measured,
+    ) -> (SensorVerdict, String) {
         let judgement = judge(&rule(decision, &[limit]), measured);
         (judgement.verdict, judgement.all_reasons().collect::<Vec<_>>().join("; "))
     }
@@ -440,11 +450,11 @@ mod tests {
     fn held_out_presses_decide_only_where_the_rule_says_so() {
         let held_out = Measured { is_held_out: true, ..measured() };
         for most_mm in [0.1, 0.9] {
-            let rule = rule(Decision::Simple, &[(Figure::LocationMean, most_mm, None)]);
+            let rule = rule(Decision::Simple, &[(LimitedFigure::LocationMean, most_mm, None)]);
             let judged = judge(&rule, &held_out);
-            assert_eq!(judged.verdict, Verdict::NotDecided);
+            assert_eq!(judged.verdict, SensorVerdict::NotDecided);
             assert!(judged.reasons[0].contains("`holdout = true`"), "{:?}", judged.reasons);
-            let permitted = judge(&Rule { holdout: true, ..rule.clone() }, &held_out);
+            let permitted = judge(&AcceptanceRule { holdout: true, ..rule.clone() }, &held_out);
             assert_eq!(permitted.verdict, judge(&rule, &measured()).verdict);
             assert!(permitted.reasons.is_empty() && permitted.notes[0].contains("held out"), "{permitted:?}");
         }
@@ -454,17 +464,20 @@ mod tests {
     fn a_figure_its_bound_and_the_limit_decide() {
         // mean 0.505, its bound 0.555; 95th percentile 0.95, its bound the 99th; 90 within 0.9, at least 83.6 % of all
         for (limit, verdicts) in [
-            ((Figure::LocationMean, 0.504, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
-            ((Figure::LocationMean, 0.53, None), [Verdict::Accepted, Verdict::NotDecided]),
-            ((Figure::LocationMean, 0.56, None), [Verdict::Accepted, Verdict::Accepted]),
-            ((Figure::LocationP95, 0.95, None), [Verdict::NotAccepted, Verdict::NotAccepted]),
-            ((Figure::LocationP95, 0.98, None), [Verdict::Accepted, Verdict::NotDecided]),
-            ((Figure::LocationP95, 0.991, None), [Verdict::Accepted, Verdict::Accepted]),
-            ((Figure::LocationWithin, 0.91, Some(0.9)), [Verdict::NotAccepted, Verdict::NotAccepted]),
-            ((Figure::LocationWithin, 0.85, Some(0.9)), [Verdict::Accepted, Verdict::NotDecided]),
-            ((Figure::LocationWithin, 0.83, Some(0.9)), [Verdict::Accepted, Verdict::Accepted]),
-            ((Figure::Repeatability, 3.0, None), [Verdict::Accepted, Verdict::NotDecided]),
-            ((Figure::BrokenChannels, 0.0, None), [Verdict::Accepted, Verdict::Accepted]),
+            ((LimitedFigure::LocationMean, 0.504, None), [SensorVerdict::NotAccepted, SensorVerdict::NotAccepted]),
+            ((LimitedFigure::LocationMean, 0.53, None), [SensorVerdict::Accepted, SensorVerdict::NotDecided]),
+            ((LimitedFigure::LocationMean, 0.56, None), [SensorVerdict::Accepted, SensorVerdict::Accepted]),
+            ((LimitedFigure::LocationP95, 0.95, None), [SensorVerdict::NotAccepted, SensorVerdict::NotAccepted]),
+            ((LimitedFigure::LocationP95, 0.98, None), [SensorVerdict::Accepted, SensorVerdict::NotDecided]),
+            ((LimitedFigure::LocationP95, 0.991, None), [SensorVerdict::Accepted, SensorVerdict::Accepted]),
+            (
+                (LimitedFigure::LocationWithin, 0.91, Some(0.9)),
+                [SensorVerdict::NotAccepted, SensorVerdict::NotAccepted],
+            ),
+            ((LimitedFigure::LocationWithin, 0.85, Some(0.9)), [SensorVerdict::Accepted, SensorVerdict::NotDecided]),
+            ((LimitedFigure::LocationWithin, 0.83, Some(0.9)), [SensorVerdict::Accepted, SensorVerdict::Accepted]),
+            ((LimitedFigure::Repeatability, 3.0, None), [SensorVerdict::Accepted, SensorVerdict::NotDecided]),
+            ((LimitedFigure::BrokenChannels, 0.0, None), [SensorVerdict::Accepted, SensorVerdict::Accepted]),
         ] {
             let found = [Decision::Simple, Decision::Guarded].map(|decision| verdict(decision, limit, &measured()).0);
             assert_eq!(found, verdicts, "{limit:?}");
@@ -473,8 +486,8 @@ mod tests {
 
     #[test]
     fn a_simple_rule_warns_where_the_repeats_leave_a_units_figure_open() {
-        let judgement = judge(&rule(Decision::Simple, &[(Figure::Repeatability, 3.0, None)]), &measured());
-        assert_eq!(judgement.verdict, Verdict::Accepted);
+        let judgement = judge(&rule(Decision::Simple, &[(LimitedFigure::Repeatability, 3.0, None)]), &measured());
+        assert_eq!(judgement.verdict, SensorVerdict::Accepted);
         let told: Vec<String> = judgement.all_reasons().collect();
         assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 repeats its bound is 4.00 %"]);
     }
@@ -482,8 +495,9 @@ mod tests {
     #[test]
     fn what_was_found_is_told_from_the_limit_however_near_they_are() {
         let shown = |limit| {
-            let check =
-                judge(&rule(Decision::Simple, &[(Figure::LocationMean, limit, None)]), &measured()).checks[0].clone();
+            let check = judge(&rule(Decision::Simple, &[(LimitedFigure::LocationMean, limit, None)]), &measured())
+                .checks[0]
+                .clone();
             [check.shown(check.value), check.shown(Some(limit)), check.shown(None)]
         };
         assert_eq!(shown(1.0), ["0.505", "1.000", "-"]);
@@ -497,7 +511,11 @@ mod tests {
         let bound = |measured: &Measured, figure, reach| {
             judge(&rule(Decision::Guarded, &[(figure, 0.5, reach)]), measured).checks[0].bound
         };
-        let figures = [(Figure::LocationMean, None), (Figure::LocationP95, None), (Figure::LocationWithin, Some(0.9))];
+        let figures = [
+            (LimitedFigure::LocationMean, None),
+            (LimitedFigure::LocationP95, None),
+            (LimitedFigure::LocationWithin, Some(0.9)),
+        ];
         let exact = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
         measured.location.as_mut().unwrap().u_truth = Some(0.1);
         let widened = figures.map(|(figure, reach)| bound(&measured, figure, reach).unwrap());
@@ -505,8 +523,8 @@ mod tests {
         assert!((widened[0] - expected).abs() < 1e-9, "{widened:?}");
         assert!(widened[1] > exact[1] && widened[2] < exact[2], "{exact:?} {widened:?}");
         measured.location.as_mut().unwrap().u_truth = None;
-        let (found, why) = verdict(Decision::Guarded, (Figure::LocationMean, 5.0, None), &measured);
-        assert_eq!(found, Verdict::NotDecided);
+        let (found, why) = verdict(Decision::Guarded, (LimitedFigure::LocationMean, 5.0, None), &measured);
+        assert_eq!(found, SensorVerdict::NotDecided);
         assert_eq!(
             why,
             "location error, mean 0.505 mm, limit 5.000 mm: the uncertainty of the positions isn't known (`certificate` in \
@@ -516,36 +534,39 @@ mod tests {
 
     #[test]
     fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
-        let limit = (Figure::LocationMean, 5.0, None);
+        let limit = (LimitedFigure::LocationMean, 5.0, None);
         let few = Measured { calibration_presses: 9, ..measured() };
         let told = "9 valid calibration presses; the rule requires 10".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &few), (Verdict::NotDecided, told));
+        assert_eq!(verdict(Decision::Simple, limit, &few), (SensorVerdict::NotDecided, told));
         let unsolved = Measured { test_unsolved: 3, ..measured() };
         let told = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (Verdict::NotDecided, told));
+        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (SensorVerdict::NotDecided, told));
         // without an answer they are beyond any distance
-        let within = (Figure::LocationWithin, 0.98, Some(5.0));
-        assert_eq!(verdict(Decision::Simple, within, &unsolved).0, Verdict::NotAccepted);
+        let within = (LimitedFigure::LocationWithin, 0.98, Some(5.0));
+        assert_eq!(verdict(Decision::Simple, within, &unsolved).0, SensorVerdict::NotAccepted);
         let twice = Measured { test_repeats_itself: 99, ..measured() };
         let told = "99 of 100 test presses are identical to another one".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &twice), (Verdict::NotDecided, told));
+        assert_eq!(verdict(Decision::Simple, limit, &twice), (SensorVerdict::NotDecided, told));
         let stopped = Measured { incomplete: Some("run is stopped: 90 of 100 presses".to_owned()), ..measured() };
-        assert_eq!(verdict(Decision::Simple, limit, &stopped).0, Verdict::NotDecided);
+        assert_eq!(verdict(Decision::Simple, limit, &stopped).0, SensorVerdict::NotDecided);
         let mut unmeasured = measured();
         unmeasured.worst[0].missing = 1;
-        assert_eq!(verdict(Decision::Simple, (Figure::Repeatability, 5.0, None), &unmeasured).0, Verdict::NotDecided);
+        assert_eq!(
+            verdict(Decision::Simple, (LimitedFigure::Repeatability, 5.0, None), &unmeasured).0,
+            SensorVerdict::NotDecided
+        );
         let repeated = Measured { test_repeats_calibration: 100, ..measured() };
         let told = "100 of 100 test presses are identical to calibration presses".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &repeated), (Verdict::NotDecided, told));
+        assert_eq!(verdict(Decision::Simple, limit, &repeated), (SensorVerdict::NotDecided, told));
         let untested = Measured { location: None, ..measured() };
         assert_eq!(verdict(Decision::Simple, limit, &untested).1, "location error, mean: no test was evaluated");
     }
 
     #[test]
     fn one_limit_that_is_exceeded_outweighs_one_that_is_undecided() {
-        let limits = [(Figure::LocationMean, 0.4, None), (Figure::ForceMean, 0.1, None)];
+        let limits = [(LimitedFigure::LocationMean, 0.4, None), (LimitedFigure::ForceMean, 0.1, None)];
         let judgement = judge(&rule(Decision::Simple, &limits), &measured());
-        assert_eq!(judgement.verdict, Verdict::NotAccepted);
+        assert_eq!(judgement.verdict, SensorVerdict::NotAccepted);
         let reasons: Vec<String> = judgement.all_reasons().collect();
         assert_eq!(
             reasons,

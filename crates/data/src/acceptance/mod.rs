@@ -1,4 +1,4 @@
-//! Acceptance of a sensor: a [`Rule`] with its limits, the [`Measured`] values, and [`judge`], the only function that decides.
+//! Acceptance of a sensor: a [`AcceptanceRule`] with its limits, the [`Measured`] values, and [`judge`], the only function that decides.
 //!
 //! `run`, `evaluate`, `report` and `certificate` all report the same [`Judgement`]. The terms follow ILAC-G8:09/2019. A *simple*
 //! rule compares the figure with the limit. A *guarded* rule compares its one-sided 95 % bound, so that at most 5 % of sensors at
@@ -8,5 +8,5 @@ pub mod bound;
 mod judge;
 mod rule;
 
-pub use judge::{Check, Errors, Judgement, Measured, Verdict, Worst, judge};
-pub use rule::{Decision, Figure, Limit, Rule, limit_used};
+pub use judge::{Judgement, LimitCheck, Measured, SensorVerdict, TestErrors, Worst, judge};
+pub use rule::{AcceptanceRule, Decision, Limit, LimitedFigure, limit_used};

@@ -13,7 +13,7 @@ pub enum Decision {
 
 /// An acceptance rule: `[accept]` of a recipe, or a separate file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rule {
+pub struct AcceptanceRule {
     /// Method of comparing figures with their limits.
     pub decision: Decision,
     /// Method that finds places and forces.
@@ -24,7 +24,7 @@ pub struct Rule {
     pub test_presses_least: usize,
     /// Whether presses that were held out of the calibration's own table or run can be the test.
     pub holdout: bool,
-    /// The limits, at least one, in the order of [`Figure::ALL`].
+    /// The limits, at least one, in the order of [`LimitedFigure::ALL`].
     pub limits: Vec<Limit>,
     /// File that gave the rule after the run; `None` if the run's own recipe gave it.
     pub afterwards_by: Option<String>,
@@ -34,7 +34,7 @@ pub struct Rule {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit {
     /// The figure.
-    pub figure: Figure,
+    pub figure: LimitedFigure,
     /// Largest accepted value, in the figure's unit; for a fraction the smallest accepted value, 0 to 1.
     pub limit: f64,
     /// For a fraction: the largest error that counts, mm or N.
@@ -43,7 +43,7 @@ pub struct Limit {
 
 /// Quantities that can have a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Figure {
+pub enum LimitedFigure {
     /// Mean distance between true and found place, mm.
     LocationMean,
     /// 95th percentile of this distance, mm.
@@ -84,70 +84,70 @@ impl Decision {
     }
 }
 
-impl Figure {
+impl LimitedFigure {
     /// All figures, in the order in which they are reported.
-    pub const ALL: [Figure; 14] = [
-        Figure::LocationMean,
-        Figure::LocationP95,
-        Figure::LocationWithin,
-        Figure::ForceMean,
-        Figure::ForceP95,
-        Figure::ForceWithin,
-        Figure::Repeatability,
-        Figure::Hysteresis,
-        Figure::HysteresisOfReading,
-        Figure::Linearity,
-        Figure::ZeroReturn,
-        Figure::Noise,
-        Figure::BrokenChannels,
-        Figure::FlaggedPresses,
+    pub const ALL: [LimitedFigure; 14] = [
+        LimitedFigure::LocationMean,
+        LimitedFigure::LocationP95,
+        LimitedFigure::LocationWithin,
+        LimitedFigure::ForceMean,
+        LimitedFigure::ForceP95,
+        LimitedFigure::ForceWithin,
+        LimitedFigure::Repeatability,
+        LimitedFigure::Hysteresis,
+        LimitedFigure::HysteresisOfReading,
+        LimitedFigure::Linearity,
+        LimitedFigure::ZeroReturn,
+        LimitedFigure::Noise,
+        LimitedFigure::BrokenChannels,
+        LimitedFigure::FlaggedPresses,
     ];
 
     /// Returns the key that sets the limit.
     pub const fn key(self) -> &'static str {
         match self {
-            Figure::LocationMean => "location_mean_mm",
-            Figure::LocationP95 => "location_p95_mm",
-            Figure::LocationWithin => "location_within",
-            Figure::ForceMean => "force_mean_n",
-            Figure::ForceP95 => "force_p95_n",
-            Figure::ForceWithin => "force_within",
-            Figure::Repeatability => "repeatability_percent",
-            Figure::Hysteresis => "hysteresis_percent",
-            Figure::HysteresisOfReading => "hysteresis_of_reading_percent",
-            Figure::Linearity => "linearity_percent",
-            Figure::ZeroReturn => "zero_return_percent",
-            Figure::Noise => "noise_percent",
-            Figure::BrokenChannels => "broken_channels_most",
-            Figure::FlaggedPresses => "flagged_presses_most",
+            LimitedFigure::LocationMean => "location_mean_mm",
+            LimitedFigure::LocationP95 => "location_p95_mm",
+            LimitedFigure::LocationWithin => "location_within",
+            LimitedFigure::ForceMean => "force_mean_n",
+            LimitedFigure::ForceP95 => "force_p95_n",
+            LimitedFigure::ForceWithin => "force_within",
+            LimitedFigure::Repeatability => "repeatability_percent",
+            LimitedFigure::Hysteresis => "hysteresis_percent",
+            LimitedFigure::HysteresisOfReading => "hysteresis_of_reading_percent",
+            LimitedFigure::Linearity => "linearity_percent",
+            LimitedFigure::ZeroReturn => "zero_return_percent",
+            LimitedFigure::Noise => "noise_percent",
+            LimitedFigure::BrokenChannels => "broken_channels_most",
+            LimitedFigure::FlaggedPresses => "flagged_presses_most",
         }
     }
 
     /// Returns the name without the unit.
     pub const fn name(self) -> &'static str {
         match self {
-            Figure::LocationMean => "location error, mean",
-            Figure::LocationP95 => "location error, 95th percentile",
-            Figure::LocationWithin => "location error, share within",
-            Figure::ForceMean => "force error, mean",
-            Figure::ForceP95 => "force error, 95th percentile",
-            Figure::ForceWithin => "force error, share within",
-            Figure::Repeatability => "repeatability, worst unit",
-            Figure::Hysteresis => "hysteresis, worst unit",
-            Figure::HysteresisOfReading => "hysteresis of reading, worst unit",
-            Figure::Linearity => "linearity, worst unit",
-            Figure::ZeroReturn => "zero return, worst unit",
-            Figure::Noise => "noise, worst channel",
-            Figure::BrokenChannels => "broken channels",
-            Figure::FlaggedPresses => "flagged presses",
+            LimitedFigure::LocationMean => "location error, mean",
+            LimitedFigure::LocationP95 => "location error, 95th percentile",
+            LimitedFigure::LocationWithin => "location error, share within",
+            LimitedFigure::ForceMean => "force error, mean",
+            LimitedFigure::ForceP95 => "force error, 95th percentile",
+            LimitedFigure::ForceWithin => "force error, share within",
+            LimitedFigure::Repeatability => "repeatability, worst unit",
+            LimitedFigure::Hysteresis => "hysteresis, worst unit",
+            LimitedFigure::HysteresisOfReading => "hysteresis of reading, worst unit",
+            LimitedFigure::Linearity => "linearity, worst unit",
+            LimitedFigure::ZeroReturn => "zero return, worst unit",
+            LimitedFigure::Noise => "noise, worst channel",
+            LimitedFigure::BrokenChannels => "broken channels",
+            LimitedFigure::FlaggedPresses => "flagged presses",
         }
     }
 
     /// Returns the name, with the largest error that counts for a fraction.
     pub fn full_name(self, reach: Option<f64>) -> String {
         match (self, reach) {
-            (Figure::LocationWithin, Some(mm)) => format!("{} {mm} mm", self.name()),
-            (Figure::ForceWithin, Some(n)) => format!("{} {n} N", self.name()),
+            (LimitedFigure::LocationWithin, Some(mm)) => format!("{} {mm} mm", self.name()),
+            (LimitedFigure::ForceWithin, Some(n)) => format!("{} {n} N", self.name()),
             _ => self.name().to_owned(),
         }
     }
@@ -155,9 +155,9 @@ impl Figure {
     /// Returns the unit of displayed values; fractions are displayed in percent.
     pub const fn unit(self) -> &'static str {
         match self {
-            Figure::LocationMean | Figure::LocationP95 => "mm",
-            Figure::ForceMean | Figure::ForceP95 => "N",
-            Figure::BrokenChannels | Figure::FlaggedPresses => "",
+            LimitedFigure::LocationMean | LimitedFigure::LocationP95 => "mm",
+            LimitedFigure::ForceMean | LimitedFigure::ForceP95 => "N",
+            LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses => "",
             _ => "%",
         }
     }
@@ -165,29 +165,29 @@ impl Figure {
     /// Returns the number of displayed decimals.
     pub const fn digits(self) -> usize {
         match self {
-            Figure::LocationMean | Figure::LocationP95 => 3,
-            Figure::ForceMean | Figure::ForceP95 => 4,
-            Figure::LocationWithin | Figure::ForceWithin => 1,
-            Figure::BrokenChannels | Figure::FlaggedPresses => 0,
+            LimitedFigure::LocationMean | LimitedFigure::LocationP95 => 3,
+            LimitedFigure::ForceMean | LimitedFigure::ForceP95 => 4,
+            LimitedFigure::LocationWithin | LimitedFigure::ForceWithin => 1,
+            LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses => 0,
             _ => 2,
         }
     }
 
     /// Whether the figure is a fraction, which has a lower limit.
     pub const fn is_share(self) -> bool {
-        matches!(self, Figure::LocationWithin | Figure::ForceWithin)
+        matches!(self, LimitedFigure::LocationWithin | LimitedFigure::ForceWithin)
     }
 
     /// Whether the figure is determined by the test.
     pub const fn is_of_test(self) -> bool {
         matches!(
             self,
-            Figure::LocationMean
-                | Figure::LocationP95
-                | Figure::LocationWithin
-                | Figure::ForceMean
-                | Figure::ForceP95
-                | Figure::ForceWithin
+            LimitedFigure::LocationMean
+                | LimitedFigure::LocationP95
+                | LimitedFigure::LocationWithin
+                | LimitedFigure::ForceMean
+                | LimitedFigure::ForceP95
+                | LimitedFigure::ForceWithin
         )
     }
 
@@ -195,11 +195,11 @@ impl Figure {
     pub(crate) const fn is_of_units(self) -> bool {
         matches!(
             self,
-            Figure::Repeatability
-                | Figure::Hysteresis
-                | Figure::HysteresisOfReading
-                | Figure::Linearity
-                | Figure::ZeroReturn
+            LimitedFigure::Repeatability
+                | LimitedFigure::Hysteresis
+                | LimitedFigure::HysteresisOfReading
+                | LimitedFigure::Linearity
+                | LimitedFigure::ZeroReturn
         )
     }
 

@@ -2,9 +2,9 @@
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise, repeats};
 use super::evaluate::{EvaluateError, Trial, is_to_evaluate};
-use super::{Contact, Manifest, Press, Presses, Recorded, Status};
+use super::{Manifest, Press, Presses, Recorded, RecordedContact, Status};
 use crate::acceptance::bound::sd_upper_factor;
-use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge};
+use crate::acceptance::{AcceptanceRule, Judgement, LimitedFigure, Measured, TestErrors, Worst, judge};
 use crate::recipe::Phase;
 use palpate_core::quantity::ArrayLayout;
 use palpate_solver::{BEST, Evaluation};
@@ -27,7 +27,12 @@ pub struct Evidence<'a> {
 
 impl Evidence<'_> {
     /// Returns the verdict by a rule. `trial` is the sensor's calibration and test; `known` are its existing evaluations.
-    pub fn judge(&self, rule: &Rule, trial: &Result<Trial<'_>, EvaluateError>, known: &[Evaluation]) -> Judgement {
+    pub fn judge(
+        &self,
+        rule: &AcceptanceRule,
+        trial: &Result<Trial<'_>, EvaluateError>,
+        known: &[Evaluation],
+    ) -> Judgement {
         let is_by_rule = |evaluation: &&Evaluation| match rule.method.as_str() {
             BEST => evaluation.choice.is_some(),
             method => evaluation.choice.is_none() && evaluation.solver == method,
@@ -56,11 +61,11 @@ impl Evidence<'_> {
         measured.cell_unchecked = self.runs.iter().any(|run| run.manifest.cell_unchecked);
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
-            measured.location = Some(Errors { sizes, u_truth: self.u_place_mm });
+            measured.location = Some(TestErrors { sizes, u_truth: self.u_place_mm });
             let forces: Option<Vec<f64>> = evaluation.presses.iter().map(|press| press.force_error_n).collect();
             let u_force_n = trial.and_then(Trial::u_force_n);
             measured.force =
-                forces.filter(|forces| !forces.is_empty()).map(|sizes| Errors { sizes, u_truth: u_force_n });
+                forces.filter(|forces| !forces.is_empty()).map(|sizes| TestErrors { sizes, u_truth: u_force_n });
             measured.test_unsolved = evaluation.unsolved.len();
         }
         measured
@@ -79,11 +84,11 @@ impl Evidence<'_> {
     }
 
     /// Returns the worst unit's or channel's figures of the kinds that the rule limits.
-    pub(super) fn worst(&self, rule: &Rule) -> Vec<Worst> {
-        let is_limited = |figure: Figure| rule.limits.iter().any(|limit| limit.figure == figure);
+    pub(super) fn worst(&self, rule: &AcceptanceRule) -> Vec<Worst> {
+        let is_limited = |figure: LimitedFigure| rule.limits.iter().any(|limit| limit.figure == figure);
         let of_units = self.layout.filter(|_| KINDS.iter().any(|(figure, ..)| is_limited(*figure)));
         let mut worst = of_units.map(|layout| self.worst_units(layout)).unwrap_or_default();
-        worst.extend(is_limited(Figure::Noise).then(|| self.noise()).flatten());
+        worst.extend(is_limited(LimitedFigure::Noise).then(|| self.noise()).flatten());
         worst
     }
 
@@ -119,7 +124,7 @@ impl Evidence<'_> {
         let percent = |channel: usize| {
             let calibrated = self.presses.sound(Phase::Calibration);
             let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
-            let output = |contact: &Contact| contact.air_before.outputs[channel];
+            let output = |contact: &RecordedContact| contact.air_before.outputs[channel];
             let pairs = contacts().flat_map(|contacts| contacts.windows(2));
             let squares: f64 = pairs.map(|pair| (output(&pair[1]) - output(&pair[0])).powi(2)).sum();
             (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)
@@ -131,32 +136,38 @@ impl Evidence<'_> {
         let value = all.iter().copied().flatten().reduce(f64::max)?;
         let upper = sd_upper_factor(SUCCESSIVE_FREEDOM * changes as f64).map(|factor| factor * value);
         let missing = all.iter().filter(|value| value.is_none()).count();
-        Some(Worst { figure: Figure::Noise, value, upper, n: changes + 1, missing })
+        Some(Worst { figure: LimitedFigure::Noise, value, upper, n: changes + 1, missing })
     }
 }
 
-type Value = fn(&UnitCharacteristics) -> Option<f64>;
+type CharacteristicValue = fn(&UnitCharacteristics) -> Option<f64>;
 
 /// Characteristics that can be limited: the figure, its value and its upper bound.
-const KINDS: [(Figure, Value, Value); 5] = [
+const KINDS: [(LimitedFigure, CharacteristicValue, CharacteristicValue); 5] = [
     (
-        Figure::Repeatability,
+        LimitedFigure::Repeatability,
         |unit| unit.repeatability_loading_percent,
         |unit| unit.repeatability_loading_interval_percent.map(|(_, most)| most),
     ),
-    (Figure::Hysteresis, |unit| unit.hysteresis_percent, |unit| Some(unit.hysteresis_known?.upper)),
+    (LimitedFigure::Hysteresis, |unit| unit.hysteresis_percent, |unit| Some(unit.hysteresis_known?.upper)),
     (
-        Figure::HysteresisOfReading,
+        LimitedFigure::HysteresisOfReading,
         |unit| unit.hysteresis_of_reading_percent,
         |unit| Some(unit.hysteresis_of_reading_known?.upper),
     ),
-    (Figure::Linearity, |unit| unit.linearity_percent, |unit| Some(unit.linearity_known?.upper)),
-    (Figure::ZeroReturn, |unit| unit.zero_return_percent, |unit| Some(unit.zero_return_known?.upper)),
+    (LimitedFigure::Linearity, |unit| unit.linearity_percent, |unit| Some(unit.linearity_known?.upper)),
+    (LimitedFigure::ZeroReturn, |unit| unit.zero_return_percent, |unit| Some(unit.zero_return_known?.upper)),
 ];
 
-fn worst(figure: Figure, units: &[UnitCharacteristics], n: usize, value: Value, upper: Value) -> Option<Worst> {
+fn worst(
+    figure: LimitedFigure,
+    units: &[UnitCharacteristics],
+    n: usize,
+    value: CharacteristicValue,
+    upper: CharacteristicValue,
+) -> Option<Worst> {
     let measured: Vec<&UnitCharacteristics> = units.iter().filter(|unit| value(unit).is_some()).collect();
-    let largest = |of: Value| {
+    let largest = |of: CharacteristicValue| {
         let all: Option<Vec<f64>> = measured.iter().map(|unit| of(unit)).collect();
         all?.into_iter().map(f64::abs).reduce(f64::max)
     };

@@ -1,6 +1,6 @@
 //! Answers to lines of readings, for any source of the lines and any destination of the answers.
 
-use super::readings::{Held, Reading, ReadingError, Readings};
+use super::readings::{LineContent, Reading, ReadingError, Readings};
 use miette::Diagnostic;
 use palpate_solver::{Broken, Session, Solution, Unanswered};
 
@@ -12,11 +12,11 @@ pub struct Answers {
 
 /// Answer to a line that contains a reading, or should contain one.
 #[derive(Debug)]
-pub struct Answer<'a> {
+pub struct LineAnswer<'a> {
     /// Reading of the line. For an invalid line: its number, and its labels if they could be read.
     pub reading: &'a Reading,
     /// The contact, or the reason why there is none.
-    pub solved: Result<Solution, Unsolved>,
+    pub solved: Result<Solution, UnansweredLine>,
     /// Units that are excluded from the next line on.
     pub broken: &'a [Broken],
     /// Whether this reading shows that the sensor should be calibrated again. Stated once.
@@ -25,7 +25,7 @@ pub struct Answer<'a> {
 
 /// Reason why a line has no contact.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-pub enum Unsolved {
+pub enum UnansweredLine {
     /// The line isn't a reading.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -50,15 +50,15 @@ impl Answers {
     ///
     /// # Errors
     /// The header is invalid, so no further line has an answer.
-    pub fn answer(&mut self, line: &[u8]) -> Result<Option<Answer<'_>>, ReadingError> {
+    pub fn answer(&mut self, line: &[u8]) -> Result<Option<LineAnswer<'_>>, ReadingError> {
         let (known, was_out_of_date) = (self.session.broken().len(), self.session.is_out_of_date());
         let solved = match self.readings.read(line)? {
-            Held::Nothing => return Ok(None),
-            Held::Bad(error) => Err(Unsolved::Bad(error)),
-            Held::Reading => self.session.solve(&self.readings.reading().outputs).map_err(Unsolved::from),
+            LineContent::Nothing => return Ok(None),
+            LineContent::Bad(error) => Err(UnansweredLine::Bad(error)),
+            LineContent::Reading => self.session.solve(&self.readings.reading().outputs).map_err(UnansweredLine::from),
         };
         let broken = &self.session.broken()[known..];
         let is_out_of_date = self.session.is_out_of_date() && !was_out_of_date;
-        Ok(Some(Answer { reading: self.readings.reading(), solved, broken, is_out_of_date }))
+        Ok(Some(LineAnswer { reading: self.readings.reading(), solved, broken, is_out_of_date }))
     }
 }

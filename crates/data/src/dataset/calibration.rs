@@ -88,16 +88,16 @@ pub fn check_places(source_name: &str, calibration: &Calibration) -> Result<(), 
 }
 
 /// Source of the true force of a press.
-pub struct ForceColumn {
+pub struct ForceSource {
     name: &'static str,
     of: fn(&Press) -> Option<f64>,
 }
 
 /// Force measured by the load cell, or the force of an external table if it has one.
-pub const LOAD_CELL: ForceColumn = ForceColumn { name: "force_n", of: |press| press.force_n };
+pub const LOAD_CELL: ForceSource = ForceSource { name: "force_n", of: |press| press.force_n };
 
 /// Commanded force; known only for a run.
-pub(crate) const COMMANDED: ForceColumn = ForceColumn { name: "force_set_n", of: |press| press.force_set_n };
+pub(crate) const COMMANDED: ForceSource = ForceSource { name: "force_set_n", of: |press| press.force_set_n };
 
 /// The unflagged presses of one kind.
 pub struct Selection<'a> {
@@ -151,13 +151,13 @@ impl<'a> Selection<'a> {
     }
 
     /// Whether every press has a force of that kind. Forces are then in newtons, and not relative to a typical press.
-    pub fn knows(&self, force: &ForceColumn) -> bool {
+    pub fn knows(&self, force: &ForceSource) -> bool {
         self.iter().all(|press| (force.of)(press).is_some())
     }
 
     /// Returns the presses to solve. `is_known` states whether the calibration is in newtons. If it isn't, no force can be
     /// compared with a solved force.
-    pub fn to_solve(&self, force: &ForceColumn, is_known: bool) -> Vec<TestPress<'a>> {
+    pub fn to_solve(&self, force: &ForceSource, is_known: bool) -> Vec<TestPress<'a>> {
         let press = |press: &'a Press| TestPress {
             place: press.place(),
             force_n: (force.of)(press).filter(|_| is_known),
@@ -170,7 +170,7 @@ impl<'a> Selection<'a> {
     ///
     /// # Errors
     /// A press is unsuitable for calibration.
-    pub fn calibration(&self, force: &ForceColumn, load: ForceKnown) -> Result<Calibration, CalibrateError> {
+    pub fn calibration(&self, force: &ForceSource, load: ForceKnown) -> Result<Calibration, CalibrateError> {
         let point = |press: &'a Press| CalibrationPoint {
             place: press.place(),
             force_n: (force.of)(press).unwrap_or(UNIT_FORCE_N),

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 /// Cell to be written.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Value<'a> {
+pub enum CellValue<'a> {
     /// An integer.
     Count(u64),
     /// A number.
@@ -21,7 +21,7 @@ pub enum Value<'a> {
 
 /// Type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum CellType {
     /// Integers.
     Count,
     /// Numbers.
@@ -34,9 +34,9 @@ pub enum Kind {
 pub(super) type Misread = (usize, &'static str);
 
 /// Content of a column.
-pub(super) trait Cell: Sized {
+pub(super) trait CellContent: Sized {
     /// Type of its values.
-    const KIND: Kind;
+    const KIND: CellType;
 
     /// Reads the cells of one row, trimmed: one cell, or one for each channel.
     ///
@@ -45,32 +45,32 @@ pub(super) trait Cell: Sized {
     fn read(cells: &[&str]) -> Result<Self, Misread>;
 
     /// Writes one value for each cell.
-    fn write(&self, out: &mut dyn FnMut(Value<'_>));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>));
 
     /// Rounds to this number of decimals.
     fn round_to(&mut self, _decimals: i32) {}
 }
 
-impl Value<'_> {
+impl CellValue<'_> {
     /// Adds the value to a line in the form used in a table.
     pub(super) fn push_to(self, line: &mut String) {
         // writing to a string can't fail
         let _ = match self {
-            Value::Count(count) => write!(line, "{count}"),
-            Value::Number(number) => write!(line, "{number}"),
-            Value::Text(text) => write!(line, "{text}"),
-            Value::Nothing => Ok(()),
+            CellValue::Count(count) => write!(line, "{count}"),
+            CellValue::Number(number) => write!(line, "{number}"),
+            CellValue::Text(text) => write!(line, "{text}"),
+            CellValue::Nothing => Ok(()),
         };
     }
 }
 
-impl Serialize for Value<'_> {
+impl Serialize for CellValue<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         match self {
-            Value::Count(count) => serializer.serialize_u64(*count),
-            Value::Number(number) => serializer.serialize_f64(*number),
-            Value::Text(text) => serializer.serialize_str(text),
-            Value::Nothing => serializer.serialize_none(),
+            CellValue::Count(count) => serializer.serialize_u64(*count),
+            CellValue::Number(number) => serializer.serialize_f64(*number),
+            CellValue::Text(text) => serializer.serialize_str(text),
+            CellValue::Nothing => serializer.serialize_none(),
         }
     }
 }
@@ -86,27 +86,27 @@ fn number(text: &str) -> Option<f64> {
 
 const NUMBER: &str = "a finite number";
 
-impl Cell for u64 {
-    const KIND: Kind = Kind::Count;
+impl CellContent for u64 {
+    const KIND: CellType = CellType::Count;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         only(cells).parse().map_err(|_| (0, "a whole number from 0"))
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        out(Value::Count(*self));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        out(CellValue::Count(*self));
     }
 }
 
-impl Cell for f64 {
-    const KIND: Kind = Kind::Number;
+impl CellContent for f64 {
+    const KIND: CellType = CellType::Number;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         number(only(cells)).ok_or((0, NUMBER))
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        out(Value::Number(*self));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        out(CellValue::Number(*self));
     }
 
     fn round_to(&mut self, decimals: i32) {
@@ -115,15 +115,15 @@ impl Cell for f64 {
 }
 
 /// Number that not every table has. If the table has the column, each cell is a number.
-impl Cell for Option<f64> {
-    const KIND: Kind = Kind::Number;
+impl CellContent for Option<f64> {
+    const KIND: CellType = CellType::Number;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         f64::read(cells).map(Some)
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        out(self.map_or(Value::Nothing, Value::Number));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        out(self.map_or(CellValue::Nothing, CellValue::Number));
     }
 
     fn round_to(&mut self, decimals: i32) {
@@ -131,28 +131,28 @@ impl Cell for Option<f64> {
     }
 }
 
-impl Cell for Option<Phase> {
-    const KIND: Kind = Kind::Text;
+impl CellContent for Option<Phase> {
+    const KIND: CellType = CellType::Text;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         let named = Phase::ALL.into_iter().find(|phase| phase.name() == only(cells));
         named.map(Some).ok_or((0, "characterisation, calibration, test or teach"))
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        out(self.map_or(Value::Nothing, |phase| Value::Text(phase.name())));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        out(self.map_or(CellValue::Nothing, |phase| CellValue::Text(phase.name())));
     }
 }
 
-impl Cell for Vec<f64> {
-    const KIND: Kind = Kind::Number;
+impl CellContent for Vec<f64> {
+    const KIND: CellType = CellType::Number;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         cells.iter().enumerate().map(|(index, cell)| number(cell).ok_or((index, NUMBER))).collect()
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        self.iter().for_each(|output| out(Value::Number(*output)));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        self.iter().for_each(|output| out(CellValue::Number(*output)));
     }
 
     fn round_to(&mut self, decimals: i32) {
@@ -161,8 +161,8 @@ impl Cell for Vec<f64> {
 }
 
 /// Flags, separated by blanks. An empty cell and 0 mean no flags. An unknown word is a flag too.
-impl Cell for Vec<Flag> {
-    const KIND: Kind = Kind::Text;
+impl CellContent for Vec<Flag> {
+    const KIND: CellType = CellType::Text;
 
     fn read(cells: &[&str]) -> Result<Self, Misread> {
         let words = only(cells).split_whitespace();
@@ -170,8 +170,8 @@ impl Cell for Vec<Flag> {
         Ok(if only(cells) == "0" { Vec::new() } else { words.map(named).collect() })
     }
 
-    fn write(&self, out: &mut dyn FnMut(Value<'_>)) {
-        out(Value::Text(&self.iter().map(|flag| flag.name()).collect::<Vec<_>>().join(" ")));
+    fn write(&self, out: &mut dyn FnMut(CellValue<'_>)) {
+        out(CellValue::Text(&self.iter().map(|flag| flag.name()).collect::<Vec<_>>().join(" ")));
     }
 }
 
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn flags_are_read_as_they_are_written_and_a_foreign_word_is_one_too() {
-        let flags = |text: &str| <Vec<Flag> as Cell>::read(&[text]).unwrap();
+        let flags = |text: &str| <Vec<Flag> as CellContent>::read(&[text]).unwrap();
         assert_eq!(flags("stale saturated"), [Flag::Stale, Flag::Saturated]);
         assert_eq!(flags("bad"), [Flag::Other]);
         for none in ["", "0"] {

@@ -1,11 +1,11 @@
 //! Check of a run: a press of a place that was pressed before, compared with the first press there.
 
-use super::Contact;
+use super::RecordedContact;
 use serde::{Deserialize, Serialize};
 
 /// A check, as its journal keeps it. It is no press of the plan: no table, evaluation or count contains it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Check {
+pub struct RecordedCheck {
     /// Number of the check, from 0.
     pub number: u64,
     /// Press of the plan that the check repeats.
@@ -13,13 +13,13 @@ pub struct Check {
     /// Whether the plan was done before the check.
     pub at_end: bool,
     /// The press of the check. Its rows have the phase `check` and the number of the check.
-    pub contact: Contact,
+    pub contact: RecordedContact,
     /// Change of the outputs for each newton; `None` if the outputs weren't measured.
-    pub outputs: Option<Change>,
+    pub outputs: Option<CheckChange>,
     /// Change of the outputs' pattern; `None` if the outputs weren't measured.
-    pub pattern: Option<Change>,
+    pub pattern: Option<CheckChange>,
     /// Change of the depth for the force; `None` if no depth was measured.
-    pub depth: Option<Change>,
+    pub depth: Option<CheckChange>,
     /// Largest change of the load cell that the check leaves possible, as a fraction of the force.
     pub cell: f64,
     /// First press since the last check that passed, in the order of measurement; only of a check that failed.
@@ -29,21 +29,21 @@ pub struct Check {
 
 /// Change since the first press at the place of a check, and its limit, both as differences of logarithms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Change {
+pub struct CheckChange {
     /// The change.
     pub by: f64,
     /// Largest change of a check that passes.
     pub limit: f64,
 }
 
-impl Change {
+impl CheckChange {
     /// Whether the change is within its limit.
     fn is_within(&self) -> bool {
         self.by.abs() <= self.limit
     }
 }
 
-impl Check {
+impl RecordedCheck {
     /// Whether something has changed by more than its limit, or the outputs weren't measured.
     pub fn is_failed(&self) -> bool {
         let compared = [self.outputs, self.pattern, self.depth];
@@ -54,7 +54,7 @@ impl Check {
     pub fn line(&self) -> String {
         let at = if self.at_end { "at the end".to_owned() } else { format!("{} during the run", self.number + 1) };
         let Some(from) = self.doubtful_from else {
-            let shown = |change: Change| format!("{:+.1} %", 100.0 * change.by);
+            let shown = |change: CheckChange| format!("{:+.1} %", 100.0 * change.by);
             let parts = [("outputs for each newton", self.outputs), ("depth", self.depth)];
             let parts: Vec<String> =
                 parts.into_iter().filter_map(|(name, change)| Some(format!("{name} {}", shown(change?)))).collect();
@@ -67,7 +67,7 @@ impl Check {
         ];
         let beyond = names.into_iter().filter_map(|(name, change)| Some((name, change.filter(|it| !it.is_within())?)));
         let beyond: Vec<String> = beyond
-            .map(|(name, Change { by, limit })| {
+            .map(|(name, CheckChange { by, limit })| {
                 format!("{name} by {:.0} %, limit {:.0} %", 100.0 * by.abs(), 100.0 * limit)
             })
             .collect();
@@ -83,14 +83,14 @@ pub(super) fn cell_u_n(cell: f64, force_n: f64) -> f64 {
 }
 
 #[cfg(test)]
-pub(super) fn example(by: f64) -> Check {
-    let change = |by| Some(Change { by, limit: 0.25 });
+pub(super) fn example(by: f64) -> RecordedCheck {
+    let change = |by| Some(CheckChange { by, limit: 0.25 });
     let doubtful_from = (by.abs() > 0.25).then_some(1);
-    Check {
+    RecordedCheck {
         number: 0,
         reference: 0,
         at_end: true,
-        contact: Contact::default(),
+        contact: RecordedContact::default(),
         outputs: change(by),
         pattern: change(0.01),
         depth: change(-0.002),
@@ -113,7 +113,7 @@ mod tests {
             failed.line(),
             "check failed at the end: outputs for each newton differ by 48 %, limit 25 %; presses from 1 on are doubtful"
         );
-        let unmeasured = Check { outputs: None, pattern: None, doubtful_from: Some(7), ..failed };
+        let unmeasured = RecordedCheck { outputs: None, pattern: None, doubtful_from: Some(7), ..failed };
         assert!(unmeasured.is_failed() && unmeasured.line().contains("weren't measured"), "{}", unmeasured.line());
     }
 

@@ -1,6 +1,6 @@
 //! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
-use super::calibration::{COMMANDED, CalibrateError, ForceColumn, LOAD_CELL, Selection, check_places};
+use super::calibration::{COMMANDED, CalibrateError, ForceSource, LOAD_CELL, Selection, check_places};
 use super::check::cell_u_n;
 use super::places::{SAME_PLACE_MM, same_places};
 use super::{Press, Presses, Split};
@@ -9,8 +9,8 @@ use crate::recipe::Phase;
 use miette::Diagnostic;
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{
-    Calibration, CalibrationPoint, Candidate, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown,
-    Prepared, Setting, Solver, TestPress, Workspace, broken, evaluate,
+    Calibration, CalibrationPoint, ErrorSummary, Evaluation, EvaluationError, FitError, Fitted, ForceKnown,
+    PreparedCalibration, Setting, Solver, TestPress, TriedMethod, Workspace, broken, evaluate,
 };
 use std::collections::HashSet;
 use std::hint::black_box;
@@ -70,13 +70,13 @@ pub struct Trial<'a> {
     test: Selection<'a>,
     layout: Option<&'a ArrayLayout>,
     load: ForceKnown,
-    force: &'static ForceColumn,
+    force: &'static ForceSource,
     /// Whether the presses are those of a run. A run's forces are compared with the set forces and with the load cell's.
     is_run: bool,
     /// Whether the test was held out of the same table or run as the calibration.
     is_held_out: bool,
     /// Data shared by all methods that are fitted to the calibration.
-    prepared: OnceLock<Prepared<'a>>,
+    prepared: OnceLock<PreparedCalibration<'a>>,
 }
 
 impl<'a> Trial<'a> {
@@ -222,7 +222,7 @@ impl<'a> Trial<'a> {
     }
 
     /// Returns the calibration, prepared once for all methods.
-    fn prepared(&self) -> Result<&Prepared<'a>, EvaluateError> {
+    fn prepared(&self) -> Result<&PreparedCalibration<'a>, EvaluateError> {
         match self.prepared.get() {
             Some(prepared) => Ok(prepared),
             None => {
@@ -233,24 +233,24 @@ impl<'a> Trial<'a> {
     }
 
     /// Prepares the calibration. For `appraised`, see [`Setting::appraised`].
-    fn prepare(&self, force: &ForceColumn, appraised: bool) -> Result<Prepared<'a>, EvaluateError> {
+    fn prepare(&self, force: &ForceSource, appraised: bool) -> Result<PreparedCalibration<'a>, EvaluateError> {
         let calibration = self.calibration.calibration(force, self.load)?;
         check_places(self.calibration.source(), &calibration)?;
         let setting = Setting { load: self.load, appraised, ..Setting::of_layout(self.layout) };
-        Prepared::new(calibration, &setting).map_err(|source| self.unfit(source))
+        PreparedCalibration::new(calibration, &setting).map_err(|source| self.unfit(source))
     }
 
     fn by(
         &self,
-        force: &ForceColumn,
-        prepared: &Prepared<'_>,
+        force: &ForceSource,
+        prepared: &PreparedCalibration<'_>,
         solver: &str,
     ) -> Result<(Evaluation, Fitted), EvaluateError> {
         let fitted = prepared.fit(solver).map_err(|source| self.unfit(source))?;
         Ok((self.evaluated(&fitted, force)?, fitted))
     }
 
-    fn evaluated(&self, fitted: &Fitted, force: &ForceColumn) -> Result<Evaluation, EvaluateError> {
+    fn evaluated(&self, fitted: &Fitted, force: &ForceSource) -> Result<Evaluation, EvaluateError> {
         let mut evaluation = evaluate(fitted, &self.presses(force))
             .map_err(|source| EvaluateError::Evaluation { source_name: self.test.source().to_owned(), source })?;
         evaluation.left_out.calibration_flagged = self.calibration.flagged;
@@ -263,7 +263,7 @@ impl<'a> Trial<'a> {
         CalibrateError::Fit { source_name: self.calibration.source().to_owned(), source }.into()
     }
 
-    fn presses(&self, force: &ForceColumn) -> Vec<TestPress<'a>> {
+    fn presses(&self, force: &ForceSource) -> Vec<TestPress<'a>> {
         self.test.to_solve(force, self.calibration.knows(force))
     }
 }
@@ -275,7 +275,7 @@ pub fn cross_validated(
     layout: Option<&ArrayLayout>,
     load: ForceKnown,
     solver: &str,
-) -> Result<Vec<Candidate>, EvaluateError> {
+) -> Result<Vec<TriedMethod>, EvaluateError> {
     let selection = match presses.presses.iter().any(|press| press.phase.is_some()) {
         true => Selection::of_phase(presses, Phase::Calibration)?,
         false => Selection::of_all(presses, Phase::Calibration)?,
@@ -284,7 +284,7 @@ pub fn cross_validated(
     check_places(&presses.source, &calibration)?;
     let unfit = |source| CalibrateError::Fit { source_name: presses.source.clone(), source };
     let setting = Setting { load, ..Setting::of_layout(layout) };
-    let found = Prepared::new(calibration, &setting).and_then(|prepared| prepared.candidates(solver));
+    let found = PreparedCalibration::new(calibration, &setting).and_then(|prepared| prepared.candidates(solver));
     Ok(found.map_err(unfit)?)
 }
 

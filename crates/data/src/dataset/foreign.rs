@@ -1,7 +1,7 @@
 //! Checks whether a journal is the one that the manifest of its run describes.
 
 use super::journal::JOURNAL;
-use super::known::Known;
+use super::known::JournalSummary;
 use super::manifest::MANIFEST;
 use super::{DatasetError, Fingerprint, Manifest, Status};
 use std::io::ErrorKind;
@@ -16,7 +16,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// A file can't be read.
-pub(super) fn foreign(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetError> {
+pub(super) fn foreign(folder: &Path, known: &JournalSummary) -> Result<Vec<String>, DatasetError> {
     if known.records == 0 {
         return Ok(Vec::new());
     }

@@ -2,7 +2,7 @@
 
 use super::acceptance::Evidence;
 use super::{Press, Presses};
-use crate::acceptance::{Errors, Figure, Judgement, Measured, Rule, Worst, judge};
+use crate::acceptance::{AcceptanceRule, Judgement, LimitedFigure, Measured, TestErrors, Worst, judge};
 use crate::recipe::{Phase, Plan};
 use palpate_core::quantity::ArrayLayout;
 
@@ -17,15 +17,16 @@ pub struct Truths<'a> {
 }
 
 /// Returns the verdict about a sensor whose errors are zero and whose outputs are its forces, without values.
-pub fn foreseen(rule: &Rule, plan: &Plan, truths: &Truths) -> Judgement {
+pub fn foreseen(rule: &AcceptanceRule, plan: &Plan, truths: &Truths) -> Judgement {
     let count = |phase: Phase| plan.entries.iter().filter(|entry| entry.phase == phase).count();
     let (calibration_presses, test_presses) = (count(Phase::Calibration), count(Phase::Test));
-    let errors = |u_truth: Option<f64>| (test_presses > 0).then(|| Errors { sizes: vec![0.0; test_presses], u_truth });
+    let errors =
+        |u_truth: Option<f64>| (test_presses > 0).then(|| TestErrors { sizes: vec![0.0; test_presses], u_truth });
     let presses = Presses::new(&plan.name, staircases(plan, truths.layout), Vec::new());
     let evidence = Evidence { presses: &presses, layout: Some(truths.layout), runs: Vec::new(), u_place_mm: None };
     let mut worst = evidence.worst(rule);
     // each press measures the noise in air
-    worst.push(Worst { figure: Figure::Noise, value: 0.0, upper: Some(0.0), n: plan.entries.len(), missing: 0 });
+    worst.push(Worst { figure: LimitedFigure::Noise, value: 0.0, upper: Some(0.0), n: plan.entries.len(), missing: 0 });
     let measured = Measured {
         calibration_presses,
         test_presses,
@@ -64,7 +65,7 @@ fn staircases(plan: &Plan, layout: &ArrayLayout) -> Vec<Press> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::acceptance::Verdict;
+    use crate::acceptance::SensorVerdict;
     use crate::recipe::Ground;
     use palpate_core::quantity::{Down, Frame, Limits, Range, Travel};
 
@@ -87,7 +88,7 @@ mod tests {
         let truths = Truths { layout: &layout, u_place_mm, u_force_n: Some(0.005) };
         let judgement = foreseen(recipe.rule().unwrap(), &plan, &truths);
         let reasons: Vec<String> = judgement.all_reasons().collect();
-        assert_eq!(judgement.verdict == Verdict::Accepted, reasons.is_empty(), "{judgement:?}");
+        assert_eq!(judgement.verdict == SensorVerdict::Accepted, reasons.is_empty(), "{judgement:?}");
         reasons
     }
 

@@ -1,6 +1,6 @@
 //! Positions of the contacts in a journal.
 
-use super::{Contact, DatasetError, JournalError, Record, Records};
+use super::{DatasetError, JournalError, JournalRecords, Record, RecordedContact};
 use crate::recipe::{ENTRIES_MAX, PRESSES_MAX};
 use std::slice::Iter;
 
@@ -17,8 +17,8 @@ pub(super) struct Index {
 
 /// Contacts of a run in the order of their numbers, read from its journal one by one.
 #[derive(Debug)]
-pub struct Contacts<'a> {
-    records: Records,
+pub struct RecordedContacts<'a> {
+    records: JournalRecords,
     offsets: Iter<'a, u64>,
 }
 
@@ -57,13 +57,13 @@ impl Index {
     }
 
     /// Returns the contacts, from the records of the indexed journal.
-    pub(super) fn contacts(&self, records: Records) -> Contacts<'_> {
-        Contacts { records, offsets: self.offsets.iter() }
+    pub(super) fn contacts(&self, records: JournalRecords) -> RecordedContacts<'_> {
+        RecordedContacts { records, offsets: self.offsets.iter() }
     }
 }
 
-impl Contacts<'_> {
-    fn at(&mut self, offset: u64) -> Result<Contact, JournalError> {
+impl RecordedContacts<'_> {
+    fn at(&mut self, offset: u64) -> Result<RecordedContact, JournalError> {
         match self.records.at(offset)? {
             Record::Contact(contact) => Ok(contact),
             _ => Err(self.records.damaged(offset, "no longer a contact".to_owned())),
@@ -71,8 +71,8 @@ impl Contacts<'_> {
     }
 }
 
-impl Iterator for Contacts<'_> {
-    type Item = Result<Contact, DatasetError>;
+impl Iterator for RecordedContacts<'_> {
+    type Item = Result<RecordedContact, DatasetError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         let offset = *self.offsets.find(|offset| **offset != NOWHERE)?;

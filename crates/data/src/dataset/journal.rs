@@ -62,7 +62,7 @@ pub struct Journal<R = Record> {
 
 /// Records of a journal in the order they were made, each with the byte at which it begins; without an incomplete last line.
 #[derive(Debug)]
-pub struct Records<R = Record> {
+pub struct JournalRecords<R = Record> {
     reader: BufReader<File>,
     path: PathBuf,
     next: u64,
@@ -154,7 +154,7 @@ impl<R: Logged> Journal<R> {
     pub fn read(
         path: &Path,
         mut accept: impl FnMut(u64, &R) -> Result<(), String>,
-    ) -> Result<Records<R>, JournalError> {
+    ) -> Result<JournalRecords<R>, JournalError> {
         let mut records = Journal::records(path)?;
         while let Some((offset, record)) = records.advance()? {
             accept(offset, &record).map_err(|problem| records.damaged(offset, problem))?;
@@ -193,13 +193,13 @@ impl<R: Logged> Journal<R> {
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn records(path: &Path) -> Result<Records<R>, JournalError> {
+    pub fn records(path: &Path) -> Result<JournalRecords<R>, JournalError> {
         let file = files::open(path).map_err(failed(path))?;
         if file.metadata().map_err(failed(path))?.len() > JOURNAL_MAX_BYTES {
             let too_large = io::Error::new(io::ErrorKind::FileTooLarge, format!("over {JOURNAL_MAX_BYTES} bytes"));
             return Err(failed(path)(too_large));
         }
-        Ok(Records {
+        Ok(JournalRecords {
             reader: BufReader::new(file),
             path: path.to_owned(),
             next: 0,
@@ -277,7 +277,7 @@ impl<R: Logged> Journal<R> {
     }
 }
 
-impl<R: Logged> Records<R> {
+impl<R: Logged> JournalRecords<R> {
     /// Returns the journal for appending, after it was read to its end. Cuts off an incomplete last line.
     ///
     /// # Errors
@@ -373,7 +373,7 @@ impl<R: Logged> Records<R> {
     }
 }
 
-impl<R: Logged> Iterator for Records<R> {
+impl<R: Logged> Iterator for JournalRecords<R> {
     type Item = Result<(u64, R), JournalError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -421,11 +421,15 @@ mod tests {
     fn open(path: &Path, accept: impl FnMut(u64, &Record) -> Result<(), String>) -> Result<Journal, JournalError> {
         Journal::read(path, accept)?.go_on()
     }
-    use crate::dataset::Contact;
+    use crate::dataset::RecordedContact;
     use crate::dataset::press::example;
 
     fn contact(press: u64) -> Record {
-        Record::Contact(Contact { press, levels: vec![example(press, 0).rounded()], ..Contact::default() })
+        Record::Contact(RecordedContact {
+            press,
+            levels: vec![example(press, 0).rounded()],
+            ..RecordedContact::default()
+        })
     }
 
     fn three_records(path: &Path) -> Vec<u8> {
@@ -509,7 +513,7 @@ mod tests {
         let mut journal = open(&path, |_, _| Ok(())).unwrap();
         let mut row = example(3, 0);
         row.force_n = Some(f64::NAN);
-        let bad = Record::Contact(Contact { press: 3, levels: vec![row], ..Contact::default() });
+        let bad = Record::Contact(RecordedContact { press: 3, levels: vec![row], ..RecordedContact::default() });
         assert!(journal.append(&bad).unwrap_err().to_string().contains("couldn't be read again"));
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
         journal.append(&contact(3)).unwrap();

@@ -6,7 +6,7 @@ use super::index::Index;
 use super::journal::JOURNAL;
 use super::manifest::MANIFEST;
 use super::views::PRESSES;
-use super::{DatasetError, Journal, Loss, Manifest, Peaks, Press, Record, Records, Status, Text};
+use super::{DatasetError, Journal, JournalRecords, Loss, Manifest, Peaks, Press, Record, RecordedText, Status};
 use crate::recipe::Phase;
 use std::path::Path;
 
@@ -15,11 +15,11 @@ const TRIPS_MAX: usize = 10_000;
 
 /// Summary of a journal, so that it needn't be read again.
 #[derive(Debug, Default)]
-pub(super) struct Known {
+pub(super) struct JournalSummary {
     pub contacts: Index,
     pub manifest: Manifest,
     /// Every text that a session used, in order.
-    pub texts: Vec<Text>,
+    pub texts: Vec<RecordedText>,
     /// Number of records.
     pub records: u64,
     /// Ending of the run, if nothing was measured or lost after it.
@@ -34,18 +34,21 @@ pub(super) struct Known {
     levels: [u64; Phase::ALL.len()],
 }
 
-impl Known {
+impl JournalSummary {
     /// Creates the empty state of a run on an array with `channels` outputs, if this number is known.
-    pub(super) fn of(channels: Option<usize>) -> Known {
-        Known { channels, ..Known::default() }
+    pub(super) fn of(channels: Option<usize>) -> JournalSummary {
+        JournalSummary { channels, ..JournalSummary::default() }
     }
 
     /// Reads the journal of a run to its end. Returns its content and the journal.
     ///
     /// # Errors
     /// The journal is missing or damaged, or an error of the operating system.
-    pub(super) fn read(folder: &Path, channels: Option<usize>) -> Result<(Known, Records), DatasetError> {
-        let mut known = Known::of(channels);
+    pub(super) fn read(
+        folder: &Path,
+        channels: Option<usize>,
+    ) -> Result<(JournalSummary, JournalRecords), DatasetError> {
+        let mut known = JournalSummary::of(channels);
         let records = Journal::read(&folder.join(JOURNAL), |offset, record| known.take_in(offset, record))?;
         Ok((known, records))
     }
@@ -60,7 +63,7 @@ impl Known {
             Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),
             Record::Run(facts) => self.contacts = Index::with_room(facts.presses_planned),
             _ if offset == 0 => return Err("the first record is missing".to_owned()),
-            Record::Text(Text { name, .. }) if !is_plain(name) => return Err(unplain(name)),
+            Record::Text(RecordedText { name, .. }) if !is_plain(name) => return Err(unplain(name)),
             Record::Session(session) => {
                 if let Some(text) = session.texts.iter().find(|text| !is_plain(&text.name)) {
                     return Err(unplain(&text.name));

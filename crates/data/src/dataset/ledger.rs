@@ -1,6 +1,6 @@
 //! Interface between a run in execution and its record.
 
-use super::{Contact, DatasetError, Record};
+use super::{DatasetError, Record, RecordedContact};
 use std::collections::BTreeSet;
 
 /// Interface between a run in execution and its record: existing data, and the destination of new data.
@@ -44,7 +44,7 @@ impl Memory {
     }
 
     /// Returns the contacts in the order they were made.
-    pub fn contacts(&self) -> impl Iterator<Item = &Contact> {
+    pub fn contacts(&self) -> impl Iterator<Item = &RecordedContact> {
         self.records.iter().filter_map(Record::contact)
     }
 }
@@ -75,7 +75,7 @@ mod tests {
         let mut memory = Memory::default();
         assert!(!memory.has(3));
         let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, hum: None, outputs: vec![] };
-        let contact = Contact { press: 3, ..Contact::default() };
+        let contact = RecordedContact { press: 3, ..RecordedContact::default() };
         let records = [zero.clone(), Record::Contact(contact.clone()), zero];
         records.iter().for_each(|record| memory.record(record).unwrap());
         assert_eq!((memory.has(3), memory.has(2)), (true, false));

@@ -1,7 +1,7 @@
 //! Checks whether a journal contains all presses that the other files of its run state as recorded.
 
 use super::journal::JOURNAL;
-use super::known::Known;
+use super::known::JournalSummary;
 use super::manifest::MANIFEST;
 use super::views::{MATRICES, PRESSES, SCENE};
 use super::{DatasetError, Fingerprint, Manifest, Status, files};
@@ -23,7 +23,7 @@ const STRETCHES_NAMED: usize = 8;
 ///
 /// # Errors
 /// Returns an error if a file can't be read. A file that is missing or can't be parsed is ignored.
-pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetError> {
+pub(super) fn lost(folder: &Path, known: &JournalSummary) -> Result<Vec<String>, DatasetError> {
     if known.is_complete() {
         return Ok(Vec::new());
     }
@@ -53,7 +53,7 @@ pub(super) fn lost(folder: &Path, known: &Known) -> Result<Vec<String>, DatasetE
 }
 
 /// Returns descriptions of data in a manifest that the journal lacks.
-fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<String>, DatasetError> {
+fn beyond(folder: &Path, manifest: &Manifest, known: &JournalSummary) -> Result<Vec<String>, DatasetError> {
     let mut lost = Vec::new();
     if let Some(vouched) = manifest.files.iter().find(|file| file.name == JOURNAL) {
         let start = Fingerprint::of_start(folder, JOURNAL, vouched.bytes)
@@ -76,7 +76,7 @@ fn beyond(folder: &Path, manifest: &Manifest, known: &Known) -> Result<Vec<Strin
 /// Returns the numbers in the column `press` of a table, from every complete line.
 fn presses_in(path: &Path) -> Result<BTreeSet<u64>, DatasetError> {
     let mut presses = BTreeSet::new();
-    let Some(mut lines) = Lines::open(path)? else { return Ok(presses) };
+    let Some(mut lines) = CompleteLines::open(path)? else { return Ok(presses) };
     let Some(header) = lines.next_line()? else { return Ok(presses) };
     let Some(column) = header.split(',').position(|name| name.trim() == "press") else { return Ok(presses) };
     while let Some(line) = lines.next_line()? {
@@ -87,21 +87,21 @@ fn presses_in(path: &Path) -> Result<BTreeSet<u64>, DatasetError> {
 
 /// Returns the number of cells in a matrix' first line, if the line is complete.
 fn points_in(path: &Path) -> Result<u64, DatasetError> {
-    let Some(mut lines) = Lines::open(path)? else { return Ok(0) };
+    let Some(mut lines) = CompleteLines::open(path)? else { return Ok(0) };
     Ok(lines.next_line()?.map_or(0, |line| line.split(',').count() as u64))
 }
 
 /// Complete lines of a table that may be damaged in any way.
-struct Lines<'a> {
+struct CompleteLines<'a> {
     path: &'a Path,
     reader: BufReader<std::fs::File>,
 }
 
-impl<'a> Lines<'a> {
+impl<'a> CompleteLines<'a> {
     /// Opens a table. Returns `None` if the file doesn't exist.
     fn open(path: &'a Path) -> Result<Option<Self>, DatasetError> {
         match files::open(path) {
-            Ok(file) => Ok(Some(Lines { path, reader: BufReader::new(file) })),
+            Ok(file) => Ok(Some(CompleteLines { path, reader: BufReader::new(file) })),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(DatasetError::io("reading", path)(error)),
         }

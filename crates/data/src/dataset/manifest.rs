@@ -1,7 +1,7 @@
 //! Manifest: description of a run and its ending, in one JSON object for people and other programs.
 
 use super::session::is_false;
-use super::{DatasetError, End, Fingerprint, Loss, Provenance, Record, RunFacts, Status, files};
+use super::{DatasetError, Fingerprint, Loss, Provenance, Record, RunFacts, SessionEnd, Status, files};
 use palpate_control::Trip;
 use palpate_core::quantity::Identity;
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ impl Manifest {
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }
-            Record::End(End { status, ended, wall_s, failure, cell_unchecked, cell_off, .. }) => {
+            Record::End(SessionEnd { status, ended, wall_s, failure, cell_unchecked, cell_off, .. }) => {
                 self.cell_unchecked = *cell_unchecked;
                 self.check_failed = self.check_failed.take().or_else(|| cell_off.clone());
                 self.status = *status;

@@ -80,10 +80,10 @@ pub struct Mapping {
     pub(super) y_mm: String,
     /// Name of the force column. `None`: `force_n`, if it exists.
     pub(super) force_n: Option<String>,
-    pub(super) outputs: Outputs,
+    pub(super) outputs: OutputSource,
     /// Name of the flags column. `None`: `flags`, if it exists.
     pub(super) flags: Option<String>,
-    pub(super) scale: Scale,
+    pub(super) scale: LinearScale,
     pub(super) missing: Vec<String>,
     /// Separator. `None`: detected.
     pub(super) separator: Option<u8>,
@@ -102,7 +102,7 @@ pub struct Mapping {
 
 /// Columns that contain the outputs.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Outputs {
+pub(super) enum OutputSource {
     /// `out_1`, `out_2`, ..., any number of them.
     Own,
     /// The columns with these names.
@@ -118,7 +118,7 @@ pub(super) enum Decimal {
 
 /// Factor of the values, and the offset that is added afterwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Scale {
+pub(super) struct LinearScale {
     pub place: f64,
     pub force: f64,
     pub outputs: f64,
@@ -127,7 +127,7 @@ pub(super) struct Scale {
     pub force_n: f64,
 }
 
-impl Scale {
+impl LinearScale {
     /// Converts the values of a table to millimetres and newtons.
     pub(super) fn apply(&self, press: &mut Press) {
         press.x_mm = press.x_mm * self.place + self.x_mm;
@@ -151,9 +151,9 @@ impl Default for Mapping {
             x_mm: "x_mm".to_owned(),
             y_mm: "y_mm".to_owned(),
             force_n: None,
-            outputs: Outputs::Own,
+            outputs: OutputSource::Own,
             flags: None,
-            scale: Scale { place: 1.0, force: 1.0, outputs: 1.0, x_mm: 0.0, y_mm: 0.0, force_n: 0.0 },
+            scale: LinearScale { place: 1.0, force: 1.0, outputs: 1.0, x_mm: 0.0, y_mm: 0.0, force_n: 0.0 },
             missing: Vec::new(),
             separator: None,
             decimal: None,
@@ -211,8 +211,8 @@ impl Mapping {
     /// Returns the names of the output columns, if they are known without the table.
     pub(super) fn output_names(&self) -> Option<&[String]> {
         match &self.outputs {
-            Outputs::Own => None,
-            Outputs::Named(names) => Some(names),
+            OutputSource::Own => None,
+            OutputSource::Named(names) => Some(names),
         }
     }
 
@@ -248,7 +248,7 @@ fn read(table: &Table) -> Option<Mapping> {
     let (force_n, flags) = (optional(table, &columns::force_n, own), optional(table, &columns::flags, own));
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
-    if let (Some((layout, _)), Outputs::Named(names)) = (&array, &outputs)
+    if let (Some((layout, _)), OutputSource::Named(names)) = (&array, &outputs)
         && layout.len() != names.len()
     {
         let told = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
@@ -274,13 +274,13 @@ fn read(table: &Table) -> Option<Mapping> {
 }
 
 /// Records a problem if two keys name one column.
-fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Outputs>) {
+fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&OutputSource>) {
     let given = |key: &Key| table.is_text(key).then(|| table.text(key)).flatten();
     let mut named: Vec<(Key, &str)> = Vec::new();
     let singles = [columns::x_mm, columns::y_mm].into_iter().zip(places.iter().map(Option::as_deref));
     let others = [columns::force_n, columns::flags].map(|key| (key, given(&key)));
     let several = match outputs {
-        Some(Outputs::Named(names)) => names.as_slice(),
+        Some(OutputSource::Named(names)) => names.as_slice(),
         _ => &[],
     };
     let all = singles.chain(others).chain(several.iter().map(|name| (columns::outputs, Some(name.as_str()))));
@@ -300,7 +300,7 @@ fn optional<T>(table: &Table, key: &Key, read: impl Fn(&Table, &Key) -> Option<T
     if table.has(key) { read(table, key).map(Some) } else { Some(None) }
 }
 
-fn read_scale(table: &Table) -> Option<Scale> {
+fn read_scale(table: &Table) -> Option<LinearScale> {
     let mut read = Mapping::default().scale;
     if let Some(table) = table.table(&columns::scale) {
         read.place = table.number(&scale::x_mm)?;
@@ -321,10 +321,10 @@ fn read_scale(table: &Table) -> Option<Scale> {
 }
 
 /// Reads the columns named by `outputs`: a list, or numbered names from the first to the last.
-fn read_outputs(table: &Table) -> Option<Outputs> {
+fn read_outputs(table: &Table) -> Option<OutputSource> {
     let key = &columns::outputs;
     if !table.has(key) {
-        return Some(Outputs::Own);
+        return Some(OutputSource::Own);
     }
     let fail = |told: String| {
         let help = "write outputs = \"ch0..ch15\", or a list: [\"left\", \"right\"]";
@@ -353,7 +353,7 @@ fn read_outputs(table: &Table) -> Option<Outputs> {
     match repeated {
         Some(index) => fail(format!("`outputs` names the column {:?} twice", names[index])),
         None if names.is_empty() => fail("`outputs` names no column".to_owned()),
-        None => Some(Outputs::Named(names)),
+        None => Some(OutputSource::Named(names)),
     }
 }
 
@@ -417,7 +417,7 @@ mod tests {
         assert_eq!(Mapping::text_of("x_mm=X,outputs=left, right"), "x_mm = \"X\"\noutputs = [\"left\", \"right\"]\n");
         let mapping = Mapping::parse("columns.toml", file).unwrap();
         assert_eq!((mapping.x_mm.as_str(), mapping.y_mm.as_str()), ("X [mm]", "y_mm"));
-        assert_eq!(mapping.outputs, Outputs::Named(vec!["ch0".to_owned(), "ch1".to_owned()]));
+        assert_eq!(mapping.outputs, OutputSource::Named(vec!["ch0".to_owned(), "ch1".to_owned()]));
         assert_eq!(Mapping::parse("columns.toml", "").unwrap(), Mapping { is_given: true, ..Mapping::default() });
     }
 

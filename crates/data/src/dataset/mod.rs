@@ -51,16 +51,16 @@ mod verify;
 mod views;
 
 pub use acceptance::Evidence;
-pub use cell::{Kind, Value};
-pub use check::{Change, Check};
+pub use cell::{CellType, CellValue};
+pub use check::{CheckChange, RecordedCheck};
 pub use error::DatasetError;
 pub use fingerprint::Fingerprint;
 pub use flag::Flag;
 pub use folder::{Accepted, Origins, RunFolder};
 pub use foreseen::{Truths, foreseen};
 pub use holdout::{HeldOutBy, Holdout, HoldoutError, Split};
-pub use index::Contacts;
-pub use journal::{JOURNAL, Journal, JournalError, Logged, Records};
+pub use index::RecordedContacts;
+pub use journal::{JOURNAL, Journal, JournalError, JournalRecords, Logged};
 pub use known::check_run;
 pub use ledger::{Ledger, Memory};
 pub use lock::hold as hold_folder;
@@ -71,13 +71,13 @@ pub use new_folder::make_folder;
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
 pub use press::Presence;
-pub use press::{COLUMNS, Column, OUTPUTS, Press, output_name};
+pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};
 pub use presses::Presses;
-pub use record::{Air, Contact, Left, Peaks, PressTruth, Record, Retouch};
+pub use record::{Air, Left, Peaks, PressTruth, Record, RecordedContact, Retouch};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use session::{
-    Durability, End, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RigChange, RunFacts, Status, Text,
-    is_label,
+    Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts, SessionEnd,
+    Status, is_label,
 };
 pub use stated::doubted_half_widths;
 pub use table::{parse_table, read_table};

@@ -3,7 +3,7 @@
 //! A new column requires one line in the list below, and code that measures it.
 
 use super::Flag;
-use super::cell::{Cell, Kind, Misread, Value};
+use super::cell::{CellContent, CellType, CellValue, Misread};
 use crate::recipe::Phase;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
@@ -23,7 +23,7 @@ pub enum Presence {
 
 /// One column of a table of presses.
 #[derive(Clone, Copy)]
-pub struct Column {
+pub struct PressColumn {
     /// Name in a header and in JSON. [`OUTPUTS`] means `out_1`, `out_2`, ...: one for each channel.
     pub name: &'static str,
     /// Tables that have the column.
@@ -31,16 +31,16 @@ pub struct Column {
     /// What the column contains, in a sentence.
     pub definition: &'static str,
     /// Type of its values.
-    pub kind: Kind,
+    pub kind: CellType,
     pub(super) write: Write,
-    pub(super) read: Read,
+    pub(super) read: ReadCells,
     round: fn(&mut Press),
 }
 
 /// Function that writes the values of a press in a column, one for each cell.
-type Write = fn(&Press, &mut dyn FnMut(Value<'_>));
+type Write = fn(&Press, &mut dyn FnMut(CellValue<'_>));
 /// Function that reads the cells of a row in a column, one cell or one for each channel.
-type Read = fn(&mut Press, &[&str]) -> Result<(), Misread>;
+type ReadCells = fn(&mut Press, &[&str]) -> Result<(), Misread>;
 
 /// Name of the column entry that represents one column for each channel.
 pub const OUTPUTS: &str = "outputs";
@@ -54,13 +54,13 @@ macro_rules! columns {
         pub struct Press { $($(#[doc = $doc])* pub $name: $kind,)* }
 
         /// Columns in the order in which they are written.
-        pub const COLUMNS: &[Column] = &[$(Column {
+        pub const COLUMNS: &[PressColumn] = &[$(PressColumn {
             name: stringify!($name),
             presence: Presence::$presence,
             definition: concat!($($doc),*).trim_ascii(),
-            kind: <$kind as Cell>::KIND,
+            kind: <$kind as CellContent>::KIND,
             write: |press, out| press.$name.write(out),
-            read: |press, cells| Cell::read(cells).map(|value| press.$name = value),
+            read: |press, cells| CellContent::read(cells).map(|value| press.$name = value),
             round: |press| press.$name.round_to($decimals),
         },)*];
     };
@@ -100,9 +100,9 @@ columns! {
     air_after_n: Option<f64>, Sparse, 6;
 }
 
-impl Column {
+impl PressColumn {
     /// Passes the values of a press in the column on, one for each cell.
-    pub fn write(&self, press: &Press, out: &mut dyn FnMut(Value<'_>)) {
+    pub fn write(&self, press: &Press, out: &mut dyn FnMut(CellValue<'_>)) {
         (self.write)(press, out);
     }
 
@@ -141,7 +141,7 @@ impl Press {
         let mut is_finite = true;
         for column in COLUMNS {
             (column.write)(self, &mut |value| {
-                is_finite &= !matches!(value, Value::Number(number) if !number.is_finite());
+                is_finite &= !matches!(value, CellValue::Number(number) if !number.is_finite());
             });
         }
         is_finite

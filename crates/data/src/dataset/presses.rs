@@ -1,6 +1,6 @@
 //! Presses from either source: a run's journal, or an external table.
 
-use super::{Contact, Lookalike, Press, output_name};
+use super::{Lookalike, Press, RecordedContact, output_name};
 use crate::recipe::Phase;
 
 /// Presses of one array, each with as many outputs as the array has channels.
@@ -24,7 +24,7 @@ pub struct Presses {
 
 impl Presses {
     /// Takes the presses of a run's contacts, in the order of the plan.
-    pub fn of_contacts<'a>(source: &str, contacts: impl IntoIterator<Item = &'a Contact>) -> Presses {
+    pub fn of_contacts<'a>(source: &str, contacts: impl IntoIterator<Item = &'a RecordedContact>) -> Presses {
         let mut presses: Vec<Press> = contacts.into_iter().flat_map(|contact| &contact.levels).cloned().collect();
         presses.sort_by_key(|press| press.press); // stable: the levels of a press stay in their order
         Presses::new(source, presses, Vec::new())

@@ -1,13 +1,13 @@
 //! Records of the journal.
 
 use super::journal::Logged;
-use super::{Check, End, FORMAT, Loss, Press, Provenance, RunFacts, Text};
-use palpate_control::{AirReadings, Budget, Hum, Lesson, Trip};
+use super::{FORMAT, Loss, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SessionEnd};
+use palpate_control::{AirReadings, Hum, Lesson, Trip, UncertaintyBudget};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};
 use serde::{Deserialize, Serialize};
 
-/// One record of the journal. Only [`Provenance`], [`Loss`] and [`End`] depend on the clock and the machine. All others are the
+/// One record of the journal. Only [`Provenance`], [`Loss`] and [`SessionEnd`] depend on the clock and the machine. All others are the
 /// same to the last bit when a simulated run is repeated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -17,7 +17,7 @@ pub enum Record {
     /// A program begins to measure, or continues.
     Session(Provenance),
     /// A text that the run uses, unchanged.
-    Text(Text),
+    Text(RecordedText),
     /// Identities reported by the devices.
     Devices(Vec<Identity>),
     /// The zero was measured in air.
@@ -35,9 +35,9 @@ pub enum Record {
         outputs: Vec<f64>,
     },
     /// An entry of the plan was measured completely.
-    Contact(Contact),
+    Contact(RecordedContact),
     /// A place was pressed again, to check that load cell and sensor haven't changed.
-    Check(Check),
+    Check(RecordedCheck),
     /// A place was touched again before a run continued.
     Retouch(Retouch),
     /// A safety rule was broken.
@@ -55,7 +55,7 @@ pub enum Record {
     /// A person accepted that presses were lost, or that it is another journal.
     Loss(Loss),
     /// A program ended in a controlled way. A program that was killed leaves no such record.
-    End(End),
+    End(SessionEnd),
 }
 
 impl Record {
@@ -63,14 +63,14 @@ impl Record {
     pub fn t_s(&self) -> Option<f64> {
         match self {
             Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
-            Record::Contact(contact) | Record::Check(Check { contact, .. }) => contact.t_s(),
+            Record::Contact(contact) | Record::Check(RecordedCheck { contact, .. }) => contact.t_s(),
             Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
             Record::End(end) => Some(end.t_s),
         }
     }
 
     /// Returns the contact, if the record is a contact of the plan.
-    pub fn contact(&self) -> Option<&Contact> {
+    pub fn contact(&self) -> Option<&RecordedContact> {
         match self {
             Record::Contact(contact) => Some(contact),
             _ => None,
@@ -97,14 +97,14 @@ impl Logged for Record {
 
 /// One contact: a plain press, or a staircase with all its levels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Contact {
+pub struct RecordedContact {
     /// Number of the entry in the plan.
     pub press: u64,
     /// Levels of the contact in the order of measurement.
     pub levels: Vec<Press>,
     /// Uncertainty budget of each level's force.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub budgets: Vec<Budget>,
+    pub budgets: Vec<UncertaintyBudget>,
     /// True values at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<PressTruth>,
@@ -119,7 +119,7 @@ pub struct Contact {
     pub left: Option<Left>,
 }
 
-impl Contact {
+impl RecordedContact {
     /// Returns the time of the last level, s since the run's start.
     pub fn t_s(&self) -> Option<f64> {
         self.levels.iter().filter_map(|press| press.t_s).reduce(f64::max)
@@ -201,7 +201,7 @@ mod tests {
             let text = serde_json::to_string(&retouch).unwrap();
             assert_eq!(serde_json::from_str::<Record>(&text).unwrap(), retouch, "{text}");
         }
-        let trip = Trip::new(palpate_control::Rule::Noisy, f64::NAN, 1.0, "N");
+        let trip = Trip::new(palpate_control::SafetyRule::Noisy, f64::NAN, 1.0, "N");
         let read: Trip = serde_json::from_str(&serde_json::to_string(&trip).unwrap()).unwrap();
         assert!(read.measured.is_nan() && read.limit == 1.0);
     }

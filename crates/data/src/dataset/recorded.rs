@@ -2,14 +2,17 @@
 
 use super::foreign::foreign;
 use super::journal::JOURNAL;
-use super::known::{Known, check_run};
+use super::known::{JournalSummary, check_run};
 use super::lock::is_held;
 use super::loss::lost;
 use super::manifest::MANIFEST;
 use super::press::{csv_header, csv_line};
 use super::table_error::MAX_TABLE_BYTES;
 use super::views::PRESSES;
-use super::{Check, Contact, DatasetError, Fingerprint, Journal, Manifest, Presses, Record, Retouch, Text, files};
+use super::{
+    DatasetError, Fingerprint, Journal, Manifest, Presses, Record, RecordedCheck, RecordedContact, RecordedText,
+    Retouch, files,
+};
 use palpate_control::Trip;
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -37,9 +40,9 @@ pub struct Recorded {
     /// Places that were touched again before the run continued.
     pub retouches: Vec<Retouch>,
     /// Checks in the order of measurement.
-    pub checks: Vec<Check>,
+    pub checks: Vec<RecordedCheck>,
     /// Contacts in the order of measurement.
-    pub contacts: Vec<Contact>,
+    pub contacts: Vec<RecordedContact>,
     /// Whether the run has ended, and nothing was measured or lost after its end.
     pub has_ended: bool,
 }
@@ -47,7 +50,7 @@ pub struct Recorded {
 /// Texts of a run, from its journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Texts {
-    all: Vec<Text>,
+    all: Vec<RecordedText>,
 }
 
 impl Recorded {
@@ -71,10 +74,10 @@ impl Recorded {
     /// The same as for [`read`](Self::read), and those of `accept`.
     pub fn read_each<E: From<DatasetError>>(
         path: &Path,
-        mut accept: impl FnMut(&Manifest, &Texts, Contact) -> Result<(), E>,
+        mut accept: impl FnMut(&Manifest, &Texts, RecordedContact) -> Result<(), E>,
     ) -> Result<Recorded, E> {
         check_run(path)?;
-        let mut known = Known::of(None);
+        let mut known = JournalSummary::of(None);
         let mut texts = None;
         let (mut zeros, mut trips, mut retouches, mut checks) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let mut records = Journal::records(&path.join(JOURNAL)).map_err(DatasetError::from)?;
@@ -190,14 +193,14 @@ impl Texts {
     /// The same as for [`read`](Self::read).
     pub fn read_accepting(path: &Path, any_journal: bool) -> Result<(Manifest, Texts), DatasetError> {
         check_run(path)?;
-        let (known, _) = Known::read(path, None)?;
+        let (known, _) = JournalSummary::read(path, None)?;
         if !any_journal && !is_held(path) {
             check_manifest(path, &known)?;
         }
         Ok((known.manifest, Texts { all: known.texts }))
     }
 
-    pub(super) fn of(texts: &[Text]) -> Texts {
+    pub(super) fn of(texts: &[RecordedText]) -> Texts {
         Texts { all: texts.to_vec() }
     }
 
@@ -228,7 +231,7 @@ impl Texts {
 }
 
 /// Checks that a journal is the one that the manifest of its folder describes.
-fn check_manifest(path: &Path, known: &Known) -> Result<(), DatasetError> {
+fn check_manifest(path: &Path, known: &JournalSummary) -> Result<(), DatasetError> {
     let found = foreign(path, known)?;
     if found.is_empty() { Ok(()) } else { Err(DatasetError::Foreign { path: path.to_owned(), found }) }
 }

@@ -218,7 +218,7 @@ pub struct RigChange {
 
 /// A text that a run uses, unchanged: its recipe, its rig, a register map.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Text {
+pub struct RecordedText {
     /// Name of its file in the run folder.
     pub name: String,
     /// The text.
@@ -239,7 +239,7 @@ pub struct Loss {
 
 /// Ending of a program that could still record it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct End {
+pub struct SessionEnd {
     /// Status at the end.
     pub status: Status,
     /// Time, s since the run's start.

@@ -11,7 +11,7 @@ use super::formats;
 use super::header::Header;
 use super::lookalike::lookalikes;
 use super::mapping::Mapping;
-use super::press::{COLUMNS, Column, OUTPUTS, Presence};
+use super::press::{COLUMNS, OUTPUTS, Presence, PressColumn};
 use super::sensor_file::is_sensor_file;
 use super::table_error::{MAX_ROW_BYTES, MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
@@ -34,7 +34,7 @@ const FLAGS: &str = "flags";
 /// # Errors
 /// The problem, with file, line and column.
 pub fn read_table(path: &Path, mapping: &Mapping) -> Result<Presses, TableError> {
-    if let Some(kind) = formats::Kind::of(path).filter(|_| path.exists()) {
+    if let Some(kind) = formats::BinaryFormat::of(path).filter(|_| path.exists()) {
         let (file, text) = formats::text(path, kind, mapping)?;
         return parse_table(&file, text.as_bytes(), &formats::mapping(kind, mapping));
     }
@@ -65,7 +65,7 @@ pub fn parse_table(file: &str, input: impl Read, mapping: &Mapping) -> Result<Pr
 
 /// Reads a table of at most `most_bytes`. If the input is longer, one byte more than this is read.
 fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u64) -> Result<Presses, TableError> {
-    let mut records = Records::new(file, input.take(most_bytes + 1), mapping, most_bytes)?;
+    let mut records = TableRecords::new(file, input.take(most_bytes + 1), mapping, most_bytes)?;
     let (mut header, mut record) = (StringRecord::new(), StringRecord::new());
     let mut is_there = records.next(&mut header)?;
     while is_there && header.get(0).is_some_and(is_comment) {
@@ -81,7 +81,7 @@ fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u6
     if mapping.has_header && looks_like_a_row(&header, mapping) {
         return Err(TableError::NoHeader { file: file.to_owned(), line: header_line });
     }
-    let columns = Columns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
+    let columns = KnownColumns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
     let (mut presses, mut lines, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     is_there = if mapping.has_header { records.next_row(&mut record)? } else { is_there };
     while is_there {
@@ -90,7 +90,7 @@ fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u6
             let (file, line) = (file.to_owned(), Some(line));
             return Err(TableError::TooLarge { file, line, limit: MAX_ROWS as u64, what: "rows" });
         }
-        let cells = Cells { file, line, header: &header, record: &record };
+        let cells = RowReader { file, line, header: &header, record: &record };
         match columns.press(&cells, mapping)? {
             Ok(mut press) => {
                 if !columns.is_of_run {
@@ -135,16 +135,16 @@ fn looks_like_a_row(header: &StringRecord, mapping: &Mapping) -> bool {
 }
 
 /// Known columns of a table, each with the positions of its cells.
-struct Columns {
-    found: Vec<(&'static Column, Vec<usize>)>,
+struct KnownColumns {
+    found: Vec<(&'static PressColumn, Vec<usize>)>,
     /// Whether the table has every column of a run's own table.
     is_of_run: bool,
 }
 
-impl Columns {
+impl KnownColumns {
     fn find(header: &Header<'_>, mapping: &Mapping) -> Result<Self, TableError> {
         header.check()?;
-        let is_there = |column: &Column| header.optional(column.name).is_some();
+        let is_there = |column: &PressColumn| header.optional(column.name).is_some();
         let is_of_run =
             !mapping.is_given && COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
         let mut found = Vec::new();
@@ -160,11 +160,11 @@ impl Columns {
             };
             found.extend(at.map(|at| (column, at)));
         }
-        Ok(Columns { found, is_of_run })
+        Ok(KnownColumns { found, is_of_run })
     }
 
     /// Returns the press of a row; or the index of its first column without a value.
-    fn press(&self, cells: &Cells<'_>, mapping: &Mapping) -> Result<Result<Press, usize>, TableError> {
+    fn press(&self, cells: &RowReader<'_>, mapping: &Mapping) -> Result<Result<Press, usize>, TableError> {
         cells.check_length()?;
         let mut press = Press::default();
         let mut texts = Vec::new();
@@ -187,14 +187,14 @@ impl Columns {
 }
 
 /// Row that is being read, with all data for messages about it.
-struct Cells<'a> {
+struct RowReader<'a> {
     file: &'a str,
     line: u64,
     header: &'a StringRecord,
     record: &'a StringRecord,
 }
 
-impl<'a> Cells<'a> {
+impl<'a> RowReader<'a> {
     fn check_length(&self) -> Result<(), TableError> {
         let (expected, found) = (self.header.len(), self.record.len());
         if found == expected {
@@ -221,16 +221,16 @@ impl<'a> Cells<'a> {
 }
 
 /// Records of a table, one at a time, each with its line.
-struct Records<'a, R> {
+struct TableRecords<'a, R> {
     file: &'a str,
-    reader: csv::Reader<Lines<BufReader<R>>>,
+    reader: csv::Reader<LineCounter<BufReader<R>>>,
     dialect: Dialect,
     /// First line of the most recently read record.
     line: u64,
     most_bytes: u64,
 }
 
-impl<'a, R: Read> Records<'a, R> {
+impl<'a, R: Read> TableRecords<'a, R> {
     fn new(file: &'a str, input: R, mapping: &Mapping, most_bytes: u64) -> Result<Self, TableError> {
         let mut input = BufReader::new(input);
         let start = input.fill_buf().map_err(|source| TableError::Unreadable { file: file.to_owned(), source })?;
@@ -238,7 +238,7 @@ impl<'a, R: Read> Records<'a, R> {
         // Rows of the wrong length are found later, with their line: the reader counts lines its own way.
         let mut reader = csv::ReaderBuilder::new();
         reader.has_headers(false).flexible(true).delimiter(dialect.separator());
-        Ok(Records { file, reader: reader.from_reader(Lines::new(input)), dialect, line: 1, most_bytes })
+        Ok(TableRecords { file, reader: reader.from_reader(LineCounter::new(input)), dialect, line: 1, most_bytes })
     }
 
     /// Reads the next row, with points as decimal marks. Returns whether there was one.
@@ -279,7 +279,7 @@ impl<'a, R: Read> Records<'a, R> {
 
 /// Reader that passes a table's text on and records its line ends, so that a record's line is known. The csv reader's own count
 /// is wrong after blank lines and Windows line ends.
-struct Lines<R> {
+struct LineCounter<R> {
     input: R,
     /// Number of bytes read.
     taken: u64,
@@ -293,9 +293,17 @@ struct Lines<R> {
     last: u8,
 }
 
-impl<R> Lines<R> {
+impl<R> LineCounter<R> {
     fn new(input: R) -> Self {
-        Lines { input, taken: 0, most: MAX_ROW_BYTES, is_stopped: false, ends: VecDeque::new(), passed: 0, last: 0 }
+        LineCounter {
+            input,
+            taken: 0,
+            most: MAX_ROW_BYTES,
+            is_stopped: false,
+            ends: VecDeque::new(),
+            passed: 0,
+            last: 0,
+        }
     }
 
     /// Returns the first line of a record that ends before the byte `end`, including the record's own line end.
@@ -317,7 +325,7 @@ impl<R> Lines<R> {
     }
 }
 
-impl<R: Read> Read for Lines<R> {
+impl<R: Read> Read for LineCounter<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.taken > self.most {
             self.is_stopped = true;

@@ -3,7 +3,7 @@
 use super::fingerprint::is_plain;
 use super::foreign::foreign;
 use super::journal::JOURNAL;
-use super::known::{Known, check_run};
+use super::known::{JournalSummary, check_run};
 use super::lock::is_held;
 use super::loss::lost;
 use super::manifest::MANIFEST;
@@ -45,7 +45,7 @@ pub struct Verified {
 pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, DatasetError> {
     check_run(path)?;
     let mut verified = Verified::default();
-    let known = match Known::read(path, layout.map(ArrayLayout::len)) {
+    let known = match JournalSummary::read(path, layout.map(ArrayLayout::len)) {
         Ok((known, _)) => known,
         Err(DatasetError::Journal(error @ JournalError::Damaged { offset, .. })) => {
             verified.damaged_at = Some(offset);
@@ -133,7 +133,7 @@ pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<F
 }
 
 /// Returns the tables that follow from a journal. They are written to a temporary folder, which is then removed.
-fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<Fingerprint>, DatasetError> {
+fn tables_again(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Result<Vec<Fingerprint>, DatasetError> {
     let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
     std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
@@ -145,7 +145,7 @@ fn tables_again(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Vec<
 
 /// Returns the lines of a growing table of presses that don't belong to a press of the journal. A line that was cut off by a kill
 /// doesn't count.
-fn stray_lines(path: &Path, layout: &ArrayLayout, known: &Known) -> Result<Option<String>, DatasetError> {
+fn stray_lines(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Result<Option<String>, DatasetError> {
     let table = path.join(PRESSES);
     let failed = |error| DatasetError::io("reading", &table)(error);
     let file = match files::open(&table) {

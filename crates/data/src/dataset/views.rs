@@ -3,7 +3,7 @@
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::files::{self, Draft};
 use super::press::{csv_header, csv_line};
-use super::{Contact, Contacts, DatasetError, Peaks, Press, PressTruth, round};
+use super::{DatasetError, Peaks, Press, PressTruth, RecordedContact, RecordedContacts, round};
 use crate::recipe::Phase;
 use palpate_core::quantity::ArrayLayout;
 use std::fs;
@@ -30,11 +30,11 @@ const OUTPUTS_MAX: usize = 1 << 19;
 pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,
-    contacts: &dyn Fn() -> Result<Contacts<'a>, DatasetError>,
+    contacts: &dyn Fn() -> Result<RecordedContacts<'a>, DatasetError>,
     trips: &[(Option<u64>, Peaks)],
 ) -> Result<(), DatasetError> {
-    let mut presses = Table::new(folder, PRESSES)?;
-    let mut scene: Option<Table> = None;
+    let mut presses = TableFile::new(folder, PRESSES)?;
+    let mut scene: Option<TableFile> = None;
     // a reading a level of the characterisation alone, of one unit: what its statistics need
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
@@ -68,25 +68,25 @@ pub(super) fn write<'a>(
         }
     }
     for (phase, name, points) in matrices.into_iter().filter(|(_, _, points)| *points > 0) {
-        let mut matrix = Table::new(folder, name)?;
+        let mut matrix = TableFile::new(folder, name)?;
         write_matrix(&mut matrix, phase, points, layout.len(), contacts)?;
         matrix.publish()?;
     }
     if let Some(staircases) = staircases {
         replace(folder, CHARACTERISTICS, &characteristics(&staircases))?;
     }
-    scene.map_or(Ok(()), Table::publish)
+    scene.map_or(Ok(()), TableFile::publish)
 }
 
 /// Writes a matrix with a row for each channel, a column for each point, and no header: the paper's calibration matrix. The
 /// contacts arrive point by point, so they are read once for as many channels as can be held. Except for very many points, one
 /// reading is enough.
 fn write_matrix<'a>(
-    matrix: &mut Table,
+    matrix: &mut TableFile,
     phase: Phase,
     points: usize,
     channels: usize,
-    contacts: &dyn Fn() -> Result<Contacts<'a>, DatasetError>,
+    contacts: &dyn Fn() -> Result<RecordedContacts<'a>, DatasetError>,
 ) -> Result<(), DatasetError> {
     let at_once = (OUTPUTS_MAX / points).max(1);
     for first in (0..channels).step_by(at_once) {
@@ -200,14 +200,14 @@ fn characteristics(staircases: &Staircases) -> String {
 const SCENE_HEADER: &str = "press,level,force_true_n,force_peak_n,depth_peak_mm\n";
 
 /// Returns the scene's table, which is created with its first row.
-fn opened<'t>(scene: &'t mut Option<Table>, folder: &Path) -> Result<&'t mut Table, DatasetError> {
+fn opened<'t>(scene: &'t mut Option<TableFile>, folder: &Path) -> Result<&'t mut TableFile, DatasetError> {
     match scene {
         Some(scene) => Ok(scene),
-        None => Ok(scene.insert(Table::with(folder, SCENE, SCENE_HEADER)?)),
+        None => Ok(scene.insert(TableFile::with(folder, SCENE, SCENE_HEADER)?)),
     }
 }
 
-fn scene_lines(contact: &Contact) -> String {
+fn scene_lines(contact: &RecordedContact) -> String {
     let line = |(press, truth): (&Press, &PressTruth)| {
         let PressTruth { force_true_n, force_peak_n, depth_peak_mm } = truth;
         format!("{},{},{force_true_n},{force_peak_n},{depth_peak_mm}\n", press.press, press.level)
@@ -216,20 +216,20 @@ fn scene_lines(contact: &Contact) -> String {
 }
 
 /// Table that is being written and is then renamed to its final path.
-struct Table {
+struct TableFile {
     draft: Draft,
     path: PathBuf,
 }
 
-impl Table {
-    fn new(folder: &Path, name: &str) -> Result<Table, DatasetError> {
+impl TableFile {
+    fn new(folder: &Path, name: &str) -> Result<TableFile, DatasetError> {
         let path = folder.join(name);
         let draft = Draft::new(&path).map_err(DatasetError::io("writing", &path))?;
-        Ok(Table { draft, path })
+        Ok(TableFile { draft, path })
     }
 
-    fn with(folder: &Path, name: &str, text: &str) -> Result<Table, DatasetError> {
-        let mut table = Table::new(folder, name)?;
+    fn with(folder: &Path, name: &str, text: &str) -> Result<TableFile, DatasetError> {
+        let mut table = TableFile::new(folder, name)?;
         table.write(text)?;
         Ok(table)
     }
@@ -245,5 +245,5 @@ impl Table {
 
 /// Writes a temporary file next to the final path and renames it.
 pub(super) fn replace(folder: &Path, name: &str, text: &str) -> Result<(), DatasetError> {
-    Table::with(folder, name, text)?.publish()
+    TableFile::with(folder, name, text)?.publish()
 }

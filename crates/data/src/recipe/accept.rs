@@ -2,7 +2,7 @@
 
 use super::PRESSES_CEILING;
 use super::keys::CHOOSABLE;
-use crate::acceptance::{Decision, Figure, Limit, Rule};
+use crate::acceptance::{AcceptanceRule, Decision, Limit, LimitedFigure};
 use palpate_document::{self as document, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
 use palpate_solver::BEST;
 
@@ -20,7 +20,7 @@ const DECISIONS: [(&str, Decision); 2] =
 #[derive(Clone, Debug, PartialEq)]
 pub enum Accept {
     /// A rule in the recipe itself.
-    Rule(Rule),
+    Rule(AcceptanceRule),
     /// Name of a file next to the recipe that contains the rule.
     File(String),
 }
@@ -78,7 +78,7 @@ keys! {
 ///
 /// # Errors
 /// All problems of the text, each with its line.
-pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
+pub fn parse_rule(file: &str, text: &str) -> Result<AcceptanceRule, Problems> {
     if document::has_key(text, "accept") {
         let at = text.find("accept").unwrap_or_default();
         let problem = Problem::new(at..at + "accept".len(), "an acceptance file has its keys without a heading");
@@ -88,20 +88,20 @@ pub fn parse_rule(file: &str, text: &str) -> Result<Rule, Problems> {
 }
 
 /// Returns the rule in a table.
-pub(super) fn read_rule(table: &Table) -> Option<Rule> {
+pub(super) fn read_rule(table: &Table) -> Option<AcceptanceRule> {
     let decision = table.word(&accept::rule, &DECISIONS);
     let method = table.word(&accept::method, &CHOOSABLE.map(|name| (name, name)));
     let least = |key: &Key| table.whole(key).map(|least| least as usize);
     let (calibration, test) = (least(&accept::calibration_presses_least), least(&accept::test_presses_least));
     // a wrong limit has been reported; the others are read all the same
-    let limits: Vec<Limit> = Figure::ALL.into_iter().filter_map(|figure| limit(table, figure)).collect();
+    let limits: Vec<Limit> = LimitedFigure::ALL.into_iter().filter_map(|figure| limit(table, figure)).collect();
     let holdout = table.flag(&accept::holdout);
-    let (known, keys) = (accept::KEYS.always, || Figure::ALL.map(Figure::key));
+    let (known, keys) = (accept::KEYS.always, || LimitedFigure::ALL.map(LimitedFigure::key));
     if !known.iter().any(|key| keys().contains(&key.name) && table.has(key)) {
         let help = format!("add one of {}", keys().join(", "));
         table.complain(Problem::new(table.span(), "this rule has no limit").help(help));
     }
-    Some(Rule {
+    Some(AcceptanceRule {
         decision: decision?,
         method: method?.to_owned(),
         calibration_presses_least: calibration?,
@@ -112,27 +112,27 @@ pub(super) fn read_rule(table: &Table) -> Option<Rule> {
     })
 }
 
-fn limit(table: &Table, figure: Figure) -> Option<Limit> {
+fn limit(table: &Table, figure: LimitedFigure) -> Option<Limit> {
     let plain = |limit: f64| Limit { figure, limit, reach: None };
     let within = |key: Key, parts: [Key; 2]| {
         let [reach, limit] = table.table(&key)?.numbers(parts)?;
         Some(Limit { figure, limit, reach: Some(reach) })
     };
     match figure {
-        Figure::LocationWithin => within(accept::location_within, [location_within::mm, location_within::share]),
-        Figure::ForceWithin => within(accept::force_within, [force_within::n, force_within::share]),
-        Figure::BrokenChannels => table.whole(&accept::broken_channels_most).map(|most| plain(most as f64)),
-        Figure::FlaggedPresses => table.whole(&accept::flagged_presses_most).map(|most| plain(most as f64)),
-        Figure::LocationMean => table.number(&accept::location_mean_mm).map(plain),
-        Figure::LocationP95 => table.number(&accept::location_p95_mm).map(plain),
-        Figure::ForceMean => table.number(&accept::force_mean_n).map(plain),
-        Figure::ForceP95 => table.number(&accept::force_p95_n).map(plain),
-        Figure::Repeatability => table.number(&accept::repeatability_percent).map(plain),
-        Figure::Hysteresis => table.number(&accept::hysteresis_percent).map(plain),
-        Figure::HysteresisOfReading => table.number(&accept::hysteresis_of_reading_percent).map(plain),
-        Figure::Linearity => table.number(&accept::linearity_percent).map(plain),
-        Figure::ZeroReturn => table.number(&accept::zero_return_percent).map(plain),
-        Figure::Noise => table.number(&accept::noise_percent).map(plain),
+        LimitedFigure::LocationWithin => within(accept::location_within, [location_within::mm, location_within::share]),
+        LimitedFigure::ForceWithin => within(accept::force_within, [force_within::n, force_within::share]),
+        LimitedFigure::BrokenChannels => table.whole(&accept::broken_channels_most).map(|most| plain(most as f64)),
+        LimitedFigure::FlaggedPresses => table.whole(&accept::flagged_presses_most).map(|most| plain(most as f64)),
+        LimitedFigure::LocationMean => table.number(&accept::location_mean_mm).map(plain),
+        LimitedFigure::LocationP95 => table.number(&accept::location_p95_mm).map(plain),
+        LimitedFigure::ForceMean => table.number(&accept::force_mean_n).map(plain),
+        LimitedFigure::ForceP95 => table.number(&accept::force_p95_n).map(plain),
+        LimitedFigure::Repeatability => table.number(&accept::repeatability_percent).map(plain),
+        LimitedFigure::Hysteresis => table.number(&accept::hysteresis_percent).map(plain),
+        LimitedFigure::HysteresisOfReading => table.number(&accept::hysteresis_of_reading_percent).map(plain),
+        LimitedFigure::Linearity => table.number(&accept::linearity_percent).map(plain),
+        LimitedFigure::ZeroReturn => table.number(&accept::zero_return_percent).map(plain),
+        LimitedFigure::Noise => table.number(&accept::noise_percent).map(plain),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Keys of a recipe, table by table.
 
 use super::accept::accept as accept_keys;
-use super::{Checks, Manner, Order, PRESSES_CEILING, Phase};
+use super::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase};
 use palpate_control::Strategy;
 use palpate_document::{Bounds, keys, words};
 use palpate_solver::{BEST, SOLVERS};
@@ -23,8 +23,8 @@ pub(super) const PHASES: [(&str, Phase); 3] = [
     (Phase::Calibration.name(), Phase::Calibration),
     (Phase::Test.name(), Phase::Test),
 ];
-pub(super) const ORDERS: [(&str, Order); 2] =
-    [(Order::Raster.name(), Order::Raster), (Order::Interleaved.name(), Order::Interleaved)];
+pub(super) const ORDERS: [(&str, GridOrder); 2] =
+    [(GridOrder::Raster.name(), GridOrder::Raster), (GridOrder::Interleaved.name(), GridOrder::Interleaved)];
 pub(super) const CHECKS: [(&str, Checks); 3] =
     [(Checks::End.name(), Checks::End), (Checks::Between.name(), Checks::Between), (Checks::None.name(), Checks::None)];
 pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
@@ -104,7 +104,7 @@ keys! {
         x_mm: Range(PLACE), Refused, "first and last x", "[-6.0, 6.0]";
         y_mm: Range(PLACE), Refused, "first and last y", "[-6.0, 6.0]";
         spacing_mm: Number(SPACING), Refused, "distance of neighbouring places; both extents must be multiples of it", "0.5";
-        order: Word(&words(&ORDERS)), or_word(Order::Raster.name()), "order in which the places are pressed",
+        order: Word(&words(&ORDERS)), or_word(GridOrder::Raster.name()), "order in which the places are pressed",
             "\"interleaved\"";
     }
 }

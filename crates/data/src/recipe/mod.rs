@@ -14,10 +14,10 @@ pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;
-pub use step::{Checks, Load, Manner, Order, PRESSES_CEILING, Phase, Places, Step};
+pub use step::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, Places, Step, StepLoad};
 pub use teach::Entry;
 
-use crate::acceptance::Rule;
+use crate::acceptance::AcceptanceRule;
 use palpate_control::Strategy;
 use palpate_document::Keys;
 
@@ -65,7 +65,7 @@ impl Recipe {
     }
 
     /// Returns the acceptance rule, once a file named in the recipe has been read.
-    pub fn rule(&self) -> Option<&Rule> {
+    pub fn rule(&self) -> Option<&AcceptanceRule> {
         match &self.accept {
             Some(Accept::Rule(rule)) => Some(rule),
             Some(Accept::File(_)) | None => None,
@@ -74,7 +74,7 @@ impl Recipe {
 
     /// Returns the recipe with an acceptance rule.
     #[must_use]
-    pub fn with_rule(self, rule: Rule) -> Recipe {
+    pub fn with_rule(self, rule: AcceptanceRule) -> Recipe {
         Recipe { accept: Some(Accept::Rule(rule)), ..self }
     }
 

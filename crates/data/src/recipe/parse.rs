@@ -2,7 +2,7 @@
 
 use super::accept::{Accept, read_rule};
 use super::keys::{self, cells, evaluate, grid, list, press, random, root, staircase, step};
-use super::{Checks, KEYS, Load, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, UnitChoice};
+use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, StepLoad, UnitChoice};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Files of a run folder that an acceptance file would overwrite.
@@ -133,7 +133,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         table.complain(Problem::new(table.span_of(&step::force_n), told).help(help));
         return None;
     }
-    let force = table.number(&step::force_n).map(Load::Force);
+    let force = table.number(&step::force_n).map(StepLoad::Force);
     let staircase = read_staircase(table);
     let loads = usize::from(inner_force)
         + [&step::force_n, &step::staircase].map(|key| usize::from(table.has(key))).iter().sum::<usize>();
@@ -147,7 +147,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let load = random_force.or(force).or(staircase);
     let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
     let manner = manner?;
-    if let Some(least_n) = load.as_ref().map(Load::least_n)
+    if let Some(least_n) = load.as_ref().map(StepLoad::least_n)
         && manner.force_tolerance_n >= least_n
     {
         let told = format!(
@@ -244,12 +244,12 @@ fn read_list(step: &Table) -> Option<Places> {
     Some(Places::List(places))
 }
 
-fn read_random(step: &Table) -> (Option<Places>, Option<Load>) {
+fn read_random(step: &Table) -> (Option<Places>, Option<StepLoad>) {
     let Some(table) = step.table(&step::random) else { return (None, None) };
     let count = table.whole(&random::count);
     let x_mm = table.range(&random::x_mm);
     let y_mm = table.range(&random::y_mm);
-    let force = table.range(&random::force_n).map(Load::RandomForce);
+    let force = table.range(&random::force_n).map(StepLoad::RandomForce);
     let places = match (count, x_mm, y_mm) {
         (Some(count), Some(x_mm), Some(y_mm)) => Some(Places::Random { count, x_mm, y_mm }),
         _ => None,
@@ -274,7 +274,7 @@ fn read_units(step: &Table) -> Option<Places> {
     Some(Places::Units(UnitChoice::Some(units.iter().map(|&unit| (unit as usize, span.clone())).collect())))
 }
 
-fn read_staircase(step: &Table) -> Option<Load> {
+fn read_staircase(step: &Table) -> Option<StepLoad> {
     let table = step.table(&step::staircase)?;
     let to_n = table.number(&staircase::to_n);
     let step_n = table.number(&staircase::step_n);
@@ -290,23 +290,23 @@ fn read_staircase(step: &Table) -> Option<Load> {
             table.complain(Problem::new(span, format!("{steps:.0} levels, but at most 1000 are allowed")));
         }
     }
-    Some(Load::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })
+    Some(StepLoad::Staircase { to_n: to_n?, step_n: step_n?, repeats: repeats?, rest_s: rest_s? })
 }
 
-impl Load {
+impl StepLoad {
     /// Smallest force above zero that the step requests, N.
     fn least_n(&self) -> f64 {
         match self {
-            Load::Force(force_n) => *force_n,
-            Load::RandomForce(range) => range.min,
-            Load::Staircase { step_n, .. } => *step_n,
+            StepLoad::Force(force_n) => *force_n,
+            StepLoad::RandomForce(range) => range.min,
+            StepLoad::Staircase { step_n, .. } => *step_n,
         }
     }
 
     /// Number of entries for each place.
     pub(super) fn repeats(&self) -> usize {
         match self {
-            Load::Staircase { repeats, .. } => *repeats as usize,
+            StepLoad::Staircase { repeats, .. } => *repeats as usize,
             _ => 1,
         }
     }
@@ -314,9 +314,9 @@ impl Load {
     /// Largest force of the load, N.
     pub fn most_n(&self) -> f64 {
         match self {
-            Load::Force(force_n) => *force_n,
-            Load::RandomForce(range) => range.max,
-            Load::Staircase { to_n, .. } => *to_n,
+            StepLoad::Force(force_n) => *force_n,
+            StepLoad::RandomForce(range) => range.max,
+            StepLoad::Staircase { to_n, .. } => *to_n,
         }
     }
 }

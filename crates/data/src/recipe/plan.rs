@@ -1,8 +1,8 @@
 //! The presses of a recipe.
 
 use super::teach::{Entry, teach};
-use super::{Checks, Load, Order, PRESSES_CEILING, Places, Recipe, Step, UnitChoice};
-use palpate_control::{Level, Task};
+use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
+use palpate_control::{ForceLevel, PressTask};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
 use rand::RngExt;
@@ -160,9 +160,9 @@ impl Step {
     /// Returns the step's entries in the order in which their places are visited. Entries of one place stay together.
     fn visited(&self, entries: Vec<Entry>) -> Vec<Entry> {
         match &self.places {
-            Places::Grid { x_mm, y_mm, spacing_mm, order: Order::Interleaved } => {
+            Places::Grid { x_mm, y_mm, spacing_mm, order: GridOrder::Interleaved } => {
                 let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
-                let order = Order::Interleaved.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm));
+                let order = GridOrder::Interleaved.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm));
                 order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
             }
             _ => entries, // as they are numbered
@@ -175,16 +175,16 @@ impl Step {
         let mut entries = Vec::with_capacity(places.len() * self.load.repeats());
         // one for all: a staircase may have thousands
         let same = match &self.load {
-            Load::Force(force_n) => Task::press(*force_n),
-            Load::RandomForce(_) => Arc::default(),
-            Load::Staircase { to_n, step_n, .. } => Task::staircase(*to_n, *step_n),
+            StepLoad::Force(force_n) => PressTask::press(*force_n),
+            StepLoad::RandomForce(_) => Arc::default(),
+            StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
         for (place, _) in places {
-            let entry = |levels: Arc<[Level]>, rest_after_s| Entry {
+            let entry = |levels: Arc<[ForceLevel]>, rest_after_s| Entry {
                 press: 0,
                 phase: self.phase,
                 place: *place,
-                task: Task {
+                task: PressTask {
                     levels,
                     force_tolerance_n: self.manner.force_tolerance_n,
                     hold_s: self.manner.hold_s,
@@ -195,12 +195,12 @@ impl Step {
                 rest_after_s,
             };
             match &self.load {
-                Load::Force(_) => entries.push(entry(same.clone(), 0.0)),
-                Load::RandomForce(range) => {
+                StepLoad::Force(_) => entries.push(entry(same.clone(), 0.0)),
+                StepLoad::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
-                    entries.push(entry(Task::press(force_n), 0.0));
+                    entries.push(entry(PressTask::press(force_n), 0.0));
                 }
-                Load::Staircase { repeats, rest_s, .. } => {
+                StepLoad::Staircase { repeats, rest_s, .. } => {
                     for repeat in 1..=*repeats {
                         let rest_after_s = if repeat < *repeats { *rest_s } else { 0.0 };
                         entries.push(entry(same.clone(), rest_after_s));

@@ -69,7 +69,7 @@ pub struct Step {
     /// Places of its presses.
     pub places: Places,
     /// Force of its presses.
-    pub load: Load,
+    pub load: StepLoad,
     /// Manner of each press.
     pub manner: Manner,
     /// Position of the step's places in the text.
@@ -80,7 +80,7 @@ pub struct Step {
 
 impl Step {
     /// Creates a step that isn't in a file.
-    pub fn new(phase: Phase, places: Places, load: Load, manner: Manner) -> Step {
+    pub fn new(phase: Phase, places: Places, load: StepLoad, manner: Manner) -> Step {
         Step { phase, places, load, manner, places_span: 0..0, load_span: 0..0 }
     }
 }
@@ -97,7 +97,7 @@ pub enum Places {
         /// Distance from one point to the next.
         spacing_mm: f64,
         /// Order of the visits.
-        order: Order,
+        order: GridOrder,
     },
     /// Centres of equal cells, row by row.
     Cells {
@@ -127,7 +127,7 @@ pub enum Places {
 
 /// Order in which the points of a grid are visited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Order {
+pub enum GridOrder {
     /// Order of their numbers.
     #[default]
     Raster,
@@ -136,12 +136,12 @@ pub enum Order {
     Interleaved,
 }
 
-impl Order {
+impl GridOrder {
     /// Name of the order in files.
     pub const fn name(self) -> &'static str {
         match self {
-            Order::Raster => "raster",
-            Order::Interleaved => "interleaved",
+            GridOrder::Raster => "raster",
+            GridOrder::Interleaved => "interleaved",
         }
     }
 
@@ -152,8 +152,8 @@ impl Order {
             (from_y..rows).step_by(stride).flat_map(row)
         };
         let passes: &[(usize, usize, usize)] = match self {
-            Order::Raster => &[(0, 0, 1)],
-            Order::Interleaved => &[(0, 0, 2), (1, 0, 2), (0, 1, 2), (1, 1, 2)],
+            GridOrder::Raster => &[(0, 0, 1)],
+            GridOrder::Interleaved => &[(0, 0, 2), (1, 0, 2), (0, 1, 2), (1, 1, 2)],
         };
         passes.iter().copied().flat_map(pass).collect()
     }
@@ -170,7 +170,7 @@ pub enum UnitChoice {
 
 /// Force of a step's presses.
 #[derive(Clone, Debug)]
-pub enum Load {
+pub enum StepLoad {
     /// The same force everywhere, N.
     Force(f64),
     /// A force drawn uniformly for each place, N, to 1 mN.

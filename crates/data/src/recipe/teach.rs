@@ -1,7 +1,7 @@
 //! An entry of a plan, and the presses that teach.
 
 use super::Phase;
-use palpate_control::{Branch, Strategy, Task};
+use palpate_control::{Branch, PressTask, Strategy};
 use palpate_core::quantity::{Limits, Place};
 
 /// One contact of the plan.
@@ -14,7 +14,7 @@ pub struct Entry {
     /// Place of the press.
     pub place: Place,
     /// Measurement task.
-    pub task: Task,
+    pub task: PressTask,
     /// Rest in air after the press, s.
     pub rest_after_s: f64,
 }
@@ -42,8 +42,8 @@ pub(super) fn teach(steps: &mut Vec<Vec<Entry>>, next: usize, limits: &Limits) {
         press,
         phase: Phase::Teach,
         place: entry.place,
-        task: Task {
-            levels: Task::press(force_n),
+        task: PressTask {
+            levels: PressTask::press(force_n),
             hold_s: 0.0,
             strategy: Strategy::Guarded,
             sample_after_s: None,

@@ -5,9 +5,9 @@ use palpate_link::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use std::sync::{Arc, Mutex};
 
 /// One input whose reads give, one after another: how many scans came, and what all of them are, V.
-struct Table(Mutex<Vec<(i32, f64)>>);
+struct ScriptedInput(Mutex<Vec<(i32, f64)>>);
 
-impl NiDaqmx for Table {
+impl NiDaqmx for ScriptedInput {
     fn create_task(&self, _: &str, task: &mut TaskHandle) -> i32 {
         *task = 1;
         0
@@ -44,7 +44,7 @@ impl NiDaqmx for Table {
 #[tokio::test(start_paused = true)]
 async fn more_scans_than_there_can_be_and_voltages_that_no_input_reads_are_refused() {
     for (scans, volts) in [(i32::MAX, 1.0), (-1, 1.0), (1, f64::NAN), (1, 11.0), (1, f64::NEG_INFINITY)] {
-        let table = Table(Mutex::new(vec![(1, 0.5), (scans, volts), (1, 0.25)]));
+        let table = ScriptedInput(Mutex::new(vec![(1, 0.5), (scans, volts), (1, 0.25)]));
         let inputs = Inputs { physical: "Dev1/ai0".into(), count: 1, terminal: Terminal::Rse, range_v: 10.0 };
         let mut task = Acquisition::new(Functions::Here(Arc::new(table)), vec![inputs], 1000.0, "table".into());
         task.prepare().await.unwrap();

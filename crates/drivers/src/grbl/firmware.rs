@@ -2,7 +2,7 @@
 
 /// Firmware that accepts GRBL 1.1's lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Firmware {
+pub enum GrblFirmware {
     /// GRBL 1.1 itself.
     Grbl,
     /// grblHAL, which reports the GRBL version that it is compatible with.
@@ -15,7 +15,7 @@ pub enum Firmware {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Build {
     /// The firmware.
-    pub firmware: Firmware,
+    pub firmware: GrblFirmware,
     /// Version, as reported.
     pub version: String,
     /// Whether homing sets the count to zero (option `Z`, HOMING_FORCE_SET_ORIGIN).
@@ -28,13 +28,13 @@ impl Build {
         let field = |name: &str| texts.iter().find_map(|text| text.strip_prefix(name)?.strip_suffix(']'));
         let version = field("[VER:")?.trim_end_matches([':', ' ']).to_owned();
         let firmware = match () {
-            () if version.contains("FluidNC") => Firmware::FluidNc,
-            () if field("[FIRMWARE:").is_some_and(|name| name.eq_ignore_ascii_case("grblHAL")) => Firmware::GrblHal,
-            () if version.starts_with("1.1") => Firmware::Grbl,
+            () if version.contains("FluidNC") => GrblFirmware::FluidNc,
+            () if field("[FIRMWARE:").is_some_and(|name| name.eq_ignore_ascii_case("grblHAL")) => GrblFirmware::GrblHal,
+            () if version.starts_with("1.1") => GrblFirmware::Grbl,
             () => return None,
         };
         let options = field("[OPT:").and_then(|options| options.split(',').next()).unwrap_or_default();
-        let sets_origin = firmware != Firmware::FluidNc && options.contains('Z');
+        let sets_origin = firmware != GrblFirmware::FluidNc && options.contains('Z');
         Some(Build { firmware, version, sets_origin })
     }
 }
@@ -42,9 +42,9 @@ impl Build {
 impl std::fmt::Display for Build {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let name = match self.firmware {
-            Firmware::Grbl => "GRBL ",
-            Firmware::GrblHal => "grblHAL ",
-            Firmware::FluidNc => "", // its version contains its name
+            GrblFirmware::Grbl => "GRBL ",
+            GrblFirmware::GrblHal => "grblHAL ",
+            GrblFirmware::FluidNc => "", // its version contains its name
         };
         write!(f, "{name}{}", self.version)
     }

@@ -7,9 +7,9 @@ mod report;
 mod settings;
 mod stage;
 
-pub use firmware::{Build, Firmware};
-pub use report::{Report, parse_report};
-pub use settings::{AxisCounts, Settings};
+pub use firmware::{Build, GrblFirmware};
+pub use report::{GrblReport, parse_report};
+pub use settings::{AxisCounts, ReportedSettings};
 pub use stage::Grbl;
 
 #[cfg(test)]

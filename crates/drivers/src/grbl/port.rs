@@ -1,9 +1,9 @@
 //! Serial line: sends lines and receives reports.
 
-use super::report::{GrblStatus, Report, alarm_name, error_name, parse_report};
+use super::report::{GrblReport, GrblStatus, alarm_name, error_name, parse_report};
 use palpate_link::device::{DeviceError, DeviceProblem, Reins};
 use palpate_link::time::Instant;
-use palpate_link::wire::{Connector, Lines, WireError, silent};
+use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ pub(super) const SOFT_RESET: &[u8] = &[0x18];
 
 /// The controller's serial line.
 pub(super) struct GrblPort {
-    lines: Lines,
+    lines: LineLink,
     link: String,
     /// Whether the answer to a line may still come. The port waits for it before it sends the next line.
     out_of_step: bool,
@@ -57,7 +57,7 @@ pub(super) struct GrblPort {
 impl GrblPort {
     pub(super) fn new(connector: Connector, link: String) -> Self {
         GrblPort {
-            lines: Lines::new(connector, "\n", LINE_MAX_BYTES),
+            lines: LineLink::new(connector, "\n", LINE_MAX_BYTES),
             link,
             out_of_step: true,
             complaints: Vec::new(),
@@ -80,13 +80,13 @@ impl GrblPort {
         let (end, mut ask_at) = (Instant::now() + START_MAX, Instant::now() + BOOT);
         while Instant::now() < end {
             match self.next(doing, ask_at, None).await? {
-                Some(Report::Welcome) => {
+                Some(GrblReport::Welcome) => {
                     self.restarted = true;
                     return self.drain(doing, None).await;
                 }
-                Some(Report::Status(_)) => return self.drain(doing, None).await,
+                Some(GrblReport::Status(_)) => return self.drain(doing, None).await,
                 // Marlin, whose welcome is another
-                Some(report @ Report::Text(_)) => self.keep(report),
+                Some(report @ GrblReport::Text(_)) => self.keep(report),
                 Some(_) => {}
                 None => {
                     self.send(doing, STATUS).await?;
@@ -111,16 +111,16 @@ impl GrblPort {
         let until = Instant::now() + deadline;
         for _ in 0..LINES_MAX {
             match self.next(doing, until, reins).await? {
-                Some(Report::Ok) => {
+                Some(GrblReport::Ok) => {
                     self.out_of_step = false;
                     return Ok(());
                 }
-                Some(Report::Refused(code)) => {
+                Some(GrblReport::Refused(code)) => {
                     self.out_of_step = false;
                     let told = format!("error {code} ({}) to {line}", error_name(code));
                     return Err(self.error(doing, DeviceProblem::Refused(told)));
                 }
-                Some(Report::Alarm(code)) => {
+                Some(GrblReport::Alarm(code)) => {
                     let told = format!("alarm {code} ({}) at {line}", alarm_name(code));
                     return Err(self.error(doing, DeviceProblem::Refused(told)));
                 }
@@ -147,7 +147,7 @@ impl GrblPort {
             let until = Instant::now() + ANSWER_DEADLINE;
             for _ in 0..LINES_MAX {
                 match self.next(doing, until, Some(reins)).await? {
-                    Some(Report::Status(status)) => return Ok(status),
+                    Some(GrblReport::Status(status)) => return Ok(status),
                     Some(report) => self.keep(report),
                     None => break,
                 }
@@ -172,7 +172,7 @@ impl GrblPort {
         doing: &str,
         until: Instant,
         reins: Option<(&Reins, &'static [u8])>,
-    ) -> Result<Option<Report>, DeviceError> {
+    ) -> Result<Option<GrblReport>, DeviceError> {
         for _ in 0..LINES_MAX {
             let line = match reins {
                 None => self.lines.next_by(until).await,
@@ -202,16 +202,16 @@ impl GrblPort {
         Ok(None)
     }
 
-    fn keep(&mut self, report: Report) {
+    fn keep(&mut self, report: GrblReport) {
         match report {
-            Report::Setting(number, value) => {
+            GrblReport::Setting(number, value) => {
                 self.settings.insert(number, value);
             }
-            Report::Text(text) if self.texts.len() < LINES_MAX => self.texts.push(text),
-            Report::Welcome => self.restarted = true,
-            Report::Alarm(code) => self.complain(format!("alarm {code}, {}", alarm_name(code))),
-            Report::Refused(code) => self.complain(format!("error {code}, {}", error_name(code))),
-            Report::Ok | Report::Status(_) | Report::Text(_) => {}
+            GrblReport::Text(text) if self.texts.len() < LINES_MAX => self.texts.push(text),
+            GrblReport::Welcome => self.restarted = true,
+            GrblReport::Alarm(code) => self.complain(format!("alarm {code}, {}", alarm_name(code))),
+            GrblReport::Refused(code) => self.complain(format!("error {code}, {}", error_name(code))),
+            GrblReport::Ok | GrblReport::Status(_) | GrblReport::Text(_) => {}
         }
     }
 

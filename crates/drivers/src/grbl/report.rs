@@ -2,7 +2,7 @@
 
 /// Kind of a line from the controller.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Report {
+pub enum GrblReport {
     /// A line was accepted (`ok`).
     Ok,
     /// A line was refused (`error:N`).
@@ -23,7 +23,7 @@ pub enum Report {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GrblStatus {
     /// Activity of the controller.
-    pub state: State,
+    pub state: GrblState,
     /// Reported position: x, y, z, mm.
     pub position_mm: [f64; 3],
     /// Whether the position is a machine position (`MPos`); otherwise it is a work position (`WPos`).
@@ -32,7 +32,7 @@ pub struct GrblStatus {
 
 /// Activity of the controller (interface document).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum GrblState {
     /// Is at rest and accepts commands.
     Idle,
     /// Jogs.
@@ -48,40 +48,40 @@ pub enum State {
 }
 
 /// Reads one line; returns `None` if it is damaged.
-pub fn parse_report(line: &str) -> Option<Report> {
+pub fn parse_report(line: &str) -> Option<GrblReport> {
     let number = |text: &str| text.trim().parse().ok();
     if line == "ok" {
-        Some(Report::Ok)
+        Some(GrblReport::Ok)
     } else if let Some(code) = line.strip_prefix("error:") {
-        number(code).map(Report::Refused)
+        number(code).map(GrblReport::Refused)
     } else if let Some(code) = line.strip_prefix("ALARM:") {
-        number(code).map(Report::Alarm)
+        number(code).map(GrblReport::Alarm)
     } else if line.starts_with('<') {
-        parse_status(line).map(Report::Status)
+        parse_status(line).map(GrblReport::Status)
     } else if line.starts_with("Grbl ") || line.starts_with("GrblHAL ") {
-        Some(Report::Welcome)
+        Some(GrblReport::Welcome)
     } else if let Some((name, value)) = line.strip_prefix('$').and_then(|setting| setting.split_once('=')) {
         match name.parse() {
             // a start-up line ($N0=...) is no setting with a value
-            Err(_) => Some(Report::Text(line.to_owned())),
+            Err(_) => Some(GrblReport::Text(line.to_owned())),
             Ok(name) => {
-                value.parse().ok().filter(|value: &f64| value.is_finite()).map(|value| Report::Setting(name, value))
+                value.parse().ok().filter(|value: &f64| value.is_finite()).map(|value| GrblReport::Setting(name, value))
             }
         }
     } else {
-        Some(Report::Text(line.to_owned()))
+        Some(GrblReport::Text(line.to_owned()))
     }
 }
 
 fn parse_status(line: &str) -> Option<GrblStatus> {
     let mut fields = line.strip_prefix('<')?.strip_suffix('>')?.split('|');
     let state = match fields.next()?.split(':').next()? {
-        "Idle" => State::Idle,
-        "Jog" => State::Jog,
-        "Run" | "Hold" => State::Run,
-        "Home" => State::Home,
-        "Alarm" => State::Alarm,
-        "Door" | "Check" | "Sleep" => State::Other,
+        "Idle" => GrblState::Idle,
+        "Jog" => GrblState::Jog,
+        "Run" | "Hold" => GrblState::Run,
+        "Home" => GrblState::Home,
+        "Alarm" => GrblState::Alarm,
+        "Door" | "Check" | "Sleep" => GrblState::Other,
         _ => return None,
     };
     let (mut position, mut is_machine) = (None, false);
@@ -134,21 +134,21 @@ mod tests {
     #[test]
     fn the_interface_documents_lines() {
         let status = |line| match parse_report(line) {
-            Some(Report::Status(status)) => Some((status.state, status.position_mm, status.is_machine)),
+            Some(GrblReport::Status(status)) => Some((status.state, status.position_mm, status.is_machine)),
             _ => None,
         };
-        assert_eq!(status("<Idle|MPos:0.000,0.000,0.000|FS:0,0>"), Some((State::Idle, [0.0; 3], true)));
+        assert_eq!(status("<Idle|MPos:0.000,0.000,0.000|FS:0,0>"), Some((GrblState::Idle, [0.0; 3], true)));
         assert_eq!(
             status("<Hold:1|WPos:1.000,-2.500,0.010|F:500|WCO:0.000,0.000,0.000>"),
-            Some((State::Run, [1.0, -2.5, 0.01], false))
+            Some((GrblState::Run, [1.0, -2.5, 0.01], false))
         );
         for (line, report) in [
-            ("ok", Report::Ok),
-            ("error:9", Report::Refused(9)),
-            ("ALARM:3", Report::Alarm(3)),
-            ("$110=500.000", Report::Setting(110, 500.0)),
-            ("Grbl 1.1h ['$' for help]", Report::Welcome),
-            ("[VER:1.1h.20190825:]", Report::Text("[VER:1.1h.20190825:]".to_owned())),
+            ("ok", GrblReport::Ok),
+            ("error:9", GrblReport::Refused(9)),
+            ("ALARM:3", GrblReport::Alarm(3)),
+            ("$110=500.000", GrblReport::Setting(110, 500.0)),
+            ("Grbl 1.1h ['$' for help]", GrblReport::Welcome),
+            ("[VER:1.1h.20190825:]", GrblReport::Text("[VER:1.1h.20190825:]".to_owned())),
         ] {
             assert_eq!(parse_report(line), Some(report));
         }

@@ -1,6 +1,6 @@
 //! The controller's settings, checked against the rig. They are stored in an EEPROM and aren't written.
 
-use super::firmware::{Build, Firmware};
+use super::firmware::{Build, GrblFirmware};
 use palpate_core::quantity::{Axis, Range};
 use palpate_link::device::StageUse;
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ pub(super) const FLUIDNC_INCHES: &str = "$/report_inches";
 
 /// The answers to `$$`, and to FluidNC's two questions.
 #[derive(Debug, Default)]
-pub struct Settings {
+pub struct ReportedSettings {
     values: BTreeMap<u32, f64>,
 }
 
@@ -83,9 +83,9 @@ impl AxisCounts {
     }
 }
 
-impl Settings {
+impl ReportedSettings {
     /// Takes the numbered settings, and FluidNC's named ones from other text that it sent.
-    pub fn new(mut values: BTreeMap<u32, f64>, texts: &[String]) -> Settings {
+    pub fn new(mut values: BTreeMap<u32, f64>, texts: &[String]) -> ReportedSettings {
         let named = |name: &str| texts.iter().find_map(|text| text.strip_prefix(name)?.strip_prefix('='));
         if let Some(ms) = named(FLUIDNC_IDLE).and_then(|ms| ms.trim().parse().ok()) {
             values.insert(IDLE_DELAY_MS, ms);
@@ -93,7 +93,7 @@ impl Settings {
         if let Some(inches) = named(FLUIDNC_INCHES) {
             values.insert(REPORT_INCHES, f64::from(u8::from(inches.trim() != "false")));
         }
-        Settings { values }
+        ReportedSettings { values }
     }
 
     /// Compares them with the rig.
@@ -175,7 +175,7 @@ impl Settings {
 
     /// Checks that the rig's travel is within what the axes count between home and their far ends. Returns the counts at home.
     fn check_travel(&self, build: &Build, usage: &StageUse) -> Result<Option<[f64; 3]>, String> {
-        if build.firmware == Firmware::FluidNc {
+        if build.firmware == GrblFirmware::FluidNc {
             return Ok(None); // its configuration states what it counts at home (mpos_mm), and `$$` doesn't
         }
         let mut home_mm = [0.0; 3];

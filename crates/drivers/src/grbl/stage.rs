@@ -1,9 +1,9 @@
 //! The stage: prepared, moved by jogs, followed by status reports.
 
-use super::firmware::{Build, Firmware};
+use super::firmware::{Build, GrblFirmware};
 use super::port::{ANSWER_DEADLINE, GrblPort, JOG_CANCEL, SOFT_RESET};
-use super::report::{GrblStatus, State};
-use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, Settings};
+use super::report::{GrblState, GrblStatus};
+use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ReportedSettings};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
@@ -88,7 +88,7 @@ impl Grbl {
         let doing = "checking its settings against the rig";
         self.port.texts.clear();
         self.port.line(doing, "$$", ANSWER_DEADLINE, None).await?;
-        if build.firmware == Firmware::FluidNc {
+        if build.firmware == GrblFirmware::FluidNc {
             for name in [FLUIDNC_IDLE, FLUIDNC_INCHES] {
                 match self.port.line(doing, name, ANSWER_DEADLINE, None).await {
                     // a version without this name: the check says which setting isn't known
@@ -97,7 +97,8 @@ impl Grbl {
                 }
             }
         }
-        let settings = Settings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
+        let settings =
+            ReportedSettings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
         let checked = settings.check(build, usage);
         let checked = checked.map_err(|told| self.port.error(doing, DeviceProblem::Mismatch(told)))?;
         self.home_mm = checked.home_mm;
@@ -110,7 +111,7 @@ impl Grbl {
     async fn search(&mut self, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "homing";
         match self.until_still(doing).await? {
-            State::Idle | State::Alarm => {}
+            GrblState::Idle | GrblState::Alarm => {}
             state => {
                 return Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}"))));
             }
@@ -121,7 +122,7 @@ impl Grbl {
             return Err(self.port.error(doing, DeviceProblem::Motion("it was stopped".to_owned())));
         }
         match self.status(doing, &Reins::default()).await?.state {
-            State::Idle => Ok(()),
+            GrblState::Idle => Ok(()),
             state => {
                 Err(self.port.error(doing, DeviceProblem::Motion(format!("it is in the state {state:?} afterwards"))))
             }
@@ -153,17 +154,17 @@ impl Grbl {
     async fn unlocked(&mut self) -> Result<(), DeviceError> {
         let doing = "preparing it";
         match self.until_still(doing).await? {
-            State::Idle => Ok(()),
+            GrblState::Idle => Ok(()),
             state => Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}")))),
         }
     }
 
     /// Waits until the stage is at rest, after any motion.
-    async fn until_still(&mut self, doing: &str) -> Result<State, DeviceError> {
+    async fn until_still(&mut self, doing: &str) -> Result<GrblState, DeviceError> {
         let until = Instant::now() + MOTION_MARGIN;
         loop {
             let state = self.status(doing, &Reins::default()).await?.state;
-            if !matches!(state, State::Jog | State::Run | State::Home) {
+            if !matches!(state, GrblState::Jog | GrblState::Run | GrblState::Home) {
                 return Ok(state);
             }
             if Instant::now() > until {
@@ -222,7 +223,7 @@ impl Stage for Grbl {
 
     async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
         let doing = "moving z a little";
-        if self.until_still(doing).await? == State::Alarm {
+        if self.until_still(doing).await? == GrblState::Alarm {
             self.port.line(doing, "$X", ANSWER_DEADLINE, None).await?;
         }
         let line = format!("$J=G91 G21 Z{:.4} F{:.3}", usage.away * way_mm, usage.home_speed_mm_s * 60.0);
@@ -301,9 +302,9 @@ impl Stage for Grbl {
             }
             let GrblStatus { state, position_mm, .. } = self.status(doing, reins).await?;
             match state {
-                State::Jog | State::Run | State::Home => {}
-                State::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
-                State::Alarm | State::Other => {
+                GrblState::Jog | GrblState::Run | GrblState::Home => {}
+                GrblState::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
+                GrblState::Alarm | GrblState::Other => {
                     let why = self.port.complaints.join("; ");
                     let told = format!("it stopped in the state {state:?}; {why}");
                     return Err(self.port.error(doing, DeviceProblem::Motion(told)));

@@ -1,7 +1,7 @@
 //! The GRBL driver against answers from a script.
 
-use super::firmware::{Build, Firmware};
-use super::settings::Settings;
+use super::firmware::{Build, GrblFirmware};
+use super::settings::ReportedSettings;
 use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
 use palpate_core::quantity::{Axis, Range, Travel};
@@ -98,7 +98,7 @@ async fn marlin_is_refused_with_the_reason() {
 }
 
 fn stock() -> Build {
-    Build { firmware: Firmware::Grbl, version: "1.1h".to_owned(), sets_origin: false }
+    Build { firmware: GrblFirmware::Grbl, version: "1.1h".to_owned(), sets_origin: false }
 }
 
 #[tokio::test(start_paused = true)]
@@ -139,7 +139,7 @@ async fn what_an_axis_counts_depends_on_its_switch_and_on_the_build() {
     let settings = |mask| {
         let numbers = String::from_utf8_lossy(SETTINGS).replace("$23=0", &format!("$23={mask}"));
         let pairs = numbers.lines().filter_map(|line| line.strip_prefix('$')?.split_once('='));
-        Settings::new(pairs.map(|(n, value)| (n.parse().unwrap(), value.parse().unwrap())).collect(), &[])
+        ReportedSettings::new(pairs.map(|(n, value)| (n.parse().unwrap(), value.parse().unwrap())).collect(), &[])
     };
     let origin = Build { sets_origin: true, ..stock() };
     for (mask, build, min_mm, max_mm, home_mm) in [
@@ -167,7 +167,8 @@ async fn fluidnc_is_asked_by_name_for_what_it_has_no_number_for() {
         (b"$/report_inches\n", b"$/report_inches=false\r\nok\r\n"),
     ]));
     let (mut stage, device) = stage(script);
-    let build = Build { firmware: Firmware::FluidNc, version: "3.7 FluidNC v3.7.16".to_owned(), sets_origin: false };
+    let build =
+        Build { firmware: GrblFirmware::FluidNc, version: "3.7 FluidNC v3.7.16".to_owned(), sets_origin: false };
     assert_eq!(stage.check_settings(&build, &usage_of(-25.0, -1.0)).await.unwrap(), Vec::<String>::new());
     drop(stage);
     device.await.unwrap();

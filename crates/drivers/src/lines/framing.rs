@@ -5,11 +5,11 @@ pub(super) const LINE_MAX_BYTES: usize = 16 * 1024;
 
 /// Way in which a device marks its readings.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Framing {
+pub enum LineFraming {
     /// A line of numbers.
     Text(TextLine),
     /// A frame of bytes.
-    Frame(Frame),
+    Frame(ByteFrame),
 }
 
 /// A line of text.
@@ -27,11 +27,11 @@ pub struct TextLine {
 
 /// A frame of bytes: head, numbers, check sum, tail.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct ByteFrame {
     /// Types of the numbers.
-    pub numbers: Vec<NumberType>,
+    pub numbers: Vec<FrameNumber>,
     /// Order of the bytes of a number.
-    pub order: Order,
+    pub order: ByteOrder,
     /// Bytes before the numbers.
     pub head: Vec<u8>,
     /// Bytes at the end.
@@ -43,7 +43,7 @@ pub struct Frame {
 /// Type of a number in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "each is named as its type")]
-pub enum NumberType {
+pub enum FrameNumber {
     U8,
     I8,
     U16,
@@ -59,7 +59,7 @@ pub enum NumberType {
 /// Order of the bytes of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "each is named as its order")]
-pub enum Order {
+pub enum ByteOrder {
     Little,
     Big,
 }
@@ -89,7 +89,7 @@ pub struct Rejected {
 /// Bytes that were received, and what was found in them.
 #[derive(Debug)]
 pub struct Finder {
-    framing: Framing,
+    framing: LineFraming,
     inbox: Vec<u8>,
     /// Whether the inbox begins at the beginning of a line or a frame.
     in_step: bool,
@@ -97,7 +97,7 @@ pub struct Finder {
 
 impl Finder {
     /// Creates a finder. `in_step`: the first byte begins a line or a frame, as the answer to a question does.
-    pub fn new(framing: Framing, in_step: bool) -> Finder {
+    pub fn new(framing: LineFraming, in_step: bool) -> Finder {
         Finder { framing, inbox: Vec::new(), in_step }
     }
 
@@ -109,11 +109,11 @@ impl Finder {
     /// Returns the next reading or what was rejected; `None` if more bytes are needed. At most one incomplete line or frame stays.
     pub fn find(&mut self) -> Option<Result<Vec<f64>, Rejected>> {
         match &self.framing {
-            Framing::Text(line) => {
+            LineFraming::Text(line) => {
                 let found = next_line(&mut self.inbox, &mut self.in_step)?;
                 Some(line.parse(&found))
             }
-            Framing::Frame(frame) => frame.next(&mut self.inbox, &mut self.in_step),
+            LineFraming::Frame(frame) => frame.next(&mut self.inbox, &mut self.in_step),
         }
     }
 }
@@ -168,7 +168,7 @@ impl std::fmt::Display for TextLine {
     }
 }
 
-impl Frame {
+impl ByteFrame {
     /// Number of bytes of a frame.
     pub fn length(&self) -> usize {
         let check = self.checksum.map_or(0, Checksum::length);
@@ -177,7 +177,7 @@ impl Frame {
 
     /// Number of columns.
     pub fn columns(&self) -> usize {
-        self.numbers.iter().filter(|number| **number != NumberType::Skip).count()
+        self.numbers.iter().filter(|number| **number != FrameNumber::Skip).count()
     }
 
     fn payload(&self) -> usize {
@@ -247,33 +247,33 @@ impl Frame {
     }
 }
 
-impl NumberType {
+impl FrameNumber {
     fn length(self) -> usize {
         match self {
-            NumberType::U8 | NumberType::I8 | NumberType::Skip => 1,
-            NumberType::U16 | NumberType::I16 => 2,
-            NumberType::U32 | NumberType::I32 | NumberType::F32 => 4,
-            NumberType::F64 => 8,
+            FrameNumber::U8 | FrameNumber::I8 | FrameNumber::Skip => 1,
+            FrameNumber::U16 | FrameNumber::I16 => 2,
+            FrameNumber::U32 | FrameNumber::I32 | FrameNumber::F32 => 4,
+            FrameNumber::F64 => 8,
         }
     }
 
     /// Returns the value of a number's bytes; `None` for bytes without meaning.
-    fn read(self, bytes: &[u8], order: Order) -> Option<f64> {
+    fn read(self, bytes: &[u8], order: ByteOrder) -> Option<f64> {
         let mut ordered = [0; 8];
         let ordered = &mut ordered[..bytes.len()];
         ordered.copy_from_slice(bytes);
-        if order == Order::Big {
+        if order == ByteOrder::Big {
             ordered.reverse();
         }
         match (self, &*ordered) {
-            (NumberType::U8, &[a]) => Some(f64::from(a)),
-            (NumberType::I8, &[a]) => Some(f64::from(a as i8)),
-            (NumberType::U16, &[a, b]) => Some(f64::from(u16::from_le_bytes([a, b]))),
-            (NumberType::I16, &[a, b]) => Some(f64::from(i16::from_le_bytes([a, b]))),
-            (NumberType::U32, &[a, b, c, d]) => Some(f64::from(u32::from_le_bytes([a, b, c, d]))),
-            (NumberType::I32, &[a, b, c, d]) => Some(f64::from(i32::from_le_bytes([a, b, c, d]))),
-            (NumberType::F32, &[a, b, c, d]) => Some(f64::from(f32::from_le_bytes([a, b, c, d]))),
-            (NumberType::F64, &[a, b, c, d, e, f, g, h]) => Some(f64::from_le_bytes([a, b, c, d, e, f, g, h])),
+            (FrameNumber::U8, &[a]) => Some(f64::from(a)),
+            (FrameNumber::I8, &[a]) => Some(f64::from(a as i8)),
+            (FrameNumber::U16, &[a, b]) => Some(f64::from(u16::from_le_bytes([a, b]))),
+            (FrameNumber::I16, &[a, b]) => Some(f64::from(i16::from_le_bytes([a, b]))),
+            (FrameNumber::U32, &[a, b, c, d]) => Some(f64::from(u32::from_le_bytes([a, b, c, d]))),
+            (FrameNumber::I32, &[a, b, c, d]) => Some(f64::from(i32::from_le_bytes([a, b, c, d]))),
+            (FrameNumber::F32, &[a, b, c, d]) => Some(f64::from(f32::from_le_bytes([a, b, c, d]))),
+            (FrameNumber::F64, &[a, b, c, d, e, f, g, h]) => Some(f64::from_le_bytes([a, b, c, d, e, f, g, h])),
             _ => None,
         }
     }

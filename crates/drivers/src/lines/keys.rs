@@ -1,6 +1,6 @@
 //! Keys of a line profile, table by table.
 
-use super::framing::{Checksum, NumberType, Order};
+use super::framing::{ByteOrder, Checksum, FrameNumber};
 use palpate_document::{Bounds, Keys, keys, words};
 
 pub(super) const CHECKSUMS: [(&str, Checksum); 4] = [
@@ -9,19 +9,19 @@ pub(super) const CHECKSUMS: [(&str, Checksum); 4] = [
     ("crc16-modbus", Checksum::Crc16Modbus),
     ("crc32", Checksum::Crc32),
 ];
-pub(super) const ORDERS: [(&str, Order); 2] = [("little", Order::Little), ("big", Order::Big)];
+pub(super) const ORDERS: [(&str, ByteOrder); 2] = [("little", ByteOrder::Little), ("big", ByteOrder::Big)];
 
 /// Types of the numbers of a frame, with their names in `numbers`.
-pub(super) const TYPES: [(&str, NumberType); 9] = [
-    ("u8", NumberType::U8),
-    ("i8", NumberType::I8),
-    ("u16", NumberType::U16),
-    ("i16", NumberType::I16),
-    ("u32", NumberType::U32),
-    ("i32", NumberType::I32),
-    ("f32", NumberType::F32),
-    ("f64", NumberType::F64),
-    ("skip", NumberType::Skip),
+pub(super) const TYPES: [(&str, FrameNumber); 9] = [
+    ("u8", FrameNumber::U8),
+    ("i8", FrameNumber::I8),
+    ("u16", FrameNumber::U16),
+    ("i16", FrameNumber::I16),
+    ("u32", FrameNumber::U32),
+    ("i32", FrameNumber::I32),
+    ("f32", FrameNumber::F32),
+    ("f64", FrameNumber::F64),
+    ("skip", FrameNumber::Skip),
 ];
 
 /// Largest number of numbers in a reading.

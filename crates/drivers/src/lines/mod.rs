@@ -1,7 +1,7 @@
 //! Devices that send lines or frames on a serial port or over TCP, by themselves or when asked: most Arduinos, many load cells and
 //! most public tactile sensors.
 //!
-//! A [`LineProfile`] states how a reading looks. A [`Framing`] finds readings in the bytes. A [`LinePort`] receives them all the
+//! A [`LineProfile`] states how a reading looks. A [`LineFraming`] finds readings in the bytes. A [`LinePort`] receives them all the
 //! time, keeps the newest, and remembers when its last byte arrived. [`LineLoadCell`] and [`LineArray`] read from it, and may share
 //! one port.
 
@@ -17,7 +17,7 @@ mod roles;
 mod tests;
 
 pub use framing::Rejected;
-pub use framing::{Finder, Framing};
+pub use framing::{Finder, LineFraming};
 pub use keys::KEYS;
 pub use port::{LinePort, Received};
 pub use profile::{LineProfile, SHIPPED};

@@ -54,7 +54,7 @@ struct OpenLink {
 /// What the task and the roles share.
 #[derive(Default)]
 struct Mailbox {
-    state: Mutex<State>,
+    state: Mutex<PortState>,
     /// Notified when something came, or the link failed.
     came: Notify,
     /// Notified when a reading is asked for.
@@ -62,7 +62,7 @@ struct Mailbox {
 }
 
 #[derive(Default)]
-struct State {
+struct PortState {
     newest: Option<Received>,
     /// Numbers of readings and of rejected lines or frames.
     good: u64,
@@ -173,7 +173,7 @@ impl LinePort {
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, PortState> {
         lock(&self.mailbox.state)
     }
 }
@@ -220,7 +220,7 @@ impl<'a> Receiver<'a> {
     }
 
     /// Takes bytes that arrived now.
-    fn take(&mut self, bytes: &[u8], state: &mut State) {
+    fn take(&mut self, bytes: &[u8], state: &mut PortState) {
         let arrived = Instant::now();
         self.finder.take(bytes);
         while let Some(found) = self.finder.find() {

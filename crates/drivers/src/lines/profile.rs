@@ -1,7 +1,7 @@
 //! Line profile: how a device's readings look, and what their numbers mean.
 
 use super::columns::columns;
-use super::framing::{Frame, Framing, NumberType, TextLine};
+use super::framing::{ByteFrame, FrameNumber, LineFraming, TextLine};
 use super::hex;
 use super::keys::{self, COLUMNS_MAX, counter, force, frame, outputs, root, text, time};
 use palpate_core::quantity::Range;
@@ -28,9 +28,9 @@ pub struct LineProfile {
     /// Command that asks for one reading; `None` if the device sends by itself.
     pub ask: Option<String>,
     /// How readings are marked.
-    pub framing: Framing,
+    pub framing: LineFraming,
     /// The force.
-    pub force: Option<ForceColumn>,
+    pub force: Option<ForceField>,
     /// The outputs.
     pub outputs: Option<OutputColumns>,
     /// The device's own time.
@@ -41,7 +41,7 @@ pub struct LineProfile {
 
 /// The force of a load cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ForceColumn {
+pub struct ForceField {
     /// Its column.
     pub column: usize,
     /// Newtons per unit of the device; `None` if the rig states it.
@@ -133,8 +133,8 @@ impl LineProfile {
     /// Number of columns of a reading.
     pub fn columns(&self) -> usize {
         match &self.framing {
-            Framing::Text(line) => line.columns,
-            Framing::Frame(frame) => frame.columns(),
+            LineFraming::Text(line) => line.columns,
+            LineFraming::Frame(frame) => frame.columns(),
         }
     }
 
@@ -153,20 +153,20 @@ impl LineProfile {
     }
 }
 
-impl ForceColumn {
+impl ForceField {
     /// Converts a number of the device to N.
     pub fn newton(&self, number: f64) -> f64 {
         (number - self.offset) * self.newton_per_unit.unwrap_or(1.0)
     }
 }
 
-fn read_framing(table: &Table) -> Option<Framing> {
+fn read_framing(table: &Table) -> Option<LineFraming> {
     let (has_text, has_frame) = (table.has(&root::text), table.has(&root::frame));
     let line = table.table(&root::text).and_then(|table| read_text(&table));
     let frame = table.table(&root::frame).and_then(|table| read_frame(&table));
     match (has_text, has_frame) {
-        (true, false) => line.map(Framing::Text),
-        (false, true) => frame.map(Framing::Frame),
+        (true, false) => line.map(LineFraming::Text),
+        (false, true) => frame.map(LineFraming::Frame),
         (true, true) => {
             let told = "a reading is [text] or [frame], not both";
             table.complain(Problem::new(table.span_of(&root::frame), told));
@@ -187,7 +187,7 @@ fn read_text(table: &Table) -> Option<TextLine> {
     Some(TextLine { columns: columns? as usize, separator, before, after })
 }
 
-fn read_frame(table: &Table) -> Option<Frame> {
+fn read_frame(table: &Table) -> Option<ByteFrame> {
     let numbers = table.texts(&frame::numbers).and_then(|parts| {
         let wrong = |told: String| {
             let help = format!(
@@ -200,7 +200,7 @@ fn read_frame(table: &Table) -> Option<Frame> {
             wrong(format!("`numbers` has \"{part}\", expected a type, with a count before it if there are several"));
             return None;
         }
-        let numbers: Vec<NumberType> = parts.into_iter().filter_map(numbers_of).flatten().collect();
+        let numbers: Vec<FrameNumber> = parts.into_iter().filter_map(numbers_of).flatten().collect();
         if numbers.is_empty() || numbers.len() as u64 > 8 * COLUMNS_MAX {
             wrong(format!("`numbers` has {} numbers, expected 1 to {}", numbers.len(), 8 * COLUMNS_MAX));
             return None;
@@ -222,7 +222,7 @@ fn read_frame(table: &Table) -> Option<Frame> {
     } else {
         Some(None)
     };
-    let frame = Frame { numbers: numbers?, order: order?, head: head?, tail: tail?, checksum: checksum? };
+    let frame = ByteFrame { numbers: numbers?, order: order?, head: head?, tail: tail?, checksum: checksum? };
     if frame.head.is_empty() && frame.tail.is_empty() && frame.checksum.is_none() {
         let problem =
             Problem::new(table.span(), "a frame without a head, a tail or a check sum can't be found in the bytes");
@@ -233,7 +233,7 @@ fn read_frame(table: &Table) -> Option<Frame> {
 }
 
 /// Reads a type, or a count and a type.
-fn numbers_of(part: &str) -> Option<Vec<NumberType>> {
+fn numbers_of(part: &str) -> Option<Vec<FrameNumber>> {
     let (count, name) = part.trim().split_once(' ').map_or((Some(1), part.trim()), |(count, name)| {
         (count.parse().ok().filter(|count| (1..=COLUMNS_MAX).contains(count)), name.trim())
     });
@@ -241,7 +241,7 @@ fn numbers_of(part: &str) -> Option<Vec<NumberType>> {
     Some(vec![number; count? as usize])
 }
 
-fn read_force(table: &Table) -> Option<ForceColumn> {
+fn read_force(table: &Table) -> Option<ForceField> {
     let column = read_column(table, &force::column);
     let newton_per_unit = table.number(&force::newton_per_unit);
     if newton_per_unit == Some(0.0) {
@@ -250,7 +250,7 @@ fn read_force(table: &Table) -> Option<ForceColumn> {
     }
     let offset = table.number(&force::offset);
     let (range_n, saturated_at) = (table.number(&force::range_n), table.range(&force::saturated_at));
-    Some(ForceColumn { column: column?, newton_per_unit, offset: offset?, range_n, saturated_at })
+    Some(ForceField { column: column?, newton_per_unit, offset: offset?, range_n, saturated_at })
 }
 
 fn read_outputs(table: &Table) -> Option<OutputColumns> {

@@ -1,7 +1,7 @@
 //! Load cell and array behind a line port.
 
 use super::port::{LinePort, Received};
-use super::profile::{ForceColumn, OutputColumns};
+use super::profile::{ForceField, OutputColumns};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::Instant;
@@ -16,7 +16,7 @@ const OUTPUTS_DEADLINE: Duration = Duration::from_secs(2);
 /// A load cell whose readings are lines or frames.
 pub struct LineLoadCell {
     port: LinePort,
-    force: ForceColumn,
+    force: ForceField,
     conversion: Duration,
     origin: Instant,
     link: String,
@@ -34,7 +34,7 @@ pub struct LineArray {
 
 impl LineLoadCell {
     /// Creates a load cell that sends `conversions_hz` readings per second; the times of readings are relative to `origin`.
-    pub fn new(port: LinePort, force: ForceColumn, link: String, conversions_hz: f64, origin: Instant) -> Self {
+    pub fn new(port: LinePort, force: ForceField, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
         LineLoadCell { port, force, conversion, origin, link, nth: 0 }
     }

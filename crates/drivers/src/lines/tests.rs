@@ -1,6 +1,6 @@
 //! Readings found in bytes, and received over a link, against golden bytes.
 
-use super::framing::{Checksum, Finder, Frame, Framing, NumberType, Order, TextLine};
+use super::framing::{ByteFrame, ByteOrder, Checksum, Finder, FrameNumber, LineFraming, TextLine};
 use super::*;
 use crate::script::scripted;
 use palpate_link::device::{LoadCell, SensorArray};
@@ -10,12 +10,12 @@ use std::sync::Mutex;
 use std::time::Duration;
 use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
 
-fn text(columns: usize, separator: &str, before: &str, after: &str) -> Framing {
+fn text(columns: usize, separator: &str, before: &str, after: &str) -> LineFraming {
     let [separator, before, after] = [separator, before, after].map(str::to_owned);
-    Framing::Text(TextLine { columns, separator, before, after })
+    LineFraming::Text(TextLine { columns, separator, before, after })
 }
 
-fn readings(framing: &Framing, in_step: bool, bytes: &[u8]) -> Vec<Vec<f64>> {
+fn readings(framing: &LineFraming, in_step: bool, bytes: &[u8]) -> Vec<Vec<f64>> {
     let mut finder = Finder::new(framing.clone(), in_step);
     let mut found = Vec::new();
     // byte by byte: nothing depends on the pieces in which they come
@@ -52,9 +52,9 @@ fn a_line_without_an_end_is_forgotten_and_the_next_whole_one_is_read() {
 }
 
 /// Frames with one u16 and two i8.
-fn frame(head: &[u8], tail: &[u8], checksum: Option<Checksum>) -> Framing {
-    let numbers = vec![NumberType::U16, NumberType::Skip, NumberType::I8, NumberType::I8];
-    Framing::Frame(Frame { numbers, order: Order::Big, head: head.to_vec(), tail: tail.to_vec(), checksum })
+fn frame(head: &[u8], tail: &[u8], checksum: Option<Checksum>) -> LineFraming {
+    let numbers = vec![FrameNumber::U16, FrameNumber::Skip, FrameNumber::I8, FrameNumber::I8];
+    LineFraming::Frame(ByteFrame { numbers, order: ByteOrder::Big, head: head.to_vec(), tail: tail.to_vec(), checksum })
 }
 
 #[test]

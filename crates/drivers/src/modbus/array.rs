@@ -1,15 +1,15 @@
 //! A sensor array on the inputs of a Modbus converter.
 
-use super::client::Client;
-use super::profile::{Outputs, Probe, Profile};
-use super::request::Framing;
+use super::client::ModbusClient;
+use super::profile::{OutputRegisters, Probe, Profile};
+use super::request::ModbusFraming;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, SensorArray};
 use palpate_link::wire::Connector;
 
 /// A sensor array on the analog inputs of a Modbus converter.
 pub struct ModbusArray {
-    client: Client,
-    outputs: Outputs,
+    client: ModbusClient,
+    outputs: OutputRegisters,
     probes: Vec<Probe>,
     units: usize,
     identity: Identity,
@@ -20,12 +20,12 @@ impl ModbusArray {
     /// outputs.
     pub fn new(
         connector: Connector,
-        framing: impl Into<Framing>,
+        framing: impl Into<ModbusFraming>,
         profile: Profile,
         link: &str,
         units: usize,
     ) -> Option<Self> {
-        let client = Client::new(connector, framing, &profile, "array", link);
+        let client = ModbusClient::new(connector, framing, &profile, "array", link);
         let outputs = profile.outputs.filter(|outputs| (1..=outputs.count_max).contains(&units))?;
         let identity = Identity {
             role: "array".to_owned(),

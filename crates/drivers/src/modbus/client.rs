@@ -2,7 +2,7 @@
 
 use super::line::ModbusLine;
 use super::profile::{Probe, Profile, Register};
-use super::request::{Framing, Function, Transport};
+use super::request::{Function, ModbusFraming, Transport};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Elapsed;
 use palpate_link::time::{Instant, sleep_until, timeout};
@@ -25,7 +25,7 @@ const STRAY_BYTES_MAX: usize = 4096;
 
 /// One Modbus device behind a link. The link is opened when it is needed. It is opened again after any event that left it out of
 /// step.
-pub struct Client {
+pub struct ModbusClient {
     connector: Connector,
     transport: Transport,
     unit_id: u8,
@@ -46,11 +46,17 @@ pub struct Client {
     doubtful: bool,
 }
 
-impl Client {
+impl ModbusClient {
     /// Creates a device of a profile; `role` and `link` name it in messages.
-    pub fn new(connector: Connector, framing: impl Into<Framing>, profile: &Profile, role: &str, link: &str) -> Self {
-        let Framing { transport, silence } = framing.into();
-        Client {
+    pub fn new(
+        connector: Connector,
+        framing: impl Into<ModbusFraming>,
+        profile: &Profile,
+        role: &str,
+        link: &str,
+    ) -> Self {
+        let ModbusFraming { transport, silence } = framing.into();
+        ModbusClient {
             connector,
             transport,
             unit_id: profile.unit_id,

@@ -1,19 +1,19 @@
 //! Keys of a register map, table by table.
 
-use super::number::{NumberType, WordOrder};
+use super::number::{RegisterNumber, WordOrder};
 use super::request::{Function, Transport};
 use palpate_document::{Bounds, keys, words};
 
 pub(super) const TRANSPORTS: [(&str, Transport); 2] = [("rtu", Transport::Rtu), ("tcp", Transport::Tcp)];
 pub(super) const WORD_ORDERS: [(&str, WordOrder); 2] = [("big", WordOrder::Big), ("little", WordOrder::Little)];
 pub(super) const FUNCTIONS: [(&str, Function); 2] = [("holding", Function::Holding), ("input", Function::Input)];
-pub(super) const NUMBER_TYPES: [(&str, NumberType); 6] = [
-    ("u16", NumberType::U16),
-    ("i16", NumberType::I16),
-    ("u32", NumberType::U32),
-    ("i32", NumberType::I32),
-    ("f32", NumberType::F32),
-    ("f64", NumberType::F64),
+pub(super) const NUMBER_TYPES: [(&str, RegisterNumber); 6] = [
+    ("u16", RegisterNumber::U16),
+    ("i16", RegisterNumber::I16),
+    ("u32", RegisterNumber::U32),
+    ("i32", RegisterNumber::I32),
+    ("f32", RegisterNumber::F32),
+    ("f64", RegisterNumber::F64),
 ];
 
 const FORCE_PER_UNIT: Bounds = Bounds::within(-1e6, 1e6, "N");

@@ -1,8 +1,8 @@
 //! A load cell behind a Modbus transmitter.
 
-use super::client::Client;
+use super::client::ModbusClient;
 use super::profile::{Force, Probe, Profile, StatusWord};
-use super::request::{Framing, Function};
+use super::request::{Function, ModbusFraming};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use palpate_link::time::Instant;
@@ -15,7 +15,7 @@ const STATUS_EVERY: u32 = 4;
 
 /// A load cell behind a Modbus transmitter.
 pub struct ModbusLoadCell {
-    client: Client,
+    client: ModbusClient,
     force: Force,
     status: Option<StatusWord>,
     probes: Vec<Probe>,
@@ -32,13 +32,13 @@ impl ModbusLoadCell {
     /// `origin`. The transmitter converts `conversions_hz` times per second.
     pub fn new(
         connector: Connector,
-        framing: impl Into<Framing>,
+        framing: impl Into<ModbusFraming>,
         profile: Profile,
         link: &str,
         conversions_hz: f64,
         origin: Instant,
     ) -> Option<Self> {
-        let mut client = Client::new(connector, framing, &profile, "load cell", link);
+        let mut client = ModbusClient::new(connector, framing, &profile, "load cell", link);
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
         if profile.status.is_some() {
             client.set_pace(conversion); // a status word and a weight are two requests

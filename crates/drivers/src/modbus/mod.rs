@@ -10,13 +10,13 @@ mod profile;
 mod request;
 
 pub use array::ModbusArray;
-pub use client::Client;
+pub use client::ModbusClient;
 pub use load_cell::ModbusLoadCell;
 pub use number::Encoding;
-pub use number::NumberType;
+pub use number::RegisterNumber;
 pub use number::WordOrder;
 pub use profile::{Profile, Register, SHIPPED};
-pub use request::{Framing, Function, Transport};
+pub use request::{Function, ModbusFraming, Transport};
 
 use palpate_document::Keys;
 

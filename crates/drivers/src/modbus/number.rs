@@ -2,7 +2,7 @@
 
 /// Content of registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum NumberType {
+pub enum RegisterNumber {
     /// One register, unsigned.
     U16,
     /// One register, two's complement.
@@ -30,7 +30,7 @@ pub enum WordOrder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Encoding {
     /// Content of the registers.
-    pub number: NumberType,
+    pub number: RegisterNumber,
     /// Order of the words.
     pub word_order: WordOrder,
     /// Whether the low byte of each register comes first. In the Modbus specification the high byte comes first.
@@ -41,25 +41,25 @@ pub struct Encoding {
     pub shift: u8,
 }
 
-impl NumberType {
+impl RegisterNumber {
     /// Number of registers for one number.
     pub fn registers(self) -> u16 {
         match self {
-            NumberType::U16 | NumberType::I16 => 1,
-            NumberType::U32 | NumberType::I32 | NumberType::F32 => 2,
-            NumberType::F64 => 4,
+            RegisterNumber::U16 | RegisterNumber::I16 => 1,
+            RegisterNumber::U32 | RegisterNumber::I32 | RegisterNumber::F32 => 2,
+            RegisterNumber::F64 => 4,
         }
     }
 
     /// Whether the number is an integer, so that single bits have a meaning.
     pub fn is_whole(self) -> bool {
-        !matches!(self, NumberType::F32 | NumberType::F64)
+        !matches!(self, RegisterNumber::F32 | RegisterNumber::F64)
     }
 }
 
 impl Encoding {
     /// Returns the encoding of a number in the specification's own byte order, with all bits used.
-    pub fn plain(number: NumberType, word_order: WordOrder) -> Self {
+    pub fn plain(number: RegisterNumber, word_order: WordOrder) -> Self {
         Encoding { number, word_order, swap_bytes: false, mask: None, shift: 0 }
     }
 
@@ -81,11 +81,11 @@ impl Encoding {
             return Some(f64::from((bits as u32 & mask) >> self.shift));
         }
         Some(match self.number {
-            NumberType::U16 | NumberType::U32 => bits as f64,
-            NumberType::I16 => f64::from(bits as u16 as i16),
-            NumberType::I32 => f64::from(bits as u32 as i32),
-            NumberType::F32 => f64::from(f32::from_bits(bits as u32)),
-            NumberType::F64 => f64::from_bits(bits),
+            RegisterNumber::U16 | RegisterNumber::U32 => bits as f64,
+            RegisterNumber::I16 => f64::from(bits as u16 as i16),
+            RegisterNumber::I32 => f64::from(bits as u32 as i32),
+            RegisterNumber::F32 => f64::from(f32::from_bits(bits as u32)),
+            RegisterNumber::F64 => f64::from_bits(bits),
         })
     }
 }
@@ -97,18 +97,18 @@ mod tests {
     #[test]
     fn numbers_are_decoded_in_either_word_order() {
         let decode = |number, order, words: &[u16]| Encoding::plain(number, order).decode(words);
-        assert_eq!(decode(NumberType::I32, WordOrder::Big, &[0, 132]), Some(132.0));
-        assert_eq!(decode(NumberType::I32, WordOrder::Big, &[0xFFFF, 0xFFFE]), Some(-2.0));
-        assert_eq!(decode(NumberType::I32, WordOrder::Little, &[500, 0]), Some(500.0));
-        assert_eq!(decode(NumberType::F32, WordOrder::Big, &[0x40E0, 0]), Some(7.0));
-        assert_eq!(decode(NumberType::I16, WordOrder::Big, &[0xFFFF]), Some(-1.0));
-        assert_eq!(decode(NumberType::F64, WordOrder::Little, &[0, 0, 0, 0x401C]), Some(7.0));
-        assert_eq!(decode(NumberType::U32, WordOrder::Big, &[1]), None);
+        assert_eq!(decode(RegisterNumber::I32, WordOrder::Big, &[0, 132]), Some(132.0));
+        assert_eq!(decode(RegisterNumber::I32, WordOrder::Big, &[0xFFFF, 0xFFFE]), Some(-2.0));
+        assert_eq!(decode(RegisterNumber::I32, WordOrder::Little, &[500, 0]), Some(500.0));
+        assert_eq!(decode(RegisterNumber::F32, WordOrder::Big, &[0x40E0, 0]), Some(7.0));
+        assert_eq!(decode(RegisterNumber::I16, WordOrder::Big, &[0xFFFF]), Some(-1.0));
+        assert_eq!(decode(RegisterNumber::F64, WordOrder::Little, &[0, 0, 0, 0x401C]), Some(7.0));
+        assert_eq!(decode(RegisterNumber::U32, WordOrder::Big, &[1]), None);
     }
 
     #[test]
     fn bytes_can_be_swapped_and_bits_picked_out() {
-        let plain = Encoding::plain(NumberType::U32, WordOrder::Big);
+        let plain = Encoding::plain(RegisterNumber::U32, WordOrder::Big);
         let swapped = Encoding { swap_bytes: true, ..plain };
         assert_eq!(swapped.decode(&[0x3412, 0x7856]), Some(f64::from(0x1234_5678)));
         // a 17-bit value beside status bits

@@ -1,7 +1,7 @@
 //! Register map: the meaning of the registers of a Modbus device.
 
 use super::keys::{self, decimals, force, outputs, probe, register, root, sign, status};
-use super::number::{Encoding, NumberType, WordOrder};
+use super::number::{Encoding, RegisterNumber, WordOrder};
 use super::request::{Function, Transport};
 use palpate_document::{self as document, Problem, Problems, Table};
 
@@ -34,7 +34,7 @@ pub struct Profile {
     /// Status that the load cell reports.
     pub status: Option<StatusWord>,
     /// Position of an array's outputs.
-    pub outputs: Option<Outputs>,
+    pub outputs: Option<OutputRegisters>,
     /// Registers with known values. They show at connection that addresses and word order are right.
     pub probe: Vec<Probe>,
 }
@@ -89,7 +89,7 @@ pub struct StatusWord {
 
 /// Output registers of an array, one number for each unit, without gaps.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outputs {
+pub struct OutputRegisters {
     /// Position of the first unit's number.
     pub register: Register,
     /// Largest number of units that can be read.
@@ -166,7 +166,7 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
         let address = read_address(table, base);
         let (mask, shift) = (table.whole(&decimals::mask), table.whole(&decimals::shift));
         let (mask, shift) = (Some(mask? as u32), shift? as u8);
-        let encoding = Encoding { mask, shift, ..Encoding::plain(NumberType::U16, WordOrder::Big) };
+        let encoding = Encoding { mask, shift, ..Encoding::plain(RegisterNumber::U16, WordOrder::Big) };
         Some(Register { function: Function::Holding, address: address?, encoding })
     });
     let sign = document::optional(table.table(&force::sign), |table| {
@@ -191,11 +191,11 @@ fn read_status(table: &Table, base: u64) -> Option<StatusWord> {
     Some(StatusWord { address: address?, saturated_bits, fault_bits })
 }
 
-fn read_outputs(table: &Table, base: u64, registers_max: u16) -> Option<Outputs> {
+fn read_outputs(table: &Table, base: u64, registers_max: u16) -> Option<OutputRegisters> {
     let register = read_register(table, base);
     let each = register.as_ref().map_or(1, |register| register.encoding.registers());
     let count_max = table.whole_within(&outputs::count_max, 1, u64::from(registers_max / each));
-    Some(Outputs { register: register?, count_max: count_max? as usize })
+    Some(OutputRegisters { register: register?, count_max: count_max? as usize })
 }
 
 fn read_probe(table: &Table, base: u64) -> Option<Probe> {

@@ -22,22 +22,22 @@ const FAST_SILENCE: Duration = Duration::from_micros(1750);
 
 /// Framing of Modbus on a particular link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Framing {
+pub struct ModbusFraming {
     /// Protocol on the link.
     pub transport: Transport,
     /// Shortest silence between an answer and the next request.
     pub silence: Duration,
 }
 
-impl Framing {
+impl ModbusFraming {
     /// Returns the framing of a link: RTU on a serial port, Modbus TCP to a server, and the device's `own` protocol elsewhere.
-    pub fn of(link: &Link, own: Transport) -> Framing {
+    pub fn of(link: &Link, own: Transport) -> ModbusFraming {
         match *link {
             Link::Serial { baud, parity, stop_bits, .. } if baud <= FAST_BAUD => {
                 // a start bit, eight data bits, and what the link states
                 let bits = 9 + u8::from(parity != Parity::None) + stop_bits;
                 let silence = seconds(SILENT_CHARACTERS * f64::from(bits) / f64::from(baud));
-                Framing { transport: Transport::Rtu, silence }
+                ModbusFraming { transport: Transport::Rtu, silence }
             }
             Link::Serial { .. } => Transport::Rtu.into(),
             Link::Tcp { .. } => Transport::Tcp.into(),
@@ -47,10 +47,10 @@ impl Framing {
 }
 
 /// Framing on a link without a rate.
-impl From<Transport> for Framing {
+impl From<Transport> for ModbusFraming {
     fn from(transport: Transport) -> Self {
         let silence = if transport == Transport::Rtu { FAST_SILENCE } else { Duration::ZERO };
-        Framing { transport, silence }
+        ModbusFraming { transport, silence }
     }
 }
 

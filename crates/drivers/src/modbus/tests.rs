@@ -57,14 +57,14 @@ async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
 }
 
 /// The shortest time from an answer to the next request, three times in a row, over a framing.
-async fn shortest_rest(framing: impl Into<Framing>) -> Duration {
+async fn shortest_rest(framing: impl Into<ModbusFraming>) -> Duration {
     let framing = framing.into();
     let (near, mut far) = tokio::io::duplex(256);
     let near = std::sync::Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("the link is opened once");
     let profile = Profile::shipped("generic-rs485").unwrap();
     let link = palpate_link::wire::Connector::Memory(Box::new(dial));
-    let mut client = Client::new(link, framing, &profile, "load cell", "script");
+    let mut client = ModbusClient::new(link, framing, &profile, "load cell", "script");
     let device = tokio::spawn(async move {
         let (mut answered, mut shortest) = (None, Duration::MAX);
         for _ in 0..4 {
@@ -105,7 +105,7 @@ async fn a_serial_line_is_silent_for_three_and_a_half_characters_before_a_reques
         ("serial:///dev/ttyUSB0?baud=115200", 1_750, 2),
         ("sim", 1_750, 2),
     ] {
-        let framing = Framing::of(&palpate_link::wire::Link::parse(link).unwrap(), Transport::Rtu);
+        let framing = ModbusFraming::of(&palpate_link::wire::Link::parse(link).unwrap(), Transport::Rtu);
         assert_eq!((framing.transport, framing.silence.as_micros()), (Transport::Rtu, silence_us), "{link}");
         assert_eq!(shortest_rest(framing).await, Duration::from_millis(rest_ms), "{link}");
     }

@@ -2,7 +2,7 @@
 
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, Reins};
 use palpate_link::time::Instant;
-use palpate_link::wire::{Connector, Lines, WireError, silent};
+use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use serde_json::{Map, Value, json};
 use std::io::ErrorKind;
 use std::time::Duration;
@@ -25,11 +25,11 @@ pub(super) const FORCE_DEADLINE: Duration = Duration::from_millis(500);
 const STRAY_LINES_MAX: usize = 64;
 
 /// JSON object.
-pub(super) type Object = Map<String, Value>;
+pub(super) type JsonObject = Map<String, Value>;
 
 /// Program that is reached through its standard input and output.
 pub(super) struct ProgramPort {
-    lines: Lines,
+    lines: LineLink,
     role: &'static str,
     link: String,
     next_id: u64,
@@ -41,13 +41,20 @@ pub(super) struct ProgramPort {
 
 impl ProgramPort {
     pub(super) fn new(connector: Connector, role: &'static str, link: String, start: Duration) -> Self {
-        ProgramPort { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), role, link, next_id: 1, start, ended: false }
+        ProgramPort {
+            lines: LineLink::new(connector, "\n", LINE_MAX_BYTES),
+            role,
+            link,
+            next_id: 1,
+            start,
+            ended: false,
+        }
     }
 
     /// Asks for the program's identity and checks that it plays the intended role.
-    pub(super) async fn identify(&mut self) -> Result<(Identity, Object), DeviceError> {
+    pub(super) async fn identify(&mut self) -> Result<(Identity, JsonObject), DeviceError> {
         let doing = "identifying it";
-        let said = self.ask_within(doing, "identify", Object::new(), None, self.start).await?;
+        let said = self.ask_within(doing, "identify", JsonObject::new(), None, self.start).await?;
         let misfit = |expected: String| self.misfit(doing, &said, expected);
         if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
             return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/process.md")));
@@ -72,9 +79,9 @@ impl ProgramPort {
         &mut self,
         doing: &str,
         what: &str,
-        with: Object,
+        with: JsonObject,
         reins: Option<&Reins>,
-    ) -> Result<Object, DeviceError> {
+    ) -> Result<JsonObject, DeviceError> {
         self.ask_within(doing, what, with, reins, ANSWER_DEADLINE).await
     }
 
@@ -82,10 +89,10 @@ impl ProgramPort {
         &mut self,
         doing: &str,
         what: &str,
-        mut request: Object,
+        mut request: JsonObject,
         reins: Option<&Reins>,
         deadline: Duration,
-    ) -> Result<Object, DeviceError> {
+    ) -> Result<JsonObject, DeviceError> {
         let id = self.next_id;
         self.next_id += 1;
         request.insert("id".to_owned(), json!(id));
@@ -136,7 +143,7 @@ impl ProgramPort {
             Some(MotionOrder::Stop) => self.stop(doing).await,
             Some(MotionOrder::Speed(mm_s)) => {
                 let line = json!({ "do": "speed", "speed_mm_s": mm_s });
-                self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+                self.send(doing, line.as_object().unwrap_or(&JsonObject::new())).await
             }
             None => Ok(()),
         }
@@ -145,10 +152,10 @@ impl ProgramPort {
     /// Requests an immediate stop. The request has no answer.
     pub(super) async fn stop(&mut self, doing: &str) -> Result<(), DeviceError> {
         let line = json!({ "do": "stop" });
-        self.send(doing, line.as_object().unwrap_or(&Object::new())).await
+        self.send(doing, line.as_object().unwrap_or(&JsonObject::new())).await
     }
 
-    pub(super) fn misfit(&self, doing: &str, answer: &Object, expected: String) -> DeviceError {
+    pub(super) fn misfit(&self, doing: &str, answer: &JsonObject, expected: String) -> DeviceError {
         let answer = serde_json::to_string(answer).unwrap_or_default();
         self.error(doing, DeviceProblem::Misfit { answer, expected })
     }
@@ -161,7 +168,7 @@ impl ProgramPort {
         }
     }
 
-    async fn send(&mut self, doing: &str, line: &Object) -> Result<(), DeviceError> {
+    async fn send(&mut self, doing: &str, line: &JsonObject) -> Result<(), DeviceError> {
         if self.ended {
             return Err(self.error(doing, DeviceProblem::Ended("the program has ended".to_owned())));
         }

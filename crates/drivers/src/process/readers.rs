@@ -1,6 +1,6 @@
 //! Load cell and array behind programs of the user.
 
-use super::port::{ANSWER_DEADLINE, FORCE_DEADLINE, Object, ProgramPort};
+use super::port::{ANSWER_DEADLINE, FORCE_DEADLINE, JsonObject, ProgramPort};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::Instant;
@@ -49,7 +49,7 @@ impl LoadCell for ProcessLoadCell {
 impl ProcessLoadCell {
     async fn read_within(&mut self, deadline: Duration) -> Result<ForceReading, DeviceError> {
         let doing = "reading the force";
-        let said = self.port.ask_within(doing, "read", Object::new(), None, deadline).await?;
+        let said = self.port.ask_within(doing, "read", JsonObject::new(), None, deadline).await?;
         let force_n = said.get("force_n").and_then(Value::as_f64).filter(|force_n| force_n.is_finite());
         let Some(force_n) = force_n else {
             return Err(self.port.misfit(doing, &said, "\"force_n\", a number".to_owned()));
@@ -83,7 +83,7 @@ impl SensorArray for ProcessArray {
 
     async fn read(&mut self, outputs: &mut [f64]) -> Result<(), DeviceError> {
         let doing = "reading the outputs";
-        let said = self.port.ask(doing, "read", Object::new(), None).await?;
+        let said = self.port.ask(doing, "read", JsonObject::new(), None).await?;
         let read: Option<Vec<f64>> = said
             .get("outputs")
             .and_then(Value::as_array)

@@ -1,6 +1,6 @@
 //! Stage behind a program of the user.
 
-use super::port::{Object, PREPARE_DEADLINE, ProgramPort};
+use super::port::{JsonObject, PREPARE_DEADLINE, ProgramPort};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Reins, Stage, StageUse};
@@ -23,7 +23,7 @@ pub struct ProcessStage {
     complaints: Vec<String>,
 }
 
-struct Status {
+struct StageStatus {
     moving: bool,
     position_mm: [f64; 3],
     /// Whether home is known; `false` if the program doesn't report it.
@@ -37,8 +37,8 @@ impl ProcessStage {
         ProcessStage { port: ProgramPort::new(connector, "stage", link, start), usage: None, complaints: Vec::new() }
     }
 
-    async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<Status, DeviceError> {
-        let said = self.port.ask(doing, "status", Object::new(), reins).await?;
+    async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<StageStatus, DeviceError> {
+        let said = self.port.ask(doing, "status", JsonObject::new(), reins).await?;
         for complaint in said.get("complaints").and_then(Value::as_array).into_iter().flatten() {
             if self.complaints.len() < COMPLAINTS_MAX {
                 self.complaints.push(complaint.as_str().map_or_else(|| complaint.to_string(), str::to_owned));
@@ -51,7 +51,7 @@ impl ProcessStage {
         };
         let homed = said.get("homed").and_then(Value::as_bool).unwrap_or(false);
         match (said.get("moving").and_then(Value::as_bool), along(Axis::X), along(Axis::Y), along(Axis::Z)) {
-            (Some(moving), Some(x), Some(y), Some(z)) => Ok(Status { moving, position_mm: [x, y, z], homed }),
+            (Some(moving), Some(x), Some(y), Some(z)) => Ok(StageStatus { moving, position_mm: [x, y, z], homed }),
             _ => {
                 let expected = "\"moving\", and \"position_mm\" with x, y and z within the travel".to_owned();
                 Err(self.port.misfit(doing, &said, expected))
@@ -98,7 +98,7 @@ impl Stage for ProcessStage {
     }
 
     async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
-        let to_mm: Object = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
+        let to_mm: JsonObject = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
         let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
         let request = request.as_object().cloned().unwrap_or_default();
         if reins.stopped() {
@@ -122,7 +122,7 @@ impl Stage for ProcessStage {
                 () = reins.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let Status { moving, position_mm, .. } = self.status(doing, Some(reins)).await?;
+            let StageStatus { moving, position_mm, .. } = self.status(doing, Some(reins)).await?;
             if !moving {
                 return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
             }

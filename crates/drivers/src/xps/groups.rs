@@ -3,7 +3,7 @@
 use super::CALL_DEADLINE;
 use super::guard::Armed;
 use super::socket::Socket;
-use super::text::Answer;
+use super::text::XpsReply;
 use palpate_core::quantity::Axis;
 use palpate_link::device::{DeviceError, Reins};
 use palpate_link::time::Instant;
@@ -22,7 +22,7 @@ const NOT_ALLOWED: i32 = -22;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grouping {
     /// Positioners of x, y and z. Those of one group are in it in this order.
-    pub positioners: [Positioner; 3],
+    pub positioners: [PositionerName; 3],
     /// Whether a group that isn't homed may be homed. The way to its home must be clear of the specimen, in the axis order that
     /// is set in the controller. The program can't read this order.
     pub home_search: bool,
@@ -30,7 +30,7 @@ pub struct Grouping {
 
 /// A positioner, as in `XY.X`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Positioner {
+pub struct PositionerName {
     /// Name of its group.
     pub group: String,
     /// Its name in the group.
@@ -40,7 +40,7 @@ pub struct Positioner {
 impl Grouping {
     /// Returns one group with the positioners of x, y and z.
     pub fn one(group: &str, positioners: [&str; 3], home_search: bool) -> Self {
-        let positioners = positioners.map(|name| Positioner { group: group.to_owned(), name: name.to_owned() });
+        let positioners = positioners.map(|name| PositionerName { group: group.to_owned(), name: name.to_owned() });
         Grouping { positioners, home_search }
     }
 
@@ -48,7 +48,7 @@ impl Grouping {
     pub(super) fn groups(&self) -> Vec<(String, Vec<Axis>)> {
         let mut groups: Vec<(String, Vec<Axis>)> = Vec::new();
         for axis in [Axis::Z, Axis::X, Axis::Y] {
-            let Positioner { group, .. } = &self.positioners[axis.index()];
+            let PositionerName { group, .. } = &self.positioners[axis.index()];
             match groups.iter_mut().find(|(name, _)| name == group) {
                 Some((_, axes)) => axes.push(axis),
                 None => groups.push((group.clone(), vec![axis])),
@@ -60,17 +60,17 @@ impl Grouping {
 }
 
 /// One group: its axes, the socket of its motions, and its motion.
-pub(super) struct Group {
+pub(super) struct DrivenGroup {
     pub name: String,
     pub axes: Vec<Axis>,
     pub moves: Socket,
     pub armed: Option<Armed>,
     /// Motion whose end the motion socket hasn't reported yet.
-    pub under_way: Option<Motion>,
+    pub under_way: Option<GroupMotion>,
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Motion {
+pub(super) struct GroupMotion {
     pub call: String,
     pub targets: Vec<(Axis, f64)>,
     /// Whether this program requested the abort.
@@ -137,8 +137,8 @@ async fn abort_one(socket: &mut Socket, group: &str) -> Result<(), DeviceError> 
     let mut told = Ok(());
     for _ in 0..ABORT_TRIES {
         told = match socket.call_plainly(doing, &call, CALL_DEADLINE).await {
-            Ok(Answer { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
-            Ok(Answer { code, .. }) => Err(socket.refused(doing, &call, code)),
+            Ok(XpsReply { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
+            Ok(XpsReply { code, .. }) => Err(socket.refused(doing, &call, code)),
             Err(error) => Err(error),
         };
     }
@@ -148,11 +148,11 @@ async fn abort_one(socket: &mut Socket, group: &str) -> Result<(), DeviceError> 
 /// Waits for the first answer to a motion of some groups, until a time. Returns the group that it belongs to. At least one of them
 /// has a motion. The future may be dropped while it waits.
 pub(super) async fn first_answer(
-    groups: &mut [Group],
+    groups: &mut [DrivenGroup],
     which: &[usize],
     doing: &str,
     until: Instant,
-) -> (usize, Result<Option<Answer>, DeviceError>) {
+) -> (usize, Result<Option<XpsReply>, DeviceError>) {
     let moving = groups.iter_mut().enumerate().filter(|(nth, group)| which.contains(nth) && group.under_way.is_some());
     let mut answers: Vec<_> = moving.map(|(nth, group)| (nth, Box::pin(group.moves.answer_by(doing, until)))).collect();
     poll_fn(|cx| {

@@ -2,7 +2,7 @@
 
 use super::CALL_DEADLINE;
 use super::socket::Socket;
-use super::text::Answer;
+use super::text::XpsReply;
 use palpate_link::device::{DeviceError, DeviceProblem};
 
 /// Guard that the controller itself checks during a motion. The controller aborts without asking the host.
@@ -46,7 +46,7 @@ impl Armed {
     /// Removes the guard. An event that has already happened no longer exists, which is no error.
     pub(super) async fn disarm(self, socket: &mut Socket) -> Result<(), DeviceError> {
         let call = format!("EventExtendedRemove({})", self.id);
-        let Answer { .. } = socket.call_plainly("removing its guard on the force", &call, CALL_DEADLINE).await?;
+        let XpsReply { .. } = socket.call_plainly("removing its guard on the force", &call, CALL_DEADLINE).await?;
         Ok(())
     }
 }

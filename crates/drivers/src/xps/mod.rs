@@ -14,7 +14,7 @@ mod stage;
 mod text;
 
 pub use analog::XpsAnalog;
-pub use groups::{Grouping, Positioner};
+pub use groups::{Grouping, PositionerName};
 pub use guard::Guard;
 pub use stage::Xps;
 pub use text::parse_answer;

@@ -1,7 +1,7 @@
 //! Motions of the groups: begun together, ended one by one, stopped together.
 
 use super::CALL_DEADLINE;
-use super::groups::{Group, Motion, first_answer};
+use super::groups::{DrivenGroup, GroupMotion, first_answer};
 use super::stage::{AT_REST_MM, Xps, state};
 use super::text::GroupState;
 use crate::MOTION_MARGIN;
@@ -19,11 +19,14 @@ const ABORTED: i32 = -27;
 impl Xps {
     /// Returns the motions of the groups that some axes are in: one positioner, or the complete group. A group's other axes stay
     /// where they were sent.
-    pub(super) async fn motions_to(&mut self, targets: &[(Axis, f64)]) -> Result<Vec<(usize, Motion)>, DeviceError> {
+    pub(super) async fn motions_to(
+        &mut self,
+        targets: &[(Axis, f64)],
+    ) -> Result<Vec<(usize, GroupMotion)>, DeviceError> {
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
         let mut motions = Vec::new();
         for nth in self.groups_of(&axes) {
-            let Group { name, axes, .. } = &self.groups[nth];
+            let DrivenGroup { name, axes, .. } = &self.groups[nth];
             let (name, axes) = (name.clone(), axes.clone());
             let own: Vec<_> = targets.iter().copied().filter(|(axis, _)| axes.contains(axis)).collect();
             let call = match own[..] {
@@ -41,7 +44,7 @@ impl Xps {
                     format!("GroupMoveAbsolute({name}{places})")
                 }
             };
-            motions.push((nth, Motion { call, targets: own, aborted: false }));
+            motions.push((nth, GroupMotion { call, targets: own, aborted: false }));
         }
         Ok(motions)
     }
@@ -63,12 +66,12 @@ impl Xps {
 
     /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
     /// If one group doesn't start, all are stopped.
-    pub(super) async fn start(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn start(&mut self, motions: Vec<(usize, GroupMotion)>, reins: &Reins) -> Result<(), DeviceError> {
         let started = self.start_all(motions, reins).await;
         self.all_or_none(started).await
     }
 
-    async fn start_all(&mut self, motions: Vec<(usize, Motion)>, reins: &Reins) -> Result<(), DeviceError> {
+    async fn start_all(&mut self, motions: Vec<(usize, GroupMotion)>, reins: &Reins) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         let mut sent = Vec::new();
         for (nth, motion) in motions {

@@ -2,7 +2,7 @@
 
 use super::CALL_DEADLINE;
 use super::stage::{AT_REST_MM, Xps};
-use super::text::{Answer, GroupState};
+use super::text::{GroupState, XpsReply};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, Reins, Stage, StageUse};
@@ -107,8 +107,8 @@ impl Xps {
             }
         };
         match answer {
-            Some(Answer { code: 0, .. }) => Ok(()),
-            Some(Answer { code, .. }) => Err(moves.refused(doing, call, code)),
+            Some(XpsReply { code: 0, .. }) => Ok(()),
+            Some(XpsReply { code, .. }) => Err(moves.refused(doing, call, code)),
             None => {
                 brakes.kill(nth, doing).await?;
                 moves.close();

@@ -1,9 +1,9 @@
 //! One socket of an XPS: sends a call and receives its answer.
 
-use super::text::{Answer, error_name, parse_answer};
+use super::text::{XpsReply, error_name, parse_answer};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Instant;
-use palpate_link::wire::{Connector, Lines, WireError, silent};
+use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::time::Duration;
 
 /// End of every answer (PROTOCOLS: socket interface of the programmer's manual).
@@ -15,7 +15,7 @@ const ANSWER_MAX_BYTES: usize = 4096;
 /// One socket of the controller, for one call at a time. Answers have no number. So a socket is closed if its answer didn't come;
 /// a new socket can't receive that answer.
 pub(super) struct Socket {
-    lines: Lines,
+    lines: LineLink,
     device: String,
     /// Call whose answer is still expected.
     owed: Option<String>,
@@ -24,7 +24,7 @@ pub(super) struct Socket {
 impl Socket {
     /// Creates a socket that is opened when it is first needed. `device` names it in messages.
     pub(super) fn new(connector: Connector, device: String) -> Self {
-        Socket { lines: Lines::new(connector, END, ANSWER_MAX_BYTES), device, owed: None }
+        Socket { lines: LineLink::new(connector, END, ANSWER_MAX_BYTES), device, owed: None }
     }
 
     /// Calls a function and waits for its answer.
@@ -38,8 +38,8 @@ impl Socket {
         deadline: Duration,
     ) -> Result<Vec<String>, DeviceError> {
         match self.call_plainly(doing, call, deadline).await? {
-            Answer { code: 0, values } => Ok(values),
-            Answer { code, .. } => Err(self.refused(doing, call, code)),
+            XpsReply { code: 0, values } => Ok(values),
+            XpsReply { code, .. } => Err(self.refused(doing, call, code)),
         }
     }
 
@@ -52,7 +52,7 @@ impl Socket {
         doing: &str,
         call: &str,
         deadline: Duration,
-    ) -> Result<Answer, DeviceError> {
+    ) -> Result<XpsReply, DeviceError> {
         self.begin(doing, call, deadline).await?;
         let answer = self.answer_by(doing, Instant::now() + deadline).await?;
         answer.ok_or_else(|| {
@@ -80,7 +80,7 @@ impl Socket {
     ///
     /// # Errors
     /// Errors of the link, or an invalid answer.
-    pub(super) async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<Answer>, DeviceError> {
+    pub(super) async fn answer_by(&mut self, doing: &str, until: Instant) -> Result<Option<XpsReply>, DeviceError> {
         let text = match self.lines.next_by(until).await {
             Ok(Some(text)) => text,
             Ok(None) => return Ok(None),

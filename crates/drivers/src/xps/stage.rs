@@ -1,7 +1,7 @@
 //! The stage: its groups, used over a socket for questions and two for each group.
 
 use super::CALL_DEADLINE;
-use super::groups::{Brakes, Group, Grouping};
+use super::groups::{Brakes, DrivenGroup, Grouping};
 use super::guard::Guard;
 use super::socket::Socket;
 use super::text::{GroupState, group_state, number_in};
@@ -23,7 +23,7 @@ pub struct Xps {
     pub(super) asks: Socket,
     pub(super) brakes: Brakes,
     /// The groups, z's first.
-    pub(super) groups: Vec<Group>,
+    pub(super) groups: Vec<DrivenGroup>,
     pub(super) grouping: Grouping,
     pub(super) guard: Option<Guard>,
     pub(super) link: String,
@@ -46,7 +46,7 @@ impl Xps {
         for (name, axes) in grouping.groups() {
             let (moves, aborts) = (socket(), socket());
             brakes.push((name.clone(), aborts));
-            groups.push(Group { name, axes, moves, armed: None, under_way: None });
+            groups.push(DrivenGroup { name, axes, moves, armed: None, under_way: None });
         }
         let brakes = Brakes { groups: brakes };
         let (usage, profiles, sent_mm) = (None, [[0.0; 4]; 3], [None; 3]);
@@ -76,7 +76,7 @@ impl Xps {
 
     /// Returns the groups that some axes are in.
     pub(super) fn groups_of(&self, axes: &[Axis]) -> Vec<usize> {
-        let has_one = |group: &Group| group.axes.iter().any(|axis| axes.contains(axis));
+        let has_one = |group: &DrivenGroup| group.axes.iter().any(|axis| axes.contains(axis));
         (0..self.groups.len()).filter(|&nth| has_one(&self.groups[nth])).collect()
     }
 
@@ -171,7 +171,7 @@ impl Stage for Xps {
         for nth in 0..self.groups.len() {
             let state = self.until_still(nth, doing, MOTION_MARGIN).await?;
             is_ready &= matches!(state, GroupState::Ready | GroupState::Disabled);
-            let Group { name, axes, .. } = &self.groups[nth];
+            let DrivenGroup { name, axes, .. } = &self.groups[nth];
             let own = axes.iter().map(|axis| self.grouping.positioners[axis.index()].name.as_str());
             names.push(format!("group {name} ({})", own.collect::<Vec<_>>().join(", ")));
         }

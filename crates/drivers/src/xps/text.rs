@@ -2,7 +2,7 @@
 
 /// Answer to a call: 0 or the error's code, and the values.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
+pub struct XpsReply {
     /// 0: done; below 0: the error.
     pub code: i32,
     /// Values that the function returns, in its order.
@@ -11,15 +11,15 @@ pub struct Answer {
 
 /// Parses an answer without its `EndOfAPI`: `0,v1,v2,` or `-17,CALL,`. `call` is the sent call. The text of an error repeats the
 /// call word for word, so an error of another call is refused. A function that returns nothing gives one empty value.
-pub fn parse_answer(text: &str, call: &str) -> Option<Answer> {
+pub fn parse_answer(text: &str, call: &str) -> Option<XpsReply> {
     let text = text.strip_suffix(',')?;
     let (code, rest) = text.split_once(',').unwrap_or((text, ""));
     let code: i32 = code.trim().parse().ok()?;
     if code != 0 {
-        return (code < 0 && rest.trim() == call).then(|| Answer { code, values: Vec::new() });
+        return (code < 0 && rest.trim() == call).then(|| XpsReply { code, values: Vec::new() });
     }
     let values: Vec<String> = if rest.is_empty() { Vec::new() } else { rest.split(',').map(str::to_owned).collect() };
-    (values.len() == outputs_of(call)).then_some(Answer { code, values })
+    (values.len() == outputs_of(call)).then_some(XpsReply { code, values })
 }
 
 /// Number of values that a call returns: the number of its placeholders (`double *`, `int *`, `char *`).
@@ -109,12 +109,12 @@ mod tests {
         let values = |values: &[&str]| values.iter().map(|&value| value.to_owned()).collect::<Vec<_>>();
         assert_eq!(
             answer("0,XPS-DRV03;VP-25XL,", "HardwareDriverAndStageGet(1,char *)"),
-            Some(Answer { code: 0, values: values(&["XPS-DRV03;VP-25XL"]) })
+            Some(XpsReply { code: 0, values: values(&["XPS-DRV03;VP-25XL"]) })
         );
-        assert_eq!(answer("0,,", "GroupKill(XYZ)"), Some(Answer { code: 0, values: Vec::new() }));
+        assert_eq!(answer("0,,", "GroupKill(XYZ)"), Some(XpsReply { code: 0, values: Vec::new() }));
         let call = "GroupPositionCurrentGet(Group1,double *)";
         let echo = format!("-20,{call},");
-        assert_eq!(answer(&echo, call), Some(Answer { code: -20, values: Vec::new() }));
+        assert_eq!(answer(&echo, call), Some(XpsReply { code: -20, values: Vec::new() }));
         assert_eq!(
             answer("-17,GroupMoveAbsolute (Axis.Pos,380),", "GroupMoveAbsolute (Axis.Pos,380)").map(|a| a.code),
             Some(-17)

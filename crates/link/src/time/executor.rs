@@ -26,11 +26,11 @@ thread_local! {
     static NOW_NS: Cell<u64> = const { Cell::new(0) };
     static CLOCK: RefCell<Clock> = const { RefCell::new(Clock::new()) };
     /// The run that this thread executes, and its number; 0 without a run.
-    static RUN: RefCell<Option<Arc<Run>>> = const { RefCell::new(None) };
+    static RUN: RefCell<Option<Arc<SimulatedRun>>> = const { RefCell::new(None) };
     static RUN_NUMBER: Cell<u64> = const { Cell::new(0) };
     /// All tasks, and those that were woken on this thread.
-    static TASKS: RefCell<Vec<Arc<Task>>> = const { RefCell::new(Vec::new()) };
-    static READY: RefCell<VecDeque<Arc<Task>>> = const { RefCell::new(VecDeque::new()) };
+    static TASKS: RefCell<Vec<Arc<ExecutorTask>>> = const { RefCell::new(Vec::new()) };
+    static READY: RefCell<VecDeque<Arc<ExecutorTask>>> = const { RefCell::new(VecDeque::new()) };
 }
 
 /// Start of virtual time, ns: a moment like any other, so that nothing relies on it.
@@ -128,7 +128,7 @@ impl Drop for Deadline {
 
 /// A task that was begun in virtual time.
 #[derive(Debug)]
-pub(super) struct VirtualTask(Arc<Task>);
+pub(super) struct VirtualTask(Arc<ExecutorTask>);
 
 impl VirtualTask {
     pub(super) fn is_finished(&self) -> bool {
@@ -141,21 +141,21 @@ impl VirtualTask {
     }
 }
 
-struct Task {
+struct ExecutorTask {
     work: Mutex<Option<Work>>,
     is_ready: AtomicBool,
     is_aborted: AtomicBool,
     is_finished: AtomicBool,
-    run: Arc<Run>,
+    run: Arc<SimulatedRun>,
 }
 
-impl fmt::Debug for Task {
+impl fmt::Debug for ExecutorTask {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Task").field("is_finished", &self.is_finished).finish_non_exhaustive()
     }
 }
 
-impl Wake for Task {
+impl Wake for ExecutorTask {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }
@@ -174,7 +174,7 @@ impl Wake for Task {
     }
 }
 
-impl Task {
+impl ExecutorTask {
     fn advance(self: Arc<Self>) {
         self.is_ready.store(false, Ordering::Release);
         let Some(mut work) = lock(&self.work).take() else { return };
@@ -193,7 +193,7 @@ impl Task {
 pub(super) fn spawn(work: Work) -> VirtualTask {
     let run = RUN.with_borrow(Clone::clone).unwrap_or_else(|| unreachable!("the thread has virtual time"));
     let [is_ready, is_aborted, is_finished] = [false; 3].map(AtomicBool::new);
-    let task = Arc::new(Task { work: Mutex::new(Some(work)), is_ready, is_aborted, is_finished, run });
+    let task = Arc::new(ExecutorTask { work: Mutex::new(Some(work)), is_ready, is_aborted, is_finished, run });
     TASKS.with_borrow_mut(|tasks| {
         tasks.retain(|task| !task.is_finished.load(Ordering::Acquire));
         tasks.push(task.clone());
@@ -203,16 +203,16 @@ pub(super) fn spawn(work: Work) -> VirtualTask {
 }
 
 /// A simulated run, which is not a task itself.
-struct Run {
+struct SimulatedRun {
     number: u64,
     thread: Thread,
     is_woken: AtomicBool,
     /// Tasks that other threads have woken, and whether there are any.
-    from_elsewhere: Mutex<VecDeque<Arc<Task>>>,
+    from_elsewhere: Mutex<VecDeque<Arc<ExecutorTask>>>,
     has_elsewhere: AtomicBool,
 }
 
-impl Wake for Run {
+impl Wake for SimulatedRun {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }
@@ -225,13 +225,13 @@ impl Wake for Run {
     }
 }
 
-impl Run {
-    fn begin() -> Arc<Run> {
+impl SimulatedRun {
+    fn begin() -> Arc<SimulatedRun> {
         static RUNS: AtomicU64 = AtomicU64::new(1);
         let number = RUNS.fetch_add(1, Ordering::Relaxed);
         let (is_woken, has_elsewhere, from_elsewhere) =
             (AtomicBool::new(true), AtomicBool::new(false), Mutex::new(VecDeque::new()));
-        let run = Arc::new(Run { number, thread: thread::current(), is_woken, from_elsewhere, has_elsewhere });
+        let run = Arc::new(SimulatedRun { number, thread: thread::current(), is_woken, from_elsewhere, has_elsewhere });
         RUN_NUMBER.set(number);
         RUN.set(Some(run.clone()));
         NOW_NS.set(START_NS);
@@ -243,7 +243,7 @@ impl Run {
         RUN_NUMBER.get() == self.number
     }
 
-    fn next_task(&self) -> Option<Arc<Task>> {
+    fn next_task(&self) -> Option<Arc<ExecutorTask>> {
         READY.with_borrow_mut(|ready| {
             if self.has_elsewhere.swap(false, Ordering::AcqRel) {
                 ready.append(&mut lock(&self.from_elsewhere));
@@ -259,7 +259,7 @@ impl Run {
 /// The thread executes a simulated run already.
 pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
     assert!(now().is_none(), "a simulated run doesn't execute another one");
-    let (state, _end, mut run) = (Run::begin(), End, pin!(run));
+    let (state, _end, mut run) = (SimulatedRun::begin(), RunEnd, pin!(run));
     let waker = Waker::from(state.clone());
     let mut context = Context::from_waker(&waker);
     loop {
@@ -269,7 +269,7 @@ pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
             return result;
         }
         let tasks = std::iter::from_fn(|| state.next_task()).take(TASKS_MOST);
-        let is_idle = tasks.map(Task::advance).count() < TASKS_MOST;
+        let is_idle = tasks.map(ExecutorTask::advance).count() < TASKS_MOST;
         if is_idle && !state.is_woken.load(Ordering::Acquire) {
             let has_next = CLOCK.with_borrow_mut(Clock::jump);
             if !has_next && !state.has_elsewhere.load(Ordering::Acquire) {
@@ -284,9 +284,9 @@ pub fn run_virtually<T>(run: impl Future<Output = T>) -> T {
 }
 
 /// The end of a run: its tasks, which may wait, are dropped before its clock.
-struct End;
+struct RunEnd;
 
-impl Drop for End {
+impl Drop for RunEnd {
     fn drop(&mut self) {
         let tasks = TASKS.take();
         tasks.into_iter().for_each(|task| drop(lock(&task.work).take()));

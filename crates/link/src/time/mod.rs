@@ -166,10 +166,10 @@ pub fn timeout_at<F: Future>(moment: Instant, result: F) -> Timeout<F> {
 
 /// A task that runs beside the others of its thread. It continues if this is dropped.
 #[derive(Debug)]
-pub struct Task(Handle);
+pub struct Task(EitherHandle);
 
 #[derive(Debug)]
-enum Handle {
+enum EitherHandle {
     Real(tokio::task::JoinHandle<()>),
     Virtual(VirtualTask),
 }
@@ -178,8 +178,8 @@ enum Handle {
 pub fn spawn<T>(future: impl Future<Output = T> + Send + 'static) -> Task {
     let future = async move { drop(future.await) };
     match executor::now() {
-        Some(_) => Task(Handle::Virtual(executor::spawn(Box::pin(future)))),
-        None => Task(Handle::Real(tokio::spawn(future))),
+        Some(_) => Task(EitherHandle::Virtual(executor::spawn(Box::pin(future)))),
+        None => Task(EitherHandle::Real(tokio::spawn(future))),
     }
 }
 
@@ -187,16 +187,16 @@ impl Task {
     /// Whether the task has ended.
     pub fn is_finished(&self) -> bool {
         match &self.0 {
-            Handle::Real(task) => task.is_finished(),
-            Handle::Virtual(task) => task.is_finished(),
+            EitherHandle::Real(task) => task.is_finished(),
+            EitherHandle::Virtual(task) => task.is_finished(),
         }
     }
 
     /// Ends the task at its next turn, wherever it waits.
     pub fn abort(&self) {
         match &self.0 {
-            Handle::Real(task) => task.abort(),
-            Handle::Virtual(task) => task.abort(),
+            EitherHandle::Real(task) => task.abort(),
+            EitherHandle::Virtual(task) => task.abort(),
         }
     }
 }

@@ -21,7 +21,7 @@ const NUMBER_MOST: u64 = 10;
 /// programs end. A device is free for others when no program holds it any more.
 #[derive(Debug, Default)]
 pub struct Claims {
-    claims: Vec<Claim>,
+    claims: Vec<LinkClaim>,
 }
 
 /// Reason why a link can't be used.
@@ -49,7 +49,7 @@ pub enum ClaimError {
 
 /// Claim of one link.
 #[derive(Debug)]
-struct Claim {
+struct LinkClaim {
     identity: String,
     /// Lock that ends with its owner for any reason.
     _lock: File,
@@ -85,8 +85,8 @@ impl Claims {
         }
         let path = folder.join(format!("palpate-link-{}.lock", hexadecimal(&Sha256::digest(&identity))));
         match lock(&path) {
-            Ok(Lock::Taken(file)) => self.claims.push(Claim { identity, _lock: file }),
-            Ok(Lock::Held(process)) => return Err(ClaimError::Held { link: told, process }),
+            Ok(LockAttempt::Taken(file)) => self.claims.push(LinkClaim { identity, _lock: file }),
+            Ok(LockAttempt::Held(process)) => return Err(ClaimError::Held { link: told, process }),
             Err(source) => return Err(ClaimError::Lock { link: told, path, source }),
         }
         Ok(())
@@ -151,23 +151,23 @@ fn of_process(process: Option<u32>) -> String {
 
 /// Result of an attempt to lock.
 #[derive(Debug)]
-enum Lock {
+enum LockAttempt {
     Taken(File),
     /// Held by another process, with its process number.
     Held(Option<u32>),
 }
 
-fn lock(path: &Path) -> io::Result<Lock> {
+fn lock(path: &Path) -> io::Result<LockAttempt> {
     for _ in 0..TRIES {
         let Some(mut file) = open(path)? else { continue };
         match file.try_lock() {
             Ok(()) if is_at(&file, path)? => {
                 // only for others to read; a file of another user's that can't be written is locked all the same
                 let _ = sign(&mut file);
-                return Ok(Lock::Taken(file));
+                return Ok(LockAttempt::Taken(file));
             }
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Ok(Lock::Held(signed(&mut file))),
+            Err(TryLockError::WouldBlock) => return Ok(LockAttempt::Held(signed(&mut file))),
             Err(TryLockError::Error(error)) => return Err(error),
         }
     }
@@ -368,6 +368,6 @@ mod tests {
         assert!(!is_at(&opened, &path).unwrap());
         File::create(&path).unwrap();
         assert!(!is_at(&opened, &path).unwrap());
-        assert!(matches!(lock(&path).unwrap(), Lock::Taken(_)));
+        assert!(matches!(lock(&path).unwrap(), LockAttempt::Taken(_)));
     }
 }

@@ -1,7 +1,7 @@
 //! Questions and answers of one line each.
 
 use super::Connector;
-use super::lines::{Lines, WireError, silent};
+use super::lines::{LineLink, WireError, silent};
 use crate::time::Instant;
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -28,7 +28,7 @@ pub struct Urgent<'a> {
 /// An exchange that isn't finished (no answer, or its future dropped) leaves the link out of step. The next exchange first
 /// resynchronises: it waits for quiet, asks the `marker` question and discards lines up to its answer.
 pub struct LineExchange {
-    lines: Lines,
+    lines: LineLink,
     deadline: Duration,
     marker: Marker,
     out_of_step: bool,
@@ -51,7 +51,7 @@ impl LineExchange {
         answer_contains: &'static str,
     ) -> Self {
         let marker = Marker { question, answer_contains };
-        LineExchange { lines: Lines::new(connector, "\n", LINE_MAX_BYTES), deadline, marker, out_of_step: false }
+        LineExchange { lines: LineLink::new(connector, "\n", LINE_MAX_BYTES), deadline, marker, out_of_step: false }
     }
 
     /// Sends a line that has no answer.

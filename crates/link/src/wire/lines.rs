@@ -32,7 +32,7 @@ pub enum WireError {
 }
 
 /// Texts with an end mark, over a link. The link is opened when it is needed, and opened again after a failure.
-pub struct Lines {
+pub struct LineLink {
     connector: Connector,
     stream: Option<ByteStream>,
     inbox: Vec<u8>,
@@ -42,10 +42,10 @@ pub struct Lines {
     most_bytes: usize,
 }
 
-impl Lines {
+impl LineLink {
     /// Creates lines on a link. Each received text ends with `end` and has at most `most_bytes`.
     pub fn new(connector: Connector, end: &'static str, most_bytes: usize) -> Self {
-        Lines { connector, stream: None, inbox: Vec::new(), searched: 0, end, most_bytes }
+        LineLink { connector, stream: None, inbox: Vec::new(), searched: 0, end, most_bytes }
     }
 
     /// Opens the link if it isn't open. Returns whether it was opened now.

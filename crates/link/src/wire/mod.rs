@@ -16,5 +16,5 @@ mod program;
 pub use claim::{ClaimError, Claims};
 pub use connect::{ByteStream, Connector, Duplex};
 pub use line::{LineExchange, Urgent};
-pub use lines::{Lines, WireError, silent};
+pub use lines::{LineLink, WireError, silent};
 pub use link::{Link, Parity};

@@ -36,7 +36,7 @@ static ENDING: Mutex<Vec<JoinHandle<()>>> = Mutex::new(Vec::new());
 
 /// Input and output of a program. When this value is dropped, the program's input ends, and a thread waits for the program's end.
 #[derive(Debug)]
-struct Program {
+struct ProgramPipes {
     input: ChildStdin,
     /// Running program; `None` only during the drop.
     running: Option<Running>,
@@ -68,7 +68,7 @@ pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
     match (child.stdin.take(), child.stdout.take()) {
         (Some(input), Some(output)) => {
             let running = Running { child, output: ChildStdout::from_std(output)?, looks: 0, next_look: None };
-            Ok(Box::new(Program { input: ChildStdin::from_std(input)?, running: Some(running) }))
+            Ok(Box::new(ProgramPipes { input: ChildStdin::from_std(input)?, running: Some(running) }))
         }
         _ => Err(io::ErrorKind::BrokenPipe.into()),
     }
@@ -91,7 +91,7 @@ pub(super) fn wait_for_ends() {
     }
 }
 
-impl Drop for Program {
+impl Drop for ProgramPipes {
     fn drop(&mut self) {
         let Some(mut running) = self.running.take() else { return };
         // a thread of its own, since whoever drops a link has a stage to park; the input ends when this returns
@@ -193,7 +193,7 @@ mod group {
     }
 }
 
-impl AsyncRead for Program {
+impl AsyncRead for ProgramPipes {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, read: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let Some(running) = &mut self.running else { return Poll::Ready(Ok(())) };
         if running.next_look.is_none() {
@@ -207,7 +207,7 @@ impl AsyncRead for Program {
     }
 }
 
-impl AsyncWrite for Program {
+impl AsyncWrite for ProgramPipes {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let is_asked = self.running.as_ref().is_some_and(|running| running.next_look.is_some());
         if !is_asked {

@@ -6,14 +6,14 @@ pub struct ChartAxis {
     /// Name of the quantity, with its unit.
     pub label: String,
     /// Distribution of values along the axis.
-    pub scale: Scale,
+    pub scale: AxisScale,
     /// First and last value.
     pub range: (f64, f64),
 }
 
 /// Distribution of values along an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Scale {
+pub enum AxisScale {
     /// Evenly.
     Linear,
     /// Evenly, with only integers shown, because the axis shows counts.
@@ -44,32 +44,32 @@ impl ChartAxis {
             .into_iter()
             .filter(|value| *value > 0.0)
             .fold(least, |(min, max), value| (min.min(value / ROOM), max.max(value * ROOM)));
-        ChartAxis { label: label.to_owned(), scale: Scale::Log, range: (min, max) }
+        ChartAxis { label: label.to_owned(), scale: AxisScale::Log, range: (min, max) }
     }
 
     /// Creates a linear axis. If all values are equal, the axis begins at this value.
     pub fn linear(label: &str, (min, max): (f64, f64)) -> ChartAxis {
         let range = if max - min > NARROWEST { (min, max) } else { (min, min + 1.0) };
-        ChartAxis { label: label.to_owned(), scale: Scale::Linear, range }
+        ChartAxis { label: label.to_owned(), scale: AxisScale::Linear, range }
     }
 
     /// Creates a linear axis for counts.
     pub fn count(label: &str, range: (f64, f64)) -> ChartAxis {
-        ChartAxis { scale: Scale::Count, ..ChartAxis::linear(label, range) }
+        ChartAxis { scale: AxisScale::Count, ..ChartAxis::linear(label, range) }
     }
 
     /// Creates an axis of named rows.
     pub fn rows(names: Vec<String>) -> ChartAxis {
         let last = names.len() as f64 - 0.5;
-        ChartAxis { label: String::new(), scale: Scale::Rows(names), range: (-0.5, last) }
+        ChartAxis { label: String::new(), scale: AxisScale::Rows(names), range: (-0.5, last) }
     }
 
     /// Returns the position of a value, from 0 to 1.
     pub fn share(&self, value: f64) -> f64 {
         let (min, max) = self.range;
         match self.scale {
-            Scale::Log | Scale::LogAt(_) => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
-            Scale::Linear | Scale::Count | Scale::At(_) | Scale::Rows(_) => (value - min) / (max - min),
+            AxisScale::Log | AxisScale::LogAt(_) => (value.max(f64::MIN_POSITIVE) / min).ln() / (max / min).ln(),
+            AxisScale::Linear | AxisScale::Count | AxisScale::At(_) | AxisScale::Rows(_) => (value - min) / (max - min),
         }
     }
 
@@ -79,12 +79,12 @@ impl ChartAxis {
         let (min, max) = self.range;
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
         match &self.scale {
-            Scale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
-            Scale::At(ticks) | Scale::LogAt(ticks) => ticks.clone(),
-            Scale::Linear | Scale::Count => {
-                self.even_ticks(if self.scale == Scale::Count { 1.0 } else { 0.0 }, length_px, taken_px)
+            AxisScale::Rows(names) => names.iter().enumerate().map(|(row, name)| (row as f64, name.clone())).collect(),
+            AxisScale::At(ticks) | AxisScale::LogAt(ticks) => ticks.clone(),
+            AxisScale::Linear | AxisScale::Count => {
+                self.even_ticks(if self.scale == AxisScale::Count { 1.0 } else { 0.0 }, length_px, taken_px)
             }
-            Scale::Log => {
+            AxisScale::Log => {
                 let decades = max.log10() - min.log10();
                 let steps: &[f64] = match decades {
                     d if d < 0.9 => &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0],

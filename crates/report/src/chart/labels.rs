@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 
 /// Priority of a text over other texts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Rank {
+pub(super) enum LabelRank {
     /// Text at a fixed position.
     Fixed,
     /// Number next to an axis.
@@ -27,7 +27,7 @@ pub(super) struct Label {
     /// Appearance: classes of the style sheet.
     pub class: &'static str,
     pub text: String,
-    pub rank: Rank,
+    pub rank: LabelRank,
     /// Whether the text runs upward.
     pub is_upright: bool,
 }
@@ -45,15 +45,15 @@ pub(super) const BOLD: f64 = 1.12;
 
 /// Rectangle, px.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
+struct LabelBox {
     left: f64,
     right: f64,
     top: f64,
     bottom: f64,
 }
 
-impl Frame {
-    fn meets(&self, other: &Frame) -> bool {
+impl LabelBox {
+    fn meets(&self, other: &LabelBox) -> bool {
         self.left < other.right + APART_PX
             && other.left < self.right + APART_PX
             && self.top < other.bottom
@@ -64,12 +64,12 @@ impl Frame {
 impl Label {
     /// Creates a text at a fixed position.
     pub(super) fn fixed(at: (f64, f64), class: &'static str, text: &str) -> Label {
-        Label { at, class, text: text.to_owned(), rank: Rank::Fixed, is_upright: false }
+        Label { at, class, text: text.to_owned(), rank: LabelRank::Fixed, is_upright: false }
     }
 
     /// Creates a number next to an axis.
     pub(super) fn tick(at: (f64, f64), class: &'static str, text: &str) -> Label {
-        Label { rank: Rank::Tick, ..Label::fixed(at, class, text) }
+        Label { rank: LabelRank::Tick, ..Label::fixed(at, class, text) }
     }
 
     /// Size of the text's letters, px, as in the style sheet.
@@ -86,7 +86,7 @@ impl Label {
         }
     }
 
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> LabelBox {
         let has = |word: &str| self.class.split(' ').any(|class| class == word);
         let size = self.size_px();
         let length = width_px(&self.text, size) * if has("title") || has("head") { BOLD } else { 1.0 };
@@ -94,9 +94,9 @@ impl Label {
         let (x, y) = self.at;
         if self.is_upright {
             let (left, right) = (x - ASCENT * size, x + DESCENT * size);
-            return Frame { left, right, top: y - start - length, bottom: y - start };
+            return LabelBox { left, right, top: y - start - length, bottom: y - start };
         }
-        Frame { left: x + start, right: x + start + length, top: y - ASCENT * size, bottom: y + DESCENT * size }
+        LabelBox { left: x + start, right: x + start + length, top: y - ASCENT * size, bottom: y + DESCENT * size }
     }
 
     /// Returns the text moved to the right and down, px.
@@ -106,7 +106,7 @@ impl Label {
 
     /// Returns the text moved sideways so that it stays inside the figure.
     fn within(&self, width: f64) -> Label {
-        let Frame { left, right, .. } = self.frame();
+        let LabelBox { left, right, .. } = self.frame();
         let too_far_right = (right - width + 1.0).max(0.0);
         self.moved(((1.0 - left).max(0.0) - if left < 1.0 { 0.0 } else { too_far_right }, 0.0))
     }
@@ -131,21 +131,21 @@ pub(super) const SIZE_PX: f64 = 13.0;
 
 /// Returns all texts of a figure of this width as SVG.
 pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
-    let (mut svg, mut taken) = (String::new(), Vec::<Frame>::new());
-    let of = |is: fn(&Rank) -> bool| labels.iter().filter(move |label| is(&label.rank) && !label.text.is_empty());
-    for label in of(|rank| matches!(rank, Rank::Fixed)) {
+    let (mut svg, mut taken) = (String::new(), Vec::<LabelBox>::new());
+    let of = |is: fn(&LabelRank) -> bool| labels.iter().filter(move |label| is(&label.rank) && !label.text.is_empty());
+    for label in of(|rank| matches!(rank, LabelRank::Fixed)) {
         let label = label.within(width);
         taken.push(label.frame());
         label.write(&mut svg);
     }
-    for label in of(|rank| matches!(rank, Rank::Tick)) {
+    for label in of(|rank| matches!(rank, LabelRank::Tick)) {
         let label = label.within(width);
         if taken.iter().all(|other| !other.meets(&label.frame())) {
             taken.push(label.frame());
             label.write(&mut svg);
         }
     }
-    for label in of(|rank| matches!(rank, Rank::Word(_))) {
+    for label in of(|rank| matches!(rank, LabelRank::Word(_))) {
         let downs = (1..=MOST_STEPS).flat_map(|step| [-(step as f64), step as f64]).map(|steps| steps * STEP_PX);
         let places = std::iter::once(0.0).chain(downs).map(|down| label.moved((0.0, down)).within(width));
         let is_free = |label: &Label| {
@@ -153,7 +153,7 @@ pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
             frame.top >= 0.0 && taken.iter().all(|other| !other.meets(&frame))
         };
         let Some(free) = places.into_iter().find(is_free) else { continue };
-        if let Rank::Word(mark) = label.rank
+        if let LabelRank::Word(mark) = label.rank
             && (free.at.1 - label.at.1).abs() > 1.5 * STEP_PX
         {
             lead(&mut svg, mark, free.frame());
@@ -165,7 +165,7 @@ pub(super) fn laid_out(labels: &[Label], width: f64) -> String {
 }
 
 /// Draws a line from a mark to the nearest side of words.
-fn lead(svg: &mut String, (x, y): (f64, f64), words: Frame) {
+fn lead(svg: &mut String, (x, y): (f64, f64), words: LabelBox) {
     let (to_x, to_y) = (x.clamp(words.left, words.right), y.clamp(words.top, words.bottom));
     let _ = writeln!(svg, "<line class=\"lead\" x1=\"{x:.1}\" y1=\"{y:.1}\" x2=\"{to_x:.1}\" y2=\"{to_y:.1}\"/>");
 }
@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     fn word(at: (f64, f64), text: &str) -> Label {
-        Label { rank: Rank::Word(at), ..Label::fixed(at, "word", text) }
+        Label { rank: LabelRank::Word(at), ..Label::fixed(at, "word", text) }
     }
 
     #[test]
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn what_would_leave_the_figure_is_moved_in() {
         for (at, class) in [((198.0, 20.0), "mid"), ((2.0, 20.0), "mid"), ((3.0, 20.0), "end")] {
-            let Frame { left, right, .. } = Label::fixed(at, class, "long words").within(200.0).frame();
+            let LabelBox { left, right, .. } = Label::fixed(at, class, "long words").within(200.0).frame();
             assert!(left >= 1.0 - 1e-9 && right <= 199.0 + 1e-9, "{left} {right}");
         }
     }

@@ -12,18 +12,18 @@ pub struct Look {
     /// Whether the marker is filled.
     pub filled: bool,
     /// The line between the points.
-    pub line: Line,
+    pub line: LineStyle,
 }
 
 impl Look {
     /// Creates a line without markers.
-    pub const fn line(hue: Hue, line: Line) -> Look {
+    pub const fn line(hue: Hue, line: LineStyle) -> Look {
         Look { hue, shape: None, filled: true, line }
     }
 
     /// Creates filled markers without a line.
     pub const fn markers(hue: Hue, shape: Shape) -> Look {
-        Look { hue, shape: Some(shape), filled: true, line: Line::None }
+        Look { hue, shape: Some(shape), filled: true, line: LineStyle::None }
     }
 }
 
@@ -69,7 +69,7 @@ pub enum Shape {
 
 /// The lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
+pub enum LineStyle {
     /// No line, only the points.
     None,
     /// Continuous line.
@@ -104,9 +104,9 @@ impl Hue {
 /// Draws a line through points, px.
 pub(super) fn write_line(svg: &mut String, look: Look, points: &[(f64, f64)]) {
     let dashed = match look.line {
-        Line::None => return,
-        Line::Solid => "",
-        Line::Dashed => " dashed",
+        LineStyle::None => return,
+        LineStyle::Solid => "",
+        LineStyle::Dashed => " dashed",
     };
     let path: String = points.iter().map(|(x, y)| format!("{x:.1},{y:.1} ")).collect();
     let _ = writeln!(svg, "<polyline class=\"{} line{dashed}\" points=\"{}\"/>", look.hue.name(), path.trim_end());

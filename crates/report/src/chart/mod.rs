@@ -14,16 +14,16 @@ mod look;
 mod panel;
 mod ramp;
 
-pub use axis::{ChartAxis, Scale};
+pub use axis::{AxisScale, ChartAxis};
 pub(crate) use look::STYLE;
-pub use look::{Hue, Line, Look, Shape};
-pub use panel::{Anchor, Cell, Mark, Panel, Part};
+pub use look::{Hue, LineStyle, Look, Shape};
+pub use panel::{Anchor, ColouredCell, Mark, Panel, WidthPart};
 pub(crate) use ramp::Ramp;
 
 use labels::{Label, SIZE_PX, laid_out};
 use letters::{width_px, wrapped};
 use look::{LIGHT, write_line, write_marker};
-use panel::{Area, Words};
+use panel::{PanelArea, Words};
 use std::fmt::Write as _;
 
 /// Several panels under one title.
@@ -161,7 +161,7 @@ impl Figure {
                 x += TO_NAME + width_px(name, SIZE_PX) + TO_NEXT;
             }
         }
-        let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, Scale::Rows(_)));
+        let has_rows = self.panels.iter().any(|panel| matches!(panel.y.scale, AxisScale::Rows(_)));
         let is_shared = self.grid.is_some_and(|grid| grid.shared);
         let names = self.upward_names(has_rows);
         let left = if has_rows { LEFT_OF_ROWS } else { names.left_px };
@@ -187,7 +187,7 @@ impl Figure {
             let is_drawn = |index: usize| self.panels.get(index).is_some_and(|panel| !panel.is_blank());
             let has_x = |column: usize| !is_shared || !is_drawn((index + 1) * columns + column);
             for (column, panel) in row.iter().enumerate().filter(|(_, panel)| !panel.is_blank()) {
-                let area = Area { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
+                let area = PanelArea { x: left + column as f64 * (width + gap), y, width, height: self.height_px };
                 let words = Words {
                     x: has_x(column),
                     x_label: !is_shared,
@@ -206,7 +206,7 @@ impl Figure {
         }
         if let Some(panel) = self.panels.first().filter(|_| is_shared) {
             let whole =
-                Area { x: left, y: first_y, width: self.width_px() - left - RIGHT, height: last_bottom - first_y };
+                PanelArea { x: left, y: first_y, width: self.width_px() - left - RIGHT, height: last_bottom - first_y };
             names.write(labels, &panel.y.label, &whole);
             panel.write_x_label(labels, &whole);
         }
@@ -283,7 +283,7 @@ struct UpwardNames {
 }
 
 impl UpwardNames {
-    fn write(&self, labels: &mut Vec<Label>, name: &str, area: &Area) {
+    fn write(&self, labels: &mut Vec<Label>, name: &str, area: &PanelArea) {
         let lines = wrapped(name, SIZE_PX, self.length_px);
         for (line, told) in lines.iter().rev().enumerate() {
             let at = (area.x - self.to_label_px - LABEL_LINE * line as f64, area.y + area.height / 2.0);
@@ -309,7 +309,7 @@ mod tests {
     fn a_value_is_where_its_share_of_the_range_is_and_stays_in_the_panel() {
         let axis = ChartAxis { range: (1.0, 100.0), ..ChartAxis::log("", [], (1.0, 1.0)) };
         assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
-        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: Line::None };
+        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: LineStyle::None };
         let panel = Panel {
             x: axis,
             y: ChartAxis::linear("y", (0.0, 1.0)),
@@ -328,7 +328,7 @@ mod tests {
 
     #[test]
     fn a_line_has_a_gap_where_nothing_was_measured() {
-        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: Line::Solid };
+        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: LineStyle::Solid };
         let points = [1.0, 2.0, f64::NAN, 4.0, 5.0].map(|y| (y, y)).to_vec();
         let svg =
             Figure { height_px: 100.0, panels: vec![panel("y", vec![Mark::Curve(look, points)])], ..Figure::default() }
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn shared_axes_are_named_once_and_colours_have_a_bar() {
-        let cell = Cell { x: (0.0, 1.0), y: (0.0, 1.0), value: 3.0 };
+        let cell = ColouredCell { x: (0.0, 1.0), y: (0.0, 1.0), value: 3.0 };
         let colours = ChartAxis::linear("output, V", (0.0, 7.0));
         let cells = || vec![Mark::Cells(colours.clone(), vec![cell]), Mark::Title("unit 1, channel 2".to_owned())];
         let figure = Figure {

@@ -1,7 +1,7 @@
 //! One pair of axes and the marks between them.
 
-use super::axis::{ChartAxis, Scale};
-use super::labels::{BOLD, Label, Rank, SIZE_PX};
+use super::axis::{AxisScale, ChartAxis};
+use super::labels::{BOLD, Label, LabelRank, SIZE_PX};
 use super::letters::{shortened, width_px, wrapped};
 use super::look::{Hue, Look, write_line, write_marker};
 use super::ramp::{LEVELS, Ramp};
@@ -31,9 +31,9 @@ pub enum Mark {
     /// Strokes, each from one point to another.
     Strokes(Hue, Vec<((f64, f64), (f64, f64))>),
     /// Columns, each from 0 up to a y and from one x to another, and the part of that width that they occupy.
-    Columns(Hue, Part, Vec<((f64, f64), f64)>),
+    Columns(Hue, WidthPart, Vec<((f64, f64), f64)>),
     /// Rectangles coloured by a value on a separate axis, see [`Ramp`]; a figure has one such axis.
-    Cells(ChartAxis, Vec<Cell>),
+    Cells(ChartAxis, Vec<ColouredCell>),
     /// Title above a panel.
     Title(String),
     /// Nothing: the panel's space is left empty.
@@ -48,7 +48,7 @@ pub enum Mark {
 
 /// One of several equal parts of a width.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Part {
+pub struct WidthPart {
     /// Index of the part, from 0.
     pub index: usize,
     /// Number of parts.
@@ -57,7 +57,7 @@ pub struct Part {
 
 /// A rectangle between two values along each axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Cell {
+pub struct ColouredCell {
     /// Left and right side.
     pub x: (f64, f64),
     /// Lower and upper side.
@@ -86,7 +86,7 @@ const LINE_PX: f64 = 14.0;
 const BESIDE_NUMBER: f64 = 5.0;
 
 /// Area of a panel, px.
-pub(super) struct Area {
+pub(super) struct PanelArea {
     pub x: f64,
     pub y: f64,
     pub width: f64,
@@ -151,14 +151,14 @@ impl Panel {
     }
 
     /// Writes the name of the axis below the panel.
-    pub(super) fn write_x_label(&self, labels: &mut Vec<Label>, area: &Area) {
+    pub(super) fn write_x_label(&self, labels: &mut Vec<Label>, area: &PanelArea) {
         let below_ticks = NOTE_LINE * self.more_lines_below() as f64;
         let at = (area.x + area.width / 2.0, area.y + area.height + 38.0 + below_ticks);
         labels.push(Label::fixed(at, "mid", &self.x.label));
     }
 
     /// Draws the panel. The texts are laid out later, together with those of all panels.
-    pub(super) fn write(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, words: &Words) {
+    pub(super) fn write(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, words: &Words) {
         self.write_axes(svg, labels, area, words);
         for (line, told) in self.title_lines(words.title_px).iter().rev().enumerate() {
             labels.push(Label::fixed((area.x, area.y - 9.0 - LABEL_LINE * line as f64), "head", told));
@@ -169,18 +169,18 @@ impl Panel {
     }
 
     /// Returns the position of a point, px. A point outside is on the edge.
-    fn at(&self, area: &Area, (x, y): (f64, f64)) -> (f64, f64) {
+    fn at(&self, area: &PanelArea, (x, y): (f64, f64)) -> (f64, f64) {
         let up = self.y.share(y);
-        let down = if matches!(self.y.scale, Scale::Rows(_)) { up } else { 1.0 - up };
+        let down = if matches!(self.y.scale, AxisScale::Rows(_)) { up } else { 1.0 - up };
         (area.x + area.width * self.x.share(x).clamp(0.0, 1.0), area.y + area.height * down.clamp(0.0, 1.0))
     }
 
-    fn write_axes(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, words: &Words) {
+    fn write_axes(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, words: &Words) {
         let (right, bottom) = (area.x + area.width, area.y + area.height);
         for (value, told) in self.y.ticks(area.height, |_| LINE_PX) {
             let y = self.at(area, (self.x.range.0, value)).1;
             match &self.y.scale {
-                Scale::Rows(rows) if (value as usize).is_multiple_of(2) => {
+                AxisScale::Rows(rows) if (value as usize).is_multiple_of(2) => {
                     let (x, width, height) = (area.x, area.width, area.height / rows.len() as f64);
                     let top = y - height / 2.0;
                     let _ = writeln!(
@@ -188,7 +188,7 @@ impl Panel {
                         "<rect class=\"band\" x=\"{x:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{height:.1}\"/>"
                     );
                 }
-                Scale::Rows(_) => {}
+                AxisScale::Rows(_) => {}
                 _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
             }
             let lines: Vec<&str> = told.lines().filter(|_| words.y).collect();
@@ -217,11 +217,11 @@ impl Panel {
         }
     }
 
-    fn write_mark(&self, svg: &mut String, labels: &mut Vec<Label>, area: &Area, mark: &Mark, size: f64) {
+    fn write_mark(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, mark: &Mark, size: f64) {
         let at = |point: (f64, f64)| self.at(area, point);
         let mut word = |mark: (f64, f64), (right, down): (f64, f64), class: &'static str, told: &str| {
             let label = Label::fixed((mark.0 + right, mark.1 + down), class, told);
-            labels.push(Label { rank: Rank::Word(mark), ..label });
+            labels.push(Label { rank: LabelRank::Word(mark), ..label });
         };
         match mark {
             Mark::Curve(look, points) => {
@@ -288,9 +288,9 @@ impl Panel {
 }
 
 /// Draws cells; those of one colour are in one path, and neighbours of one colour in a row are one rectangle.
-fn write_cells(svg: &mut String, axis: &ChartAxis, cells: &[Cell], at: impl Fn((f64, f64)) -> (f64, f64)) {
+fn write_cells(svg: &mut String, axis: &ChartAxis, cells: &[ColouredCell], at: impl Fn((f64, f64)) -> (f64, f64)) {
     let tenths = |px: f64| (10.0 * px).round() as i64;
-    let placed = |Cell { x, y, value }: &Cell| {
+    let placed = |ColouredCell { x, y, value }: &ColouredCell| {
         let ((left, bottom), (right, top)) = (at((x.0, y.0)), at((x.1, y.1)));
         (Ramp::level(axis.share(*value)), tenths(top), tenths(bottom), tenths(left), tenths(right))
     };
@@ -320,7 +320,7 @@ mod tests {
     #[test]
     fn neighbours_of_one_colour_are_one_rectangle_and_a_blank_panel_leaves_its_numbers_to_the_next() {
         let axis = |label: &str| ChartAxis::linear(label, (0.0, 3.0));
-        let cell = |x: f64, value: f64| Cell { x: (x, x + 1.0), y: (0.0, 3.0), value };
+        let cell = |x: f64, value: f64| ColouredCell { x: (x, x + 1.0), y: (0.0, 3.0), value };
         let row = vec![cell(0.0, 0.0), cell(1.0, 0.0), cell(2.0, 3.0)];
         let drawn = Panel { x: axis("x"), y: axis("y"), marks: vec![Mark::Cells(axis("output, V"), row)] };
         let blank = Panel { marks: vec![Mark::Blank], ..drawn.clone() };

@@ -2,7 +2,7 @@
 //!
 //! Fields have the metadata `unit` and `definition`, and a schema has `palpate.manifest`. A missing value is null.
 
-use super::frame::{Frame, Values};
+use super::frame::{ExportTable, Values};
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_buffer::NullBuffer;
 use arrow_ipc::writer::FileWriter;
@@ -22,7 +22,7 @@ pub const MANIFEST: &str = "palpate.manifest";
 const GROUP_BYTES: usize = 16 << 20;
 
 /// Returns the schema of a frame, without metadata of its own.
-pub fn schema(frame: &Frame) -> Schema {
+pub fn schema(frame: &ExportTable) -> Schema {
     let fields = frame.columns.iter().map(|column| {
         let (kind, may_miss) = match &column.values {
             Values::F64(_) => (DataType::Float64, true),
@@ -41,7 +41,7 @@ pub fn schema(frame: &Frame) -> Schema {
 ///
 /// # Errors
 /// The schema isn't that of the frame.
-pub fn batch(frame: Frame, schema: SchemaRef) -> io::Result<RecordBatch> {
+pub fn batch(frame: ExportTable, schema: SchemaRef) -> io::Result<RecordBatch> {
     let array = |values: Values| -> ArrayRef {
         match values {
             Values::F64(numbers) => {
@@ -62,7 +62,7 @@ pub fn batch(frame: Frame, schema: SchemaRef) -> io::Result<RecordBatch> {
 ///
 /// # Errors
 /// An error of the operating system.
-pub(crate) fn write_ipc(frame: Frame, manifest: &str, out: impl Write) -> io::Result<()> {
+pub(crate) fn write_ipc(frame: ExportTable, manifest: &str, out: impl Write) -> io::Result<()> {
     let metadata = HashMap::from([(MANIFEST.to_owned(), manifest.to_owned())]);
     let schema = Arc::new(schema(&frame).with_metadata(metadata));
     let mut writer = FileWriter::try_new_buffered(out, &schema).map_err(io::Error::other)?;
@@ -81,7 +81,7 @@ impl<W: Write + Send> ParquetFile<W> {
     ///
     /// # Errors
     /// An error of the operating system.
-    pub fn new(out: W, like: &Frame, manifest: Option<&str>) -> io::Result<ParquetFile<W>> {
+    pub fn new(out: W, like: &ExportTable, manifest: Option<&str>) -> io::Result<ParquetFile<W>> {
         let metadata = manifest.map(|manifest| (MANIFEST.to_owned(), manifest.to_owned()));
         let schema = Arc::new(schema(like).with_metadata(metadata.into_iter().collect::<HashMap<_, _>>()));
         let mut properties = WriterProperties::builder()
@@ -99,7 +99,7 @@ impl<W: Write + Send> ParquetFile<W> {
     ///
     /// # Errors
     /// The frame has other columns, or an error of the operating system.
-    pub fn add(&mut self, frame: Frame) -> io::Result<()> {
+    pub fn add(&mut self, frame: ExportTable) -> io::Result<()> {
         self.writer.write(&batch(frame, self.schema.clone())?).map_err(io::Error::other)?;
         match self.writer.in_progress_size() > GROUP_BYTES {
             true => self.writer.flush().map_err(io::Error::other),

@@ -1,6 +1,6 @@
 //! A frame as CSV, and its units, definitions and manifest as JSON in a file of the same name.
 
-use super::frame::{Frame, Values};
+use super::frame::{ExportTable, Values};
 use palpate_data::dataset::Manifest;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -23,7 +23,7 @@ struct ColumnTold<'a> {
 
 /// Returns a frame as CSV with a header. A missing value is an empty cell. Numbers have as many digits as they need to be read
 /// again to the last bit.
-pub(super) fn text(frame: &Frame) -> String {
+pub(super) fn text(frame: &ExportTable) -> String {
     let names: Vec<Cow<'_, str>> = frame.columns.iter().map(|column| cell(&column.name)).collect();
     let mut text = names.join(",") + "\n";
     for row in 0..frame.rows {
@@ -45,7 +45,7 @@ pub(super) fn text(frame: &Frame) -> String {
 }
 
 /// Returns the description of a frame as JSON.
-pub(super) fn description(frame: &Frame, manifest: &Manifest) -> String {
+pub(super) fn description(frame: &ExportTable, manifest: &Manifest) -> String {
     let columns = frame.columns.iter();
     let columns = columns.map(|its| ColumnTold { name: &its.name, unit: &its.unit, definition: &its.definition });
     let described = Described { table: frame.name, columns: columns.collect(), manifest };

@@ -1,7 +1,7 @@
 //! Formats of an export, and the files of a run in a format.
 
 use super::csv;
-use super::frame::Frame;
+use super::frame::ExportTable;
 use miette::Diagnostic;
 use palpate_data::dataset::Manifest;
 use std::fs::File;
@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Format of exported files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum ExportFormat {
     /// Text, with units, definitions and manifest in a .json file of the same name
     Csv,
     /// Apache Parquet
@@ -36,22 +36,22 @@ pub struct NotBuilt {
     pub what: String,
 }
 
-impl Format {
+impl ExportFormat {
     /// Name of the format, and extension of its files.
     pub fn name(self) -> &'static str {
         match self {
-            Format::Csv => "csv",
-            Format::Parquet => "parquet",
-            Format::Arrow => "arrow",
-            Format::Npz => "npz",
-            Format::Mat => "mat",
-            Format::C => "c",
+            ExportFormat::Csv => "csv",
+            ExportFormat::Parquet => "parquet",
+            ExportFormat::Arrow => "arrow",
+            ExportFormat::Npz => "npz",
+            ExportFormat::Mat => "mat",
+            ExportFormat::C => "c",
         }
     }
 
     /// Whether all tables of a run are in one file.
     pub fn is_one_file(self) -> bool {
-        matches!(self, Format::Npz | Format::Mat)
+        matches!(self, ExportFormat::Npz | ExportFormat::Mat)
     }
 
     /// Checks that this program was built with the format.
@@ -59,7 +59,7 @@ impl Format {
     /// # Errors
     /// It was built without.
     pub fn check(self) -> Result<(), NotBuilt> {
-        match matches!(self, Format::Csv | Format::C) || cfg!(feature = "files") {
+        match matches!(self, ExportFormat::Csv | ExportFormat::C) || cfg!(feature = "files") {
             true => Ok(()),
             false => Err(NotBuilt { what: format!("the format {}", self.name()) }),
         }
@@ -70,9 +70,14 @@ impl Format {
 ///
 /// # Errors
 /// An error of the operating system.
-pub fn write_tables(frames: Vec<Frame>, manifest: &Manifest, format: Format, folder: &Path) -> io::Result<()> {
+pub fn write_tables(
+    frames: Vec<ExportTable>,
+    manifest: &Manifest,
+    format: ExportFormat,
+    folder: &Path,
+) -> io::Result<()> {
     for frame in frames {
-        if format == Format::Csv {
+        if format == ExportFormat::Csv {
             let mut described = File::create_new(folder.join(format!("{}.json", frame.name)))?;
             described.write_all(csv::description(&frame, manifest).as_bytes())?;
         }
@@ -86,33 +91,38 @@ pub fn write_tables(frames: Vec<Frame>, manifest: &Manifest, format: Format, fol
 ///
 /// # Errors
 /// An error of the operating system.
-pub fn write_file(frames: Vec<Frame>, manifest: &Manifest, format: Format, path: &Path) -> io::Result<()> {
+pub fn write_file(frames: Vec<ExportTable>, manifest: &Manifest, format: ExportFormat, path: &Path) -> io::Result<()> {
     let mut out = io::BufWriter::new(File::create_new(path)?);
     put(frames, manifest, format, &mut out)?;
     out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
 }
 
 #[cfg(feature = "files")]
-fn put(frames: Vec<Frame>, manifest: &Manifest, format: Format, out: &mut io::BufWriter<File>) -> io::Result<()> {
+fn put(
+    frames: Vec<ExportTable>,
+    manifest: &Manifest,
+    format: ExportFormat,
+    out: &mut io::BufWriter<File>,
+) -> io::Result<()> {
     // text and numbers can't fail to be written
     let json = serde_json::to_string(manifest).unwrap_or_default();
     match format {
-        Format::Npz => super::npz::write(&frames, manifest, out).map(drop),
-        Format::Mat => super::mat::write(&frames, &json, out),
+        ExportFormat::Npz => super::npz::write(&frames, manifest, out).map(drop),
+        ExportFormat::Mat => super::mat::write(&frames, &json, out),
         _ => frames.into_iter().try_for_each(|frame| match format {
-            Format::Parquet => {
+            ExportFormat::Parquet => {
                 let mut file = super::arrow::ParquetFile::new(&mut *out, &frame, Some(&json))?;
                 file.add(frame)?;
                 file.finish(&json).map(drop)
             }
-            Format::Arrow => super::arrow::write_ipc(frame, &json, &mut *out),
+            ExportFormat::Arrow => super::arrow::write_ipc(frame, &json, &mut *out),
             _ => out.write_all(csv::text(&frame).as_bytes()),
         }),
     }
 }
 
 #[cfg(not(feature = "files"))]
-fn put(frames: Vec<Frame>, _: &Manifest, format: Format, out: &mut io::BufWriter<File>) -> io::Result<()> {
+fn put(frames: Vec<ExportTable>, _: &Manifest, format: ExportFormat, out: &mut io::BufWriter<File>) -> io::Result<()> {
     format.check().map_err(io::Error::other)?;
     frames.iter().try_for_each(|frame| out.write_all(csv::text(frame).as_bytes()))
 }

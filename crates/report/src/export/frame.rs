@@ -5,7 +5,8 @@
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::{
-    CHARACTERISTIC_COLUMNS, COLUMNS, Contact, Kind, OUTPUTS, Press, PressTruth, Presses, Recorded, Value, output_name,
+    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Press, PressTruth, Presses, Recorded,
+    RecordedContact, output_name,
 };
 use palpate_data::recipe::Phase;
 use palpate_run::rig::Bench;
@@ -14,18 +15,18 @@ use std::ops::Range;
 
 /// A table in memory.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
+pub struct ExportTable {
     /// Name of the table: `presses`, `calibration_matrix`, ...
     pub name: &'static str,
     /// Number of rows of every column.
     pub rows: usize,
     /// Columns in the order in which they are written.
-    pub columns: Vec<Column>,
+    pub columns: Vec<TableColumn>,
 }
 
 /// One column of a frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Column {
+pub struct TableColumn {
     /// Name, the same in all formats.
     pub name: String,
     /// Unit, such as `mm` or `N`; empty if the values have none.
@@ -54,7 +55,7 @@ const OUTPUT: &str = "Mean output of the channel in the window minus its output 
 
 /// Returns every frame that a run has: presses, matrices, characteristics and truth. Frames without rows are left out, except
 /// the presses.
-pub fn all(run: &Recorded, bench: &Bench) -> Vec<Frame> {
+pub fn all(run: &Recorded, bench: &Bench) -> Vec<ExportTable> {
     let others = [
         Some(matrix(run, bench, Phase::Calibration)),
         Some(matrix(run, bench, Phase::Test)),
@@ -66,83 +67,83 @@ pub fn all(run: &Recorded, bench: &Bench) -> Vec<Frame> {
 }
 
 /// Returns the presses of a run in the order of its plan: the columns of `presses.csv`. A row is one level of one press.
-pub fn presses(run: &Recorded, bench: &Bench) -> Frame {
+pub fn presses(run: &Recorded, bench: &Bench) -> ExportTable {
     presses_of(&run.presses().presses, bench.layout.len(), &bench.unit)
 }
 
 /// Returns some presses of an array with `channels` outputs in `unit`.
-pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> Frame {
+pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> ExportTable {
     let columns = COLUMNS.iter().flat_map(|column| match column.name {
         OUTPUTS => outputs(presses.iter(), channels, unit),
-        name => vec![Column::new(name, column.definition, Values::of(column.kind, presses, column))],
+        name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
     });
-    Frame { name: "presses", rows: presses.len(), columns: columns.collect() }
+    ExportTable { name: "presses", rows: presses.len(), columns: columns.collect() }
 }
 
 /// Returns the outputs of a phase, one row for each place in the order of the plan: the transposed `calibration_matrix.csv` or
 /// `test_matrix.csv`, with the press and its place.
-pub fn matrix(run: &Recorded, bench: &Bench, phase: Phase) -> Frame {
+pub fn matrix(run: &Recorded, bench: &Bench, phase: Phase) -> ExportTable {
     let all = run.presses();
     let its: Vec<&Press> = all.presses.iter().filter(|press| press.is_of(phase)).collect();
     let number = |of: fn(&Press) -> f64| Values::F64(its.iter().map(|press| of(press)).collect());
     let count = |of: fn(&Press) -> u64| Values::I64(its.iter().map(|press| of(press) as i64).collect());
     let mut columns = vec![
-        Column::new("press", definition("press"), count(|press| press.press)),
-        Column::new("level", definition("level"), count(|press| press.level)),
-        Column::new("x_mm", definition("x_mm"), number(|press| press.x_mm)),
-        Column::new("y_mm", definition("y_mm"), number(|press| press.y_mm)),
-        Column::new("force_n", definition("force_n"), number(|press| press.force_n.unwrap_or(f64::NAN))),
+        TableColumn::new("press", definition("press"), count(|press| press.press)),
+        TableColumn::new("level", definition("level"), count(|press| press.level)),
+        TableColumn::new("x_mm", definition("x_mm"), number(|press| press.x_mm)),
+        TableColumn::new("y_mm", definition("y_mm"), number(|press| press.y_mm)),
+        TableColumn::new("force_n", definition("force_n"), number(|press| press.force_n.unwrap_or(f64::NAN))),
     ];
     columns.extend(outputs(its.iter().copied(), bench.layout.len(), &bench.unit));
     let name = if phase == Phase::Test { "test_matrix" } else { "calibration_matrix" };
-    Frame { name, rows: its.len(), columns }
+    ExportTable { name, rows: its.len(), columns }
 }
 
 /// Returns the characteristics of each unit, as in `characteristics.csv`; `None` if the run has no staircases.
-pub fn characteristics(run: &Recorded, layout: &ArrayLayout) -> Option<Frame> {
+pub fn characteristics(run: &Recorded, layout: &ArrayLayout) -> Option<ExportTable> {
     characteristics_of(&run.presses(), layout)
 }
 
 /// Returns the same from the presses of a characterisation.
-pub(crate) fn characteristics_of(presses: &Presses, layout: &ArrayLayout) -> Option<Frame> {
+pub(crate) fn characteristics_of(presses: &Presses, layout: &ArrayLayout) -> Option<ExportTable> {
     let units = characterise(&Staircases::of_run(presses, layout)?, Repeatability::default());
     let count = |of: fn(&UnitCharacteristics) -> usize| Values::I64(units.iter().map(|unit| of(unit) as i64).collect());
-    let mut columns = vec![Column::new("unit", "Number of the unit, from 1.", count(|unit| unit.unit))];
+    let mut columns = vec![TableColumn::new("unit", "Number of the unit, from 1.", count(|unit| unit.unit))];
     if units.iter().any(|unit| unit.channel.is_some()) {
         let channels = count(|unit| unit.channel.unwrap_or(1));
-        columns.push(Column::new("channel", "The channel of the unit, from 1.", channels));
+        columns.push(TableColumn::new("channel", "The channel of the unit, from 1.", channels));
     }
     columns.extend(CHARACTERISTIC_COLUMNS.iter().map(|column| {
         let values = units.iter().map(|unit| column.of(unit).unwrap_or(f64::NAN)).collect();
-        Column::new(column.name, column.definition, Values::F64(values))
+        TableColumn::new(column.name, column.definition, Values::F64(values))
     }));
-    Some(Frame { name: "characteristics", rows: units.len(), columns })
+    Some(ExportTable { name: "characteristics", rows: units.len(), columns })
 }
 
 /// Returns the true values of a simulated run in the order of its plan, as in `scene.csv`. Presses that tripped have no row.
-pub fn truth(run: &Recorded) -> Frame {
-    let mut contacts: Vec<&Contact> = run.contacts.iter().collect();
+pub fn truth(run: &Recorded) -> ExportTable {
+    let mut contacts: Vec<&RecordedContact> = run.contacts.iter().collect();
     contacts.sort_by_key(|contact| contact.press);
     let rows: Vec<(&Press, &PressTruth)> =
         contacts.iter().flat_map(|contact| contact.levels.iter().zip(&contact.truth)).collect();
     let count = |of: fn(&Press) -> u64| Values::I64(rows.iter().map(|(press, _)| of(press) as i64).collect());
     let number = |of: fn(&PressTruth) -> f64| Values::F64(rows.iter().map(|(_, truth)| of(truth)).collect());
     let columns = vec![
-        Column::new("press", definition("press"), count(|press| press.press)),
-        Column::new("level", definition("level"), count(|press| press.level)),
-        Column::new("force_true_n", "Mean true force in the window, N.", number(|truth| truth.force_true_n)),
-        Column::new(
+        TableColumn::new("press", definition("press"), count(|press| press.press)),
+        TableColumn::new("level", definition("level"), count(|press| press.level)),
+        TableColumn::new("force_true_n", "Mean true force in the window, N.", number(|truth| truth.force_true_n)),
+        TableColumn::new(
             "force_peak_n",
             "Largest true force since the previous row of the press, or since its beginning, N.",
             number(|truth| truth.force_peak_n),
         ),
-        Column::new(
+        TableColumn::new(
             "depth_peak_mm",
             "Largest indentation since the previous row of the press, mm.",
             number(|truth| truth.depth_peak_mm),
         ),
     ];
-    Frame { name: "truth", rows: rows.len(), columns }
+    ExportTable { name: "truth", rows: rows.len(), columns }
 }
 
 /// Returns the manifest of a run as a JSON object.
@@ -151,7 +152,7 @@ pub fn manifest(run: &Recorded) -> String {
     serde_json::to_string(&run.manifest).unwrap_or_default()
 }
 
-impl Frame {
+impl ExportTable {
     /// Returns the positions of the columns of outputs, `out_1` to `out_n`, which follow each other; empty without outputs.
     pub fn outputs(&self) -> Range<usize> {
         let first = self.columns.iter().position(|column| column.name == output_name(1)).unwrap_or_default();
@@ -161,34 +162,34 @@ impl Frame {
     }
 
     /// Returns a column by its name.
-    pub fn column(&self, name: &str) -> Option<&Column> {
+    pub fn column(&self, name: &str) -> Option<&TableColumn> {
         self.columns.iter().find(|column| column.name == name)
     }
 }
 
-impl Column {
+impl TableColumn {
     /// Creates a column. Its unit follows from the end of its name.
-    pub fn new(name: impl Into<String>, definition: &str, values: Values) -> Column {
+    pub fn new(name: impl Into<String>, definition: &str, values: Values) -> TableColumn {
         let name = name.into();
-        Column { unit: unit_of(&name).to_owned(), name, definition: definition.to_owned(), values }
+        TableColumn { unit: unit_of(&name).to_owned(), name, definition: definition.to_owned(), values }
     }
 }
 
 impl Values {
     /// Takes the values of some presses in a column with one cell a row.
-    fn of(kind: Kind, presses: &[Press], column: &palpate_data::dataset::Column) -> Values {
+    fn of(kind: CellType, presses: &[Press], column: &palpate_data::dataset::PressColumn) -> Values {
         match kind {
-            Kind::Count => Values::I64(each(presses, column, |value| match value {
-                Value::Count(count) => count as i64,
+            CellType::Count => Values::I64(each(presses, column, |value| match value {
+                CellValue::Count(count) => count as i64,
                 _ => 0,
             })),
-            Kind::Number => Values::F64(each(presses, column, |value| match value {
-                Value::Number(number) => number,
+            CellType::Number => Values::F64(each(presses, column, |value| match value {
+                CellValue::Number(number) => number,
                 _ => f64::NAN,
             })),
-            Kind::Text => Values::Text(each(presses, column, |value| match value {
-                Value::Text("") => Some(Cow::Borrowed("")),
-                Value::Text(text) => Some(
+            CellType::Text => Values::Text(each(presses, column, |value| match value {
+                CellValue::Text("") => Some(Cow::Borrowed("")),
+                CellValue::Text(text) => Some(
                     Phase::ALL
                         .into_iter()
                         .find(|phase| phase.name() == text)
@@ -201,18 +202,18 @@ impl Values {
 }
 
 /// Returns one value of each press.
-fn each<T>(presses: &[Press], column: &palpate_data::dataset::Column, of: impl Fn(Value<'_>) -> T) -> Vec<T> {
+fn each<T>(presses: &[Press], column: &palpate_data::dataset::PressColumn, of: impl Fn(CellValue<'_>) -> T) -> Vec<T> {
     let mut values = Vec::with_capacity(presses.len());
     presses.iter().for_each(|press| column.write(press, &mut |value| values.push(of(value))));
     values
 }
 
 /// Returns the columns of outputs of some presses.
-fn outputs<'a>(presses: impl Iterator<Item = &'a Press> + Clone, channels: usize, unit: &str) -> Vec<Column> {
+fn outputs<'a>(presses: impl Iterator<Item = &'a Press> + Clone, channels: usize, unit: &str) -> Vec<TableColumn> {
     let column = |channel: usize| {
         let values = presses.clone().map(|press| press.outputs.get(channel).copied().unwrap_or(f64::NAN));
         let values = Values::F64(values.collect());
-        Column { name: output_name(channel + 1), unit: unit.to_owned(), definition: OUTPUT.to_owned(), values }
+        TableColumn { name: output_name(channel + 1), unit: unit.to_owned(), definition: OUTPUT.to_owned(), values }
     };
     (0..channels).map(column).collect()
 }

@@ -5,11 +5,11 @@
 //! lake's folder of drafts, synced, and appears by one rename. The presses appear last.
 
 use super::arrow::ParquetFile;
-use super::frame::{self, Frame};
+use super::frame::{self, ExportTable};
 use super::{BenchError, bench_of, rows};
 use miette::Diagnostic;
 use palpate_core::quantity::hexadecimal;
-use palpate_data::acceptance::{Judgement, Rule};
+use palpate_data::acceptance::{AcceptanceRule, Judgement};
 use palpate_data::dataset::evaluate::Trial;
 use palpate_data::dataset::sensor_file::SensorFileError;
 use palpate_data::dataset::{DatasetError, Evidence, Labels, Manifest, Press, Presses, Recorded};
@@ -54,7 +54,7 @@ pub struct Staged {
     bench: Bench,
     id: String,
     presses: u64,
-    frames: Vec<Frame>,
+    frames: Vec<ExportTable>,
 }
 
 /// Reason why a run can't be added to a lake.
@@ -210,7 +210,7 @@ impl Staged {
     ///
     /// # Errors
     /// The run can't be read again.
-    pub fn judge(&mut self, rule: &Rule) -> Result<(), LakeError> {
+    pub fn judge(&mut self, rule: &AcceptanceRule) -> Result<(), LakeError> {
         let run = Recorded::read(&self.run.path)?;
         let presses = run.presses();
         let layout = Some(&self.bench.layout);

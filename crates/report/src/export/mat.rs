@@ -4,7 +4,7 @@
 //! text for each column. The variable `manifest` is the run's manifest as JSON. Integers are stored as doubles, as MATLAB does.
 //! A missing number is NaN.
 
-use super::frame::{Column, Frame, Values};
+use super::frame::{ExportTable, TableColumn, Values};
 use std::io::{self, Write};
 
 /// Types of data elements.
@@ -32,7 +32,7 @@ const NAME_BYTES: usize = 64;
 ///
 /// # Errors
 /// A variable has 4 GB or more, which the format can't have. Or an error of the operating system.
-pub(crate) fn write(frames: &[Frame], manifest: &str, mut out: impl Write) -> io::Result<()> {
+pub(crate) fn write(frames: &[ExportTable], manifest: &str, mut out: impl Write) -> io::Result<()> {
     let told = concat!("MATLAB 5.0 MAT-file, written by palpate ", env!("CARGO_PKG_VERSION"));
     let mut header = format!("{told:<124}").into_bytes();
     header.extend([0x00, 0x01, b'I', b'M']);
@@ -43,7 +43,7 @@ pub(crate) fn write(frames: &[Frame], manifest: &str, mut out: impl Write) -> io
     out.write_all(&text("manifest", manifest)?)
 }
 
-fn of_frame(frame: &Frame) -> io::Result<Vec<u8>> {
+fn of_frame(frame: &ExportTable) -> io::Result<Vec<u8>> {
     let outputs = frame.outputs();
     let single = |index: &usize| !outputs.contains(index);
     let mut fields = Vec::new();
@@ -51,10 +51,10 @@ fn of_frame(frame: &Frame) -> io::Result<Vec<u8>> {
         fields.push((column.name.as_str(), of_column(column, frame.rows)?));
     }
     if !outputs.is_empty() {
-        let columns: Vec<&Column> = frame.columns[outputs.clone()].iter().collect();
+        let columns: Vec<&TableColumn> = frame.columns[outputs.clone()].iter().collect();
         fields.push(("outputs", numbers(&columns, frame.rows)?));
     }
-    let told = |of: fn(&Column) -> &str| -> io::Result<Vec<u8>> {
+    let told = |of: fn(&TableColumn) -> &str| -> io::Result<Vec<u8>> {
         let mut fields = Vec::new();
         for column in (0..frame.columns.len()).filter(single).map(|index| &frame.columns[index]) {
             fields.push((column.name.as_str(), text("", of(column))?));
@@ -74,7 +74,7 @@ fn of_frame(frame: &Frame) -> io::Result<Vec<u8>> {
     structure(frame.name, &fields)
 }
 
-fn of_column(column: &Column, rows: usize) -> io::Result<Vec<u8>> {
+fn of_column(column: &TableColumn, rows: usize) -> io::Result<Vec<u8>> {
     match &column.values {
         Values::F64(_) | Values::I64(_) => numbers(&[column], rows),
         Values::Bool(values) => {
@@ -92,7 +92,7 @@ fn of_column(column: &Column, rows: usize) -> io::Result<Vec<u8>> {
 }
 
 /// Columns of numbers as one array of doubles.
-fn numbers(columns: &[&Column], rows: usize) -> io::Result<Vec<u8>> {
+fn numbers(columns: &[&TableColumn], rows: usize) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::with_capacity(8 * rows * columns.len());
     for column in columns {
         match &column.values {

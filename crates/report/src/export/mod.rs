@@ -1,6 +1,6 @@
 //! Runs for other programs: frames with units and definitions, as files of common formats, and as a lake of Parquet files.
 //!
-//! A [`Frame`](frame::Frame) is a table in memory. It needs no other library. Files except CSV need the feature `files`.
+//! An [`ExportTable`](frame::ExportTable) is a table in memory. It needs no other library. Files except CSV need the feature `files`.
 
 #[cfg(feature = "files")]
 pub mod arrow;
@@ -21,6 +21,6 @@ mod rows;
 pub use bench::{BenchError, bench_of};
 pub use c::NoC;
 pub use c::c_file;
-pub use format::{Format, NotBuilt, write_file, write_tables};
+pub use format::{ExportFormat, NotBuilt, write_file, write_tables};
 #[cfg(feature = "files")]
 pub use rows::of_run;

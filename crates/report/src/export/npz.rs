@@ -3,7 +3,7 @@
 //! The format of an array is NEP 1 (numpy/lib/format.py). The entry `metadata.json` has units, definitions and the manifest.
 
 use super::csv;
-use super::frame::{Column, Frame, Values};
+use super::frame::{ExportTable, TableColumn, Values};
 use palpate_data::dataset::Manifest;
 use std::io::{self, Seek, Write};
 use zip::ZipWriter;
@@ -16,7 +16,7 @@ const ALIGNED: usize = 64;
 ///
 /// # Errors
 /// An error of the operating system.
-pub(crate) fn write<W: Write + Seek>(frames: &[Frame], manifest: &Manifest, out: W) -> io::Result<W> {
+pub(crate) fn write<W: Write + Seek>(frames: &[ExportTable], manifest: &Manifest, out: W) -> io::Result<W> {
     let mut zip = ZipWriter::new(out);
     for frame in frames {
         let outputs = frame.outputs();
@@ -28,7 +28,7 @@ pub(crate) fn write<W: Write + Seek>(frames: &[Frame], manifest: &Manifest, out:
         }
         if !outputs.is_empty() {
             begin(&mut zip, &format!("{}.outputs.npy", frame.name), frame.rows, outputs.len())?;
-            let columns: Vec<&Column> = frame.columns[outputs].iter().collect();
+            let columns: Vec<&TableColumn> = frame.columns[outputs].iter().collect();
             write_array(&mut zip, frame.rows, Some(columns.len()), &columns)?;
         }
     }
@@ -45,7 +45,7 @@ fn begin<W: Write + Seek>(zip: &mut ZipWriter<W>, name: &str, rows: usize, colum
 }
 
 /// Writes columns as an array: of one dimension, or of two with `across` columns in Fortran's order, column by column.
-fn write_array(out: &mut impl Write, rows: usize, across: Option<usize>, columns: &[&Column]) -> io::Result<()> {
+fn write_array(out: &mut impl Write, rows: usize, across: Option<usize>, columns: &[&TableColumn]) -> io::Result<()> {
     let width = |texts: &[Option<std::borrow::Cow<'static, str>>]| {
         texts.iter().flatten().map(|text| text.chars().count()).max().unwrap_or_default().max(1)
     };

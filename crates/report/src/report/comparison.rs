@@ -1,15 +1,15 @@
 //! Comparison of runs.
 
 use super::figures::LOOKS;
-use super::frame::{Drawn, Page, Section, clock, counted, none, number, percent, section, table, words};
+use super::frame::{Page, PageFigure, Section, clock, counted, none, number, percent, section, table, words};
 use super::judged::PAPERS;
-use super::numbers::{Numbers, Value};
+use super::numbers::{NumberCell, Numbers};
 use super::side_by_side::{Series, rows, spread};
-use crate::chart::{Cell, ChartAxis, Figure, Mark};
+use crate::chart::{ChartAxis, ColouredCell, Figure, Mark};
 use maud::{Markup, html};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
-use palpate_data::acceptance::{Judgement, Rule, Verdict};
+use palpate_data::acceptance::{AcceptanceRule, Judgement, SensorVerdict};
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Manifest, Presses, Recorded};
@@ -25,7 +25,7 @@ pub struct ToCompare {
     /// Bench of the run.
     pub bench: Bench,
     /// Rule for the verdict; `None` for no verdict.
-    pub rule: Option<Rule>,
+    pub rule: Option<AcceptanceRule>,
 }
 
 /// Results of one run in a comparison.
@@ -91,7 +91,7 @@ impl Compared {
     }
 
     /// Returns the verdict; `None` without a rule.
-    pub fn verdict(&self) -> Option<Verdict> {
+    pub fn verdict(&self) -> Option<SensorVerdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 
@@ -117,9 +117,9 @@ impl Compared {
     }
 
     /// Sensor, run and start time, with which every table of a figure's numbers begins.
-    fn origin(&self) -> [Value; 3] {
-        let sensor = self.manifest.facts.labels.sensor.as_deref().map_or(Value::None, Value::from);
-        [sensor, Value::from(self.name.as_str()), Value::from(self.began().as_str())]
+    fn origin(&self) -> [NumberCell; 3] {
+        let sensor = self.manifest.facts.labels.sensor.as_deref().map_or(NumberCell::None, NumberCell::from);
+        [sensor, NumberCell::from(self.name.as_str()), NumberCell::from(self.began().as_str())]
     }
 }
 
@@ -163,7 +163,7 @@ pub fn comparison(runs: &[Compared], solver: &str) -> Page {
 fn numbers(runs: &[Compared], solver: &str) -> Markup {
     let unevaluated = runs.iter().filter_map(|run| Some((run, run.why_not.as_ref()?)));
     let unaccepted = runs.iter().filter_map(|run| Some((run, run.judgement.as_ref()?)));
-    let unaccepted = unaccepted.filter(|(_, judgement)| judgement.verdict != Verdict::Accepted);
+    let unaccepted = unaccepted.filter(|(_, judgement)| judgement.verdict != SensorVerdict::Accepted);
     html! {
         (errors_table(runs, solver))
         p.note { "Mean errors against the commanded force. Both under: share of the presses under 1 mm and under 0.1 N. Verdict: by the acceptance rule, - without one." }
@@ -193,7 +193,7 @@ fn errors_table(runs: &[Compared], solver: &str) -> Markup {
             let both = e.and_then(|e| Some(percent(&key(e, "within.both"), e.within.both?)));
             cells.extend([location, force, both].map(|cell| cell.unwrap_or_else(none)));
         }
-        cells.push(words(run.verdict().map_or("-", Verdict::told)));
+        cells.push(words(run.verdict().map_or("-", SensorVerdict::told)));
         cells
     };
     let mut rows: Vec<Vec<Markup>> = runs.iter().enumerate().map(row).collect();
@@ -244,7 +244,7 @@ fn sd(values: &[f64]) -> Option<f64> {
 const ORIGIN: [&str; 3] = ["sensor", "run", "began"];
 
 /// Returns two figures, one for each of the two errors, with all runs.
-fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
+fn errors(runs: &[Compared], solver: &str) -> Vec<PageFigure> {
     let names: Vec<String> = runs.iter().map(Compared::in_figure).collect();
     // a method that is compared with itself is drawn once
     let methods = [PAPERS, solver].into_iter().enumerate().filter(|(method, name)| *method == 0 || *name != PAPERS);
@@ -256,7 +256,8 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
             .map(|&(method, name)| {
                 let row = |run: &Compared| {
                     let error = value(run.evaluations[method].as_ref()?)?;
-                    let values = [Value::from(name), Value::Number(error.mean), Value::Number(error.p95)];
+                    let values =
+                        [NumberCell::from(name), NumberCell::Number(error.mean), NumberCell::Number(error.p95)];
                     numbers.push(run.origin().into_iter().chain(values).collect());
                     Some([error.mean, error.mean, error.p95])
                 };
@@ -265,7 +266,7 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
             .collect();
         let head = ORIGIN.into_iter().chain(["solver"]).chain(heads).collect::<Vec<_>>();
         let figure = spread(title, "marks: means; strokes: up to the 95th percentile", label, &names, &series, None)?;
-        Some(Drawn::plain(figure).with(Numbers::new(&head, numbers)))
+        Some(PageFigure::plain(figure).with(Numbers::new(&head, numbers)))
     };
     let location = ["location_error_mean_mm", "location_error_p95_mm"];
     let force = ["force_error_mean_n", "force_error_p95_n"];
@@ -277,7 +278,7 @@ fn errors(runs: &[Compared], solver: &str) -> Vec<Drawn> {
 }
 
 /// Returns the figure of each unit's mean output relative to the first run. `None` if fewer than two runs have the same units.
-fn changes(runs: &[Compared]) -> Option<Drawn> {
+fn changes(runs: &[Compared]) -> Option<PageFigure> {
     let first = runs.iter().find(|run| !run.gains.is_empty())?;
     let units = first.gains.len();
     let is_alike = |run: &&Compared| run.gains.len() == units && run.calibrated == first.calibrated;
@@ -291,8 +292,8 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
     for (row, run) in alike.iter().enumerate() {
         for unit in 0..units {
             let (at, row, value) = ((unit + 1) as f64, row as f64, percent(run, unit));
-            cells.push(Cell { x: (at - 0.5, at + 0.5), y: (row - 0.5, row + 0.5), value });
-            numbers.push(run.origin().into_iter().chain([at, value].map(Value::Number)).collect());
+            cells.push(ColouredCell { x: (at - 0.5, at + 0.5), y: (row - 0.5, row + 0.5), value });
+            numbers.push(run.origin().into_iter().chain([at, value].map(NumberCell::Number)).collect());
         }
     }
     let names: Vec<String> = alike.iter().map(|run| run.in_figure()).collect();
@@ -307,5 +308,5 @@ fn changes(runs: &[Compared]) -> Option<Drawn> {
         ..rows("Mean output of each unit", &subtitle, x, &names, marks)
     };
     let head = [&ORIGIN[..], &["output", "change_percent"]].concat();
-    Some(Drawn::plain(figure).named("output-changes").with(Numbers::new(&head, numbers)))
+    Some(PageFigure::plain(figure).named("output-changes").with(Numbers::new(&head, numbers)))
 }

@@ -102,7 +102,7 @@ pub(super) fn none() -> Markup {
 }
 
 /// A figure of a page, and its file name.
-pub struct Drawn {
+pub struct PageFigure {
     /// Stem of the names of its files, in kebab-case.
     pub stem: String,
     /// The figure. Its title and its subtitle are above it, its notes below.
@@ -111,23 +111,23 @@ pub struct Drawn {
     pub numbers: Numbers,
 }
 
-impl Drawn {
+impl PageFigure {
     /// Takes a figure and the numbers of its marks. The file name follows from the title unless another name is given.
-    pub fn plain(figure: Figure) -> Drawn {
+    pub fn plain(figure: Figure) -> PageFigure {
         let numbers = Numbers::of(&figure);
-        Drawn { stem: kebab_case(&figure.title), figure, numbers }
+        PageFigure { stem: kebab_case(&figure.title), figure, numbers }
     }
 
     /// Sets another name.
     #[must_use]
-    pub fn named(self, stem: &str) -> Drawn {
-        Drawn { stem: kebab_case(stem), ..self }
+    pub fn named(self, stem: &str) -> PageFigure {
+        PageFigure { stem: kebab_case(stem), ..self }
     }
 
     /// Sets other numbers than those of the marks.
     #[must_use]
-    pub fn with(self, numbers: Numbers) -> Drawn {
-        Drawn { numbers, ..self }
+    pub fn with(self, numbers: Numbers) -> PageFigure {
+        PageFigure { numbers, ..self }
     }
 
     fn markup(&self) -> Markup {
@@ -144,7 +144,7 @@ impl Drawn {
 }
 
 /// Returns figures, next to each other where there is room.
-pub(super) fn figures_of(drawn: &[Drawn]) -> Markup {
+pub(super) fn figures_of(drawn: &[PageFigure]) -> Markup {
     html! { @if !drawn.is_empty() { div.figures { @for drawn in drawn { (drawn.markup()) } } } }
 }
 
@@ -159,17 +159,17 @@ pub struct Section {
     /// Heading, texts and figures.
     pub markup: Markup,
     /// The same figures separately, in order.
-    pub figures: Vec<Drawn>,
+    pub figures: Vec<PageFigure>,
 }
 
 impl Section {
     /// Creates a section with a heading, some words and figures; `None` without figures.
-    pub(crate) fn of_figures(title: &str, before: &Markup, figures: Vec<Drawn>) -> Option<Section> {
+    pub(crate) fn of_figures(title: &str, before: &Markup, figures: Vec<PageFigure>) -> Option<Section> {
         (!figures.is_empty()).then(|| Section::new(title, before, figures))
     }
 
     /// Creates a section with words and figures under a heading.
-    pub fn new(title: &str, before: &Markup, figures: Vec<Drawn>) -> Section {
+    pub fn new(title: &str, before: &Markup, figures: Vec<PageFigure>) -> Section {
         let body = html! { (before) (figures_of(&figures)) };
         Section { markup: section(title, &body), figures }
     }
@@ -186,13 +186,13 @@ pub struct Page {
     /// A self-contained HTML file.
     pub html: String,
     /// Figures in the order of the page.
-    pub figures: Vec<Drawn>,
+    pub figures: Vec<PageFigure>,
 }
 
 impl Page {
     /// Creates a page of sections below a header.
     pub fn of(title: &str, header: &Markup, sections: impl IntoIterator<Item = Section>) -> Page {
-        let (markups, figures): (Vec<Markup>, Vec<Vec<Drawn>>) =
+        let (markups, figures): (Vec<Markup>, Vec<Vec<PageFigure>>) =
             sections.into_iter().map(|section| (section.markup, section.figures)).unzip();
         let body = html! { header { (header) } @for markup in markups { (markup) } };
         Page { html: document(title, &body), figures: figures.into_iter().flatten().collect() }

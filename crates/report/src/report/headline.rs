@@ -3,15 +3,15 @@
 use super::beside_paper::CITATION;
 use super::figures;
 use super::frame::{Section, figures_of, none, number, section as framed, table, words};
-use super::{Judged, Subject};
+use super::{SensorResults, Subject};
 use crate::errors::{self, Detail, ErrorNumber};
 use maud::{Markup, html};
 use palpate_data::dataset::doubted_half_widths;
-use palpate_solver::{BEST, Candidate, Evaluation, LeftOut};
+use palpate_solver::{BEST, Evaluation, LeftOut, TriedMethod};
 use std::collections::BTreeSet;
 
 /// Creates the table of the errors, and the figures of the places next to it; `None` without an evaluation.
-pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Section> {
+pub(super) fn section(subject: &Subject, judged: &SensorResults) -> Option<Section> {
     let evaluations = &judged.evaluations;
     let is_beside_paper = subject.is_beside_paper();
     let places = figures::locations(judged);
@@ -25,10 +25,10 @@ pub(super) fn section(subject: &Subject, judged: &Judged) -> Option<Section> {
 }
 
 /// Creates the table of the cross-validated errors; `None` if there is a test.
-pub(super) fn cross_validated(judged: &Judged) -> Option<Markup> {
+pub(super) fn cross_validated(judged: &SensorResults) -> Option<Markup> {
     let cell =
         |key: String, value: Option<f64>, digits| value.map_or_else(none, |value| number(&key, value, digits, ""));
-    let row = |Candidate { solver, location_error_mm, force_error_n }: &Candidate| {
+    let row = |TriedMethod { solver, location_error_mm, force_error_n }: &TriedMethod| {
         let location = cell(format!("{solver}.location_error_mm"), *location_error_mm, 3);
         vec![words(solver), location, cell(format!("{solver}.force_error_n"), *force_error_n, 4)]
     };

@@ -2,24 +2,24 @@
 
 use super::Subject;
 use palpate_core::parallel::in_parallel;
-use palpate_data::acceptance::{Judgement, Rule, Verdict};
+use palpate_data::acceptance::{AcceptanceRule, Judgement, SensorVerdict};
 use palpate_data::dataset::evaluate::{EvaluateError, Trial, cross_validated};
 use palpate_data::recipe::Phase;
 use palpate_run::batch::ByDesign;
-use palpate_solver::{BEST, Candidate, Evaluation, Fitted, ForceKnown, Model, SOLVERS, Solver};
+use palpate_solver::{BEST, Evaluation, Fitted, ForceKnown, Model, SOLVERS, Solver, TriedMethod};
 
 /// The paper's own method.
 pub(super) const PAPERS: &str = SOLVERS[0];
 
 /// Errors of the methods on a sensor's test, like those of `evaluate`, and the verdict.
-pub struct Judged {
+pub struct SensorResults {
     /// Evaluation of the paper's method, then of the rule's or the best method if it is another one. Empty if there is nothing to
     /// evaluate.
     pub evaluations: Vec<Evaluation>,
     /// A method that knows its expected error.
     pub expecting: Option<Fitted>,
     /// Mean errors of methods on presses that were held out of the calibration in turn, if there is no test.
-    pub cross_validated: Vec<Candidate>,
+    pub cross_validated: Vec<TriedMethod>,
     /// Reason why there is no evaluation, or only one.
     pub why_not: Option<String>,
     /// Standard uncertainty of the test's forces, N; `None` if it is unknown.
@@ -28,11 +28,11 @@ pub struct Judged {
     pub judgement: Option<Judgement>,
 }
 
-impl Judged {
+impl SensorResults {
     /// Evaluates a sensor's presses and judges them by a rule.
     ///
     /// With a batch's conclusion by the design's prior, its model takes the place of the rule's method.
-    pub fn of(subject: &Subject, rule: Option<&Rule>, design: Option<ByDesign>) -> Judged {
+    pub fn of(subject: &Subject, rule: Option<&AcceptanceRule>, design: Option<ByDesign>) -> SensorResults {
         let trial = Trial::of_run(&subject.presses, subject.placed());
         let second = rule.map_or(BEST, |rule| rule.method.as_str());
         let second = if second == PAPERS { BEST } else { second };
@@ -53,11 +53,11 @@ impl Judged {
         let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
         let of_design = design.and_then(|design| design.model).filter(|_| trial.is_ok()).map(Model::into_fitted);
         let expecting = of_design.or(expecting);
-        Judged { evaluations, expecting, cross_validated, why_not, u_force_n, judgement }
+        SensorResults { evaluations, expecting, cross_validated, why_not, u_force_n, judgement }
     }
 
     /// Returns the verdict; `None` without a rule.
-    pub fn verdict(&self) -> Option<Verdict> {
+    pub fn verdict(&self) -> Option<SensorVerdict> {
         self.judgement.as_ref().map(|judgement| judgement.verdict)
     }
 

@@ -4,7 +4,7 @@
 //! found. After these come tables and figures, the control of the force, and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
 //! [`batch_page`] is about a batch, and [`batches_page`] compares batches.
 //! Every number of an evaluation is in a `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure
-//! can be saved with its numbers ([`Drawn`]). The paper is cited only if its numbers are shown next to this program's
+//! can be saved with its numbers ([`PageFigure`]). The paper is cited only if its numbers are shown next to this program's
 //! ([`is_beside_paper`]).
 
 mod batch;
@@ -24,19 +24,19 @@ mod table_1;
 mod uncertainty;
 mod verdict;
 
-pub use batch::{Link, batch_page, batches_page};
+pub use batch::{PageLink, batch_page, batches_page};
 pub use beside_paper::is_beside_paper;
 pub use comparison::{Compared, ToCompare, comparison};
-pub use frame::{Drawn, MARK, Page, counted};
-pub use judged::Judged;
-pub use numbers::{Numbers, Value};
+pub use frame::{MARK, Page, PageFigure, counted};
+pub use judged::SensorResults;
+pub use numbers::{NumberCell, Numbers};
 pub use subject::{ReportError, Subject};
 
 use frame::Section;
 use maud::html;
 
 /// Creates a page about one sensor. Nothing in it depends on the time or the machine, so the same runs give the same bytes.
-pub fn page(subject: &Subject, judged: &Judged) -> Page {
+pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
     let sections = [
         Some(verdict::section(subject, judged).into()),
         headline::section(subject, judged),

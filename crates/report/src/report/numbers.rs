@@ -1,18 +1,18 @@
 //! Numbers of a figure, as a table.
 
-use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
+use crate::chart::{ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel};
 use crate::export::csv::cell;
 
 /// A table: names of the columns, each ending with its unit, then rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Numbers {
     head: Vec<String>,
-    rows: Vec<Vec<Value>>,
+    rows: Vec<Vec<NumberCell>>,
 }
 
 /// Content of a cell.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Value {
+pub enum NumberCell {
     /// A number.
     Number(f64),
     /// Words.
@@ -21,21 +21,21 @@ pub enum Value {
     None,
 }
 
-impl From<f64> for Value {
-    fn from(number: f64) -> Value {
-        Value::Number(number)
+impl From<f64> for NumberCell {
+    fn from(number: f64) -> NumberCell {
+        NumberCell::Number(number)
     }
 }
 
-impl From<&str> for Value {
-    fn from(words: &str) -> Value {
-        Value::Words(words.to_owned())
+impl From<&str> for NumberCell {
+    fn from(words: &str) -> NumberCell {
+        NumberCell::Words(words.to_owned())
     }
 }
 
 impl Numbers {
     /// Creates a table of rows, each as long as the head.
-    pub fn new(head: &[&str], rows: Vec<Vec<Value>>) -> Numbers {
+    pub fn new(head: &[&str], rows: Vec<Vec<NumberCell>>) -> Numbers {
         Numbers { head: head.iter().map(|name| (*name).to_owned()).collect(), rows }
     }
 
@@ -47,8 +47,8 @@ impl Numbers {
             Marks { figure, head: ["panel", "series", "drawn_as"].map(str::to_owned).to_vec(), rows: Vec::new() };
         figure.panels.iter().for_each(|panel| marks.panel(panel));
         let Marks { head, rows, .. } = marks;
-        let whole = |row: Vec<(usize, Value)>| {
-            let mut cells = vec![Value::None; head.len()];
+        let whole = |row: Vec<(usize, NumberCell)>| {
+            let mut cells = vec![NumberCell::None; head.len()];
             row.into_iter().for_each(|(column, value)| cells[column] = value);
             cells
         };
@@ -59,7 +59,7 @@ impl Numbers {
     fn without_constants(self, first: usize) -> Numbers {
         let differs = |column: usize| self.rows.iter().any(|row| row[column] != self.rows[0][column]);
         let kept: Vec<usize> = (0..self.head.len()).filter(|column| *column >= first || differs(*column)).collect();
-        let of = |row: &Vec<Value>| kept.iter().map(|column| row[*column].clone()).collect();
+        let of = |row: &Vec<NumberCell>| kept.iter().map(|column| row[*column].clone()).collect();
         Numbers {
             rows: self.rows.iter().map(of).collect(),
             head: kept.iter().map(|column| self.head[*column].clone()).collect(),
@@ -74,14 +74,14 @@ impl Numbers {
     }
 }
 
-fn told(value: &Value) -> String {
+fn told(value: &NumberCell) -> String {
     match value {
         // what arithmetic left behind the twelfth digit isn't known
-        Value::Number(number) if number.is_finite() => {
+        NumberCell::Number(number) if number.is_finite() => {
             format!("{number:.11e}").parse::<f64>().unwrap_or(*number).to_string()
         }
-        Value::Number(_) | Value::None => String::new(),
-        Value::Words(words) => cell(words).into_owned(),
+        NumberCell::Number(_) | NumberCell::None => String::new(),
+        NumberCell::Words(words) => cell(words).into_owned(),
     }
 }
 
@@ -90,7 +90,7 @@ struct Marks<'a> {
     figure: &'a Figure,
     head: Vec<String>,
     /// Cells with their columns.
-    rows: Vec<Vec<(usize, Value)>>,
+    rows: Vec<Vec<(usize, NumberCell)>>,
 }
 
 impl Marks<'_> {
@@ -107,7 +107,7 @@ impl Marks<'_> {
                     let series = self.series(look);
                     let drawn_as = match (mark, look.line) {
                         (Mark::Steps(..), _) => "step",
-                        (_, Line::None) => "point",
+                        (_, LineStyle::None) => "point",
                         _ => "line",
                     };
                     for (at_x, at_y) in points {
@@ -139,14 +139,14 @@ impl Marks<'_> {
     }
 
     fn row(&mut self, names: [&str; 3], values: impl IntoIterator<Item = (String, f64)>) {
-        let mut cells: Vec<(usize, Value)> = names.map(Value::from).into_iter().enumerate().collect();
+        let mut cells: Vec<(usize, NumberCell)> = names.map(NumberCell::from).into_iter().enumerate().collect();
         for (name, value) in values {
             let known = self.head.iter().position(|known| *known == name);
             let column = known.unwrap_or_else(|| {
                 self.head.push(name);
                 self.head.len() - 1
             });
-            cells.push((column, Value::Number(value)));
+            cells.push((column, NumberCell::Number(value)));
         }
         self.rows.push(cells);
     }
@@ -190,7 +190,7 @@ fn snake_case(words: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::chart::{Cell, Part, Shape};
+    use crate::chart::{ColouredCell, Shape, WidthPart};
 
     #[test]
     fn columns_are_called_after_the_axes_with_the_unit_last() {
@@ -207,14 +207,14 @@ mod tests {
 
     #[test]
     fn a_figure_has_a_row_for_each_point_column_and_cell() {
-        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
+        let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: LineStyle::None };
         let axis = |label: &str| ChartAxis::linear(label, (0.0, 1.0));
-        let columns = Mark::Columns(Hue::Blue, Part { index: 0, of: 1 }, vec![((0.0, 0.1), 25.0)]);
+        let columns = Mark::Columns(Hue::Blue, WidthPart { index: 0, of: 1 }, vec![((0.0, 0.1), 25.0)]);
         let panel = |marks| Panel { x: axis("error, mm"), y: axis("share, %"), marks };
-        let cell = Cell { x: (0.1, 0.3), y: (0.0, 1.0), value: 7.0 };
+        let cell = ColouredCell { x: (0.1, 0.3), y: (0.0, 1.0), value: 7.0 };
         let figure = Figure {
             panels: vec![panel(vec![Mark::Curve(look, vec![(0.1 + 0.2, 1.0)]), columns])],
-            legend: vec![vec![(Look { line: Line::Solid, ..look }, "one, \"two\"".to_owned())]],
+            legend: vec![vec![(Look { line: LineStyle::Solid, ..look }, "one, \"two\"".to_owned())]],
             ..Figure::default()
         };
         let csv = Numbers::of(&figure).csv();

@@ -1,10 +1,10 @@
 //! Control of the force: error, overshoot and time of every press.
 
 use super::Subject;
-use super::frame::{Drawn, Section, none, number, table, words};
-use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use super::frame::{PageFigure, Section, none, number, table, words};
+use crate::chart::{ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape};
 use maud::{Markup, html};
-use palpate_data::dataset::{Contact, Press, Recorded};
+use palpate_data::dataset::{Press, Recorded, RecordedContact};
 use palpate_data::recipe::Phase;
 use palpate_solver::ErrorSummary;
 
@@ -44,7 +44,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         ("press-zero-drift", "Drift of the load cell's zero", "zero drift, mN", &drifts, true),
         ("press-times", "Time of each press", "time, s", &times, false),
     ];
-    let drawn: Vec<Drawn> = drawn
+    let drawn: Vec<PageFigure> = drawn
         .into_iter()
         .filter_map(|(stem, title, label, points, is_about_0)| {
             by_press(title, label, points, is_about_0)?.named(stem).into()
@@ -133,7 +133,7 @@ fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
 /// Returns phase, press, and time since the previous window, s. The previous window must be that of the previous press and of the
 /// same phase. Staircases have a rest between them.
 fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
-    let of = |contact: &Contact| match contact.levels.as_slice() {
+    let of = |contact: &RecordedContact| match contact.levels.as_slice() {
         [press] => press.phase.zip(press.t_s),
         _ => None,
     };
@@ -147,16 +147,16 @@ fn times_s(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
 }
 
 /// Returns all contacts with their numbers in the page, from 1.
-fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &Contact)> {
+fn presses(runs: &[Recorded]) -> impl Iterator<Item = (f64, &RecordedContact)> {
     runs.iter().flat_map(|run| &run.contacts).enumerate().map(|(index, contact)| ((index + 1) as f64, contact))
 }
 
 fn look(hue: Hue, shape: Shape) -> Look {
-    Look { hue, shape: Some(shape), filled: false, line: Line::None }
+    Look { hue, shape: Some(shape), filled: false, line: LineStyle::None }
 }
 
 /// Returns one panel of points by press, with a mark for each phase that has points. `None` if there are no points.
-fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: bool) -> Option<Drawn> {
+fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: bool) -> Option<PageFigure> {
     let value = |(_, _, value): &(Phase, f64, f64)| *value;
     let largest = points.iter().map(value).reduce(f64::max)?;
     let most = if is_about_0 { largest.max(0.0) } else { largest };
@@ -183,5 +183,5 @@ fn by_press(title: &str, label: &str, points: &[(Phase, f64, f64)], is_about_0: 
     let panels = vec![Panel { x, y, marks }];
     let figure =
         Figure { title: title.to_owned(), height_px: 220.0, panels, grid, legend: vec![legend], ..Figure::default() };
-    Some(Drawn::plain(figure))
+    Some(PageFigure::plain(figure))
 }

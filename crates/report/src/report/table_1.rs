@@ -16,14 +16,14 @@ const DEFINITIONS: [(Repeatability, &str); 3] =
 const LISTED_MOST: usize = 12;
 const WORST: usize = 6;
 
-type Value = fn(&UnitCharacteristics) -> Option<f64>;
+type ItemValue = fn(&UnitCharacteristics) -> Option<f64>;
 type Interval = fn(&UnitCharacteristics) -> Option<(f64, f64)>;
 
 /// Column with this program's values: name of the item, its units, the value, and the interval of the true value.
-struct Column<'a> {
+struct ItemColumn<'a> {
     name: &'a str,
     units: &'a [UnitCharacteristics],
-    value: Value,
+    value: ItemValue,
     interval: Interval,
 }
 
@@ -32,10 +32,10 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let measured = DEFINITIONS.map(|(definition, name)| (characterise(&staircases, definition), name));
     let [(first, _), ..] = &measured;
-    let repeats = |value: Value, interval: Interval| -> Vec<Column<'_>> {
-        measured.iter().map(|(units, name)| Column { name, units, value, interval }).collect()
+    let repeats = |value: ItemValue, interval: Interval| -> Vec<ItemColumn<'_>> {
+        measured.iter().map(|(units, name)| ItemColumn { name, units, value, interval }).collect()
     };
-    let plain = |name, value: Value| Column { name, units: first, value, interval: |_| None };
+    let plain = |name, value: ItemValue| ItemColumn { name, units: first, value, interval: |_| None };
     let loading: Interval = |unit| unit.repeatability_interval_percent(Branch::Loading);
     let unloading: Interval = |unit| unit.repeatability_interval_percent(Branch::Unloading);
     let hysteresis = [
@@ -66,12 +66,12 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
 
 /// Returns the table of one quantity for every measured unit. If a column of the paper is named, it comes first. The means are in
 /// the last row.
-fn one(title: &str, papers: Option<usize>, columns: &[Column<'_>]) -> Markup {
+fn one(title: &str, papers: Option<usize>, columns: &[ItemColumn<'_>]) -> Markup {
     let units = columns[0].units.len();
     let papers = papers.map(|column| move |unit: usize| Some(paper::TABLE_1_PERCENT.get(unit)?[column]));
-    let ours = |unit: usize, column: &Column<'_>| (column.value)(&column.units[unit]);
+    let ours = |unit: usize, column: &ItemColumn<'_>| (column.value)(&column.units[unit]);
     let cell = |value: Option<f64>| value.map_or_else(none, |value| number("", value, 2, ""));
-    let with_interval = |unit: usize, column: &Column<'_>| {
+    let with_interval = |unit: usize, column: &ItemColumn<'_>| {
         let interval = (column.interval)(&column.units[unit]);
         html! {
             (cell(ours(unit, column)))

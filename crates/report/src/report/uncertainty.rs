@@ -3,15 +3,15 @@
 use super::Subject;
 use super::frame::{number, section as framed, table, words};
 use maud::{Markup, html};
-use palpate_control::Budget;
+use palpate_control::UncertaintyBudget;
 use palpate_core::quantity::COVERAGE;
 use palpate_data::dataset::Recorded;
 
 /// Part of the budget: its name, its source, and its value, N.
-type Part = (&'static str, &'static str, fn(&Budget) -> Option<f64>);
+type BudgetPart = (&'static str, &'static str, fn(&UncertaintyBudget) -> Option<f64>);
 
 /// Parts in the order in which they are listed.
-const PARTS: [Part; 5] = [
+const PARTS: [BudgetPart; 5] = [
     ("load cell", "its certificate, or a check with a known weight", |budget| budget.cell_n),
     ("zero, interpolated between the air before and after", "scatter in air; drift, rectangular", |budget| {
         Some(budget.zero_n)
@@ -23,7 +23,7 @@ const PARTS: [Part; 5] = [
 
 /// Creates a row for each part of the budget; `None` if no run has budgets.
 pub(super) fn section(subject: &Subject) -> Option<Markup> {
-    let budgets: Vec<Budget> = subject.runs.iter().flat_map(pressed).collect();
+    let budgets: Vec<UncertaintyBudget> = subject.runs.iter().flat_map(pressed).collect();
     if budgets.is_empty() {
         return None;
     }
@@ -37,7 +37,7 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
             None => vec![name, words("not known"), words("")],
         }
     };
-    let combined: Vec<f64> = budgets.iter().filter_map(Budget::u_n).collect();
+    let combined: Vec<f64> = budgets.iter().filter_map(UncertaintyBudget::u_n).collect();
     let expanded = combined.iter().map(|n| COVERAGE * n).collect();
     let unknown = combined
         .is_empty()
@@ -60,7 +60,7 @@ pub(super) fn section(subject: &Subject) -> Option<Markup> {
 }
 
 /// Returns the budgets of all levels with a force.
-fn pressed(run: &Recorded) -> impl Iterator<Item = Budget> {
+fn pressed(run: &Recorded) -> impl Iterator<Item = UncertaintyBudget> {
     let levels = run.contacts.iter().flat_map(|contact| contact.levels.iter().zip(&contact.budgets));
     levels.filter(|(level, _)| level.force_set_n.is_some_and(|force_n| force_n > 0.0)).map(|(_, budget)| *budget)
 }

@@ -1,18 +1,18 @@
 //! Verdict at the top of the page, with the rule, each limit and the measured value.
 
 use super::frame::{capital, none, number, table, words};
-use super::{Judged, Subject};
+use super::{SensorResults, Subject};
 use maud::{Markup, html};
-use palpate_data::acceptance::{Check, Decision, Judgement, Verdict};
+use palpate_data::acceptance::{Decision, Judgement, LimitCheck, SensorVerdict};
 use palpate_data::dataset::Status;
 
 /// Creates the verdict, or the reason why there is none.
-pub(super) fn section(subject: &Subject, judged: &Judged) -> Markup {
+pub(super) fn section(subject: &Subject, judged: &SensorResults) -> Markup {
     let broken = subject.runs.iter().find(|run| run.manifest.status != Status::Complete);
     let class = match (broken, judged.judgement.as_ref().map(|judgement| judgement.verdict)) {
-        (Some(_), _) | (None, Some(Verdict::NotAccepted)) => "sides verdict bad",
-        (None, Some(Verdict::Accepted)) => "sides verdict good",
-        (None, Some(Verdict::NotDecided) | None) => "sides verdict",
+        (Some(_), _) | (None, Some(SensorVerdict::NotAccepted)) => "sides verdict bad",
+        (None, Some(SensorVerdict::Accepted)) => "sides verdict good",
+        (None, Some(SensorVerdict::NotDecided) | None) => "sides verdict",
     };
     html! {
         div class=(class) {
@@ -44,7 +44,7 @@ pub(super) fn section(subject: &Subject, judged: &Judged) -> Markup {
     }
 }
 
-fn without_rule(judged: &Judged) -> Markup {
+fn without_rule(judged: &SensorResults) -> Markup {
     html! {
         strong { "No verdict" }
         p { "No acceptance rule was given."
@@ -86,7 +86,7 @@ fn checks(judgement: &Judgement) -> Markup {
     let mut head = vec![words(""), words("found")];
     head.extend(is_guarded.then(|| words("95 % bound")));
     head.extend(["limit", "n", ""].map(words));
-    let row = |check: &Check| {
+    let row = |check: &LimitCheck| {
         let mut cells = vec![words(check.kind.full_name(check.reach)), value(check, check.value)];
         cells.extend(is_guarded.then(|| value(check, check.bound)));
         cells.extend([value(check, Some(check.limit)), words(check.n), words(check.verdict.told())]);
@@ -96,7 +96,7 @@ fn checks(judgement: &Judgement) -> Markup {
 }
 
 /// Returns a value of a checked figure with its unit.
-fn value(check: &Check, value: Option<f64>) -> Markup {
+fn value(check: &LimitCheck, value: Option<f64>) -> Markup {
     let unit = match check.kind.unit() {
         "" => String::new(),
         unit => format!(" {unit}"),

@@ -1,6 +1,6 @@
 //! Whether a typed serial number may be calibrated now.
 
-use super::{Standing, State, check_serial};
+use super::{BatchState, SensorState, check_serial};
 
 /// Kind of a sensor that may be calibrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub enum Admitted {
 /// Serial numbers that were typed and not calibrated yet: the sensors on the tray.
 pub(crate) type Tray<'a> = &'a [String];
 
-impl State {
+impl BatchState {
     /// Returns the kind of a typed sensor, if it may be calibrated now.
     ///
     /// # Errors
@@ -24,7 +24,7 @@ impl State {
         if tray.iter().any(|placed| placed == typed) {
             return Err(format!("{typed} is on the tray already"));
         }
-        let is_on_tray = |item: &super::Item| tray.contains(&item.serial);
+        let is_on_tray = |item: &super::BatchSensor| tray.contains(&item.serial);
         let is_reference = self.is_reference(typed);
         if let Some(reference) = self.reference.as_ref().filter(|item| self.is_reference_due() && !is_on_tray(item))
             && !is_reference
@@ -43,14 +43,16 @@ impl State {
         };
         let again = format!("type `.repeat {typed}` to allow it again");
         match item.standing {
-            Standing::Waiting => {}
+            SensorState::Waiting => {}
             // the reference sensor is measured again and again; only after a trip a person finds its cause first
-            standing if is_reference && standing != Standing::Tripped => {}
+            standing if is_reference && standing != SensorState::Tripped => {}
             standing if standing.is_judged() => {
                 return Err(format!("{typed} was calibrated already ({}): {again}", standing.name()));
             }
-            Standing::Tripped => return Err(format!("{typed} ended with a safety trip: find its cause, then {again}")),
-            Standing::Skipped => return Err(format!("{typed} was skipped: {again}")),
+            SensorState::Tripped => {
+                return Err(format!("{typed} ended with a safety trip: find its cause, then {again}"));
+            }
+            SensorState::Skipped => return Err(format!("{typed} was skipped: {again}")),
             standing => return Err(format!("{typed} is {}: {again}", standing.name())),
         }
         Ok(if is_reference { Admitted::Reference } else { Admitted::Sensor })
@@ -80,10 +82,10 @@ fn plain(serial: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Event;
+    use super::super::BatchEvent;
     use super::super::state::tests::{at, began, begun, ended};
     use super::*;
-    use palpate_data::acceptance::Verdict;
+    use palpate_data::acceptance::SensorVerdict;
     use palpate_data::dataset::Status;
 
     #[test]
@@ -99,7 +101,7 @@ mod tests {
             began("REF"),
             ended("REF", Status::Complete, None),
             began("A-1"),
-            ended("A-1", Status::Complete, Some(Verdict::Accepted)),
+            ended("A-1", Status::Complete, Some(SensorVerdict::Accepted)),
             began("A-2"),
             ended("A-2", Status::Tripped, None),
             began("A-3"),
@@ -122,7 +124,7 @@ mod tests {
             assert_eq!(state.admit(typed, &[]).unwrap_err(), reason);
         }
         assert_eq!(state.admit("A-4", &["A-4".to_owned()]).unwrap_err(), "A-4 is on the tray already");
-        state.take_in(&Event::Retry { at: at(), serial: "A-2".to_owned() }).unwrap();
+        state.take_in(&BatchEvent::Retry { at: at(), serial: "A-2".to_owned() }).unwrap();
         assert_eq!(state.admit("A-2", &[]), Ok(Admitted::Sensor));
     }
 }

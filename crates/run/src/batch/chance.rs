@@ -2,7 +2,7 @@
 
 use super::Typical;
 use palpate_core::quantity::stream;
-use palpate_data::acceptance::{Errors, Figure, Limit, Measured, Rule, Verdict, judge};
+use palpate_data::acceptance::{AcceptanceRule, Limit, LimitedFigure, Measured, SensorVerdict, TestErrors, judge};
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::PI;
 
@@ -42,18 +42,18 @@ pub struct Test {
 ///
 /// # Errors
 /// The name of the missing key of `typical`.
-pub fn chance(rule: &Rule, test: &Test, typical: &Typical) -> Result<Chance, &'static str> {
+pub fn chance(rule: &AcceptanceRule, test: &Test, typical: &Typical) -> Result<Chance, &'static str> {
     let limits: Vec<Limit> = rule.limits.iter().filter(|limit| is_drawn(limit.figure)).copied().collect();
-    let has = |figures: [Figure; 3]| limits.iter().any(|limit| figures.contains(&limit.figure));
-    let is_of_places = has([Figure::LocationMean, Figure::LocationP95, Figure::LocationWithin]);
-    let is_of_forces = has([Figure::ForceMean, Figure::ForceP95, Figure::ForceWithin]);
+    let has = |figures: [LimitedFigure; 3]| limits.iter().any(|limit| figures.contains(&limit.figure));
+    let is_of_places = has([LimitedFigure::LocationMean, LimitedFigure::LocationP95, LimitedFigure::LocationWithin]);
+    let is_of_forces = has([LimitedFigure::ForceMean, LimitedFigure::ForceP95, LimitedFigure::ForceWithin]);
     if is_of_places && typical.location_mean_mm.is_none() {
         return Err("location_mean_mm");
     }
     if is_of_forces && typical.force_mean_n.is_none() {
         return Err("force_mean_n");
     }
-    let rule = Rule { limits, ..rule.clone() };
+    let rule = AcceptanceRule { limits, ..rule.clone() };
     let mut rng = stream(SEED, 0, "typical sensors");
     let mut normal = move || -> f64 { StandardNormal.sample(&mut rng) };
     let mut chance = Chance::default();
@@ -70,15 +70,15 @@ pub fn chance(rule: &Rule, test: &Test, typical: &Typical) -> Result<Chance, &'s
         let measured = Measured {
             calibration_presses: test.calibration_presses,
             test_presses: test.test_presses,
-            location: places_mm.map(|sizes| Errors { sizes, u_truth: test.u_place_mm }),
-            force: forces_n.map(|sizes| Errors { sizes, u_truth: test.u_force_n }),
+            location: places_mm.map(|sizes| TestErrors { sizes, u_truth: test.u_place_mm }),
+            force: forces_n.map(|sizes| TestErrors { sizes, u_truth: test.u_force_n }),
             broken_channels: Some(0),
             ..Measured::default()
         };
         let share = match judge(&rule, &measured).verdict {
-            Verdict::Accepted => &mut chance.accepted,
-            Verdict::NotAccepted => &mut chance.not_accepted,
-            Verdict::NotDecided => &mut chance.not_decided,
+            SensorVerdict::Accepted => &mut chance.accepted,
+            SensorVerdict::NotAccepted => &mut chance.not_accepted,
+            SensorVerdict::NotDecided => &mut chance.not_decided,
         };
         *share += 1.0 / DRAWS as f64;
     }
@@ -86,8 +86,8 @@ pub fn chance(rule: &Rule, test: &Test, typical: &Typical) -> Result<Chance, &'s
 }
 
 /// Whether a figure is drawn, or is 0 for a typical sensor.
-fn is_drawn(figure: Figure) -> bool {
-    figure.is_of_test() || matches!(figure, Figure::BrokenChannels | Figure::FlaggedPresses)
+fn is_drawn(figure: LimitedFigure) -> bool {
+    figure.is_of_test() || matches!(figure, LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses)
 }
 
 #[cfg(test)]

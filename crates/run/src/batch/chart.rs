@@ -23,7 +23,7 @@ const SUSPECT_SIGMAS: f64 = 2.5;
 
 /// Normal values of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Normal {
+pub struct NormalValues {
     /// Mean of the design.
     pub mean: f64,
     /// Standard deviation of the sensors of the design.
@@ -37,7 +37,7 @@ pub struct Normal {
 /// Charts of one quantity of a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Charts {
-    normal: Normal,
+    normal: NormalValues,
     /// First value of the reference, which the others are compared with.
     first: Option<f64>,
     /// Latest change of the reference, in standard deviations of the sensors.
@@ -50,7 +50,7 @@ pub struct Charts {
 
 /// A change that a chart shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shown {
+pub struct ChartedChange {
     /// What changed.
     pub cause: Cause,
     /// Statistic of the chart, in standard deviations.
@@ -59,7 +59,7 @@ pub struct Shown {
 
 impl Charts {
     /// Begins the charts of a quantity.
-    pub fn new(normal: Normal) -> Self {
+    pub fn new(normal: NormalValues) -> Self {
         let (reference, sensors) = (Ewma::new(REFERENCE_WEIGHT), Ewma::new(SENSOR_WEIGHT));
         Charts { normal, first: None, latest: 0.0, reference, sensors, open: Vec::new() }
     }
@@ -76,7 +76,7 @@ impl Charts {
     }
 
     /// Adds a measurement of the reference. Returns the change that the charts then show.
-    pub fn add_reference(&mut self, value: f64) -> Option<Shown> {
+    pub fn add_reference(&mut self, value: f64) -> Option<ChartedChange> {
         let Some(first) = self.first else {
             self.first = Some(value);
             return None;
@@ -92,10 +92,10 @@ impl Charts {
         // the first measurement deviates as much as the others
         let [bench, batch] = self.sigmas();
         if self.reference.is_changed(1.0, LIMIT_SIGMAS) {
-            Some(Shown { cause: Cause::Bench, sigmas: bench })
+            Some(ChartedChange { cause: Cause::Bench, sigmas: bench })
         } else {
             let is_changed = self.sensors.is_changed(self.of_mean(), LIMIT_SIGMAS);
-            is_changed.then_some(Shown { cause: Cause::Batch, sigmas: batch })
+            is_changed.then_some(ChartedChange { cause: Cause::Batch, sigmas: batch })
         }
     }
 
@@ -131,7 +131,8 @@ mod tests {
     fn shown(seed: u64, bench_drift: f64, batch_drift: f64) -> Option<(usize, Cause)> {
         let mut rng = stream(seed, 0, "control chart");
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-        let mut charts = Charts::new(Normal { mean: normal() / 5f64.sqrt(), sd: 1.0, reference_sd: 0.0, sensors: 5 });
+        let mut charts =
+            Charts::new(NormalValues { mean: normal() / 5f64.sqrt(), sd: 1.0, reference_sd: 0.0, sensors: 5 });
         charts.add_reference(BENCH_SHARE * normal());
         let mut since = 0;
         for sensor in 1..=SENSORS {
@@ -140,7 +141,7 @@ mod tests {
             since += 1;
             if since == EVERY || charts.is_reference_due() {
                 since = 0;
-                if let Some(Shown { cause, .. }) = charts.add_reference(bench + BENCH_SHARE * normal()) {
+                if let Some(ChartedChange { cause, .. }) = charts.add_reference(bench + BENCH_SHARE * normal()) {
                     return Some((sensor, cause));
                 }
             }

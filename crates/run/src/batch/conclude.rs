@@ -2,7 +2,7 @@
 
 use super::design::judge_by;
 use crate::rig::RigSpec;
-use palpate_data::acceptance::{Judgement, Rule, Verdict};
+use palpate_data::acceptance::{AcceptanceRule, Judgement, SensorVerdict};
 use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Presses, Recorded};
@@ -15,7 +15,7 @@ pub struct Basis<'a> {
     /// The rig.
     pub rig: &'a RigSpec,
     /// The acceptance rule.
-    pub rule: Option<&'a Rule>,
+    pub rule: Option<&'a AcceptanceRule>,
     /// The design's prior.
     pub prior: Option<&'a Prior>,
     /// Expected mean location error, mm, above which more presses are used.
@@ -95,7 +95,7 @@ impl Conclusion {
         let too_large = too_large.and_then(|enough_mm| Some((enough_mm, basis.prior?.least_mm(&sibling))));
         let Sibling { model, change, belongs, expected_mm, .. } = sibling;
         self.change = change.units;
-        let by_model = |rule: &Rule| {
+        let by_model = |rule: &AcceptanceRule| {
             let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(model.fitted()).ok());
             judge_by(rule, evidence, trial, model.fitted(), evaluation.as_slice())
         };
@@ -103,7 +103,7 @@ impl Conclusion {
             Belongs::Outsider(deviations) => {
                 self.is_refused = true;
                 self.judgement = basis.rule.map(|rule| Judgement {
-                    verdict: Verdict::NotAccepted,
+                    verdict: SensorVerdict::NotAccepted,
                     reasons: vec![told("refused", &deviations)],
                     ..by_model(rule)
                 });

@@ -1,8 +1,8 @@
 //! A run of few presses, understood with the prior of its design, as the batch understood it.
 
 use super::folder::{BatchError, RUNS, read_events};
-use super::{Ended, Event};
-use palpate_data::acceptance::{Judgement, Rule, Verdict};
+use super::{BatchEvent, Ended};
+use palpate_data::acceptance::{AcceptanceRule, Judgement, SensorVerdict};
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::sensor_file::{SensorFileError, read_sensor_file};
 use palpate_data::dataset::{Evidence, JOURNAL};
@@ -44,7 +44,7 @@ impl ByDesign {
     /// Returns the verdict by a rule. `known` are the existing evaluations, that of the model among them.
     pub fn judge(
         &self,
-        rule: &Rule,
+        rule: &AcceptanceRule,
         evidence: &Evidence<'_>,
         trial: &Result<Trial<'_>, EvaluateError>,
         known: &[Evaluation],
@@ -54,7 +54,7 @@ impl ByDesign {
             None => evidence.judge(rule, trial, known),
         };
         if let Some(refused) = &self.refused {
-            judgement = Judgement { verdict: Verdict::NotAccepted, reasons: refused.clone(), ..judgement };
+            judgement = Judgement { verdict: SensorVerdict::NotAccepted, reasons: refused.clone(), ..judgement };
         }
         judgement.notes.push(self.note());
         judgement
@@ -69,13 +69,13 @@ impl ByDesign {
 
 /// Returns the verdict of a sensor that a method solves which was fitted to more than its own presses.
 pub(super) fn judge_by(
-    rule: &Rule,
+    rule: &AcceptanceRule,
     evidence: &Evidence<'_>,
     trial: &Result<Trial<'_>, EvaluateError>,
     fitted: &Fitted,
     known: &[Evaluation],
 ) -> Judgement {
-    let rule = Rule { method: fitted.name().to_owned(), ..rule.clone() };
+    let rule = AcceptanceRule { method: fitted.name().to_owned(), ..rule.clone() };
     evidence.judge(&rule, trial, known)
 }
 
@@ -86,7 +86,7 @@ fn ended(runs: &[&Path]) -> Option<(PathBuf, Ended)> {
     let batch = folder.parent().filter(|batch| batch.join(JOURNAL).is_file())?;
     let mut last = None;
     let read: Result<(), BatchError> = read_events(batch, |event| {
-        if let Event::Ended(ended) = event
+        if let BatchEvent::Ended(ended) = event
             && !ended.reference
             && ended.runs.iter().map(|run| batch.join(run)).eq(paths.iter().cloned())
         {

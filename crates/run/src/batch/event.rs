@@ -1,20 +1,20 @@
 //! Events of a batch: the records of its journal, the lines of `--json`, and what a program of the user's is notified of.
 
-use palpate_data::acceptance::{Check, Judgement, Verdict};
-use palpate_data::dataset::{Fingerprint, Logged, Status, Text};
+use palpate_data::acceptance::{Judgement, LimitCheck, SensorVerdict};
+use palpate_data::dataset::{Fingerprint, Logged, RecordedText, Status};
 use palpate_solver::UnitChange;
 use serde::{Deserialize, Serialize};
 
 /// One event. `at` is the time of the event with its time zone, as in a run's manifest.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Event {
+pub enum BatchEvent {
     /// Description of the batch: the first record.
     Batch(Facts),
     /// A text that the batch uses, unchanged.
-    Text(Text),
+    Text(RecordedText),
     /// A program begins to work on the batch, or continues.
-    Session(Session),
+    Session(BatchSession),
     /// More serial numbers were added.
     Added {
         /// Time of the event.
@@ -83,7 +83,7 @@ pub enum Event {
 /// Format of the batch journals that this program writes and reads.
 pub const BATCH_FORMAT: u32 = 1;
 
-impl Logged for Event {
+impl Logged for BatchEvent {
     const FIRST: &'static str = "batch";
     const FORMAT: u32 = BATCH_FORMAT;
 }
@@ -107,7 +107,7 @@ pub struct Facts {
     pub charted: Vec<Charted>,
     /// The reference sensor; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reference: Option<Reference>,
+    pub reference: Option<ReferenceSensor>,
     /// Random seed of a simulated batch: specimens, noise and places.
     #[serde(default)]
     pub seed: u64,
@@ -133,7 +133,7 @@ pub struct Charted {
 
 /// The reference sensor, which shows whether the bench has changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Reference {
+pub struct ReferenceSensor {
     /// Serial number.
     pub serial: String,
     /// Number of sensors after which it is measured again.
@@ -142,7 +142,7 @@ pub struct Reference {
 
 /// A program that works on the batch.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Session {
+pub struct BatchSession {
     /// Time of the event.
     pub at: String,
     /// Version of the program.
@@ -187,13 +187,13 @@ pub struct Ended {
     pub status: Status,
     /// The verdict; `None` for a reference sensor, and if the runs are incomplete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<SensorVerdict>,
     /// Reasons for a verdict other than accepted, and what a person should know.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub reasons: Vec<String>,
     /// Figures that the acceptance rule limits.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub found: Vec<Found>,
+    pub found: Vec<SensorFigure>,
     /// Number of calibration presses that count.
     pub calibration_presses: usize,
     /// Number of test presses that count.
@@ -218,7 +218,7 @@ impl Ended {
         Ended {
             verdict: Some(judgement.verdict),
             reasons: self.reasons.into_iter().chain(judgement.all_reasons()).collect(),
-            found: judgement.checks.iter().map(Found::of).collect(),
+            found: judgement.checks.iter().map(SensorFigure::of).collect(),
             calibration_presses: judgement.calibration_presses,
             test_presses: judgement.test_presses,
             ..self
@@ -226,17 +226,17 @@ impl Ended {
     }
 }
 
-impl Found {
+impl SensorFigure {
     /// Returns what a check found.
-    pub fn of(check: &Check) -> Self {
-        let Check { figure, value, bound, limit, verdict, .. } = check;
-        Found { figure: (*figure).to_owned(), value: *value, bound: *bound, limit: *limit, verdict: *verdict }
+    pub fn of(check: &LimitCheck) -> Self {
+        let LimitCheck { figure, value, bound, limit, verdict, .. } = check;
+        SensorFigure { figure: (*figure).to_owned(), value: *value, bound: *bound, limit: *limit, verdict: *verdict }
     }
 }
 
 /// A figure of a sensor and its limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct SensorFigure {
     /// Key of the figure in the acceptance rule.
     pub figure: String,
     /// Measured value, in the figure's unit; `None` if it wasn't measured.
@@ -247,7 +247,7 @@ pub struct Found {
     /// The limit.
     pub limit: f64,
     /// Result of this limit alone.
-    pub verdict: Verdict,
+    pub verdict: SensorVerdict,
 }
 
 /// Alarm of a control chart.

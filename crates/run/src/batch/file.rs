@@ -1,7 +1,7 @@
 //! A batch file: which sensors are calibrated, with which rig and recipes, and how they are judged.
 
 use super::keys::{nest, offset_mm, prior, reference, root, serials, typical};
-use super::{KEYS, Reference, SERIALS_MAX, check_serial};
+use super::{KEYS, ReferenceSensor, SERIALS_MAX, check_serial};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{LABEL_MOST, is_label};
 use palpate_document::notify::read_command;
@@ -40,7 +40,7 @@ pub struct BatchFile {
     /// Time between the last serial number and the first motion, s.
     pub warm_up_s: f64,
     /// The reference sensor.
-    pub reference: Option<Reference>,
+    pub reference: Option<ReferenceSensor>,
     /// Places of the tray; empty: one sensor at a time at the rig's own origin.
     pub nests: Vec<Nest>,
     /// Errors of a typical sensor.
@@ -223,7 +223,7 @@ fn check_serials(serials: &[String]) -> Result<(), String> {
     Ok(())
 }
 
-fn read_reference(table: &Table, sensors: &Option<Vec<String>>) -> Option<Reference> {
+fn read_reference(table: &Table, sensors: &Option<Vec<String>>) -> Option<ReferenceSensor> {
     let serial = read_name(table, &reference::serial);
     let every = table.whole(&reference::every);
     let serial = serial?;
@@ -232,7 +232,7 @@ fn read_reference(table: &Table, sensors: &Option<Vec<String>>) -> Option<Refere
         let problem = format!("the reference sensor {serial:?} is also in `serials`");
         return complain(table, &reference::serial, problem, "remove it from `serials`: it isn't judged");
     }
-    Some(Reference { serial, every: every? })
+    Some(ReferenceSensor { serial, every: every? })
 }
 
 fn read_nests(table: &Table) -> Option<Vec<Nest>> {
@@ -299,7 +299,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
              [notify]\ncommand = [\"a\"]\n"
         );
         let batch = parse("b.toml", &more).unwrap();
-        assert_eq!(batch.reference, Some(Reference { serial: "REF".to_owned(), every: 2 }));
+        assert_eq!(batch.reference, Some(ReferenceSensor { serial: "REF".to_owned(), every: 2 }));
         assert_eq!(batch.nests, [Nest { name: "l".to_owned(), offset: Place::new(1.0, 2.0) }]);
         assert_eq!((batch.operator.as_deref(), batch.notify.len()), (Some("Ada"), 1));
         let listed = BATCH.replace("{ prefix = \"A-\", first = 9, last = 11, digits = 2 }", "[\"x\", \"y\"]");

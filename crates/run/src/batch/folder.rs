@@ -1,8 +1,8 @@
 //! A batch on disk: its journal, copies of its texts, and the run folders of its sensors.
 
-use super::{Began, Ended, Event, Facts, Session, State};
+use super::{BatchEvent, BatchSession, BatchState, Began, Ended, Facts};
 use miette::Diagnostic;
-use palpate_data::dataset::{DatasetError, JOURNAL, Journal, JournalError, Text, hold_folder, make_folder};
+use palpate_data::dataset::{DatasetError, JOURNAL, Journal, JournalError, RecordedText, hold_folder, make_folder};
 use std::collections::HashSet;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -21,8 +21,8 @@ pub struct BatchFolder {
     path: PathBuf,
     /// Lock that is released when its owner ends, for any reason.
     _lock: File,
-    journal: Journal<Event>,
-    state: State,
+    journal: Journal<BatchEvent>,
+    state: BatchState,
 }
 
 /// Reason why a batch couldn't be recorded or read.
@@ -73,7 +73,7 @@ impl BatchFolder {
     ///
     /// # Errors
     /// The folder already exists, or can't be created.
-    pub fn create(out: &Path, name: &str, beginning: &[Event]) -> Result<BatchFolder, BatchError> {
+    pub fn create(out: &Path, name: &str, beginning: &[BatchEvent]) -> Result<BatchFolder, BatchError> {
         make_folder(Some(out), name, |draft| fill(draft, beginning))?;
         BatchFolder::open(out)
     }
@@ -89,14 +89,14 @@ impl BatchFolder {
             DatasetError::Held { path } => BatchError::Held { path },
             error => error.into(),
         })?;
-        let (mut state, mut listed, mut unfinished) = (State::default(), HashSet::new(), HashSet::new());
+        let (mut state, mut listed, mut unfinished) = (BatchState::default(), HashSet::new(), HashSet::new());
         let records = Journal::read(&path.join(JOURNAL), |_, event| {
             match event {
-                Event::Began(Began { serial, run, .. }) => {
+                BatchEvent::Began(Began { serial, run, .. }) => {
                     listed.insert(run.clone());
                     unfinished.insert(serial.clone());
                 }
-                Event::Ended(Ended { serial, runs, .. }) => {
+                BatchEvent::Ended(Ended { serial, runs, .. }) => {
                     listed.extend(runs.iter().cloned());
                     unfinished.remove(serial);
                 }
@@ -117,7 +117,7 @@ impl BatchFolder {
     ///
     /// # Errors
     /// An event that contradicts those before, or an error of the operating system. Nothing is added in both cases.
-    pub fn record(&mut self, event: &Event) -> Result<(), BatchError> {
+    pub fn record(&mut self, event: &BatchEvent) -> Result<(), BatchError> {
         let mut state = self.state.clone();
         let contradicts = |problem: String| DatasetError::Io {
             doing: "recording in",
@@ -131,7 +131,7 @@ impl BatchFolder {
     }
 
     /// Returns the state after all events.
-    pub fn state(&self) -> &State {
+    pub fn state(&self) -> &BatchState {
         &self.state
     }
 
@@ -179,7 +179,7 @@ fn unlisted(path: &Path, is_known: impl Fn(&str, &str) -> bool) -> Result<Vec<St
 
 /// Whether a run folder may be a further run of a sensor. Such a run is recorded when the sensor ends, so one that was killed has
 /// unrecorded runs after its first. Its next first run has a larger number.
-fn is_further(name: &str, state: &State, unfinished: &HashSet<String>) -> bool {
+fn is_further(name: &str, state: &BatchState, unfinished: &HashSet<String>) -> bool {
     let Some((serial, number)) = name.rsplit_once('-') else { return false };
     let (Some(item), Ok(number)) = (state.item(serial), number.parse::<u64>()) else { return false };
     let last = item.run.as_deref().and_then(|run| run.strip_prefix(&format!("{RUNS}/{serial}-"))?.parse().ok());
@@ -190,16 +190,19 @@ fn is_further(name: &str, state: &State, unfinished: &HashSet<String>) -> bool {
 ///
 /// # Errors
 /// There is no batch, or its journal is damaged.
-pub fn read_state(path: &Path) -> Result<State, BatchError> {
-    let mut state = State::default();
+pub fn read_state(path: &Path) -> Result<BatchState, BatchError> {
+    let mut state = BatchState::default();
     read_events(path, |event| state.take_in(event))?;
     Ok(state)
 }
 
 /// Passes each event of a batch's journal to `accept`, which may refuse it as damage.
-pub(super) fn read_events(path: &Path, mut accept: impl FnMut(&Event) -> Result<(), String>) -> Result<(), BatchError> {
+pub(super) fn read_events(
+    path: &Path,
+    mut accept: impl FnMut(&BatchEvent) -> Result<(), String>,
+) -> Result<(), BatchError> {
     check_batch(path)?;
-    Journal::<Event>::read(&path.join(JOURNAL), |_, event| accept(event))?;
+    Journal::<BatchEvent>::read(&path.join(JOURNAL), |_, event| accept(event))?;
     Ok(())
 }
 
@@ -211,18 +214,18 @@ fn check_batch(path: &Path) -> Result<(), BatchError> {
 }
 
 /// Returns the first events of a batch.
-pub fn beginning(facts: Facts, texts: &[Text], serials: &[String], session: Session) -> Vec<Event> {
-    let added = Event::Added { at: facts.at.clone(), serials: serials.to_vec() };
-    let texts = texts.iter().cloned().map(Event::Text);
-    [Event::Batch(facts)].into_iter().chain(texts).chain([added, Event::Session(session)]).collect()
+pub fn beginning(facts: Facts, texts: &[RecordedText], serials: &[String], session: BatchSession) -> Vec<BatchEvent> {
+    let added = BatchEvent::Added { at: facts.at.clone(), serials: serials.to_vec() };
+    let texts = texts.iter().cloned().map(BatchEvent::Text);
+    [BatchEvent::Batch(facts)].into_iter().chain(texts).chain([added, BatchEvent::Session(session)]).collect()
 }
 
 /// Writes everything that a batch folder contains before its first sensor.
-fn fill(draft: &Path, beginning: &[Event]) -> Result<(), DatasetError> {
+fn fill(draft: &Path, beginning: &[BatchEvent]) -> Result<(), DatasetError> {
     let mut journal = Journal::create(&draft.join(JOURNAL))?;
     for event in beginning {
         journal.append(event)?;
-        if let Event::Text(Text { name, text }) = event {
+        if let BatchEvent::Text(RecordedText { name, text }) = event {
             let path = draft.join(name);
             let written = File::create_new(&path).and_then(|mut file| {
                 file.write_all(text.as_bytes())?;
@@ -238,24 +241,24 @@ fn fill(draft: &Path, beginning: &[Event]) -> Result<(), DatasetError> {
 #[cfg(test)]
 mod tests {
     use super::super::state::tests::{at, began, ended};
-    use super::super::{Reference, Standing};
+    use super::super::{ReferenceSensor, SensorState};
     use super::*;
-    use palpate_data::acceptance::Verdict;
+    use palpate_data::acceptance::SensorVerdict;
     use palpate_data::dataset::Status;
 
-    fn texts() -> [Text; 1] {
-        [Text { name: "batch.toml".to_owned(), text: "name = \"day\"\n".to_owned() }]
+    fn texts() -> [RecordedText; 1] {
+        [RecordedText { name: "batch.toml".to_owned(), text: "name = \"day\"\n".to_owned() }]
     }
 
     fn created(out: &Path) -> BatchFolder {
         let facts = Facts { format: 1, name: "day".to_owned(), at: at(), reference: None, ..Facts::default() };
         let serials = ["A-1", "A-2", "A-3"].map(str::to_owned);
-        BatchFolder::create(out, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap()
+        BatchFolder::create(out, "day", &beginning(facts, &texts(), &serials, BatchSession::default())).unwrap()
     }
 
     /// A whole day: A-1 is judged, A-2 ends, A-3 begins.
-    fn events() -> [Event; 5] {
-        let judged = |serial| ended(serial, Status::Complete, Some(Verdict::Accepted));
+    fn events() -> [BatchEvent; 5] {
+        let judged = |serial| ended(serial, Status::Complete, Some(SensorVerdict::Accepted));
         [began("A-1"), judged("A-1"), began("A-2"), judged("A-2"), began("A-3")]
     }
 
@@ -321,13 +324,15 @@ mod tests {
             });
             let mut batch = opened.expect("not held for long").unwrap();
             let standing = |batch: &BatchFolder, serial: &str| batch.state().item(serial).unwrap().standing;
-            let expected = [Standing::Waiting, Standing::Interrupted, Standing::Accepted, Standing::Accepted][kept - 2];
-            assert_eq!((standing(&batch, "A-1"), standing(&batch, "A-2")), (Standing::Accepted, expected), "{cut}");
+            let expected =
+                [SensorState::Waiting, SensorState::Interrupted, SensorState::Accepted, SensorState::Accepted]
+                    [kept - 2];
+            assert_eq!((standing(&batch, "A-1"), standing(&batch, "A-2")), (SensorState::Accepted, expected), "{cut}");
             // a sensor that began or has its result isn't begun again, and the batch continues
             assert_eq!(batch.state().admit("A-2", &[]).is_ok(), kept == 2, "{cut}");
             assert!(batch.state().admit("A-1", &[]).is_err());
             let last = batch.state().clone();
-            batch.record(&Event::Noted { at: at(), serial: "A-1".to_owned(), note: "n".to_owned() }).unwrap();
+            batch.record(&BatchEvent::Noted { at: at(), serial: "A-1".to_owned(), note: "n".to_owned() }).unwrap();
             drop(batch);
             let noted = read_state(&path).unwrap();
             assert_eq!(noted.item("A-1").unwrap().note.as_deref(), Some("n"));
@@ -376,12 +381,12 @@ mod tests {
         let facts = Facts {
             format: 1,
             name: "day".to_owned(),
-            reference: Some(Reference { serial: "S-3".to_owned(), every: 1 }),
+            reference: Some(ReferenceSensor { serial: "S-3".to_owned(), every: 1 }),
             ..Facts::default()
         };
         let serials = ["S", "S-2"].map(str::to_owned);
         let batch =
-            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, BatchSession::default())).unwrap();
         let next = || batch.next_run("S").unwrap();
         assert_eq!(next(), "runs/S");
         fs::create_dir(path.join("runs/S")).unwrap();
@@ -397,14 +402,14 @@ mod tests {
         let facts = Facts { format: 1, name: "day".to_owned(), ..Facts::default() };
         let serials: Vec<String> = (0..5000).map(|number| format!("S{number}")).collect();
         let mut batch =
-            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, Session::default())).unwrap();
+            BatchFolder::create(&path, "day", &beginning(facts, &texts(), &serials, BatchSession::default())).unwrap();
         batch.journal.keep_for(palpate_data::dataset::Durability::Fast);
         for serial in &serials {
             batch.journal.append(&began(serial)).unwrap();
-            batch.journal.append(&ended(serial, Status::Complete, Some(Verdict::Accepted))).unwrap();
+            batch.journal.append(&ended(serial, Status::Complete, Some(SensorVerdict::Accepted))).unwrap();
         }
         drop(batch);
         let state = read_state(&path).unwrap();
-        assert_eq!((state.count(Standing::Accepted), state.mountings), (5000, 5000));
+        assert_eq!((state.count(SensorState::Accepted), state.mountings), (5000, 5000));
     }
 }

@@ -1,7 +1,7 @@
 //! History of a batch, for a reader: the results in their order, the measurements of the reference sensor, and the alarms.
 
 use super::folder::read_events;
-use super::{Alarm, BatchError, Ended, Event, Quantity, State};
+use super::{Alarm, BatchError, BatchEvent, BatchState, Ended, Quantity};
 use palpate_data::dataset::Status;
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ const NAMES_MOST: usize = 100;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// State after all events.
-    pub state: State,
+    pub state: BatchState,
     /// Latest result of each sensor, in the order in which they ended. A sensor that was begun again, allowed again or skipped since
     /// has none.
     pub results: Vec<Ended>,
@@ -45,7 +45,7 @@ impl History {
     /// # Errors
     /// There is no batch, or its journal is damaged.
     pub fn read(path: &Path) -> Result<History, BatchError> {
-        let mut reading = Reading::default();
+        let mut reading = HistoryReader::default();
         read_events(path, |event| reading.take_in(event))?;
         Ok(reading.finished())
     }
@@ -54,8 +54,8 @@ impl History {
     ///
     /// # Errors
     /// What contradicts the events before.
-    pub fn of<'a>(events: impl IntoIterator<Item = &'a Event>) -> Result<History, String> {
-        let mut reading = Reading::default();
+    pub fn of<'a>(events: impl IntoIterator<Item = &'a BatchEvent>) -> Result<History, String> {
+        let mut reading = HistoryReader::default();
         events.into_iter().try_for_each(|event| reading.take_in(event))?;
         Ok(reading.finished())
     }
@@ -63,7 +63,7 @@ impl History {
 
 /// A history that is being read. Each part has the number of events before it.
 #[derive(Default)]
-struct Reading {
+struct HistoryReader {
     history: History,
     events: u64,
     results: HashMap<String, (u64, Ended)>,
@@ -71,25 +71,25 @@ struct Reading {
     alarms: Vec<(u64, Alarm)>,
 }
 
-impl Reading {
-    fn take_in(&mut self, event: &Event) -> Result<(), String> {
+impl HistoryReader {
+    fn take_in(&mut self, event: &BatchEvent) -> Result<(), String> {
         self.history.state.take_in(event)?;
         self.events += 1;
         let history = &mut self.history;
         match event {
-            Event::Batch(facts) => history.until.clone_from(&facts.at),
-            Event::Session(session) => {
+            BatchEvent::Batch(facts) => history.until.clone_from(&facts.at),
+            BatchEvent::Session(session) => {
                 note(&mut history.benches, Some(&session.bench));
                 note(&mut history.operators, session.operator.as_ref());
             }
-            Event::Began(began) => {
+            BatchEvent::Began(began) => {
                 history.until.clone_from(&began.at);
                 if !began.reference {
                     history.attempts += 1;
                     self.results.remove(&began.serial);
                 }
             }
-            Event::Ended(ended) => {
+            BatchEvent::Ended(ended) => {
                 history.until.clone_from(&ended.at);
                 if !ended.reference {
                     self.results.insert(ended.serial.clone(), (self.events, ended.clone()));
@@ -100,8 +100,8 @@ impl Reading {
                     history.charted.push(charts.map(|(quantity, charts)| (*quantity, charts.sigmas())).collect());
                 }
             }
-            Event::Retry { serial, .. } | Event::Skipped { serial, .. } => _ = self.results.remove(serial),
-            Event::Alarm(alarm) => _ = keep(&mut self.alarms, (self.events, alarm), &mut history.unkept),
+            BatchEvent::Retry { serial, .. } | BatchEvent::Skipped { serial, .. } => _ = self.results.remove(serial),
+            BatchEvent::Alarm(alarm) => _ = keep(&mut self.alarms, (self.events, alarm), &mut history.unkept),
             _ => {}
         }
         Ok(())
@@ -140,21 +140,22 @@ fn note(names: &mut Vec<String>, name: Option<&String>) {
 #[cfg(test)]
 mod tests {
     use super::super::state::tests::{at, began, begun, ended};
-    use super::super::{Cause, Facts, Reference, Session};
+    use super::super::{BatchSession, Cause, Facts, ReferenceSensor};
     use super::*;
-    use palpate_data::acceptance::Verdict;
+    use palpate_data::acceptance::SensorVerdict;
     use palpate_data::dataset::Status;
 
-    fn done(serial: &str) -> Event {
-        ended(serial, Status::Complete, (serial != "REF").then_some(Verdict::Accepted))
+    fn done(serial: &str) -> BatchEvent {
+        ended(serial, Status::Complete, (serial != "REF").then_some(SensorVerdict::Accepted))
     }
 
     #[test]
     fn a_sensor_has_its_latest_result_in_the_order_of_the_ends() {
         let serials = (1..=4).map(|number| format!("A-{number}")).collect();
-        let reference = Some(Reference { serial: "REF".to_owned(), every: 2 });
+        let reference = Some(ReferenceSensor { serial: "REF".to_owned(), every: 2 });
         let facts = Facts { format: 1, reference, ..Facts::default() };
-        let session = |bench: &str| Event::Session(Session { bench: bench.to_owned(), ..Session::default() });
+        let session =
+            |bench: &str| BatchEvent::Session(BatchSession { bench: bench.to_owned(), ..BatchSession::default() });
         let alarm = Alarm {
             at: at(),
             serial: "REF".to_owned(),
@@ -164,8 +165,8 @@ mod tests {
             limit: 2.9,
         };
         let events = [
-            Event::Batch(facts),
-            Event::Added { at: at(), serials },
+            BatchEvent::Batch(facts),
+            BatchEvent::Added { at: at(), serials },
             session("one"),
             began("REF"),
             done("REF"),
@@ -177,13 +178,13 @@ mod tests {
             session("one"),
             began("REF"),
             done("REF"),
-            Event::Alarm(alarm),
-            Event::Retry { at: at(), serial: "A-1".to_owned() },
+            BatchEvent::Alarm(alarm),
+            BatchEvent::Retry { at: at(), serial: "A-1".to_owned() },
             began("A-1"),
             ended("A-1", Status::Tripped, None),
             began("A-3"),
             done("A-3"),
-            Event::Retry { at: at(), serial: "A-3".to_owned() },
+            BatchEvent::Retry { at: at(), serial: "A-3".to_owned() },
         ];
         let history = History::of(&events).unwrap();
         let serials: Vec<&str> = history.results.iter().map(|ended| ended.serial.as_str()).collect();

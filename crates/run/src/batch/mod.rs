@@ -1,8 +1,8 @@
 //! A batch: sensors of one design, calibrated one after another at one bench.
 //!
 //! A batch is a folder with a journal of its own and the run folders of its sensors. The run folders stay the record of what was
-//! measured; the journal keeps what was done with which sensor, and the result. An [`Event`] is one record of it.
-//! A [`BatchFile`] states what is to be done, and a [`State`] follows from the events alone.
+//! measured; the journal keeps what was done with which sensor, and the result. An [`BatchEvent`] is one record of it.
+//! A [`BatchFile`] states what is to be done, and a [`BatchState`] follows from the events alone.
 
 mod admit;
 mod chance;
@@ -23,7 +23,9 @@ pub use admit::Admitted;
 pub use chance::{Chance, DRAWS, Test, chance};
 pub use conclude::{Basis, Conclusion, conclude};
 pub use design::ByDesign;
-pub use event::{Alarm, BATCH_FORMAT, Began, Cause, Charted, Ended, Event, Facts, Found, Reference, Session};
+pub use event::{
+    Alarm, BATCH_FORMAT, BatchEvent, BatchSession, Began, Cause, Charted, Ended, Facts, ReferenceSensor, SensorFigure,
+};
 pub use file::{BatchFile, Nest, PriorRuns, Typical, parse};
 pub use folder::{BatchError, BatchFolder, RUNS, beginning, read_state};
 pub use history::History;
@@ -31,7 +33,7 @@ pub use monitor::Monitor;
 pub use monitor::Quantity;
 pub use seed::{run_seed, specimen_seed};
 pub use serial::check_serial;
-pub use state::{Item, RIG, Standing, State};
+pub use state::{BatchSensor, BatchState, RIG, SensorState};
 
 use palpate_document::Keys;
 

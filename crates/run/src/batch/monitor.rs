@@ -1,6 +1,6 @@
 //! Control charts of all quantities of a batch, from its events.
 
-use super::chart::{Charts, Normal, Shown};
+use super::chart::{ChartedChange, Charts, NormalValues};
 use super::{Charted, Ended};
 use palpate_data::dataset::Status;
 use palpate_solver::UnitChange;
@@ -9,7 +9,7 @@ use palpate_solver::UnitChange;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Monitor {
     charts: Vec<(Quantity, Charts)>,
-    shown: Vec<(Quantity, Shown)>,
+    shown: Vec<(Quantity, ChartedChange)>,
 }
 
 /// Quantities that are charted. They are means over all outputs of a sensor, compared with the design.
@@ -49,7 +49,7 @@ impl Monitor {
         let charts = Quantity::ALL.into_iter().filter_map(|quantity| {
             let of_it = charted.iter().find(|charted| charted.quantity == quantity.name())?;
             let Charted { mean, sd, reference_sd, sensors, .. } = *of_it;
-            Some((quantity, Charts::new(Normal { mean, sd, reference_sd, sensors })))
+            Some((quantity, Charts::new(NormalValues { mean, sd, reference_sd, sensors })))
         });
         Monitor { charts: charts.collect(), shown: Vec::new() }
     }
@@ -76,7 +76,7 @@ impl Monitor {
     }
 
     /// Returns the changes that the latest result shows.
-    pub fn shown(&self) -> &[(Quantity, Shown)] {
+    pub fn shown(&self) -> &[(Quantity, ChartedChange)] {
         &self.shown
     }
 

@@ -1,8 +1,8 @@
 //! State of a batch: what became of each sensor, and what is due. It follows from the events alone, in one pass.
 
-use super::{Began, Ended, Event, Facts, Monitor, Reference, SERIALS_MAX, Session};
-use palpate_data::acceptance::Verdict;
-use palpate_data::dataset::{Status, Text};
+use super::{BatchEvent, BatchSession, Began, Ended, Facts, Monitor, ReferenceSensor, SERIALS_MAX};
+use palpate_data::acceptance::SensorVerdict;
+use palpate_data::dataset::{RecordedText, Status};
 use serde::Serialize;
 use std::collections::HashMap;
 
@@ -11,19 +11,19 @@ pub const RIG: &str = "rig.toml";
 
 /// State of a batch. Its size is bounded by the number of sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct State {
+pub struct BatchState {
     /// Description of the batch.
     pub facts: Facts,
     /// Latest text of each name.
-    pub texts: Vec<Text>,
+    pub texts: Vec<RecordedText>,
     /// Text of the rig with which the batch began.
     pub first_rig: String,
     /// Last program that worked on the batch.
-    pub session: Option<Session>,
+    pub session: Option<BatchSession>,
     /// Sensors, in the order in which they were listed.
-    pub items: Vec<Item>,
+    pub items: Vec<BatchSensor>,
     /// The reference sensor.
-    pub reference: Option<Item>,
+    pub reference: Option<BatchSensor>,
     /// Number of sensors and reference measurements that began.
     pub mountings: u64,
     /// Number of refused serial numbers.
@@ -43,11 +43,11 @@ pub struct State {
 
 /// A sensor of a batch.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Item {
+pub struct BatchSensor {
     /// Serial number.
     pub serial: String,
     /// What became of it.
-    pub standing: Standing,
+    pub standing: SensorState,
     /// How many times it began.
     pub times: u64,
     /// Folder of its last run, relative to the batch folder.
@@ -67,13 +67,13 @@ pub struct Item {
     pub note: Option<String>,
     /// What became of it each time that it ended, the last `ENDS_MOST` in order. Always empty for the reference sensor.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub ends: Vec<Standing>,
+    pub ends: Vec<SensorState>,
 }
 
 /// Largest number of a sensor's ends that are kept.
 const ENDS_MOST: usize = 20;
 
-impl Item {
+impl BatchSensor {
     /// Returns what became of the sensor before, the last time left out; `None` if it ended once at most.
     pub fn before(&self) -> Option<String> {
         let before = match self.ends.split_last() {
@@ -88,7 +88,7 @@ impl Item {
 /// What became of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Standing {
+pub enum SensorState {
     /// Its turn is ahead, for the first time or again.
     #[default]
     Waiting,
@@ -110,70 +110,78 @@ pub enum Standing {
     Skipped,
 }
 
-impl Standing {
+impl SensorState {
     /// All standings, in the order in which they are reported.
-    pub const ALL: [Standing; 9] = [
-        Standing::Accepted,
-        Standing::NotAccepted,
-        Standing::NotDecided,
-        Standing::Calibrated,
-        Standing::Failed,
-        Standing::Tripped,
-        Standing::Interrupted,
-        Standing::Skipped,
-        Standing::Waiting,
+    pub const ALL: [SensorState; 9] = [
+        SensorState::Accepted,
+        SensorState::NotAccepted,
+        SensorState::NotDecided,
+        SensorState::Calibrated,
+        SensorState::Failed,
+        SensorState::Tripped,
+        SensorState::Interrupted,
+        SensorState::Skipped,
+        SensorState::Waiting,
     ];
 
     /// Returns the standing in words.
     pub const fn name(self) -> &'static str {
         match self {
-            Standing::Waiting => "waiting",
-            Standing::Interrupted => "interrupted",
-            Standing::Calibrated => "calibrated",
-            Standing::Accepted => "accepted",
-            Standing::NotAccepted => "not accepted",
-            Standing::NotDecided => "not decided",
-            Standing::Failed => "failed",
-            Standing::Tripped => "tripped",
-            Standing::Skipped => "skipped",
+            SensorState::Waiting => "waiting",
+            SensorState::Interrupted => "interrupted",
+            SensorState::Calibrated => "calibrated",
+            SensorState::Accepted => "accepted",
+            SensorState::NotAccepted => "not accepted",
+            SensorState::NotDecided => "not decided",
+            SensorState::Failed => "failed",
+            SensorState::Tripped => "tripped",
+            SensorState::Skipped => "skipped",
         }
     }
 
     /// Whether the sensor has its result.
     pub const fn is_judged(self) -> bool {
-        matches!(self, Standing::Accepted | Standing::NotAccepted | Standing::NotDecided | Standing::Calibrated)
+        matches!(
+            self,
+            SensorState::Accepted | SensorState::NotAccepted | SensorState::NotDecided | SensorState::Calibrated
+        )
     }
 
-    fn of(ended: &Ended) -> Standing {
+    fn of(ended: &Ended) -> SensorState {
         match (ended.status, ended.verdict) {
-            (Status::Stopped, _) => Standing::Interrupted,
-            (Status::Tripped, _) => Standing::Tripped,
-            (Status::Failed, _) => Standing::Failed,
-            (Status::Complete, None) => Standing::Calibrated,
-            (Status::Complete, Some(Verdict::Accepted)) => Standing::Accepted,
-            (Status::Complete, Some(Verdict::NotAccepted)) => Standing::NotAccepted,
-            (Status::Complete, Some(Verdict::NotDecided)) => Standing::NotDecided,
+            (Status::Stopped, _) => SensorState::Interrupted,
+            (Status::Tripped, _) => SensorState::Tripped,
+            (Status::Failed, _) => SensorState::Failed,
+            (Status::Complete, None) => SensorState::Calibrated,
+            (Status::Complete, Some(SensorVerdict::Accepted)) => SensorState::Accepted,
+            (Status::Complete, Some(SensorVerdict::NotAccepted)) => SensorState::NotAccepted,
+            (Status::Complete, Some(SensorVerdict::NotDecided)) => SensorState::NotDecided,
         }
     }
 }
 
-impl State {
+impl BatchState {
     /// Adds an event. A journal begins with exactly one description of the batch, and names no sensor that wasn't added.
     ///
     /// # Errors
     /// What contradicts the events before.
-    pub fn take_in(&mut self, event: &Event) -> Result<(), String> {
+    pub fn take_in(&mut self, event: &BatchEvent) -> Result<(), String> {
         let is_first = self.facts.format == 0;
         match event {
-            Event::Batch(_) if !is_first => return Err("a second start of the batch".to_owned()),
-            _ if is_first && !matches!(event, Event::Batch(_)) => return Err("the first record is missing".to_owned()),
-            Event::Batch(facts) => {
+            BatchEvent::Batch(_) if !is_first => return Err("a second start of the batch".to_owned()),
+            _ if is_first && !matches!(event, BatchEvent::Batch(_)) => {
+                return Err("the first record is missing".to_owned());
+            }
+            BatchEvent::Batch(facts) => {
                 self.facts = facts.clone();
                 self.monitor = Monitor::new(&facts.charted);
-                let item = |Reference { serial, .. }: &Reference| Item { serial: serial.clone(), ..Item::default() };
+                let item = |ReferenceSensor { serial, .. }: &ReferenceSensor| BatchSensor {
+                    serial: serial.clone(),
+                    ..BatchSensor::default()
+                };
                 self.reference = facts.reference.as_ref().map(item);
             }
-            Event::Text(text) => match self.texts.iter_mut().find(|kept| kept.name == text.name) {
+            BatchEvent::Text(text) => match self.texts.iter_mut().find(|kept| kept.name == text.name) {
                 Some(kept) => *kept = text.clone(),
                 None => {
                     if text.name == RIG {
@@ -182,23 +190,23 @@ impl State {
                     self.texts.push(text.clone());
                 }
             },
-            Event::Session(session) => self.session = Some(session.clone()),
-            Event::Added { serials, .. } => serials.iter().try_for_each(|serial| self.add(serial))?,
-            Event::Began(began) => self.began(began)?,
-            Event::Ended(ended) => self.ended(ended)?,
-            Event::Postponed { .. } => self.is_postponed = true,
-            Event::Skipped { at, serial } => self.mark(serial, at, Standing::Skipped)?,
-            Event::Retry { at, serial } => self.mark(serial, at, Standing::Waiting)?,
-            Event::Noted { serial, note, .. } => self.item_mut(serial)?.note = Some(note.clone()),
-            Event::Refused { .. } => self.refused += 1,
-            Event::Alarm(_) => self.alarms += 1,
-            Event::Paused { .. } | Event::Closed { .. } => {}
+            BatchEvent::Session(session) => self.session = Some(session.clone()),
+            BatchEvent::Added { serials, .. } => serials.iter().try_for_each(|serial| self.add(serial))?,
+            BatchEvent::Began(began) => self.began(began)?,
+            BatchEvent::Ended(ended) => self.ended(ended)?,
+            BatchEvent::Postponed { .. } => self.is_postponed = true,
+            BatchEvent::Skipped { at, serial } => self.mark(serial, at, SensorState::Skipped)?,
+            BatchEvent::Retry { at, serial } => self.mark(serial, at, SensorState::Waiting)?,
+            BatchEvent::Noted { serial, note, .. } => self.item_mut(serial)?.note = Some(note.clone()),
+            BatchEvent::Refused { .. } => self.refused += 1,
+            BatchEvent::Alarm(_) => self.alarms += 1,
+            BatchEvent::Paused { .. } | BatchEvent::Closed { .. } => {}
         }
         Ok(())
     }
 
     /// Returns a sensor or the reference sensor by its serial number.
-    pub fn item(&self, serial: &str) -> Option<&Item> {
+    pub fn item(&self, serial: &str) -> Option<&BatchSensor> {
         let place = self.places.get(serial).map(|place| &self.items[*place]);
         place.or(self.reference.as_ref().filter(|reference| reference.serial == serial))
     }
@@ -211,18 +219,18 @@ impl State {
     /// Whether the reference sensor is due: at the beginning, after every `every` sensors, and if a control chart asks for it,
     /// unless a person postponed it.
     pub fn is_reference_due(&self) -> bool {
-        let Some(Reference { every, .. }) = &self.facts.reference else { return false };
+        let Some(ReferenceSensor { every, .. }) = &self.facts.reference else { return false };
         let is_time = self.since_reference.is_none_or(|sensors| sensors >= *every);
         !self.is_postponed && (is_time || self.monitor.is_reference_due())
     }
 
     /// Returns the next sensor in the order of the list.
-    pub fn next(&self) -> Option<&Item> {
-        self.items.iter().find(|item| item.standing == Standing::Waiting)
+    pub fn next(&self) -> Option<&BatchSensor> {
+        self.items.iter().find(|item| item.standing == SensorState::Waiting)
     }
 
     /// Returns the number of sensors of a standing.
-    pub fn count(&self, standing: Standing) -> usize {
+    pub fn count(&self, standing: SensorState) -> usize {
         self.items.iter().filter(|item| item.standing == standing).count()
     }
 
@@ -234,7 +242,7 @@ impl State {
             return Err(format!("more than {SERIALS_MAX} sensors"));
         }
         self.places.insert(serial.to_owned(), self.items.len());
-        self.items.push(Item { serial: serial.to_owned(), ..Item::default() });
+        self.items.push(BatchSensor { serial: serial.to_owned(), ..BatchSensor::default() });
         Ok(())
     }
 
@@ -243,11 +251,11 @@ impl State {
         let item = self.item_mut(&began.serial)?;
         item.times += 1;
         (item.run, item.minutes, item.reason) = (Some(began.run.clone()), None, None);
-        self.mark(&began.serial, &began.at, Standing::Interrupted)
+        self.mark(&began.serial, &began.at, SensorState::Interrupted)
     }
 
     fn ended(&mut self, ended: &Ended) -> Result<(), String> {
-        let standing = Standing::of(ended);
+        let standing = SensorState::of(ended);
         let item = self.item_mut(&ended.serial)?;
         item.run = ended.runs.last().cloned().or(item.run.take());
         (item.minutes, item.reason) = (Some(ended.minutes), ended.reasons.first().cloned());
@@ -267,13 +275,13 @@ impl State {
         Ok(())
     }
 
-    fn mark(&mut self, serial: &str, at: &str, standing: Standing) -> Result<(), String> {
+    fn mark(&mut self, serial: &str, at: &str, standing: SensorState) -> Result<(), String> {
         let item = self.item_mut(serial)?;
         (item.standing, item.at) = (standing, Some(at.to_owned()));
         Ok(())
     }
 
-    fn item_mut(&mut self, serial: &str) -> Result<&mut Item, String> {
+    fn item_mut(&mut self, serial: &str) -> Result<&mut BatchSensor, String> {
         let reference = self.reference.as_mut().filter(|reference| reference.serial == serial);
         let place = self.places.get(serial).map(|place| &mut self.items[*place]);
         place.or(reference).ok_or_else(|| format!("the batch has no sensor {serial:?}"))
@@ -288,9 +296,9 @@ pub(super) mod tests {
         "2026-11-23T10:00:00+01:00[Europe/Berlin]".to_owned()
     }
 
-    pub(crate) fn began(serial: &str) -> Event {
+    pub(crate) fn began(serial: &str) -> BatchEvent {
         let reference = serial == "REF";
-        Event::Began(Began {
+        BatchEvent::Began(Began {
             at: at(),
             serial: serial.to_owned(),
             reference,
@@ -299,8 +307,8 @@ pub(super) mod tests {
         })
     }
 
-    pub(crate) fn ended(serial: &str, status: Status, verdict: Option<Verdict>) -> Event {
-        Event::Ended(Ended {
+    pub(crate) fn ended(serial: &str, status: Status, verdict: Option<SensorVerdict>) -> BatchEvent {
+        BatchEvent::Ended(Ended {
             at: at(),
             serial: serial.to_owned(),
             reference: serial == "REF",
@@ -319,22 +327,22 @@ pub(super) mod tests {
     }
 
     /// State of a batch with the sensors and a reference sensor every second one.
-    pub(crate) fn begun() -> State {
-        let mut state = State::default();
-        let reference = Some(Reference { serial: "REF".to_owned(), every: 2 });
+    pub(crate) fn begun() -> BatchState {
+        let mut state = BatchState::default();
+        let reference = Some(ReferenceSensor { serial: "REF".to_owned(), every: 2 });
         let facts = Facts { format: 1, name: "day".to_owned(), reference, ..Facts::default() };
         let serials = (1..=4).map(|number| format!("A-{number}")).collect();
-        for event in [Event::Batch(facts), Event::Added { at: at(), serials }] {
+        for event in [BatchEvent::Batch(facts), BatchEvent::Added { at: at(), serials }] {
             state.take_in(&event).unwrap();
         }
         state
     }
 
-    fn take(state: &mut State, events: &[Event]) {
+    fn take(state: &mut BatchState, events: &[BatchEvent]) {
         events.iter().for_each(|event| state.take_in(event).unwrap());
     }
 
-    fn standing(state: &State, serial: &str) -> Standing {
+    fn standing(state: &BatchState, serial: &str) -> SensorState {
         state.item(serial).unwrap().standing
     }
 
@@ -343,32 +351,32 @@ pub(super) mod tests {
         let mut state = begun();
         assert_eq!(state.next().unwrap().serial, "A-1");
         take(&mut state, &[began("A-1")]);
-        assert_eq!(standing(&state, "A-1"), Standing::Interrupted, "until it ends");
+        assert_eq!(standing(&state, "A-1"), SensorState::Interrupted, "until it ends");
         for (status, verdict, expected) in [
-            (Status::Complete, Some(Verdict::Accepted), Standing::Accepted),
-            (Status::Complete, Some(Verdict::NotAccepted), Standing::NotAccepted),
-            (Status::Complete, Some(Verdict::NotDecided), Standing::NotDecided),
-            (Status::Complete, None, Standing::Calibrated),
-            (Status::Failed, None, Standing::Failed),
-            (Status::Tripped, None, Standing::Tripped),
-            (Status::Stopped, None, Standing::Interrupted),
+            (Status::Complete, Some(SensorVerdict::Accepted), SensorState::Accepted),
+            (Status::Complete, Some(SensorVerdict::NotAccepted), SensorState::NotAccepted),
+            (Status::Complete, Some(SensorVerdict::NotDecided), SensorState::NotDecided),
+            (Status::Complete, None, SensorState::Calibrated),
+            (Status::Failed, None, SensorState::Failed),
+            (Status::Tripped, None, SensorState::Tripped),
+            (Status::Stopped, None, SensorState::Interrupted),
         ] {
             take(&mut state, &[ended("A-1", status, verdict)]);
             assert_eq!(standing(&state, "A-1"), expected);
         }
         let serial = || "A-1".to_owned();
-        take(&mut state, &[Event::Skipped { at: at(), serial: serial() }]);
-        assert_eq!((standing(&state, "A-1"), state.next().unwrap().serial.as_str()), (Standing::Skipped, "A-2"));
+        take(&mut state, &[BatchEvent::Skipped { at: at(), serial: serial() }]);
+        assert_eq!((standing(&state, "A-1"), state.next().unwrap().serial.as_str()), (SensorState::Skipped, "A-2"));
         take(
             &mut state,
             &[
-                Event::Retry { at: at(), serial: serial() },
-                Event::Noted { at: at(), serial: serial(), note: "n".to_owned() },
+                BatchEvent::Retry { at: at(), serial: serial() },
+                BatchEvent::Noted { at: at(), serial: serial(), note: "n".to_owned() },
             ],
         );
         let item = state.item("A-1").unwrap();
-        assert_eq!((item.standing, item.times, item.note.as_deref()), (Standing::Waiting, 1, Some("n")));
-        assert_eq!((state.count(Standing::Waiting), state.mountings), (4, 1));
+        assert_eq!((item.standing, item.times, item.note.as_deref()), (SensorState::Waiting, 1, Some("n")));
+        assert_eq!((state.count(SensorState::Waiting), state.mountings), (4, 1));
     }
 
     #[test]
@@ -384,7 +392,7 @@ pub(super) mod tests {
         assert!(!state.is_reference_due(), "only one was measured");
         take(&mut state, &[began("A-3"), done("A-3")]);
         assert!(state.is_reference_due());
-        take(&mut state, &[Event::Postponed { at: at() }]);
+        take(&mut state, &[BatchEvent::Postponed { at: at() }]);
         assert!(!state.is_reference_due());
         take(&mut state, &[began("A-4"), done("A-4")]);
         assert!(state.is_reference_due(), "after the next sensor");
@@ -392,13 +400,13 @@ pub(super) mod tests {
 
     #[test]
     fn events_that_contradict_those_before_are_damage() {
-        assert_eq!(State::default().take_in(&began("A-1")).unwrap_err(), "the first record is missing");
+        assert_eq!(BatchState::default().take_in(&began("A-1")).unwrap_err(), "the first record is missing");
         let mut state = begun();
         let wrong = [
-            (Event::Batch(Facts::default()), "a second start of the batch"),
+            (BatchEvent::Batch(Facts::default()), "a second start of the batch"),
             (began("B-1"), "the batch has no sensor \"B-1\""),
             (ended("B-1", Status::Complete, None), "the batch has no sensor \"B-1\""),
-            (Event::Added { at: at(), serials: vec!["A-1".to_owned()] }, "the sensor \"A-1\" was added twice"),
+            (BatchEvent::Added { at: at(), serials: vec!["A-1".to_owned()] }, "the sensor \"A-1\" was added twice"),
         ];
         for (event, problem) in wrong {
             assert_eq!(state.take_in(&event).unwrap_err(), problem);

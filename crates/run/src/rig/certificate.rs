@@ -2,17 +2,17 @@
 //! `[load_cell]`.
 
 use super::keys::{certificate, check, stage_certificate};
-use palpate_core::quantity::{Certificate, GAIN_OFF_MOST, StageCertificate, StatedError, WeightCheck};
+use palpate_core::quantity::{GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck};
 use palpate_document::{Key, Problem, Table};
 
 /// Longest number of a certificate, characters.
 const NUMBER_MAX: usize = 64;
 
-pub(super) fn read_certificate(table: &Table) -> Option<Certificate> {
+pub(super) fn read_certificate(table: &Table) -> Option<LoadCellCertificate> {
     let number = read_number(table, &certificate::number);
     let date = table.day(&certificate::date).map(str::to_owned);
     let stated = read_stated(table);
-    Some(Certificate { number: number?, date: date?, stated: stated? })
+    Some(LoadCellCertificate { number: number?, date: date?, stated: stated? })
 }
 
 pub(super) fn read_stage_certificate(table: &Table) -> Option<StageCertificate> {

@@ -2,7 +2,7 @@
 
 use super::keys::limits;
 use super::{KEYS, keys};
-use palpate_document::{self as document, Change, Given, Problems};
+use palpate_document::{self as document, GivenValue, KeyChange, Problems};
 
 /// A key with different values in two rigs.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,19 +47,19 @@ impl Difference {
 /// A text isn't TOML.
 pub fn differences(before: &str, now: &str) -> Result<Vec<Difference>, Problems> {
     let changes = document::differences(&KEYS, ("the rig before", before), ("the rig now", now))?;
-    let shown = |given: Option<Given>| given.map_or_else(|| "not set".to_owned(), |given| given.text);
-    let difference = |change: Change| {
+    let shown = |given: Option<GivenValue>| given.map_or_else(|| "not set".to_owned(), |given| given.text);
+    let difference = |change: KeyChange| {
         let verdict = verdict(&change);
         Difference { path: change.path, before: shown(change.before), now: shown(change.now), verdict }
     };
     Ok(changes.into_iter().map(difference).collect())
 }
 
-fn verdict(change: &Change) -> Consequence {
+fn verdict(change: &KeyChange) -> Consequence {
     let (before, now) = (change.before.as_ref(), change.now.as_ref());
     let numbers = before.and_then(|given| given.number).zip(now.and_then(|given| given.number));
     let is_limit = |key: &document::Key| change.path == format!("{}.{}", keys::root::limits.name, key.name);
-    let is_simulated = |given: &Given| given.text.trim_matches(['"', '\'']) == "sim";
+    let is_simulated = |given: &GivenValue| given.text.trim_matches(['"', '\'']) == "sim";
     match change.path.split('.').collect::<Vec<_>>()[..] {
         // in a rig where any link is simulated all are: none becomes real, or the other way round
         [_, "link"] if !before.into_iter().chain(now).any(is_simulated) => Consequence::Link,

@@ -1,6 +1,6 @@
 //! Finds the driver of each role, and its link.
 
-use super::family::{Beside, FAMILIES, Family, Links, Role};
+use super::family::{Beside, DeviceFamily, FAMILIES, Links, Role};
 use super::keys::{array, load_cell, stage};
 use super::spec::{ArrayDriver, Driver, LoadCellDriver, StageDriver};
 use palpate_document::{Key, Problem, Table};
@@ -33,7 +33,7 @@ pub(super) fn read_array_driver(table: &Table, beside: Beside) -> Option<(Arc<dy
 fn read<D: Driver + ?Sized + 'static>(
     table: &Table,
     [key, link]: [&Key; 2],
-    role: fn(&'static Family) -> Option<&'static Role<D>>,
+    role: fn(&'static DeviceFamily) -> Option<&'static Role<D>>,
     beside: Beside,
 ) -> Option<(Arc<D>, Link)> {
     let roles = FAMILIES.into_iter().filter_map(role);

@@ -25,7 +25,7 @@ pub use cell::AdjustedCell;
 pub use cell::GAIN_UNKNOWN;
 pub use compare::{Consequence, Difference, differences};
 pub use emulated::{EmulatedDevice, FarEnd};
-pub use family::{FAMILIES, Family, Links, Role};
+pub use family::{DeviceFamily, FAMILIES, Links, Role};
 pub use open::OpenRig;
 pub use parse::parse;
 pub use simulated::GroundTruth;
@@ -36,7 +36,7 @@ pub use spec::HomeSide;
 pub use spec::LoadCellDriver;
 pub use spec::StageDriver;
 pub use spec::StageSpec;
-pub use spec::{Driver, Home, LoadCellSpec, Misfit, OwnFile, RigSpec, Wiring};
+pub use spec::{Driver, Home, LoadCellSpec, Misfit, OwnFile, RigSpec, RigWiring};
 pub use which_way::WhichWay;
 
 use palpate_document::Keys;

@@ -3,7 +3,7 @@
 use super::cell::AdjustedCell;
 use super::emulated::EmulatedDevice;
 use super::simulated::{GroundTruth, SimulatedRig};
-use super::spec::{Dial, Driver, Home, RigSpec, Wiring};
+use super::spec::{Dial, Driver, Home, RigSpec, RigWiring};
 use palpate_core::quantity::Axis;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Instruments, StageUse};
@@ -78,11 +78,11 @@ impl RigSpec {
     pub fn load_cell_on(&self, dial: Dial, origin: Instant) -> Result<AdjustedCell, DeviceError> {
         self.adjusted_cell(
             dial,
-            &Wiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() },
+            &RigWiring { rig: self, origin, scene: None, acquisition: OnceCell::new(), line_ports: RefCell::default() },
         )
     }
 
-    fn adjusted_cell(&self, dial: Dial, wiring: &Wiring) -> Result<AdjustedCell, DeviceError> {
+    fn adjusted_cell(&self, dial: Dial, wiring: &RigWiring) -> Result<AdjustedCell, DeviceError> {
         Ok(AdjustedCell::new(self.load_cell.driver.open(dial, wiring)?, &self.load_cell))
     }
 
@@ -92,7 +92,8 @@ impl RigSpec {
         scene: Option<Shared<Scene>>,
         origin: Instant,
     ) -> Result<OpenRig, DeviceError> {
-        let wiring = Wiring { rig: self, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() };
+        let wiring =
+            RigWiring { rig: self, origin, scene, acquisition: OnceCell::new(), line_ports: RefCell::default() };
         let instruments = Instruments {
             stage: self.stage_on(stage),
             load_cell: self.adjusted_cell(load_cell, &wiring)?,

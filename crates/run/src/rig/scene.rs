@@ -7,10 +7,10 @@ use super::scene_keys::{
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
 use palpate_core::quantity::{Place, Range, Tilt};
-use palpate_document::{self as document, Key, Problem, Problems, Table, Value};
+use palpate_document::{self as document, DefaultValue, Key, Problem, Problems, Table};
 use palpate_sim::scene::{
-    ContactLaw, Fault, FaultKind, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
-    Stiffness, Wave,
+    ContactLaw, FaultKind, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneFault, SceneSpec, Servo,
+    Sine, Spikes, Stiffness,
 };
 
 /// Returns the scene of the paper's rig, with which a rig without a `[scene]` is simulated. An array with another number than
@@ -77,7 +77,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
 }
 
 /// Reads the plane's tilt, mm, and the deviations from the plane.
-fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
+fn read_surface(table: &Table) -> Option<(f64, Option<Sine>, Option<Relief>)> {
     let numbers = table.numbers([surface::tilt_mm, surface::wave_mm, surface::wave_s]);
     let bumps_mm = table.number(&surface::bumps_mm);
     let wavelength = table.range(&surface::bumps_wavelength_mm);
@@ -96,7 +96,7 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Wave>, Option<Relief>)> {
     Some((tilt_mm, wave(wave_mm, wave_s), relief))
 }
 
-fn read_fault(table: &Table) -> Option<Fault> {
+fn read_fault(table: &Table) -> Option<SceneFault> {
     let kind = table.word(&fault::kind, &FaultKind::ALL);
     let from_s = table.number(&fault::from_s);
     let value = match kind? {
@@ -107,15 +107,15 @@ fn read_fault(table: &Table) -> Option<Fault> {
         FaultKind::DriftedZero => table.number(&fault::drifted_zero::value),
         _ => None,
     };
-    Some(Fault { kind: kind?, from_s: from_s?, value })
+    Some(SceneFault { kind: kind?, from_s: from_s?, value })
 }
 
 /// Returns a wave; `None` if the amplitude is 0.
-fn wave(amplitude: f64, period_s: f64) -> Option<Wave> {
-    (amplitude > 0.0).then_some(Wave { amplitude, period_s })
+fn wave(amplitude: f64, period_s: f64) -> Option<Sine> {
+    (amplitude > 0.0).then_some(Sine { amplitude, period_s })
 }
 
-fn read_load_cell(table: &Table) -> Option<LoadCell> {
+fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
     use load_cell as key;
     let (low_pass_hz, stiffness_n_mm) = (table.number(&key::low_pass_hz), table.number(&key::stiffness_n_mm));
     let noise = table.numbers([key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min]);
@@ -123,7 +123,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCell> {
     let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg]);
     let [noise_n, noise_ahead_n, offset_n, drift_n_min] = noise?;
     let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg]) = (waves?, others?);
-    Some(LoadCell {
+    Some(LoadCellScene {
         noise_n,
         noise_ahead_n,
         offset_n,
@@ -140,7 +140,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCell> {
 
 fn read_latencies(table: Option<&Table>) -> Option<Latencies> {
     let seconds = |key: Key| {
-        let range = table.map_or_else(|| key.default().and_then(Value::range), |table| table.range(&key));
+        let range = table.map_or_else(|| key.default().and_then(DefaultValue::range), |table| table.range(&key));
         range.map(|ms| (ms.min / 1000.0, ms.max / 1000.0))
     };
     let (stage_s, load_cell_s, array_s) =
@@ -187,11 +187,11 @@ mod tests {
         );
         assert_eq!(plain.surface_tilt_mm, 0.0);
         assert!(plain.faults.is_empty());
-        let cell = LoadCell { noise_n: 0.003, ..LoadCell::default() };
+        let cell = LoadCellScene { noise_n: 0.003, ..LoadCellScene::default() };
         assert_eq!(plain.load_cell, Some(cell));
 
         let scene = changed("noise_n = 0.003", "noise_n = 0.003, transport_ms = 2.0, low_pass_hz = 100.0").unwrap();
-        assert_eq!(scene.load_cell, Some(LoadCell { transport_s: 0.002, low_pass_hz: Some(100.0), ..cell }));
+        assert_eq!(scene.load_cell, Some(LoadCellScene { transport_s: 0.002, low_pass_hz: Some(100.0), ..cell }));
         let scene = changed("relaxation =", &surface("bumps_mm = 0.03, bumps_wavelength_mm = [1.0, 2.0]")).unwrap();
         let short = Relief { bumps_mm: 0.03, bumps_wavelength_mm: (1.0, 2.0), roughness_mm: 0.0 };
         assert_eq!((scene.surface_tilt_mm, scene.relief), (0.0, Some(short)));
@@ -211,7 +211,7 @@ mod tests {
         let last = "array = [1.0, 2.0] }";
         for (name, kind) in FaultKind::ALL {
             let fault = format!("{last}\n[[scene.fault]]\nkind = \"{name}\"\nfrom_s = 12.0\n");
-            assert_eq!(changed(last, &fault).unwrap().faults, [Fault { kind, from_s: 12.0, value: None }]);
+            assert_eq!(changed(last, &fault).unwrap().faults, [SceneFault { kind, from_s: 12.0, value: None }]);
             let valued = changed(last, &format!("{fault}value = 1.5\n"));
             match kind.usual() {
                 Some(_) => assert_eq!(valued.unwrap().faults[0].value, Some(1.5), "{name}"),

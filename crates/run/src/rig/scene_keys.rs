@@ -24,15 +24,19 @@ pub(super) const NOISE_OF: [(&str, NoiseOf); 2] = [("full-scale", NoiseOf::FullS
 
 /// Kind of a unit's fault as named in the text, without its size.
 #[derive(Clone, Copy)]
-pub(super) enum Taxel {
+pub(super) enum NamedFault {
     Dead,
     Stuck,
     Clipped,
     Drifted,
 }
 
-pub(super) const TAXEL_FAULTS: [(&str, Taxel); 4] =
-    [("dead", Taxel::Dead), ("stuck", Taxel::Stuck), ("clipped", Taxel::Clipped), ("drifted", Taxel::Drifted)];
+pub(super) const TAXEL_FAULTS: [(&str, NamedFault); 4] = [
+    ("dead", NamedFault::Dead),
+    ("stuck", NamedFault::Stuck),
+    ("clipped", NamedFault::Clipped),
+    ("drifted", NamedFault::Drifted),
+];
 
 keys! {
     /// `[scene]`

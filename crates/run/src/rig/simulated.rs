@@ -7,7 +7,7 @@ use palpate_core::quantity::{Axis, Place, Position};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::time::Instant;
 use palpate_sim::emulator::Shared;
-use palpate_sim::scene::{Device, SKIN_CHANNELS_MAX, Scene, Surroundings, Truth};
+use palpate_sim::scene::{SKIN_CHANNELS_MAX, Scene, SceneDevice, Surroundings, Truth};
 use std::sync::{Arc, Mutex};
 
 /// Half the side of the loading area (PAPER S8), mm.
@@ -50,10 +50,10 @@ impl RigSpec {
     /// A device has no emulator.
     pub fn emulators(&self, seed: u64) -> Result<SimulatedRig, DeviceError> {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
-            return Err(not_simulated(Device::Array, TOO_MANY_CHANNELS.to_owned()));
+            return Err(not_simulated(SceneDevice::Array, TOO_MANY_CHANNELS.to_owned()));
         }
         if let Some(told) = self.stage.driver.simulated_misfit(self) {
-            return Err(not_simulated(Device::Stage, told));
+            return Err(not_simulated(SceneDevice::Stage, told));
         }
         let spec = self.scene.clone();
         // the drivers go by the rig's word, the scene by how the specimen really lies
@@ -87,7 +87,7 @@ impl RigSpec {
 }
 
 /// Returns the error of a rig's device that can't be simulated.
-fn not_simulated(device: Device, why: String) -> DeviceError {
+fn not_simulated(device: SceneDevice, why: String) -> DeviceError {
     let (device, doing) = (device.name().to_owned(), "opening it".to_owned());
     DeviceError { device, doing, problem: DeviceProblem::Mismatch(why) }
 }
@@ -95,7 +95,7 @@ fn not_simulated(device: Device, why: String) -> DeviceError {
 impl SimulatedRig {
     /// Returns the devices with their roles.
     pub fn devices(&self) -> [(&EmulatedDevice, &'static str); 3] {
-        [(&self.stage, Device::Stage), (&self.load_cell, Device::LoadCell), (&self.array, Device::Array)]
+        [(&self.stage, SceneDevice::Stage), (&self.load_cell, SceneDevice::LoadCell), (&self.array, SceneDevice::Array)]
             .map(|(device, role)| (device, role.name()))
     }
 }

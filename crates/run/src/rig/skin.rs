@@ -1,7 +1,8 @@
 //! Terms of a `[scene]` that determine the readings of the taxels.
 
 use super::scene_keys::{
-    NOISE_OF, TAXEL_FAULTS, Taxel, converter, elastomer, hysteresis, indenter, scene, taxel_fault, taxel_noise, taxels,
+    NOISE_OF, NamedFault, TAXEL_FAULTS, converter, elastomer, hysteresis, indenter, scene, taxel_fault, taxel_noise,
+    taxels,
 };
 use palpate_core::mechanics::{MOST_RADIUS_DEPTHS, Medium};
 use palpate_document::{self as document, Key, Problem, Table};
@@ -86,10 +87,10 @@ fn read_fault(table: &Table, units: Option<usize>) -> Option<TaxelFault> {
     }
     let kind = table.word(&taxel_fault::kind, &TAXEL_FAULTS).and_then(|kind| {
         Some(match kind {
-            Taxel::Dead => TaxelFaultKind::Dead,
-            Taxel::Stuck => TaxelFaultKind::Stuck(table.number(&taxel_fault::stuck::reading)?),
-            Taxel::Clipped => TaxelFaultKind::Clipped(table.number(&taxel_fault::clipped::reading)?),
-            Taxel::Drifted => TaxelFaultKind::Drifted(table.number(&taxel_fault::drifted::gain_percent)?),
+            NamedFault::Dead => TaxelFaultKind::Dead,
+            NamedFault::Stuck => TaxelFaultKind::Stuck(table.number(&taxel_fault::stuck::reading)?),
+            NamedFault::Clipped => TaxelFaultKind::Clipped(table.number(&taxel_fault::clipped::reading)?),
+            NamedFault::Drifted => TaxelFaultKind::Drifted(table.number(&taxel_fault::drifted::gain_percent)?),
         })
     });
     Some(TaxelFault { unit: unit?, kind: kind? })

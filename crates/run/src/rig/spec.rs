@@ -1,10 +1,10 @@
 //! A parsed rig file, and the capabilities of each of its drivers.
 
 use super::emulated::EmulatedDevice;
-use super::which_way::{Nobody, WhichWay};
-use palpate_control::{Rule, Timing, Trip};
+use super::which_way::{Unattended, WhichWay};
+use palpate_control::{SafetyRule, Timing, Trip};
 use palpate_core::quantity::{
-    ArrayLayout, Axis, Certificate, Down, Frame, GAIN_OFF_MOST, Limits, Range, StageCertificate, Steps, Travel,
+    ArrayLayout, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate, Steps, Travel,
     WeightCheck,
 };
 use palpate_data::recipe::Ground;
@@ -15,7 +15,7 @@ use palpate_link::device::DeviceError;
 use palpate_link::time::Instant;
 use palpate_link::wire::{ClaimError, Claims, Connector, Link};
 use palpate_sim::emulator::{STAGE_TRAVEL_MM, Shared};
-use palpate_sim::scene::{Device, Scene, SceneSpec};
+use palpate_sim::scene::{Scene, SceneDevice, SceneSpec};
 use std::any::Any;
 use std::cell::{OnceCell, RefCell};
 use std::fmt::Debug;
@@ -120,7 +120,7 @@ pub struct LoadCellSpec {
     /// Allowed reading in air, with the tool, N; `None` if not stated.
     pub air_n: Option<Range>,
     /// Calibration certificate of the load cell.
-    pub certificate: Option<Certificate>,
+    pub certificate: Option<LoadCellCertificate>,
     /// Gain measured with a known weight.
     pub check: Option<WeightCheck>,
 }
@@ -172,9 +172,9 @@ impl LoadCellSpec {
 }
 
 /// Returns the trip for a gain with too large an error.
-fn gain_off(check: &WeightCheck, certificate: Option<&Certificate>) -> Trip {
+fn gain_off(check: &WeightCheck, certificate: Option<&LoadCellCertificate>) -> Trip {
     let most = if check.adjusted { GAIN_OFF_MOST } else { check.explained(certificate).min(GAIN_OFF_MOST) };
-    Trip::new(Rule::GainOff, 100.0 * (check.gain - 1.0), 100.0 * most, "%")
+    Trip::new(SafetyRule::GainOff, 100.0 * (check.gain - 1.0), 100.0 * most, "%")
 }
 
 impl RigSpec {
@@ -205,7 +205,7 @@ impl RigSpec {
         match (&self.which_way, self.is_simulated()) {
             (_, true) => None,
             (Some(which_way), false) => Some(&**which_way),
-            (None, false) => Some(&Nobody),
+            (None, false) => Some(&Unattended),
         }
     }
 
@@ -300,7 +300,7 @@ pub trait Driver: Any + Debug + Send + Sync {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misfit {
     /// Role that must be changed.
-    pub role: Device,
+    pub role: SceneDevice,
     /// Description of the problem.
     pub told: String,
     /// Suggested correction.
@@ -350,7 +350,7 @@ pub trait LoadCellDriver: Driver {
     ///
     /// # Errors
     /// Returns an error if the driver can't play this role, or needs a library that is missing.
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError>;
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError>;
 
     /// Returns the emulator that answers the driver in a simulated rig with the stage `stage`.
     ///
@@ -365,7 +365,7 @@ pub trait ArrayDriver: Driver {
     ///
     /// # Errors
     /// Returns an error if the driver can't play this role, or needs a library that is missing.
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError>;
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError>;
 
     /// Returns the emulator that answers the driver in a simulated rig.
     ///
@@ -389,7 +389,7 @@ pub trait ArrayDriver: Driver {
 pub(super) type Dial<'a> = &'a dyn Fn() -> Connector;
 
 /// Data shared by a rig's drivers when they are opened.
-pub struct Wiring<'a> {
+pub struct RigWiring<'a> {
     /// The rig.
     pub rig: &'a RigSpec,
     /// Start of the rig's time, from which readings are timed.
@@ -411,7 +411,7 @@ pub struct OwnFile {
     pub text: Option<String>,
 }
 
-impl Wiring<'_> {
+impl RigWiring<'_> {
     /// Returns the port behind a link, which the roles on this link share.
     pub(super) fn line_port(&self, link: &Link, profile: &LineProfile, dial: Dial) -> LinePort {
         let mut ports = self.line_ports.borrow_mut();

@@ -44,9 +44,9 @@ pub trait WhichWay: Debug + Send + Sync {
 
 /// Absence of a person. A rig that isn't simulated doesn't move.
 #[derive(Debug)]
-pub(super) struct Nobody;
+pub(super) struct Unattended;
 
-impl WhichWay for Nobody {
+impl WhichWay for Unattended {
     fn is_known(&self, _: &Identity, _: Down) -> bool {
         false
     }

@@ -4,9 +4,9 @@ use super::Halt;
 use super::past::{Past, TouchedPlace};
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::shift::sideways_shift;
-use super::walk::{Standby, Walker};
+use super::walk::{Runner, Standby};
 use crate::rig::Home;
-use palpate_control::{Rule, Standing, Strategy, Task, Trip};
+use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, Trip};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{Air, Record, Retouch};
 use palpate_data::recipe::Plan;
@@ -32,13 +32,13 @@ const SAME_SIGMAS: f64 = 5.0;
 const SHIFT_MOST_MM: f64 = 0.3;
 
 /// Returns the task that repeats the first level of the press at a place; `None` if no level was pressed there.
-fn again(known: &TouchedPlace, plan: &Plan) -> Option<Task> {
+fn again(known: &TouchedPlace, plan: &Plan) -> Option<PressTask> {
     let (_, force_set_n) = known.felt.as_ref()?;
     let entry = plan.entries.iter().find(|entry| entry.press == known.press)?;
-    Some(Task { levels: Task::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
+    Some(PressTask { levels: PressTask::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
 }
 
-impl Walker<'_> {
+impl Runner<'_> {
     /// Touches again some places that were touched before, as if nothing were known of the specimen, and compares. If a person
     /// brought the stage to its zero, the presses there are repeated and their outputs are compared too, because a touch doesn't show
     /// that the zero moved sideways.
@@ -48,8 +48,8 @@ impl Walker<'_> {
         for (nth, known) in landmarks.iter().enumerate() {
             let next = landmarks.get(nth + 1).map_or(next, |known| known.place);
             let force_n = known.force_n.min(TOUCH_SHARE * self.conditions.spec.limits.force_n);
-            let task = Task {
-                levels: Task::press(force_n),
+            let task = PressTask {
+                levels: PressTask::press(force_n),
                 force_tolerance_n: TOUCH_TOLERANCE * force_n,
                 hold_s: 0.0,
                 sample_s: TOUCH_SAMPLE_S,
@@ -66,7 +66,7 @@ impl Walker<'_> {
             let moved_mm = touched_mm - known.z_mm;
             let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
             if !is_there {
-                return Err(Trip::new(Rule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
+                return Err(Trip::new(SafetyRule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
             }
             if let (true, Some((before, _)), Some(now)) = (by_hand, &known.felt, pressed.felt(known.place)) {
                 repeated.push((before.clone(), now));
@@ -75,7 +75,7 @@ impl Walker<'_> {
         if let Some(shift) = sideways_shift(&repeated, &past.felt) {
             let shift_mm = shift.distance_mm(Place::default());
             if shift_mm > SHIFT_MOST_MM {
-                return Err(Trip::new(Rule::ZeroShifted, shift_mm, SHIFT_MOST_MM, "mm").into());
+                return Err(Trip::new(SafetyRule::ZeroShifted, shift_mm, SHIFT_MOST_MM, "mm").into());
             }
         }
         Ok(())
@@ -92,7 +92,7 @@ impl Walker<'_> {
         // no nearer, even if a journal says so, than x and y may move
         let back_mm = before.z_mm.min(self.permit.clear_mm(first_mm));
         if self.hand.z_mm < back_mm {
-            let standing = Standing {
+            let standing = MotionContext {
                 z_mm: self.hand.z_mm,
                 force_n: now.mean_n - zero.offset_n,
                 sigma_n: zero.sigma_mean_n(now.readings),

@@ -1,11 +1,11 @@
 //! Finds the real position and tilt of the specimen: presses around its expected position, and evaluates the results.
 
 use super::Cancel;
-use super::walk::{Ending, Listener, Walk, walk};
+use super::walk::{Ending, Listener, RunJob, walk};
 use crate::rig::RigSpec;
 use palpate_core::quantity::{Frame, Place, TILT_MOST_DEG, Tilt};
 use palpate_data::dataset::{Memory, Press};
-use palpate_data::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
+use palpate_data::recipe::{Manner, Phase, Places, Plan, Recipe, Step, StepLoad};
 use palpate_document::Problems;
 use palpate_solver::{Calibration, CalibrationError, CalibrationPoint, Placement, PlacementError, Plane, place_array};
 
@@ -102,7 +102,7 @@ pub async fn align(
 ) -> Result<Alignment, AlignError> {
     let plan = plan(spec, seed).map_err(AlignError::Plan)?;
     let mut ledger = Memory::default();
-    let ending = walk(Walk { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
+    let ending = walk(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
     if ending.halt.is_some() || ending.unparked.is_some() {
         return Err(AlignError::Halted(Box::new(ending)));
     }
@@ -127,7 +127,7 @@ pub fn plan(spec: &RigSpec, seed: u64) -> Result<Plan, Problems> {
     let places = (0..PRESSES_A_SIDE * PRESSES_A_SIDE).map(place).collect();
     let paper = Manner::PAPER;
     let manner = Manner { force_tolerance_n: paper.force_tolerance_n.min(force_n / 2.0), ..paper };
-    let step = Step::new(Phase::Calibration, Places::List(places), Load::Force(force_n), manner);
+    let step = Step::new(Phase::Calibration, Places::List(places), StepLoad::Force(force_n), manner);
     Plan::new(&Recipe::new("align", vec![step]), &spec.ground(), seed)
 }
 

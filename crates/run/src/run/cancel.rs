@@ -8,12 +8,12 @@ use tokio::sync::watch;
 /// Requests of a person to a run; clones share the state.
 #[derive(Clone, Debug)]
 pub struct Cancel {
-    sender: watch::Sender<Word>,
+    sender: watch::Sender<OperatorCommand>,
 }
 
 /// Last command of the operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Word {
+enum OperatorCommand {
     #[default]
     GoOn,
     /// No request so far, and no press is under way that could be finished first.
@@ -24,40 +24,40 @@ enum Word {
 
 impl Default for Cancel {
     fn default() -> Self {
-        Cancel { sender: watch::Sender::new(Word::GoOn) }
+        Cancel { sender: watch::Sender::new(OperatorCommand::GoOn) }
     }
 }
 
 impl Cancel {
     /// Requests an immediate stop, even during a press. The request can't be withdrawn.
     pub fn ask(&self) {
-        self.sender.send_replace(Word::Stop);
+        self.sender.send_replace(OperatorCommand::Stop);
     }
 
     /// Requests a pause after the press under way is recorded. Returns whether there will be a pause: there is none while the rig
     /// is being prepared, and no second one.
     pub fn pause(&self) -> bool {
-        self.exchange(Word::GoOn, Word::Pause)
+        self.exchange(OperatorCommand::GoOn, OperatorCommand::Pause)
     }
 
     /// Marks that the rig is being prepared. Until it is prepared, there is no press whose end a pause could wait for.
     pub fn preparing(&self) {
-        self.exchange(Word::GoOn, Word::Preparing);
+        self.exchange(OperatorCommand::GoOn, OperatorCommand::Preparing);
     }
 
     /// Marks that the rig is prepared.
     pub fn prepared(&self) {
-        self.exchange(Word::Preparing, Word::GoOn);
+        self.exchange(OperatorCommand::Preparing, OperatorCommand::GoOn);
     }
 
     /// Ends a pause.
     pub fn go_on(&self) {
-        self.exchange(Word::Pause, Word::GoOn);
+        self.exchange(OperatorCommand::Pause, OperatorCommand::GoOn);
     }
 
     /// Whether a stop was requested.
     pub fn asked(&self) -> bool {
-        *self.sender.borrow() == Word::Stop
+        *self.sender.borrow() == OperatorCommand::Stop
     }
 
     /// # Errors
@@ -68,34 +68,34 @@ impl Cancel {
 
     /// Whether a pause was requested.
     pub fn pausing(&self) -> bool {
-        *self.sender.borrow() == Word::Pause
+        *self.sender.borrow() == OperatorCommand::Pause
     }
 
     /// Waits until a stop is requested.
     pub async fn wait(&self) {
-        self.wait_for(|word| word == Word::Stop).await;
+        self.wait_for(|word| word == OperatorCommand::Stop).await;
     }
 
     /// Waits until a pause ends or a stop is requested.
     pub(crate) async fn while_pausing(&self) {
-        self.wait_for(|word| word != Word::Pause).await;
+        self.wait_for(|word| word != OperatorCommand::Pause).await;
     }
 
     /// Sleeps for a duration, but ends early if a pause or a stop is requested.
     pub async fn sleep(&self, duration: Duration) {
         tokio::select! {
             biased;
-            () = self.wait_for(|word| word != Word::GoOn) => {}
+            () = self.wait_for(|word| word != OperatorCommand::GoOn) => {}
             () = sleep(duration) => {}
         }
     }
 
-    async fn wait_for(&self, is_meant: impl Fn(Word) -> bool) {
+    async fn wait_for(&self, is_meant: impl Fn(OperatorCommand) -> bool) {
         // the sender lives as long as this does, so that waiting can't fail
         let _ = self.sender.subscribe().wait_for(|word| is_meant(*word)).await;
     }
 
-    fn exchange(&self, from: Word, to: Word) -> bool {
+    fn exchange(&self, from: OperatorCommand, to: OperatorCommand) -> bool {
         self.sender.send_if_modified(|word| {
             let fits = *word == from;
             if fits {

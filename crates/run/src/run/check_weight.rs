@@ -4,8 +4,8 @@
 use super::Halt;
 use super::hand::Gauge;
 use crate::rig::GroundTruth;
-use palpate_control::{Mean, Rule, Trip, Zero, mean_of};
-use palpate_core::quantity::{COVERAGE, Certificate, GRAVITY_M_S2, WeightCheck};
+use palpate_control::{Mean, SafetyRule, Trip, Zero, mean_of};
+use palpate_core::quantity::{COVERAGE, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
 use palpate_link::device::LoadCell;
 use palpate_link::time::Instant;
 use std::time::Duration;
@@ -68,7 +68,7 @@ pub struct Weighing<'a> {
 
 /// Result of the measurement of a known weight.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Weighed {
+pub struct WeightMeasurement {
     /// The weight.
     pub weight: KnownWeight,
     /// Cell readings of the weight, as fractions of the weight, one for each repetition.
@@ -77,7 +77,7 @@ pub struct Weighed {
     pub noise: f64,
 }
 
-impl Weighed {
+impl WeightMeasurement {
     /// The mean of the gains.
     pub fn gain(&self) -> f64 {
         self.gains.iter().sum::<f64>() / self.gains.len().max(1) as f64
@@ -116,14 +116,14 @@ pub(super) async fn weigh<C: LoadCell>(
     gauge: &mut Gauge<'_, C>,
     truth: &GroundTruth,
     weighing: &mut Weighing<'_>,
-) -> Result<Weighed, Halt> {
+) -> Result<WeightMeasurement, Halt> {
     let weight = weighing.weight;
     let sign = if weight.pull { -1.0 } else { 1.0 };
     let readings = gauge.sound_readings(ZERO_READINGS, ZERO_S).await?;
     let zero = Zero::of(&readings, gauge.cell.conversion().as_secs_f64());
-    let scale = Scale { zero, weight_n: weight.weight_n };
+    let scale = Balance { zero, weight_n: weight.weight_n };
     let mut before = scale.window(gauge).await?.0;
-    let mut weighed = Weighed { weight, gains: Vec::new(), noise: 0.0 };
+    let mut weighed = WeightMeasurement { weight, gains: Vec::new(), noise: 0.0 };
     for time in 1..=WEIGHT_TIMES {
         (weighing.ask)(Ask::PutOn(time));
         truth.put_weight(sign * weight.weight_n, weight.u_n);
@@ -140,7 +140,7 @@ pub(super) async fn weigh<C: LoadCell>(
     }
     let sd = weighed.gain_sd() / weighed.gain().abs().max(1.0);
     if sd > UNSTEADY {
-        return Err(Trip::new(Rule::WeightUnsteady, 100.0 * sd, 100.0 * UNSTEADY, "%").into());
+        return Err(Trip::new(SafetyRule::WeightUnsteady, 100.0 * sd, 100.0 * UNSTEADY, "%").into());
     }
     Ok(weighed)
 }
@@ -153,12 +153,12 @@ enum Waits {
 }
 
 /// Load cell used as a balance.
-struct Scale {
+struct Balance {
     zero: Zero,
     weight_n: f64,
 }
 
-impl Scale {
+impl Balance {
     /// Returns the mean of a weight that is on or off, and at rest.
     async fn wait<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, air_n: f64, waits: Waits) -> Result<Mean, Halt> {
         let began = Instant::now();
@@ -198,8 +198,8 @@ impl Scale {
 
     fn in_vain(&self, moved_n: f64, readings: u32, waits: Waits) -> Trip {
         let rule = match waits {
-            Waits::On => Rule::NoWeight,
-            Waits::Off { .. } => Rule::WeightLeftOn,
+            Waits::On => SafetyRule::NoWeight,
+            Waits::Off { .. } => SafetyRule::WeightLeftOn,
         };
         Trip::new(rule, moved_n, self.threshold_n(readings, waits), "N")
     }
@@ -224,7 +224,7 @@ impl Scale {
             let reading = gauge.sound_reading().await?;
             read.push((gauge.now_s(), reading.force_n));
         }
-        mean_of(&read, &self.zero).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 1.0, "readings").into())
+        mean_of(&read, &self.zero).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 1.0, "readings").into())
     }
 
     fn agree(&self, a: &Mean, b: &Mean) -> bool {
@@ -235,9 +235,9 @@ impl Scale {
 
 /// Result of a check.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct WeightResult {
     /// Whether the cell can be relied on.
-    pub verdict: Verdict,
+    pub verdict: LoadCellVerdict,
     /// Difference of the gain from its correct value, as a fraction. The correct value is 1, or the gain that the rig adjusts
     /// for.
     pub off: f64,
@@ -251,26 +251,26 @@ pub struct CellAfter {
     /// Its gain: reading of the weight, as a fraction of the weight, without the rig's adjustment.
     pub gain: f64,
     /// The gain compared with what the rig knows.
-    pub judged: Judged,
+    pub judged: WeightResult,
 }
 
 impl CellAfter {
     /// Judges readings of a weight that were divided by `divisor`.
     pub(super) fn of(
-        weighed: &Weighed,
+        weighed: &WeightMeasurement,
         divisor: f64,
         before: &WeightCheck,
-        certificate: Option<&Certificate>,
+        certificate: Option<&LoadCellCertificate>,
     ) -> CellAfter {
         let gains = weighed.gains.iter().map(|gain| gain * divisor).collect();
-        let found = Weighed { gains, ..weighed.clone() }.check("", false);
+        let found = WeightMeasurement { gains, ..weighed.clone() }.check("", false);
         CellAfter { gain: found.gain, judged: judged(&found, Some(before), certificate) }
     }
 
     /// Returns the problem in one line; `None` if the gain is correct.
     pub fn problem(&self) -> Option<String> {
-        let Judged { verdict, off, explained } = self.judged;
-        (verdict != Verdict::Verified).then(|| {
+        let WeightResult { verdict, off, explained } = self.judged;
+        (verdict != LoadCellVerdict::Verified).then(|| {
             format!(
                 "check failed at the end: the load cell reads {:.4} of a known weight, off by {:+.2} %, limit {:.2} %; \
                  all presses are doubtful",
@@ -284,7 +284,7 @@ impl CellAfter {
 
 /// Whether a load cell can be relied on.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
+pub enum LoadCellVerdict {
     /// The gain is correct, within what weight and certificate can show.
     Verified,
     /// The gain is wrong, but the error is small enough to adjust for.
@@ -308,7 +308,11 @@ const UNITS: [(f64, &str); 6] = [
 const UNIT_NEAR: f64 = 0.03;
 
 /// Judges a check from the cell's own readings. `before` is the check that the rig has so far.
-pub fn judged(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Option<&Certificate>) -> Judged {
+pub fn judged(
+    new: &WeightCheck,
+    before: Option<&WeightCheck>,
+    certificate: Option<&LoadCellCertificate>,
+) -> WeightResult {
     let (off, explained) = match before.filter(|before| before.adjusted) {
         Some(before) => {
             let u = (new.standard_uncertainty() / new.gain).hypot(before.standard_uncertainty() / before.gain);
@@ -317,16 +321,16 @@ pub fn judged(new: &WeightCheck, before: Option<&WeightCheck>, certificate: Opti
         None => (new.gain - 1.0, new.explained(certificate)),
     };
     let verdict = if new.gain < 0.0 {
-        Verdict::WrongSign
+        LoadCellVerdict::WrongSign
     } else if !new.is_adjustable() {
         let near = |(ratio, _): &&(f64, &str)| (new.gain / ratio - 1.0).abs() < UNIT_NEAR;
-        Verdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told))
+        LoadCellVerdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told))
     } else if off.abs() <= explained {
-        Verdict::Verified
+        LoadCellVerdict::Verified
     } else {
-        Verdict::Off
+        LoadCellVerdict::Off
     };
-    Judged { verdict, off, explained }
+    WeightResult { verdict, off, explained }
 }
 
 #[cfg(test)]
@@ -335,33 +339,33 @@ mod tests {
 
     fn check(gain: f64) -> WeightCheck {
         let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
-        Weighed { weight, gains: vec![gain; 3], noise: 0.0001 }.check("2026-05-04", false)
+        WeightMeasurement { weight, gains: vec![gain; 3], noise: 0.0001 }.check("2026-05-04", false)
     }
 
-    fn verdict(new: &WeightCheck, before: Option<&WeightCheck>) -> Verdict {
+    fn verdict(new: &WeightCheck, before: Option<&WeightCheck>) -> LoadCellVerdict {
         judged(new, before, None).verdict
     }
 
     #[test]
     fn a_gain_is_judged_by_what_the_rig_adjusts_for() {
-        assert_eq!(verdict(&check(1.0005), None), Verdict::Verified);
-        assert_eq!(verdict(&check(1.01), None), Verdict::Off);
+        assert_eq!(verdict(&check(1.0005), None), LoadCellVerdict::Verified);
+        assert_eq!(verdict(&check(1.01), None), LoadCellVerdict::Off);
         let adjusted = WeightCheck { adjusted: true, ..check(1.0101) };
-        assert_eq!(verdict(&check(1.01), Some(&adjusted)), Verdict::Verified);
-        assert_eq!(verdict(&check(1.0), Some(&adjusted)), Verdict::Off);
-        assert_eq!(verdict(&check(1.0), Some(&check(1.02))), Verdict::Verified);
+        assert_eq!(verdict(&check(1.01), Some(&adjusted)), LoadCellVerdict::Verified);
+        assert_eq!(verdict(&check(1.0), Some(&adjusted)), LoadCellVerdict::Off);
+        assert_eq!(verdict(&check(1.0), Some(&check(1.02))), LoadCellVerdict::Verified);
     }
 
     #[test]
     fn a_fault_is_named_where_its_ratio_is_one_of_units() {
-        assert_eq!(verdict(&check(-1.0), None), Verdict::WrongSign);
+        assert_eq!(verdict(&check(-1.0), None), LoadCellVerdict::WrongSign);
         for gain in [0.5, 0.8, 1.25, 0.0] {
-            assert_eq!(verdict(&check(gain), None), Verdict::Fault(None), "{gain}");
+            assert_eq!(verdict(&check(gain), None), LoadCellVerdict::Fault(None), "{gain}");
         }
         for (gain, word) in
             [(0.102, "kilogram"), (9.81, "given in kilograms"), (102.0, "gram-force"), (0.2248, "pound")]
         {
-            let Verdict::Fault(Some(told)) = verdict(&check(gain), None) else { panic!("{gain}") };
+            let LoadCellVerdict::Fault(Some(told)) = verdict(&check(gain), None) else { panic!("{gain}") };
             assert!(told.contains(word), "{gain}: {told}");
         }
     }
@@ -369,7 +373,7 @@ mod tests {
     #[test]
     fn repeatability_is_no_less_than_the_noise_explains() {
         let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
-        let weighed = |gains: &[f64], noise| Weighed { weight, gains: gains.to_vec(), noise };
+        let weighed = |gains: &[f64], noise| WeightMeasurement { weight, gains: gains.to_vec(), noise };
         assert_eq!(weighed(&[1.0; 3], 0.0002).gain_sd(), 0.0002);
         assert!((weighed(&[0.99, 1.0, 1.01], 0.0002).gain_sd() - 0.01).abs() < 1e-12);
     }

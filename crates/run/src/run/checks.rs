@@ -4,11 +4,11 @@ use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
 use super::estimate::estimated_s;
 use super::past::felt;
-use super::walk::{Standby, Walker};
+use super::walk::{Runner, Standby};
 use crate::rig::RigSpec;
-use palpate_control::{Changed, Felt, Strategy, Task};
+use palpate_control::{Changed, MeasuredContact, PressTask, Strategy};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Change, Check, Contact, Left, Record};
+use palpate_data::dataset::{CheckChange, Left, Record, RecordedCheck, RecordedContact};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
 
 /// Number of the first check, for random values. It is far above the numbers of planned contacts.
@@ -28,7 +28,7 @@ pub(super) struct Checking {
     /// Least force of the reference, N.
     least_n: f64,
     /// First press with that force, with which the checks are compared.
-    reference: Option<Reference>,
+    reference: Option<ReferencePress>,
     /// Number of checks so far.
     made: u64,
     /// Last press of the plan.
@@ -51,9 +51,9 @@ pub(super) struct Since {
 
 /// Press with which the checks are compared.
 #[derive(Clone, Debug, PartialEq)]
-struct Reference {
+struct ReferencePress {
     press: u64,
-    felt: Felt,
+    felt: MeasuredContact,
     force_set_n: f64,
     depth_mm: Option<f64>,
 }
@@ -90,7 +90,7 @@ fn is_checked_between(phase: Phase) -> bool {
 
 /// Returns the check of this number that repeats an entry of the plan with a force.
 fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
-    let task = Task { levels: Task::press(force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
+    let task = PressTask { levels: PressTask::press(force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
     Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
 }
 
@@ -129,7 +129,7 @@ impl Checking {
     }
 
     /// Takes in a contact of the plan.
-    pub(super) fn take_contact(&mut self, contact: &Contact) {
+    pub(super) fn take_contact(&mut self, contact: &RecordedContact) {
         if let Some(first) = contact.levels.first() {
             let t_s = contact.t_s().or(first.t_s).unwrap_or_default();
             first.phase.into_iter().for_each(|phase| self.since.count(phase, t_s));
@@ -139,12 +139,12 @@ impl Checking {
             self.unchecked_from = self.unchecked_from.or(Some(contact.press));
         } else if let Some((felt, force_set_n)) = felt(contact).filter(|(_, force_n)| *force_n >= self.least_n) {
             let (press, depth_mm) = (contact.press, depth_mm(contact));
-            self.reference = Some(Reference { press, felt, force_set_n, depth_mm });
+            self.reference = Some(ReferencePress { press, felt, force_set_n, depth_mm });
         }
     }
 
     /// Takes in a check.
-    pub(super) fn take_check(&mut self, check: &Check) {
+    pub(super) fn take_check(&mut self, check: &RecordedCheck) {
         self.made += 1;
         self.is_checked = true;
         if !check.is_failed() {
@@ -155,7 +155,7 @@ impl Checking {
 
     /// Returns the entry of the next check: the first loaded level of the reference; `None` before there is a reference.
     fn entry(&self, plan: &Plan) -> Option<Entry> {
-        let Reference { press, force_set_n, .. } = self.reference.as_ref()?;
+        let ReferencePress { press, force_set_n, .. } = self.reference.as_ref()?;
         let entry = plan.entries.iter().find(|entry| entry.press == *press)?;
         Some(again(entry, self.made, *force_set_n))
     }
@@ -181,7 +181,7 @@ impl Checking {
     }
 }
 
-impl Walker<'_> {
+impl Runner<'_> {
     /// Makes the check that is due before an entry of the plan.
     pub(super) async fn check_before(&mut self, next: &Entry) -> Result<(), Halt> {
         match self.checks.due(self.plan, next) {
@@ -228,7 +228,7 @@ impl Walker<'_> {
     }
 
     /// Compares the press of a check with the reference.
-    fn compared(&self, contact: Contact, at_end: bool) -> Option<Check> {
+    fn compared(&self, contact: RecordedContact, at_end: bool) -> Option<RecordedCheck> {
         let reference = self.checks.reference.as_ref()?;
         let before = self.with_noise(reference.felt.clone());
         let now = felt(&contact).map(|(felt, _)| self.with_noise(felt));
@@ -237,10 +237,10 @@ impl Walker<'_> {
         let sunk = depths.and_then(|((before_mm, now_mm), now)| {
             self.map.compare([(before.force_n, before_mm), (now.force_n, now_mm)])
         });
-        let change = |(by, limit)| Change { by, limit };
+        let change = |(by, limit)| CheckChange { by, limit };
         let [outputs, pattern] = [changed.map(|Changed { gain, .. }| gain), changed.map(|it| it.pattern)];
         let sizes = [outputs.map(|(by, _)| by), sunk.map(|sunk| sunk.force)].into_iter().flatten().map(f64::abs);
-        let mut check = Check {
+        let mut check = RecordedCheck {
             number: contact.press,
             reference: reference.press,
             at_end,
@@ -260,7 +260,7 @@ impl Walker<'_> {
 }
 
 /// Depth of the first level with a force, mm.
-fn depth_mm(contact: &Contact) -> Option<f64> {
+fn depth_mm(contact: &RecordedContact) -> Option<f64> {
     let level = contact.levels.iter().find(|level| level.force_set_n.is_some_and(|force_n| force_n > 0.0))?;
     level.depth_mm.filter(|depth_mm| *depth_mm > 0.0)
 }

@@ -1,6 +1,6 @@
 //! Identity and speed of each device, checked without pressing.
 
-use super::check_weight::{Ask, Weighed, Weighing, weigh};
+use super::check_weight::{Ask, Weighing, WeightMeasurement, weigh};
 use super::hand::RigHand;
 use super::home::{AtHome, at_home};
 use super::ready::{NOISE_SHARE, check_air};
@@ -36,14 +36,14 @@ pub struct Examination {
     pub approach_mm_s: Option<f64>,
     /// Result of a known weight, or the reason why there is none. `None` if no weight was requested, or if stage or load cell
     /// weren't usable.
-    pub weighed: Option<Result<Weighed, Trip>>,
+    pub weighed: Option<Result<WeightMeasurement, Trip>>,
     /// What has shown that the load cell measures force, or the reason why it doesn't. `None` if nothing has.
     pub shown: Option<Result<ShownBy, Trip>>,
 }
 
 /// Request to show that the load cell measures force.
 #[derive(Default)]
-pub enum Asked<'a> {
+pub enum ForceCheck<'a> {
     /// Nothing shows it.
     #[default]
     Nobody,
@@ -72,7 +72,7 @@ pub struct CellInAir {
 ///
 /// # Errors
 /// A person requests a stop, NI's library is required and missing, or a stage loses its position.
-pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: Asked<'_>) -> Result<Examination, Halt> {
+pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceCheck<'_>) -> Result<Examination, Halt> {
     let AtHome { mut hand, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
     let mut found = Examination { devices, ..Examination::default() };
@@ -86,22 +86,22 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: Asked<'_
         .as_ref()
         .is_some_and(|air| air.as_ref().is_ok_and(|air| air.zero.sigma_n <= NOISE_SHARE * spec.limits.force_n));
     match asked {
-        Asked::Weight(mut weighing) => {
+        ForceCheck::Weight(mut weighing) => {
             let weighed = unless_halted(weigh(&mut hand.cell, &hand.truth, &mut weighing).await)?;
             found.shown = Some(weighed.as_ref().map(|_| ShownBy::Weight).map_err(Trip::clone));
             found.weighed = Some(weighed);
         }
-        Asked::Finger(ask) => {
+        ForceCheck::Finger(ask) => {
             ask(Ask::Finger);
             let touched = unless_halted(finger(&mut hand.cell, spec.limits.force_n).await)?;
             found.shown = Some(touched.map(|()| ShownBy::Finger));
         }
         // with too much noise no press begins
-        Asked::Press if spec.is_simulated() && found.devices[2].1.is_ok() && is_quiet => {
+        ForceCheck::Press if spec.is_simulated() && found.devices[2].1.is_ok() && is_quiet => {
             drop(hand); // the press opens the rig again
             found.shown = Some(unless_halted(press(spec, seed, cancel).await)?.map(|()| ShownBy::Press));
         }
-        Asked::Press | Asked::Nobody => {}
+        ForceCheck::Press | ForceCheck::Nobody => {}
     }
     Ok(found)
 }

@@ -4,7 +4,7 @@ use super::outputs_in_air::OutputsInAir;
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
-use palpate_control::{AIR_READINGS, AirReadings, Mean, Rule, Timing, Trip, Watch, check_sound, mean_of};
+use palpate_control::{AIR_READINGS, AirReadings, Mean, SafetyRule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
 use palpate_data::dataset::Air;
 use palpate_drivers::{AnyArray, AnyStage};
@@ -158,7 +158,9 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
         let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
         match trip.rule {
-            Rule::WrongSign | Rule::StillTouching if noisy => Trip::new(Rule::Noisy, sigma_n, most_n, "N"),
+            SafetyRule::WrongSign | SafetyRule::StillTouching if noisy => {
+                Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N")
+            }
             _ => trip,
         }
     }
@@ -166,7 +168,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     /// Returns the real cause of a broken rule at rest, before the first touch. Noise that has grown looks like an early touch.
     /// It also hides a real touch from the force while the outputs show it.
     pub(super) async fn at_first_touch(&mut self, trip: Trip) -> Trip {
-        if !matches!(trip.rule, Rule::SurfaceElsewhere | Rule::OutputsMoved) {
+        if !matches!(trip.rule, SafetyRule::SurfaceElsewhere | SafetyRule::OutputsMoved) {
             return trip;
         }
         let mut still = ForcesInAir { open: true, ..ForcesInAir::default() };
@@ -175,7 +177,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
             still.take(Instant::now(), reading.force_n);
         }
         let (sigma_n, most_n) = (still.sigma_n(), self.watch.zero().noise_most_n());
-        if sigma_n > most_n { Trip::new(Rule::Noisy, sigma_n, most_n, "N") } else { trip }
+        if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
     }
 
     /// Time used by the parts of a press, s.
@@ -211,7 +213,8 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         let newest = self.air.readings.back().map_or(self.began, |(at, _)| *at);
         let before = |at: Instant| -(newest - at).as_secs_f64();
         let readings: Vec<(f64, f64)> = self.air.readings.iter().map(|&(at, n)| (before(at), n)).collect();
-        let mean = mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(Rule::Stale, 0.0, 0.0, "readings"))?;
+        let mean =
+            mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 0.0, "readings"))?;
         Ok(AirReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
     }
 
@@ -376,7 +379,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
             return Ok(());
         }
-        let moved = Trip::new(Rule::OutputsMoved, worst.0, worst.1, &array.unit);
+        let moved = Trip::new(SafetyRule::OutputsMoved, worst.0, worst.1, &array.unit);
         Err(self.cell.at_first_touch(moved).await.into())
     }
 

@@ -7,7 +7,7 @@ use super::outputs_in_air::OutputsInAir;
 use super::retreat::unless_it_rises;
 use super::{Cancel, Halt};
 use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
-use palpate_control::{Permit, Reaction, Rule, Standing, Steer, Trip, Watch, Zero, safe_speed_mm_s};
+use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
@@ -118,7 +118,7 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
         let _ = hand.set_home_speed(spec).await;
         let _ = hand.watch_from_rest(spec).await;
     }
-    let reading = Reading::IfItAnswers;
+    let reading = ReadingMode::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);
     let by_hand = spec.stage.home == Home::ByHand;
     // without switches nothing stops z at the end of its travel
@@ -170,7 +170,7 @@ impl From<Unmoved> for Halt {
 
 /// Way in which the load cell is read while the stage moves.
 #[derive(Clone, Copy, Debug)]
-enum Reading {
+enum ReadingMode {
     /// Every reading passes the watch. A cell that falls silent stops the stage.
     Watched,
     /// A rise of the force stops the stage. A cell that doesn't answer doesn't stop it.
@@ -226,11 +226,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.confirm_away(spec, identity).await?;
         // x and y are homed once nothing touches
         let is_alone =
-            self.moves(Reading::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await?;
+            self.moves(ReadingMode::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await?;
         if is_alone {
             self.come_to_the_top(spec, reaction).await?;
         }
-        self.home_all(Reading::Watched).await?;
+        self.home_all(ReadingMode::Watched).await?;
         match is_alone {
             true => self.find_itself().await?,
             false => self.come_to_the_top(spec, reaction).await?,
@@ -238,12 +238,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    async fn home_all(&mut self, reading: Reading) -> Result<(), Unmoved> {
+    async fn home_all(&mut self, reading: ReadingMode) -> Result<(), Unmoved> {
         self.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await
     }
 
     /// Moves z slightly away from the specimen. Returns whether z moved.
-    async fn nudge_away(&mut self, reading: Reading) -> Result<bool, Unmoved> {
+    async fn nudge_away(&mut self, reading: ReadingMode) -> Result<bool, Unmoved> {
         self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
     }
 
@@ -311,9 +311,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
         which_way.announce(identity, NUDGE_MM, self.usage.home_search).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        if !self.nudge_away(Reading::Watched).await? {
+        if !self.nudge_away(ReadingMode::Watched).await? {
             // what can't move a little before it is homed is watched while it homes
-            self.home_all(Reading::Watched).await?;
+            self.home_all(ReadingMode::Watched).await?;
             if spec.stage.home_side == HomeSide::Toward {
                 self.find_itself().await?;
                 self.creep((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
@@ -330,7 +330,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Moves the stage while cell and array are read. Some time after a stop was requested it leaves the stage alone, in any state.
     async fn moves<T>(
         &mut self,
-        reading: Reading,
+        reading: ReadingMode,
         motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
     ) -> Result<T, Unmoved> {
         let (reins, cancel) = (Reins::default(), self.cell.cancel);
@@ -352,7 +352,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         });
         let motion = async {
             match reading {
-                Reading::Watched => {
+                ReadingMode::Watched => {
                     let fallen_n = -FALLEN_SIGMAS * cell.watch.zero().sigma_n;
                     let steer = |gauge: &mut Gauge<'_, C>, force_n: f64| {
                         falls.set(gauge.watch.mean_n().unwrap_or(force_n) < fallen_n);
@@ -367,7 +367,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                     let (moved, felt) = tokio::join!(watched(cell, motion, &reins, &due, steer), outputs);
                     felt.and(moved)
                 }
-                Reading::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
+                ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
             }
         };
         let moved = tokio::select! {
@@ -389,7 +389,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 self.must_rest().await?;
                 cancel.check()?;
                 let stopped_s = STOPPED_DEADLINE.as_secs_f64();
-                Err(Halt::from(Trip::new(Rule::StageSilent, stopped_s, stopped_s, "s")).into())
+                Err(Halt::from(Trip::new(SafetyRule::StageSilent, stopped_s, stopped_s, "s")).into())
             }
         }
     }
@@ -421,7 +421,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
             let sigma_n = here.offset_sigma_n;
-            let standing = Standing {
+            let standing = MotionContext {
                 z_mm: from_mm,
                 force_n: 0.0,
                 sigma_n,

@@ -28,19 +28,20 @@ mod window;
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use check_weight::{
-    Ask, CellAfter, Judged, KnownWeight, Verdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighed, Weighing, judged,
+    Ask, CellAfter, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighing, WeightMeasurement, WeightResult,
+    judged,
 };
 pub use checks::expected_checks;
 pub use estimate::{estimated_s, first_descent};
-pub use examine::{Asked, CellInAir, Examination, examine};
+pub use examine::{CellInAir, Examination, ForceCheck, examine};
 pub use home::{Withdrawn, withdraw};
 pub use pace::keep_pace;
 pub use ready::NOISE_SHARE;
 pub use retreat::Remaining;
 pub use shown::{FINGER_WAIT, ShownBy};
-pub use walk::{Ending, Listener, Walk, walk, walk_on};
+pub use walk::{Ending, Listener, RunJob, walk, walk_on};
 
-use palpate_control::{Rule, Trip};
+use palpate_control::{SafetyRule, Trip};
 use palpate_data::dataset::DatasetError;
 use palpate_link::device::{DeviceError, DeviceProblem};
 
@@ -68,7 +69,7 @@ impl From<Trip> for Halt {
 impl From<DeviceError> for Halt {
     fn from(error: DeviceError) -> Self {
         match error.problem {
-            DeviceProblem::Guarded { limit_n } => Trip::new(Rule::Guarded, limit_n, limit_n, "N").into(),
+            DeviceProblem::Guarded { limit_n } => Trip::new(SafetyRule::Guarded, limit_n, limit_n, "N").into(),
             _ => Halt::Device(error),
         }
     }

@@ -4,7 +4,7 @@ use super::Halt;
 use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
 use super::retreat::then_notify;
 use super::window::OutputMeans;
-use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, Rule, STALE_S, Sideways, Steer, Trip};
+use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, STALE_S, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, sleep_until, timeout};
@@ -222,7 +222,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.
     fn touched_on_the_way(&self, touch_n: f64) -> Halt {
-        self.cell.in_air(Trip::new(Rule::StillTouching, touch_n, touch_n, "N")).into()
+        self.cell.in_air(Trip::new(SafetyRule::StillTouching, touch_n, touch_n, "N")).into()
     }
 
     /// Checks that x and y are at their targets.
@@ -324,7 +324,7 @@ pub(super) async fn watched<C: LoadCell, T>(
             let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
             if silent_s > SILENT_S {
                 reins.stop();
-                return Err(Trip::new(Rule::StageSilent, silent_s, SILENT_S, "s").into());
+                return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
             }
         }
         Ok(())

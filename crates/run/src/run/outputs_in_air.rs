@@ -4,7 +4,7 @@ use super::Halt;
 use super::hand::{OUTPUT_LOOKS, moved_beyond};
 use super::window::OutputMeans;
 use crate::rig::ArraySpec;
-use palpate_control::{Rule, Trip};
+use palpate_control::{SafetyRule, Trip};
 use palpate_core::quantity::seconds;
 use palpate_link::device::{Reins, SensorArray};
 use palpate_link::time::{Instant, sleep_until};
@@ -68,7 +68,7 @@ impl OutputsInAir {
                         self.renew(&now);
                     } else if looks >= OUTPUT_LOOKS {
                         reins.stop();
-                        return Err(Trip::new(Rule::OutputsMoved, moved, most, &self.unit).into());
+                        return Err(Trip::new(SafetyRule::OutputsMoved, moved, most, &self.unit).into());
                     }
                 }
                 None => {

@@ -2,9 +2,9 @@
 
 use super::checks::Checking;
 use super::walk::Standby;
-use palpate_control::{Felt, Lesson, Map};
+use palpate_control::{ContactMap, Lesson, MeasuredContact};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, Contact, DatasetError, Flag, Ledger, Left, Record};
+use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact};
 use palpate_data::recipe::Plan;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity};
 
@@ -14,7 +14,7 @@ const KNOWN_MAX: usize = 4096;
 /// Knowledge of a continued run from its own records: everything except the rig that a press depends on.
 pub(super) struct Past {
     /// Knowledge from the presses so far.
-    pub map: Map,
+    pub map: ContactMap,
     /// Load cell reading in air when the run began, N; `None` before the first zero.
     pub first_zero_n: Option<f64>,
     /// Time that has passed in the run, s.
@@ -24,7 +24,7 @@ pub(super) struct Past {
     /// Identities that the devices reported.
     pub devices: Vec<Identity>,
     /// What the array felt at every place.
-    pub felt: Vec<Felt>,
+    pub felt: Vec<MeasuredContact>,
     /// Checks so far, and what they are compared with.
     pub checks: Checking,
     /// Places that were touched.
@@ -42,14 +42,14 @@ pub(super) struct TouchedPlace {
     /// Number of its press in the plan.
     pub press: u64,
     /// What the array felt at the first level under force, and that level's requested force, N.
-    pub felt: Option<(Felt, f64)>,
+    pub felt: Option<(MeasuredContact, f64)>,
 }
 
 impl Past {
     /// Reads the content of the ledger of a plan. By the frame, the surface is within `uncertainty_mm` of z = 0.
     pub(super) fn of(ledger: &dyn Ledger, plan: &Plan, uncertainty_mm: f64) -> Result<Past, DatasetError> {
         let mut past = Past {
-            map: Map::new(uncertainty_mm),
+            map: ContactMap::new(uncertainty_mm),
             first_zero_n: None,
             elapsed_s: 0.0,
             last: None,
@@ -89,7 +89,7 @@ impl Past {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Devices(devices) => self.devices.clone_from(devices),
             Record::Check(check) => {
-                let Contact { left, air_after, .. } = &check.contact;
+                let RecordedContact { left, air_after, .. } = &check.contact;
                 let standby = left.map(|Left { z_mm }| Standby { z_mm, air: Some(air_after.clone()) });
                 self.last = self.last.take().map(|(press, _)| (press, standby));
                 self.checks.take_check(check);
@@ -106,7 +106,7 @@ impl Past {
         }
     }
 
-    fn learn(&mut self, lesson: &Lesson, contact: &Contact) {
+    fn learn(&mut self, lesson: &Lesson, contact: &RecordedContact) {
         self.map.learn(lesson);
         if let Lesson::Touch { place, z_mm, path } = lesson
             && let Some((_, force_n)) = path.last()
@@ -118,7 +118,7 @@ impl Past {
                 z_mm: *z_mm,
                 force_n: *force_n,
                 press: contact.press,
-                felt: felt(contact).map(|(felt, force_set_n)| (Felt { place: *place, ..felt }, force_set_n)),
+                felt: felt(contact).map(|(felt, force_set_n)| (MeasuredContact { place: *place, ..felt }, force_set_n)),
             });
         }
     }
@@ -144,25 +144,25 @@ impl Past {
 
 /// Returns what the array felt at the first level of a contact under force, and that level's requested force, N. `None` if the array
 /// didn't measure it.
-pub(super) fn felt(contact: &Contact) -> Option<(Felt, f64)> {
+pub(super) fn felt(contact: &RecordedContact) -> Option<(MeasuredContact, f64)> {
     let under_force = |level: &&dataset::Press| level.force_set_n.is_some_and(|force_n| force_n > 0.0);
     let level = contact.levels.iter().find(under_force)?;
     let (force_set_n, force_n, place) = (level.force_set_n?, level.force_n?, Place::new(level.x_mm, level.y_mm));
     let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
-    let felt = Felt { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0; 2] };
+    let felt = MeasuredContact { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0; 2] };
     (force_n > 0.0 && is_measured).then_some((felt, force_set_n))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_control::{Strategy, Task};
+    use palpate_control::{PressTask, Strategy};
     use palpate_data::dataset::Memory;
     use palpate_data::recipe::{Checks, Entry, Phase};
 
     fn contact(press: u64, lesson: Lesson) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
-        Record::Contact(Contact { press, lesson: Some(lesson), left, ..Contact::default() })
+        Record::Contact(RecordedContact { press, lesson: Some(lesson), left, ..RecordedContact::default() })
     }
 
     /// A plan of presses at these places.
@@ -171,8 +171,8 @@ mod tests {
             press,
             phase: Phase::Test,
             place: Place::new(x_mm, y_mm),
-            task: Task {
-                levels: Task::press(1.0),
+            task: PressTask {
+                levels: PressTask::press(1.0),
                 force_tolerance_n: 0.05,
                 hold_s: 0.0,
                 sample_s: 0.1,
@@ -200,7 +200,7 @@ mod tests {
         }
         let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
         let past = Past::of(&memory, &plan, 0.3).unwrap();
-        let mut map = Map::new(0.3);
+        let mut map = ContactMap::new(0.3);
         lessons.iter().for_each(|lesson| map.learn(lesson));
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
         assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");

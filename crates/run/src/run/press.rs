@@ -1,13 +1,14 @@
 //! Execution of one press.
 
 use super::Halt;
-use super::walk::Walker;
-use super::window::Window;
+use super::walk::Runner;
+use super::window::MeasuredWindow;
 use palpate_control::{
-    Averaged, Budget, Command, Context, Event, Felt, ForceLoop, Lesson, Moment, Permit, Softest, Strategy, Task,
+    Averaged, Context, ForceLoop, Lesson, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask, Softest,
+    Strategy, UncertaintyBudget,
 };
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, Air, Contact, Flag, Left, PressTruth};
+use palpate_data::dataset::{self, Air, Flag, Left, PressTruth, RecordedContact};
 use palpate_data::recipe::Entry;
 use palpate_link::device::Stage;
 use palpate_link::time::Instant;
@@ -31,7 +32,7 @@ const AIR_FRESH_S: f64 = 1.0;
 
 /// Contact that has ended.
 pub(super) struct Pressed {
-    levels: Vec<Held>,
+    levels: Vec<MeasuredLevel>,
     air: Air,
     /// Time of that air by the press' clock, s.
     air_s: f64,
@@ -41,15 +42,15 @@ pub(super) struct Pressed {
 
 impl Pressed {
     /// Returns what the array felt at the first level.
-    pub(super) fn felt(&self, place: Place) -> Option<Felt> {
+    pub(super) fn felt(&self, place: Place) -> Option<MeasuredContact> {
         let window = &self.levels.first()?.window;
-        Some(Felt { place, force_n: window.force_n, outputs: window.outputs.clone(), sigmas: [0.0; 2] })
+        Some(MeasuredContact { place, force_n: window.force_n, outputs: window.outputs.clone(), sigmas: [0.0; 2] })
     }
 }
 
 /// One level that was held.
-struct Held {
-    window: Window,
+struct MeasuredLevel {
+    window: MeasuredWindow,
     /// Place where it was held; on a stage with steps, as read back.
     place: Place,
     z_mm: f64,
@@ -75,9 +76,9 @@ impl ZeroMoved {
     }
 }
 
-impl Walker<'_> {
+impl Runner<'_> {
     /// Executes one entry of the plan, from the clear to the clear above the `next` place.
-    pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<Contact, Halt> {
+    pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<RecordedContact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
             self.go_to(next).await?; // a staircase that ended in air is still where it was
@@ -92,9 +93,9 @@ impl Walker<'_> {
         };
         held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
         let along_normal = 1.0 / self.hand.frame.tilt.cosine();
-        let budget = |held: &Held| self.budget(held, [&before, &after], &moved).times(along_normal);
-        let budgets: Vec<Budget> = held.iter().map(budget).collect();
-        let level = |((level, held), budget): ((usize, &Held), &Budget)| dataset::Press {
+        let budget = |held: &MeasuredLevel| self.budget(held, [&before, &after], &moved).times(along_normal);
+        let budgets: Vec<UncertaintyBudget> = held.iter().map(budget).collect();
+        let level = |((level, held), budget): ((usize, &MeasuredLevel), &UncertaintyBudget)| dataset::Press {
             u_force_n: budget.u_n(),
             air_before_n: Some(before.force.mean_n),
             air_after_n: Some(after.force.mean_n),
@@ -103,17 +104,26 @@ impl Walker<'_> {
         let levels = held.iter().enumerate().zip(&budgets).map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
         let left = next.map(|_| Left { z_mm: self.hand.z_mm });
-        let budgets = budgets.into_iter().map(Budget::rounded).collect();
-        Ok(Contact { press: entry.press, levels, budgets, truth, lesson, air_before: before, air_after: after, left })
+        let budgets = budgets.into_iter().map(UncertaintyBudget::rounded).collect();
+        Ok(RecordedContact {
+            press: entry.press,
+            levels,
+            budgets,
+            truth,
+            lesson,
+            air_before: before,
+            air_after: after,
+            left,
+        })
     }
 
     /// Returns the uncertainty budget of a level's force.
-    fn budget(&self, held: &Held, airs: [&Air; 2], moved: &ZeroMoved) -> Budget {
-        let Window { force_n, middle_s, forces, seconds, .. } = held.window;
+    fn budget(&self, held: &MeasuredLevel, airs: [&Air; 2], moved: &ZeroMoved) -> UncertaintyBudget {
+        let MeasuredWindow { force_n, middle_s, forces, seconds, .. } = held.window;
         let share = moved.share(middle_s);
         let averaged = Averaged { readings: forces, seconds, airs: airs.map(|air| air.force), share };
         let cell_n = self.conditions.spec.load_cell.standard_uncertainty_n(force_n);
-        Budget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
+        UncertaintyBudget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
     }
 
     /// Reads the air after a press. If the specimen seems to pull at the cell, the cell may stick to it, so the air is read again
@@ -140,7 +150,7 @@ impl Walker<'_> {
         &mut self,
         number: u64,
         place: Place,
-        task: &Task,
+        task: &PressTask,
         next: Place,
     ) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
@@ -156,38 +166,40 @@ impl Walker<'_> {
         self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
         self.hand.cell.watch.pause();
         self.hand.cell.force_n().await?;
-        let mut levels: Vec<Held> = Vec::with_capacity(task.levels.len());
+        let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
         let mut known = air.outputs.clone();
-        let mut event = Event::Begin { z_mm: self.hand.z_mm, air: air.force };
+        let mut event = LoopEvent::Begin { z_mm: self.hand.z_mm, air: air.force };
         loop {
             let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
             event = match press.next(event, moment) {
-                Command::Average(readings) => Event::Averaged { force_n: self.hand.cell.mean_n(readings).await? },
-                Command::Move(granted) => {
+                LoopCommand::Average(readings) => {
+                    LoopEvent::Averaged { force_n: self.hand.cell.mean_n(readings).await? }
+                }
+                LoopCommand::Move(granted) => {
                     if press.is_first_descent() {
                         self.hand.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
                         self.freshen(&mut air, &mut air_s).await?;
                     }
                     self.hand.move_z(granted, Some(&mut press)).await?;
-                    Event::Moved { z_mm: self.hand.z_mm }
+                    LoopEvent::Moved { z_mm: self.hand.z_mm }
                 }
-                Command::Depart(granted) => {
+                LoopCommand::Depart(granted) => {
                     self.hand.depart(granted, next, &self.permit, first_mm).await?;
-                    Event::Moved { z_mm: self.hand.z_mm }
+                    LoopEvent::Moved { z_mm: self.hand.z_mm }
                 }
-                Command::Dwell(seconds) => {
+                LoopCommand::Dwell(seconds) => {
                     self.hand.cell.dwell(seconds).await?;
-                    Event::Dwelt
+                    LoopEvent::Dwelt
                 }
-                Command::Sample(seconds) => {
+                LoopCommand::Sample(seconds) => {
                     let window = self.hand.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
                     let (place, z_mm) = (self.hand.pressed, self.hand.z_mm);
-                    levels.push(Held { window, place, z_mm, truth: self.truth() });
-                    Event::Sampled { force_n }
+                    levels.push(MeasuredLevel { window, place, z_mm, truth: self.truth() });
+                    LoopEvent::Sampled { force_n }
                 }
-                Command::Done => break,
-                Command::Trip(trip) => return Err(self.hand.cell.at_first_touch(trip).await.into()),
+                LoopCommand::Done => break,
+                LoopCommand::Trip(trip) => return Err(self.hand.cell.at_first_touch(trip).await.into()),
             };
         }
         self.hand.stage.guard(None).await?;
@@ -242,7 +254,7 @@ impl Walker<'_> {
         reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
 
-    fn context(&self, place: Place, task: &Task, first_mm: f64) -> Context {
+    fn context(&self, place: Place, task: &PressTask, first_mm: f64) -> Context {
         let (force_set_n, limits) = (task.most_n(), self.conditions.spec.limits);
         let asks = task.strategy == Strategy::Map && task.levels.len() == 1;
         Context {
@@ -270,8 +282,8 @@ impl Walker<'_> {
     }
 
     /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.
-    fn row(&mut self, entry: &Entry, level: usize, held: &Held, touched_mm: Option<f64>) -> dataset::Press {
-        let Held { window, z_mm, .. } = held;
+    fn row(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, touched_mm: Option<f64>) -> dataset::Press {
+        let MeasuredLevel { window, z_mm, .. } = held;
         let force_set_n = entry.task.levels[level].force_set_n;
         let in_contact = force_set_n > 0.0;
         let flags = self.flags(entry, level, held);
@@ -295,7 +307,7 @@ impl Walker<'_> {
     }
 
     /// Returns the problems of a level that was held.
-    fn flags(&mut self, entry: &Entry, level: usize, held: &Held) -> Vec<Flag> {
+    fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel) -> Vec<Flag> {
         let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
         let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
         let felt = (entry.place, force_set_n);

@@ -5,7 +5,7 @@ use super::hand::RigHand;
 use super::home::{AtHome, at_home};
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{Reaction, Rule, Timing, Trip, Watch, Zero};
+use palpate_control::{Reaction, SafetyRule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{Axis, Range};
 use palpate_data::dataset::Record;
 use palpate_link::device::{Identity, LoadCell, Reins, Stage};
@@ -74,12 +74,12 @@ pub(super) async fn take_zero(hand: &mut RigHand<'_>, conditions: &Conditions<'_
     let zero = Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64());
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {
-        return Err(Trip::new(Rule::Noisy, zero.sigma_n, most_n, "N").into());
+        return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());
     }
     if let Some(first_n) = conditions.first_zero_n {
         let (drift_n, most_n) = (zero.offset_n - first_n, DRIFT_SHARE * conditions.spec.limits.force_n);
         if drift_n.abs() > most_n {
-            return Err(Trip::new(Rule::ZeroDrifted, drift_n, most_n, "N").into());
+            return Err(Trip::new(SafetyRule::ZeroDrifted, drift_n, most_n, "N").into());
         }
     }
     check_air(&zero, conditions.spec)?;
@@ -94,7 +94,7 @@ pub(super) async fn take_zero(hand: &mut RigHand<'_>, conditions: &Conditions<'_
 /// Checks whether the cell may have this zero in air.
 pub(super) fn check_air(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
     let Range { min, max } = spec.air_n();
-    let outside = |bound_n| Err(Trip::new(Rule::ZeroOutside, zero.offset_n, bound_n, "N"));
+    let outside = |bound_n| Err(Trip::new(SafetyRule::ZeroOutside, zero.offset_n, bound_n, "N"));
     match zero.offset_n {
         offset_n if offset_n > max => outside(max),
         offset_n if offset_n < min => outside(min),

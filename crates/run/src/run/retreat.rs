@@ -2,7 +2,7 @@
 
 use super::Halt;
 use super::hand::{Gauge, Hand};
-use palpate_control::{MotionProfile, Rule, Trip, check_sound};
+use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
@@ -131,7 +131,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             let from_mm = self.z_mm;
             let Err(halt) = self.retreat_once(z_mm, true).await else { return Ok(()) };
-            if !matches!(&halt, Halt::Tripped(trip) if trip.rule == Rule::ForceRose) {
+            if !matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::ForceRose) {
                 return Err(halt);
             }
             rests(&mut self.stage).await?;
@@ -189,7 +189,7 @@ async fn rests<S: Stage>(stage: &mut S) -> Result<(), Halt> {
             return Ok(());
         }
         if Instant::now() > until {
-            return Err(Trip::new(Rule::NotStopped, moved_mm, REST_MM, "mm").into());
+            return Err(Trip::new(SafetyRule::NotStopped, moved_mm, REST_MM, "mm").into());
         }
         before = now;
     }
@@ -254,7 +254,7 @@ impl<C: LoadCell> Gauge<'_, C> {
             // all of the last ones: a cell that spikes is no reason to stay
             let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
             if risen.is_ok() && rise_n > most_n {
-                risen = Err(Trip::new(Rule::ForceRose, rise_n, most_n, "N"));
+                risen = Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));
                 reins.stop();
             }
         }

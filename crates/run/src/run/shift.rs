@@ -1,6 +1,6 @@
 //! How far the stage's zero moved sideways, from presses that were repeated: the array feels where it is pressed.
 
-use palpate_control::Felt;
+use palpate_control::MeasuredContact;
 use palpate_core::algebra::{Matrix, Vector};
 use palpate_core::quantity::Place;
 
@@ -12,7 +12,10 @@ const NEIGHBOURS: usize = 8;
 /// with the place.
 ///
 /// The outputs are linear in the place near each press; least squares over all outputs of all repeated presses.
-pub(super) fn sideways_shift(repeated: &[(Felt, Felt)], known: &[Felt]) -> Option<Place> {
+pub(super) fn sideways_shift(
+    repeated: &[(MeasuredContact, MeasuredContact)],
+    known: &[MeasuredContact],
+) -> Option<Place> {
     let mut normal = Matrix::<3, 3>::ZERO;
     let mut right = Vector::<3>::ZERO;
     for (before, now) in repeated {
@@ -29,9 +32,9 @@ pub(super) fn sideways_shift(repeated: &[(Felt, Felt)], known: &[Felt]) -> Optio
 }
 
 /// Returns the change of each output per mm along x and y, from the nearest other places.
-fn gradient(at: &Felt, known: &[Felt]) -> Option<Vec<Vector<2>>> {
-    let is_other = |felt: &&Felt| felt.place != at.place && felt.outputs.len() == at.outputs.len();
-    let mut others: Vec<&Felt> = known.iter().filter(is_other).collect();
+fn gradient(at: &MeasuredContact, known: &[MeasuredContact]) -> Option<Vec<Vector<2>>> {
+    let is_other = |felt: &&MeasuredContact| felt.place != at.place && felt.outputs.len() == at.outputs.len();
+    let mut others: Vec<&MeasuredContact> = known.iter().filter(is_other).collect();
     others.sort_by(|a, b| a.place.distance_mm(at.place).total_cmp(&b.place.distance_mm(at.place)));
     others.truncate(NEIGHBOURS);
     let mut normal = Matrix::<2, 2>::ZERO;
@@ -52,13 +55,18 @@ mod tests {
     use super::*;
 
     /// Four outputs that fall off with the distance from their units.
-    fn felt(x_mm: f64, y_mm: f64, gain: f64) -> Felt {
+    fn felt(x_mm: f64, y_mm: f64, gain: f64) -> MeasuredContact {
         let units = [(-2.0, -2.0), (2.0, -2.0), (-2.0, 2.0), (2.0, 2.0)];
         let rise = |(u, v): &(f64, f64)| gain * (-((x_mm - u).powi(2) + (y_mm - v).powi(2)) / 20.0).exp();
-        Felt { place: Place { x_mm, y_mm }, force_n: 1.0, outputs: units.iter().map(rise).collect(), sigmas: [0.0; 2] }
+        MeasuredContact {
+            place: Place { x_mm, y_mm },
+            force_n: 1.0,
+            outputs: units.iter().map(rise).collect(),
+            sigmas: [0.0; 2],
+        }
     }
 
-    fn grid() -> Vec<Felt> {
+    fn grid() -> Vec<MeasuredContact> {
         (0..25).map(|n| felt(f64::from(n % 5) - 2.0, f64::from(n / 5) - 2.0, 1.0)).collect()
     }
 
@@ -77,7 +85,7 @@ mod tests {
         let pair = (felt(0.0, 0.0, 1.0), felt(0.5, 0.0, 1.0));
         let pair = [pair];
         assert_eq!(sideways_shift(&pair, &[]), None);
-        let line: Vec<Felt> = (1..5).map(|n| felt(f64::from(n), 0.0, 1.0)).collect();
+        let line: Vec<MeasuredContact> = (1..5).map(|n| felt(f64::from(n), 0.0, 1.0)).collect();
         assert_eq!(sideways_shift(&pair, &line), None, "along one line");
     }
 }

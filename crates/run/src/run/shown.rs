@@ -1,10 +1,10 @@
 //! Proof that the load cell measures force: a known weight, a finger on the tip, or a press of a simulated rig.
 
 use super::hand::Gauge;
-use super::walk::{Listener, Walk, walk};
+use super::walk::{Listener, RunJob, walk};
 use super::{Cancel, Halt, align_plan};
 use crate::rig::RigSpec;
-use palpate_control::{Rule, Trip, Zero};
+use palpate_control::{SafetyRule, Trip, Zero};
 use palpate_data::dataset::Memory;
 use palpate_link::device::LoadCell;
 use palpate_link::time::Instant;
@@ -49,11 +49,11 @@ pub(super) async fn finger<C: LoadCell>(gauge: &mut Gauge<'_, C>, limit_n: f64) 
             return Ok(());
         }
         if force_n < -least_n {
-            return Err(Trip::new(Rule::WrongSign, force_n, -least_n, "N").into());
+            return Err(Trip::new(SafetyRule::WrongSign, force_n, -least_n, "N").into());
         }
         most_n = most_n.max(force_n);
     }
-    Err(Trip::new(Rule::NoResponse, most_n, least_n, "N").into())
+    Err(Trip::new(SafetyRule::NoResponse, most_n, least_n, "N").into())
 }
 
 struct Silent;
@@ -68,6 +68,6 @@ pub(super) async fn press(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<
     let Ok(mut plan) = align_plan(spec, seed) else { return Ok(()) };
     plan.entries.truncate(1);
     let mut ledger = Memory::default();
-    let ending = walk(Walk { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, &mut Silent).await;
+    let ending = walk(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, &mut Silent).await;
     ending.halt.or(ending.unparked).map_or(Ok(()), Err)
 }

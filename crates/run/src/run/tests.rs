@@ -3,7 +3,7 @@
 use super::hand::{Gauge, Hand};
 use super::{Cancel, Halt};
 use crate::rig::GroundTruth;
-use palpate_control::{Permit, Rule, Timing, Watch, Zero};
+use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
 use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Travel};
 use palpate_link::device::{
     DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
@@ -138,7 +138,7 @@ fn permit() -> Permit {
     Permit::new(limits, 0.05, 100.0, &zero)
 }
 
-fn rule(result: Result<(), Halt>) -> Rule {
+fn rule(result: Result<(), Halt>) -> SafetyRule {
     match result {
         Err(Halt::Tripped(trip)) => trip.rule,
         other => panic!("{other:?}"),
@@ -150,7 +150,7 @@ async fn nothing_moves_sideways_that_is_not_in_the_clear() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.0, 0.0));
     hand.z_mm = -0.12;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), Rule::NotPermitted);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), SafetyRule::NotPermitted);
     assert!(told.borrow().is_empty());
     hand.z_mm = -0.14;
     hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await.unwrap();
@@ -162,7 +162,7 @@ async fn nothing_moves_sideways_under_a_force() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.05, 0.05));
     hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), Rule::StillTouching);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
     assert!(told.borrow().is_empty());
 }
 
@@ -185,7 +185,8 @@ async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
 
 #[tokio::test(start_paused = true)]
 async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
-    for (force_n, clear_mm, broken) in [(0.0, -0.02, Rule::NotPermitted), (0.05, -0.1, Rule::StillTouching)] {
+    for (force_n, clear_mm, broken) in [(0.0, -0.02, SafetyRule::NotPermitted), (0.05, -0.1, SafetyRule::StillTouching)]
+    {
         let (told, cancel) = (RefCell::default(), Cancel::default());
         let mut hand = hand(&told, &cancel, (force_n, force_n));
         hand.z_mm = 0.8;
@@ -201,7 +202,7 @@ async fn contact_after_x_and_y_have_begun_stops_them() {
     let mut hand = hand(&told, &cancel, (0.0, 0.05));
     hand.z_mm = 0.5;
     let departed = hand.depart(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
-    assert_eq!(rule(departed), Rule::StillTouching);
+    assert_eq!(rule(departed), SafetyRule::StillTouching);
     assert_eq!(told.borrow().last().map(String::as_str), Some("stop"));
 }
 
@@ -214,7 +215,7 @@ async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() 
         hand.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to withdraw
         let withdrawn = hand.withdraw(-0.3).await;
         if rises {
-            assert_eq!(rule(withdrawn), Rule::ForceRose, "{forces_n:?}");
+            assert_eq!(rule(withdrawn), SafetyRule::ForceRose, "{forces_n:?}");
             // the array shows nothing here: one short retract is allowed after the stop, and no more
             assert_eq!(told.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
         } else {
@@ -230,7 +231,7 @@ async fn a_stage_that_falls_silent_under_way_is_a_trip() {
     hand.stage.takes_s = 30.0;
     hand.z_mm = 0.5;
     let began = Instant::now();
-    assert_eq!(rule(hand.move_z(away(0.0), None).await), Rule::StageSilent);
+    assert_eq!(rule(hand.move_z(away(0.0), None).await), SafetyRule::StageSilent);
     assert!(began.elapsed() < Duration::from_secs(1));
     assert_eq!(*told.borrow(), ["z to 0", "stop"]);
 }
@@ -240,7 +241,7 @@ async fn contact_on_the_way_stops_it() {
     let (told, cancel) = (RefCell::default(), Cancel::default());
     let mut hand = hand(&told, &cancel, (0.0, 0.05));
     hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), Rule::StillTouching);
+    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
     assert_eq!(*told.borrow(), ["x to 1", "y to 0", "stop"]);
 }
 

@@ -8,9 +8,11 @@ use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{AIR_READINGS, Felt, Map, Permit, Reaction, Response};
+use palpate_control::{AIR_READINGS, ContactMap, LearnedOutputs, MeasuredContact, Permit, Reaction};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Air, Check, Contact, End, Ledger, Left, Peaks, PressTruth, Record, Retouch, Status};
+use palpate_data::dataset::{
+    Air, Ledger, Left, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
+};
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::Identity;
 use palpate_link::time::Instant;
@@ -23,7 +25,7 @@ use std::time::Duration;
 const NEW_ZERO_SHARE: f64 = 0.05;
 
 /// Task of a walk: a plan on a rig, recorded in a ledger.
-pub struct Walk<'a> {
+pub struct RunJob<'a> {
     /// The plan.
     pub plan: &'a Plan,
     /// The rig.
@@ -60,9 +62,9 @@ pub trait Listener {
     /// Reports that an entry of the plan begins.
     fn begins(&mut self, _entry: &Entry) {}
     /// Reports that a contact is on disk.
-    fn recorded(&mut self, _contact: &Contact) {}
+    fn recorded(&mut self, _contact: &RecordedContact) {}
     /// Reports that a check is on disk.
-    fn checked(&mut self, _check: &Check) {}
+    fn checked(&mut self, _check: &RecordedCheck) {}
     /// Reports that the indenter rests in air for this time, s.
     fn rests(&mut self, _seconds: f64) {}
     /// Returns the weight that a person can put on the tip after the run; `None` if no person is there, or the weight isn't known.
@@ -79,7 +81,7 @@ pub trait Listener {
 }
 
 /// Makes every press of the plan that isn't recorded yet. The stage is always parked in the clear at the end.
-pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
+pub async fn walk(errand: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     match errand.spec.open(errand.plan.seed) {
         Ok(rig) => walk_on(rig, errand, listener).await,
         Err(error) => Ending::halted(error),
@@ -92,14 +94,14 @@ pub async fn walk(errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
 /// it.
 pub fn walk_on<'w, 'e: 'w>(
     rig: OpenRig,
-    errand: Walk<'e>,
+    errand: RunJob<'e>,
     listener: &'w mut dyn Listener,
 ) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
     Box::pin(walk_from(rig, errand, listener))
 }
 
-async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) -> Ending {
-    let Walk { plan, spec, ledger, cancel, shown } = errand;
+async fn walk_from(rig: OpenRig, errand: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+    let RunJob { plan, spec, ledger, cancel, shown } = errand;
     let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
         Err(error) => return Ending::halted(error),
@@ -110,10 +112,11 @@ async fn walk_from(rig: OpenRig, errand: Walk<'_>, listener: &mut dyn Listener) 
     match make_ready(rig, &conditions).await {
         Ok(Ready { hand, devices, reaction, zero }) => {
             let permit = permit(&hand, spec, &reaction);
-            let (map, response) = (Map::new(spec.frame.uncertainty_mm), Response::new(spec.array.layout.pitch_mm()));
+            let (map, response) =
+                (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
             let full_zero_n = hand.cell.watch.zero().offset_n;
             let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
-            let mut walker = Walker {
+            let mut walker = Runner {
                 plan,
                 ledger,
                 listener,
@@ -175,10 +178,10 @@ impl Ending {
     }
 
     /// Returns the end of the run for its journal.
-    pub fn end(&self, ended: String, wall_s: f64) -> End {
+    pub fn end(&self, ended: String, wall_s: f64) -> SessionEnd {
         let (status, failure) = (self.status(), self.told());
         let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
-        End { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
+        SessionEnd { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
@@ -218,15 +221,15 @@ pub(super) struct Standby {
 }
 
 /// Driver of the run, which goes from press to press.
-pub(super) struct Walker<'a> {
+pub(super) struct Runner<'a> {
     pub plan: &'a Plan,
     pub ledger: &'a mut dyn Ledger,
     pub listener: &'a mut dyn Listener,
     pub hand: RigHand<'a>,
     pub permit: Permit,
-    pub map: Map,
+    pub map: ContactMap,
     /// Outputs that the presses so far have shown.
-    pub response: Response,
+    pub response: LearnedOutputs,
     pub reaction: Reaction,
     pub conditions: Conditions<'a>,
     /// Entry that is under way.
@@ -243,7 +246,7 @@ pub(super) struct Walker<'a> {
     pub checks: Checking,
 }
 
-impl Walker<'_> {
+impl Runner<'_> {
     /// Records the rig's devices, checks that they are those with which the run began, and executes the plan.
     async fn begin(&mut self, past: Past, devices: Vec<Identity>, zero: &Record) -> Result<(), Halt> {
         self.listener.ready(&devices);
@@ -317,9 +320,9 @@ impl Walker<'_> {
     }
 
     /// Adds the noise of the array and of the load cell to what was felt.
-    pub(super) fn with_noise(&self, felt: Felt) -> Felt {
+    pub(super) fn with_noise(&self, felt: MeasuredContact) -> MeasuredContact {
         let cell_n = self.hand.cell.watch.zero().sigma_mean_n(AIR_READINGS);
-        Felt { sigmas: [self.hand.output_sigma(), cell_n], ..felt }
+        MeasuredContact { sigmas: [self.hand.output_sigma(), cell_n], ..felt }
     }
 
     /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.

@@ -74,7 +74,7 @@ impl OutputMeans {
 
 /// Result of a window.
 #[derive(Clone, Debug)]
-pub(super) struct Window {
+pub(super) struct MeasuredWindow {
     /// Time when the window began.
     pub began: Instant,
     /// Mean force, N relative to the air before.
@@ -92,7 +92,7 @@ pub(super) struct Window {
     pub late: bool,
 }
 
-impl Window {
+impl MeasuredWindow {
     /// Whether the array can't have measured this contact: no unit has changed since the air before, or since another contact.
     pub(super) fn is_frozen(&self, before: Option<&[f64]>) -> bool {
         self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
@@ -102,7 +102,7 @@ impl Window {
 impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Samples force and outputs together for `seconds`, or for complete periods of the hum, with z at rest. An output that is
     /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
-    pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<Window, Halt> {
+    pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<MeasuredWindow, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
         let hums = self.cell.watch.zero().hum.is_some();
@@ -149,7 +149,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Mean { value: force_n, middle_s, readings: forces } =
             force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
         let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
-        Ok(Window { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
+        Ok(MeasuredWindow { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
     }
 }
 
@@ -181,7 +181,7 @@ mod tests {
     fn outputs_that_no_contact_moves_are_frozen() {
         let window = |outputs: Vec<f64>| {
             let (force_n, middle_s) = (1.0, 0.0);
-            Window {
+            MeasuredWindow {
                 began: Instant::now(),
                 force_n,
                 middle_s,

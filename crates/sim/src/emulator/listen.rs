@@ -134,19 +134,19 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
 mod tests {
     use super::super::tests::{scene, shared};
     use super::*;
-    use crate::scene::Device;
+    use crate::scene::SceneDevice;
     use tokio::io::{AsyncReadExt, AsyncWriteExt};
     use tokio::net::TcpStream;
 
-    struct Echo;
+    struct ListenEcho;
 
     fn local(port: u16) -> SocketAddr {
         ([127, 0, 0, 1], port).into()
     }
 
-    impl Instrument for Echo {
-        fn device(&self) -> Device {
-            Device::Array
+    impl Instrument for ListenEcho {
+        fn device(&self) -> SceneDevice {
+            SceneDevice::Array
         }
         fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
             (!inbox.is_empty()).then(|| std::mem::take(inbox))
@@ -164,7 +164,7 @@ mod tests {
     #[tokio::test]
     async fn every_byte_passes_a_pseudo_terminal_unharmed_and_clients_come_and_go() {
         use tokio_serial::{SerialPortBuilderExt, SerialStream};
-        let listening = pseudo_terminal(shared(Echo), shared(scene()), Instant::now()).expect("a terminal");
+        let listening = pseudo_terminal(shared(ListenEcho), shared(scene()), Instant::now()).expect("a terminal");
         for _ in 0..3 {
             let mut client: SerialStream =
                 tokio_serial::new(listening.address(), 115_200).open_native_async().expect("opens");
@@ -183,7 +183,7 @@ mod tests {
 
     #[tokio::test]
     async fn many_clients_share_one_instrument_and_one_too_many_is_shown_out() {
-        let listening = tcp(local(0), shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let listening = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
         let mut clients = Vec::new();
         for n in 0..CLIENTS_MOST as u8 {
             let mut client = TcpStream::connect(listening.address()).await.expect("connects");
@@ -197,9 +197,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_port_that_is_taken_is_told_with_its_number() {
-        let first = tcp(local(0), shared(Echo), shared(scene()), Instant::now()).await.expect("a port");
+        let first = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
         let port = first.address().rsplit(':').next().and_then(|port| port.parse().ok()).expect("a number");
-        let second = tcp(local(port), shared(Echo), shared(scene()), Instant::now()).await;
+        let second = tcp(local(port), shared(ListenEcho), shared(scene()), Instant::now()).await;
         assert!(second.expect_err("taken").to_string().contains(&port.to_string()));
     }
 }

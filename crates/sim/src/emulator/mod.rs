@@ -6,15 +6,15 @@
 //! it to other programs. These emulators and the drivers are two independent implementations of one manual and share no code, so
 //! that a wrong scale factor cannot cancel out.
 //!
-//! - [`Esp301`]: a Newport ESP301 motion controller with three VP-25XL stages.
-//! - [`Xps`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
+//! - [`Esp301Emulator`]: a Newport ESP301 motion controller with three VP-25XL stages.
+//! - [`XpsEmulator`]: a Newport XPS-Q8 motion controller with one group of three VP-25XL stages, and a load cell on an analog input.
 //! - [`DaqmxEmulator`]: a USB-6343 behind NI's DAQmx library. The library is called, not written to, so it is no [`Instrument`].
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
 //!   or [`LabJackT7`] (load cell or array).
-//! - [`Grbl`]: GRBL 1.1h on a frame of three axes.
+//! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
 //! - [`lines`]: boards that push lines or frames: an HX711 or a Mark-10 gauge (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
-//! - [`ProcessStage`], [`ProcessLoadCell`], [`ProcessArray`]: devices of the process protocol (docs/process.md).
+//! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/process.md).
 
 mod daqmx;
 mod esp301;
@@ -29,14 +29,14 @@ mod tests;
 mod xps;
 
 pub use daqmx::DaqmxEmulator;
-pub use esp301::Esp301;
-pub use grbl::{Board as GrblBoard, Grbl, ROOM_MM as GRBL_ROOM_MM};
-pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterMap, SenecaZsg, Transmitter, Word};
-pub use process::{Printer, ProcessArray, ProcessLoadCell, ProcessStage};
+pub use esp301::Esp301Emulator;
+pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
+pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, SenecaZsg, Transmitter};
+pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
-pub use xps::Xps;
+pub use xps::XpsEmulator;
 
-use crate::scene::{Device, Scene};
+use crate::scene::{Scene, SceneDevice};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -51,7 +51,7 @@ pub const STAGE_TRAVEL_MM: f64 = 12.5;
 /// One emulated device: bytes in, bytes out, acting on a scene.
 pub trait Instrument: Send {
     /// Role of the instrument in the scene, which determines its response time.
-    fn device(&self) -> Device;
+    fn device(&self) -> SceneDevice;
 
     /// Takes the next complete request from the front of the inbox. Returns `None` while the request is incomplete. Bytes that
     /// can never become a request may be discarded. The inbox never grows beyond [`INBOX_MOST`].

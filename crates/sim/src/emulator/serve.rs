@@ -245,21 +245,21 @@ async fn at(instant: Option<Instant>) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Esp301;
+    use super::super::Esp301Emulator;
     use super::super::tests::{POWER_ON, Wire, scene, scene_with, shared};
     use super::*;
-    use crate::scene::{Device, Fault, FaultKind};
+    use crate::scene::{FaultKind, SceneDevice, SceneFault};
     use palpate_core::quantity::Axis;
     use palpate_link::time::sleep;
 
     /// Sends back each byte, and is deaf for a second after a `!`.
-    struct Echo {
+    struct ServeEcho {
         deaf_until_s: f64,
     }
 
-    impl Instrument for Echo {
-        fn device(&self) -> Device {
-            Device::Array
+    impl Instrument for ServeEcho {
+        fn device(&self) -> SceneDevice {
+            SceneDevice::Array
         }
         fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
             (!inbox.is_empty()).then(|| vec![inbox.remove(0)])
@@ -279,7 +279,7 @@ mod tests {
     async fn each_answer_takes_the_latency_of_the_scene_and_at_least_a_millisecond() {
         let scene = shared(scene());
         let origin = Instant::now();
-        let mut wire = Wire::to(shared(Echo { deaf_until_s: 0.0 }), scene, origin);
+        let mut wire = Wire::to(shared(ServeEcho { deaf_until_s: 0.0 }), scene, origin);
         assert_eq!(wire.ask(b"a", 1).await, b"a");
         // the array of the test bed answers at once: what passes is the least latency
         let took = Instant::now() - origin;
@@ -292,10 +292,10 @@ mod tests {
     async fn a_deaf_device_answers_late_whatever_link_it_is_asked_on_and_others_go_on() {
         let scene = shared(scene());
         let origin = Instant::now();
-        let instrument = shared(Echo { deaf_until_s: 0.0 });
+        let instrument = shared(ServeEcho { deaf_until_s: 0.0 });
         let mut first = Wire::to(instrument.clone(), scene.clone(), origin);
         let mut second = Wire::to(instrument, scene.clone(), origin);
-        let mut other = Wire::to(shared(Echo { deaf_until_s: 0.0 }), scene, origin);
+        let mut other = Wire::to(shared(ServeEcho { deaf_until_s: 0.0 }), scene, origin);
         first.ask(b"!", 1).await;
         other.ask(b"a", 1).await;
         assert!(Instant::now() - origin < Duration::from_millis(10));
@@ -308,8 +308,8 @@ mod tests {
         /// Takes only a `.` at the front.
         struct Picky;
         impl Instrument for Picky {
-            fn device(&self) -> Device {
-                Device::Array
+            fn device(&self) -> SceneDevice {
+                SceneDevice::Array
             }
             fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
                 (inbox.first() == Some(&b'.')).then(|| vec![inbox.remove(0)])
@@ -327,22 +327,22 @@ mod tests {
     async fn serving_ends_with_the_link() {
         let (near, far) = tokio::io::duplex(64);
         drop(near);
-        let echo = shared(Echo { deaf_until_s: 0.0 });
+        let echo = shared(ServeEcho { deaf_until_s: 0.0 });
         assert!(serve(far, echo, shared(scene()), Instant::now()).await.is_ok());
     }
 
     #[tokio::test(start_paused = true)]
     async fn a_silent_link_loses_what_is_asked_and_others_go_on() {
-        let lost = Fault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
+        let lost = SceneFault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
         let scene = shared(scene_with(|spec| spec.faults.push(lost)));
         let origin = Instant::now();
-        let esp = shared(Esp301::new(&lock(&scene)));
+        let esp = shared(Esp301Emulator::new(&lock(&scene)));
         let mut stage = Wire::to(esp, scene.clone(), origin);
         assert_eq!(stage.ask(b"1MO;1PA1;1MO?\r", 3).await, b"1\r\n");
         sleep(Duration::from_secs(1)).await;
         stage.send(b"1PA5;1MD?\r").await;
         assert!(stage.is_silent().await);
-        let mut other = Wire::to(shared(Echo { deaf_until_s: 0.0 }), scene.clone(), origin);
+        let mut other = Wire::to(shared(ServeEcho { deaf_until_s: 0.0 }), scene.clone(), origin);
         assert_eq!(other.ask(b"a", 1).await, b"a");
         let way_mm = lock(&scene).axis(Axis::X, 60.0).0 - POWER_ON.x_mm;
         assert!((way_mm - 1.0).abs() < 1e-9, "it ended what it had begun, and began nothing: {way_mm} mm");
@@ -362,8 +362,8 @@ mod tests {
     }
 
     impl Instrument for Late {
-        fn device(&self) -> Device {
-            Device::Stage
+        fn device(&self) -> SceneDevice {
+            SceneDevice::Stage
         }
         fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
             (!inbox.is_empty()).then(|| vec![inbox.remove(0)])
@@ -445,7 +445,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn an_answer_that_is_owed_is_lost_with_the_link() {
-        let lost = Fault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
+        let lost = SceneFault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
         let scene = shared(scene_with(|spec| spec.faults.push(lost)));
         let mut wire = Wire::to(shared(Late::new(shared(false), Arc::default())), scene, Instant::now());
         wire.send(b"w").await;

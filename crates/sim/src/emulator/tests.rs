@@ -1,7 +1,7 @@
 //! What the tests of this room share: a scene, and the near end of a wire to an instrument.
 
 use super::{Instrument, Shared, serve};
-use crate::scene::{ContactLaw, Elastomer, LoadCell, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
+use crate::scene::{ContactLaw, Elastomer, LoadCellScene, Scene, SceneSpec, SkinSpec, Surroundings, Trajectory};
 use palpate_core::quantity::{ArrayLayout, Axis, Down, Frame, Position};
 use palpate_link::time::{Instant, timeout};
 use std::sync::{Arc, Mutex};
@@ -16,7 +16,7 @@ pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 
 /// A quiet scene but for its load cell's noise.
 pub(super) fn noisy() -> Scene {
-    scene_with(|spec| spec.load_cell = Some(LoadCell { noise_n: 0.1, ..LoadCell::default() }))
+    scene_with(|spec| spec.load_cell = Some(LoadCellScene { noise_n: 0.1, ..LoadCellScene::default() }))
 }
 
 /// A quiet scene: surface at true z = 0, pressed toward -z, nine taxels under 5 mm, no noise, no latency.

@@ -2,7 +2,7 @@
 
 /// A fault that begins at a set time, for rehearsals and tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fault {
+pub struct SceneFault {
     /// Kind of the fault.
     pub kind: FaultKind,
     /// Start of the fault, s since the rig was opened.
@@ -78,11 +78,11 @@ impl FaultKind {
 
 /// The faults of a scene.
 #[derive(Clone)]
-pub(super) struct Faults(Vec<Fault>);
+pub(super) struct SceneFaults(Vec<SceneFault>);
 
-impl Faults {
-    pub(super) fn new(faults: Vec<Fault>) -> Self {
-        Faults(faults)
+impl SceneFaults {
+    pub(super) fn new(faults: Vec<SceneFault>) -> Self {
+        SceneFaults(faults)
     }
 
     pub(super) fn is_empty(&self) -> bool {

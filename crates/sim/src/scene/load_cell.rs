@@ -1,8 +1,8 @@
 //! Load cell reading of the true force.
 
-use super::faults::{FaultKind, Faults};
-use super::spec::LoadCell;
-use palpate_core::quantity::Stream;
+use super::faults::{FaultKind, SceneFaults};
+use super::spec::LoadCellScene;
+use palpate_core::quantity::RandomStream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::collections::VecDeque;
@@ -19,12 +19,12 @@ const MEMORY: f64 = 20.0;
 /// noise is one draw for each conversion.
 #[derive(Clone)]
 pub(super) struct LoadCellState {
-    spec: Option<LoadCell>,
+    spec: Option<LoadCellScene>,
     conversions_hz: f64,
     transport_s: f64,
     /// Rate of the low-pass, 1/s.
     low_pass: Option<f64>,
-    rng: Stream,
+    rng: RandomStream,
     /// Start of the press under way, s; conversions are timed from it.
     began_s: f64,
     /// Force after the low-pass, N.
@@ -37,7 +37,7 @@ pub(super) struct LoadCellState {
 }
 
 impl LoadCellState {
-    pub(super) fn new(spec: Option<LoadCell>, conversions_hz: f64) -> Self {
+    pub(super) fn new(spec: Option<LoadCellScene>, conversions_hz: f64) -> Self {
         let unloaded_n = spec.map_or(0.0, |cell| cell.tool_n(0.0));
         LoadCellState {
             spec,
@@ -60,7 +60,7 @@ impl LoadCellState {
 
     /// Begins another press, with its own noise. The press begins with a conversion, because the phase of the cell's free-running
     /// clock relative to the press is random anyway. Conversions on their way to the reader get the force of this moment.
-    pub(super) fn begin(&mut self, rng: Stream, now_s: f64) {
+    pub(super) fn begin(&mut self, rng: RandomStream, now_s: f64) {
         self.rng = rng;
         let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
         self.began_s = now_s - under_way as f64 / self.conversions_hz;
@@ -112,7 +112,7 @@ impl LoadCellState {
     }
 
     /// Returns the cell's reading at `now_s`, N; the scene must have advanced to that time.
-    pub(super) fn read(&mut self, now_s: f64, faults: &Faults) -> f64 {
+    pub(super) fn read(&mut self, now_s: f64, faults: &SceneFaults) -> f64 {
         let (conversion, held_n) = self.held[0];
         if let Some((last, read_n)) = self.read
             && (last == conversion || faults.any(FaultKind::Stuck, now_s))
@@ -135,14 +135,14 @@ impl LoadCellState {
     }
 
     /// Reading of a conversion without a force, N, minus the white noise.
-    fn in_air_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+    fn in_air_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
         let at_s = self.began_s + conversion as f64 / self.conversions_hz;
         let waves_n: f64 = cell.wander.iter().chain(&cell.hum).map(|wave| wave.at(at_s)).sum();
         cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
     }
 
     /// Noise that enters before the low-pass, so that neighbouring conversions share part of it.
-    fn filtered_n(&mut self, cell: &LoadCell, conversion: u64) -> f64 {
+    fn filtered_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
         if cell.noise_ahead_n == 0.0 {
             return 0.0;
         }
@@ -155,7 +155,7 @@ impl LoadCellState {
         noise_n
     }
 
-    fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &Faults) -> f64 {
+    fn faulty(&mut self, conversion: u64, held_n: f64, now_s: f64, faults: &SceneFaults) -> f64 {
         let cell = self.spec.unwrap_or_default();
         let share = match (faults.any(FaultKind::NoSensor, now_s), faults.any(FaultKind::WrongSign, now_s)) {
             (true, _) => 0.0,

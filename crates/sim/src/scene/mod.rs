@@ -17,21 +17,21 @@ mod taxels;
 mod truth;
 mod weight;
 
-pub use faults::{Fault, FaultKind};
+pub use faults::{FaultKind, SceneFault};
 pub use motion::Trajectory;
 pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
 };
 pub use spec::{
-    ContactLaw, Device, Edges, Latencies, LoadCell, Mounting, RelaxationBranch, Relief, SceneSpec, Servo, Spikes,
-    Stiffness, Surroundings, Wave,
+    ContactLaw, Edges, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneDevice, SceneSpec, Servo,
+    Sine, Spikes, Stiffness, Surroundings,
 };
 pub use truth::Truth;
 
 use contact::ContactState;
-use faults::Faults;
+use faults::SceneFaults;
 use load_cell::LoadCellState;
-use palpate_core::quantity::{Axis, Place, Stream, stream};
+use palpate_core::quantity::{Axis, Place, RandomStream, stream};
 use play::Play;
 use rand::RngExt;
 use spots::SpotMap;
@@ -64,7 +64,7 @@ pub struct Scene {
     /// Play of z.
     play: Option<Play>,
     surface: Surface,
-    surface_wave: Option<Wave>,
+    surface_wave: Option<Sine>,
     /// Distance of the surface beyond its plane, into the specimen, mm.
     relief: Option<SpotMap>,
     curve: CurveAt,
@@ -72,8 +72,8 @@ pub struct Scene {
     load_cell: LoadCellState,
     weight: Weight,
     taxels: TaxelState,
-    latency: [Stream; 3],
-    faults: Faults,
+    latency: [RandomStream; 3],
+    faults: SceneFaults,
     witness: Witness,
 }
 
@@ -121,9 +121,9 @@ impl Scene {
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             weight: Weight::default(),
             taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
-            latency: Device::ALL.map(|device| stream(seed, 0, device.name())),
+            latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
-            faults: Faults::new(spec.faults),
+            faults: SceneFaults::new(spec.faults),
             witness: Witness::default(),
         };
         scene.reseed(0, 0.0);
@@ -192,11 +192,11 @@ impl Scene {
     }
 
     /// Time that a device needs for its next request, received at `now_s`, s; `None` if it never acts on the request.
-    pub(crate) fn latency_s(&mut self, device: Device, now_s: f64) -> Option<f64> {
+    pub(crate) fn latency_s(&mut self, device: SceneDevice, now_s: f64) -> Option<f64> {
         let silent = match device {
-            Device::Stage => self.faults.any(FaultKind::StageLost, now_s),
-            Device::LoadCell => self.faults.any(FaultKind::Stale, now_s),
-            Device::Array => self.faults.any(FaultKind::ArrayLost, now_s),
+            SceneDevice::Stage => self.faults.any(FaultKind::StageLost, now_s),
+            SceneDevice::LoadCell => self.faults.any(FaultKind::Stale, now_s),
+            SceneDevice::Array => self.faults.any(FaultKind::ArrayLost, now_s),
         };
         if silent {
             return None;
@@ -204,7 +204,7 @@ impl Scene {
         let (least, most) = self.setting.latencies.of(device);
         let rng = &mut self.latency[device as usize];
         let mut latency_s = rng.random_range(least..=most);
-        if device == Device::Stage {
+        if device == SceneDevice::Stage {
             if let Some(spikes) = self.setting.latencies.stage_spikes
                 && rng.random_bool(spikes.share)
             {
@@ -263,7 +263,7 @@ impl Scene {
     }
 
     fn reseed(&mut self, press: u64, now_s: f64) {
-        self.latency = Device::ALL.map(|device| stream(self.seed, press, device.name()));
+        self.latency = SceneDevice::ALL.map(|device| stream(self.seed, press, device.name()));
         self.load_cell.begin(stream(self.seed, press, "load cell noise"), now_s);
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
     }

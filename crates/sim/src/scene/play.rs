@@ -9,7 +9,7 @@ pub(super) struct Play {
 }
 
 /// Position, speed and acceleration: mm, mm/s, mm/s^2.
-type State = (f64, f64, f64);
+type Kinematics = (f64, f64, f64);
 
 impl Play {
     /// Creates a play with this total size, mm; `None` if the size is zero.
@@ -19,7 +19,7 @@ impl Play {
 
     /// Time after which an axis in this state has taken up the play, s from now; infinite if the play is already taken up or the
     /// axis rests.
-    pub(super) fn engages_in_s(&self, state: State) -> f64 {
+    pub(super) fn engages_in_s(&self, state: Kinematics) -> f64 {
         let (_, speed, acceleration) = state;
         let way_mm = self.offset_mm + heading(state) * self.half_mm;
         if way_mm.abs() <= f64::EPSILON || heading(state) == 0.0 {
@@ -32,7 +32,7 @@ impl Play {
 
     /// Returns the indenter's state over the next interval. In this interval the controller's axis keeps its acceleration, and a
     /// play that is being taken up doesn't end.
-    pub(super) fn follow(&mut self, state: State, dt_s: f64) -> State {
+    pub(super) fn follow(&mut self, state: Kinematics, dt_s: f64) -> Kinematics {
         let (position_mm, speed, acceleration) = state;
         let engaged_mm = -heading(state) * self.half_mm;
         let before_mm = position_mm + self.offset_mm;
@@ -51,7 +51,7 @@ impl Play {
 }
 
 /// Direction in which an axis moves or starts to move: 1, -1, or 0 at rest.
-fn heading((_, speed, acceleration): State) -> f64 {
+fn heading((_, speed, acceleration): Kinematics) -> f64 {
     let leading = if speed == 0.0 { acceleration } else { speed };
     if leading == 0.0 { 0.0 } else { leading.signum() }
 }

@@ -1,6 +1,6 @@
 //! Physical terms of a scene, and its surroundings.
 
-use super::faults::Fault;
+use super::faults::SceneFault;
 use super::skin::SkinSpec;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
 use std::f64::consts::TAU;
@@ -22,7 +22,7 @@ pub struct SceneSpec {
     /// Further tilt of the surface plane, whose cosine is modelled: the tip indents along the normal, without friction.
     pub surface_tilt: Tilt,
     /// Rise and fall of the surface over time, mm; `None`: the surface doesn't move.
-    pub surface_wave: Option<Wave>,
+    pub surface_wave: Option<Sine>,
     /// Height of the surface over its plane; `None`: flat.
     pub relief: Option<Relief>,
     /// Variation of the stiffness from place to place; `None`: constant.
@@ -32,11 +32,11 @@ pub struct SceneSpec {
     /// Difference of the stage from its controller's motions; `None`: no difference.
     pub stage: Option<Servo>,
     /// Effect of the load cell on the force; `None`: it reads the true force.
-    pub load_cell: Option<LoadCell>,
+    pub load_cell: Option<LoadCellScene>,
     /// Answer times of the devices.
     pub latencies: Latencies,
     /// Faults and their times.
-    pub faults: Vec<Fault>,
+    pub faults: Vec<SceneFault>,
     /// Random seed for the specimen; `None`: that of the run. Runs with the same one press the same specimen.
     pub specimen: Option<u64>,
 }
@@ -143,7 +143,7 @@ pub struct Servo {
 
 /// Imperfections of the load cell. The force goes through the low-pass, is converted, and can be read after the transport.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LoadCell {
+pub struct LoadCellScene {
     /// Standard deviation of one conversion, N.
     pub noise_n: f64,
     /// Standard deviation of the noise after the low-pass, N. The low-pass determines the correlation between two successive
@@ -154,9 +154,9 @@ pub struct LoadCell {
     /// Drift of this offset, N/s.
     pub drift_n_s: f64,
     /// Slow periodic change of this offset; `None`: no such change.
-    pub wander: Option<Wave>,
+    pub wander: Option<Sine>,
     /// Mains hum, added after the low-pass; `None`: no hum.
-    pub hum: Option<Wave>,
+    pub hum: Option<Sine>,
     /// Reading for a force of one newton, N.
     pub gain: f64,
     /// Time from a conversion until it can be read, s.
@@ -169,14 +169,14 @@ pub struct LoadCell {
     pub tool_kg: f64,
 }
 
-impl LoadCell {
+impl LoadCellScene {
     /// Force reading caused by the tool while the stage accelerates toward the specimen, N.
     pub(crate) fn tool_n(&self, acceleration_mm_s2: f64) -> f64 {
         self.tool_kg * (acceleration_mm_s2 / 1000.0 - GRAVITY_M_S2)
     }
 
     /// A cell that reads the true force.
-    pub const IDEAL: LoadCell = LoadCell {
+    pub const IDEAL: LoadCellScene = LoadCellScene {
         noise_n: 0.0,
         noise_ahead_n: 0.0,
         offset_n: 0.0,
@@ -191,22 +191,22 @@ impl LoadCell {
     };
 }
 
-impl Default for LoadCell {
+impl Default for LoadCellScene {
     fn default() -> Self {
-        LoadCell::IDEAL
+        LoadCellScene::IDEAL
     }
 }
 
 /// A sine of the time since the rig was opened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wave {
+pub struct Sine {
     /// Amplitude either way.
     pub amplitude: f64,
     /// Duration of one period, s.
     pub period_s: f64,
 }
 
-impl Wave {
+impl Sine {
     /// Value of the wave at a time.
     pub fn at(&self, at_s: f64) -> f64 {
         self.amplitude * (TAU * at_s / self.period_s).sin()
@@ -220,7 +220,7 @@ impl Wave {
 
 /// A device of a rig, as the scene distinguishes them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Device {
+pub enum SceneDevice {
     /// The three-axis stage's controller.
     Stage,
     /// The load cell's transmitter.
@@ -229,9 +229,9 @@ pub enum Device {
     Array,
 }
 
-impl Device {
+impl SceneDevice {
     /// All devices.
-    pub const ALL: [Device; 3] = [Device::Stage, Device::LoadCell, Device::Array];
+    pub const ALL: [SceneDevice; 3] = [SceneDevice::Stage, SceneDevice::LoadCell, SceneDevice::Array];
 
     /// Name of the role in a rig file.
     pub fn name(self) -> &'static str {
@@ -274,11 +274,11 @@ pub struct Spikes {
 
 impl Latencies {
     /// Smallest and largest answer time of one device, s.
-    pub fn of(&self, device: Device) -> (f64, f64) {
+    pub fn of(&self, device: SceneDevice) -> (f64, f64) {
         match device {
-            Device::Stage => self.stage_s,
-            Device::LoadCell => self.load_cell_s,
-            Device::Array => self.array_s,
+            SceneDevice::Stage => self.stage_s,
+            SceneDevice::LoadCell => self.load_cell_s,
+            SceneDevice::Array => self.array_s,
         }
     }
 }

@@ -13,7 +13,7 @@ const WAVES: usize = 4;
 /// The seed alone determines both.
 #[derive(Clone)]
 pub(super) struct SpotMap {
-    waves: [Wave; WAVES],
+    waves: [SpotWave; WAVES],
     /// Standard deviation of the independent part of the spots.
     white_sd: f64,
     white_name: &'static str,
@@ -23,7 +23,7 @@ pub(super) struct SpotMap {
 }
 
 #[derive(Clone, Copy)]
-struct Wave {
+struct SpotWave {
     amplitude: f64,
     per_x: f64,
     per_y: f64,
@@ -45,7 +45,7 @@ impl SpotMap {
             let (direction, phase) = (rng.random_range(0.0..TAU), rng.random_range(0.0..TAU));
             let per_mm = TAU / rng.random_range(wavelength_mm.0..=wavelength_mm.1);
             let (sin, cos) = f64::sin_cos(direction);
-            Wave { amplitude: most / WAVES as f64, per_x: per_mm * cos, per_y: per_mm * sin, phase }
+            SpotWave { amplitude: most / WAVES as f64, per_x: per_mm * cos, per_y: per_mm * sin, phase }
         });
         let nowhere = Place::new(f64::NAN, f64::NAN);
         SpotMap { waves, white_sd, white_name: names[1], seed, last: (nowhere, 0.0) }

@@ -1,7 +1,7 @@
 //! Hysteresis and relaxation of the taxels' readings.
 
 use super::skin::Skin;
-use palpate_core::quantity::{Place, Stream, stream};
+use palpate_core::quantity::{Place, RandomStream, stream};
 
 /// Force reversal over which a taxel changes from its loading branch to its unloading branch, N. The transition is smooth at both
 /// ends. So the relaxation of a hold (some 2 % of the load) doesn't leave the branch.
@@ -11,7 +11,7 @@ const CROSSING_N: f64 = 0.5;
 #[derive(Clone)]
 pub(super) struct TaxelState {
     skin: Skin,
-    rng: Stream,
+    rng: RandomStream,
     /// Reversal of the force from loading, 0 to 1.
     reversal: f64,
 }
@@ -21,7 +21,7 @@ impl TaxelState {
         TaxelState { skin, rng: stream(0, 0, "taxel noise"), reversal: 0.0 }
     }
 
-    pub(super) fn reseed(&mut self, rng: Stream) {
+    pub(super) fn reseed(&mut self, rng: RandomStream) {
         self.rng = rng;
     }
 

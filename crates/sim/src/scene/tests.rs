@@ -194,8 +194,10 @@ fn the_relaxation_of_a_hold_does_not_flip_the_branch() {
 
 #[test]
 fn the_load_cell_gives_one_draw_a_conversion() {
-    let spec =
-        SceneSpec { load_cell: Some(LoadCell { noise_n: 0.003, offset_n: 0.1, ..LoadCell::default() }), ..plain() };
+    let spec = SceneSpec {
+        load_cell: Some(LoadCellScene { noise_n: 0.003, offset_n: 0.1, ..LoadCellScene::default() }),
+        ..plain()
+    };
     let mut scene = scene(spec, 3);
     let first = scene.load_cell_n(0.0121);
     assert_eq!(first, scene.load_cell_n(0.0149));
@@ -209,7 +211,7 @@ fn the_load_cell_gives_one_draw_a_conversion() {
 #[test]
 fn a_press_draws_the_same_whatever_came_before() {
     let noisy = SceneSpec {
-        load_cell: Some(LoadCell { noise_n: 0.003, ..LoadCell::default() }),
+        load_cell: Some(LoadCellScene { noise_n: 0.003, ..LoadCellScene::default() }),
         skin: noisy_skin(),
         ..plain()
     };
@@ -220,7 +222,7 @@ fn a_press_draws_the_same_whatever_came_before() {
         }
         scene.begin_press(42, 3.0);
         let in_s = go(&mut scene, 0.5, 10.0, 1000.0, 5.0);
-        (scene.load_cell_n(6.0), centre(&mut scene, in_s.max(6.0)), scene.latency_s(Device::Stage, 6.0))
+        (scene.load_cell_n(6.0), centre(&mut scene, in_s.max(6.0)), scene.latency_s(SceneDevice::Stage, 6.0))
     };
     assert_eq!(drawn(0), drawn(500));
 }

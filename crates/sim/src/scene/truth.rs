@@ -20,13 +20,13 @@ pub struct Truth {
 /// Records the true force for a window's mean, and the distance slid.
 #[derive(Clone, Default)]
 pub(super) struct Witness {
-    window: Option<Window>,
+    window: Option<TrueWindow>,
     window_mean_n: f64,
     slid_mm: f64,
 }
 
 #[derive(Clone, Copy, Default)]
-struct Window {
+struct TrueWindow {
     area_n_s: f64,
     for_s: f64,
 }
@@ -50,12 +50,12 @@ impl Witness {
     }
 
     pub(super) fn open_window(&mut self) {
-        self.window = Some(Window::default());
+        self.window = Some(TrueWindow::default());
     }
 
     /// Closes the window. The mean of a window without duration is the force of this moment.
     pub(super) fn close_window(&mut self, now_n: f64) {
-        if let Some(Window { area_n_s, for_s }) = self.window.take() {
+        if let Some(TrueWindow { area_n_s, for_s }) = self.window.take() {
             self.window_mean_n = if for_s > 0.0 { area_n_s / for_s } else { now_n };
         }
     }

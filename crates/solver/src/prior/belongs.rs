@@ -1,9 +1,9 @@
 //! Whether few presses are those of a sensor of a design.
 
 use super::Prior;
-use super::posterior::{Estimate, estimates, inverse};
-use super::spread::Spread;
-use crate::adapt::{Fit, Map, Moved};
+use super::posterior::{UnitEstimate, estimates, inverse};
+use super::spread::DesignSpread;
+use crate::adapt::{AdaptableMap, Fit, Moved};
 use crate::threshold::chi2_quantile;
 use crate::{Calibration, CalibrationPoint};
 use palpate_core::algebra::Matrix;
@@ -133,7 +133,7 @@ const NOISE_MARGIN: f64 = 1.5;
 const SPREAD_MARGIN: f64 = 1.5;
 
 impl Belongs {
-    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
+    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &DesignSpread) -> Self {
         let own = spread.own.squares();
         let found = estimates(fit, units, &(own.map(f64::sqrt) * WEAK));
         let (common, covariance_of_common) = common(&found, &own);
@@ -225,8 +225,8 @@ fn is_other_gain(gain: f64, spread: f64, measured_sd: f64) -> bool {
 }
 
 /// Returns the units whose residuals are more than noise after the best change.
-fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[Estimate]) -> Vec<Deviation> {
-    let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &Estimate))| {
+fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[UnitEstimate]) -> Vec<Deviation> {
+    let misfit = |(unit, (of, (moved, covariance))): (usize, (&Vec<usize>, &UnitEstimate))| {
         let rows = fit.rows(of, moved, *moved);
         let squares: f64 = rows.iter().map(|row| row.left * row.left / row.variance).sum();
         let used: f64 = rows.iter().map(|row| row.slopes.dot(&(*covariance * row.slopes)) / row.variance).sum();
@@ -241,7 +241,7 @@ fn shapes(fit: &Fit<'_>, units: &[Vec<usize>], found: &[Estimate]) -> Vec<Deviat
 }
 
 /// Returns the angle by which the array is rotated about its centre, if it is.
-fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>) -> Option<Deviation> {
+fn rotated(units: &[Vec<usize>], found: &[UnitEstimate], own: &Moved, map: &AdaptableMap<'_>) -> Option<Deviation> {
     let centre = |of: &Vec<usize>| map.centres[of[0]];
     let Place { x_mm: mean_x, y_mm: mean_y } = mean_place(&units.iter().map(centre).collect::<Vec<Place>>());
     let (mut information, mut toward) = (0.0, 0.0);
@@ -268,7 +268,7 @@ fn rotated(units: &[Vec<usize>], found: &[Estimate], own: &Moved, map: &Map<'_>)
 }
 
 /// Returns the change that all units have in common, as the weighted mean of their changes, and its covariance.
-fn common(found: &[Estimate], own: &Moved) -> Estimate {
+fn common(found: &[UnitEstimate], own: &Moved) -> UnitEstimate {
     let own = Matrix::<4, 4>::from_diagonal(*own);
     let (mut information, mut toward) = (Matrix::ZERO, Moved::ZERO);
     for (moved, covariance) in found {
@@ -281,7 +281,7 @@ fn common(found: &[Estimate], own: &Moved) -> Estimate {
 }
 
 /// Returns the misfit of all readings with the typical sensor, if it is unlikely with the spread of the design.
-fn unlikely(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Option<Deviation> {
+fn unlikely(fit: &Fit<'_>, units: &[Vec<usize>], spread: &DesignSpread) -> Option<Deviation> {
     let own = (spread.own.squares() + spread.common.squares()) * (SPREAD_MARGIN * SPREAD_MARGIN);
     let (mut squares, mut count) = (0.0, 0);
     for of in units {

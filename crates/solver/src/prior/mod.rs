@@ -11,28 +11,28 @@ mod posterior;
 mod spread;
 
 pub use belongs::{Belongs, Deviation};
+pub use spread::DesignSpread;
 pub use spread::Deviations;
-pub use spread::Spread;
 
-use super::adapt::{Fit, Map, Moved};
-use super::field::Field;
+use super::adapt::{AdaptableMap, Fit, Moved};
+use super::field::SplineField;
 use super::forward::{Forward, MapKind};
-use super::response::Response;
+use super::response::ForwardResponse;
 use super::surrogate::surrogate;
-use super::{Calibration, CalibrationPoint, Change, FitError, Model, Setting};
+use super::{ArrayChange, Calibration, CalibrationPoint, FitError, Model, Setting};
 use palpate_core::algebra::Matrix;
 use palpate_core::quantity::{ArrayLayout, Place};
-use posterior::{Posterior, informed};
+use posterior::{ArrayPosterior, informed};
 use std::borrow::Cow;
 
 /// What full calibrations of some sensors show about the next sensor of their design.
 pub struct Prior {
     /// Presses of all sensors, as the design's typical sensor would have read them.
     calibration: Calibration,
-    map: Map<'static>,
+    map: AdaptableMap<'static>,
     /// Outputs of each unit. All outputs of a unit change in common.
     units: Vec<Vec<usize>>,
-    spread: Spread,
+    spread: DesignSpread,
     sensors: usize,
 }
 
@@ -41,7 +41,7 @@ pub struct Sibling {
     /// The method for this sensor.
     pub model: Model,
     /// Change of each output, compared with the design's typical sensor.
-    pub change: Change,
+    pub change: ArrayChange,
     /// Whether the presses are those of a sensor of this design.
     pub belongs: Belongs,
     /// Expected mean location error for contacts in the calibrated area, mm.
@@ -116,7 +116,7 @@ impl Prior {
         let mut aligned = calibrations.to_vec();
         let mut found = Vec::new();
         for _ in 0..ROUNDS {
-            let map = Map::of(&Calibration::joined(&aligned), layout)?;
+            let map = AdaptableMap::of(&Calibration::joined(&aligned), layout)?;
             let changes: Vec<Vec<Moved>> = calibrations.iter().map(|sensor| informed(&map, sensor, &units)).collect();
             found = spread::about_their_mean(&changes);
             aligned = calibrations
@@ -125,17 +125,17 @@ impl Prior {
                 .map(|(sensor, moved)| map.unchanged(sensor, &each_output(moved, &units, outputs)))
                 .collect();
         }
-        let spread = Spread::of(&found);
+        let spread = DesignSpread::of(&found);
         if spread.own.gain < LEAST_SPREAD {
             return Err(PriorError::SameSensor);
         }
         let calibration = Calibration::joined(&aligned);
-        let map = Map::of(&calibration, layout)?;
+        let map = AdaptableMap::of(&calibration, layout)?;
         Ok(Prior { calibration, map, spread, units, sensors })
     }
 
     /// Returns how the sensors of the design differ.
-    pub fn spread(&self) -> &Spread {
+    pub fn spread(&self) -> &DesignSpread {
         &self.spread
     }
 
@@ -151,7 +151,7 @@ impl Prior {
 
     /// Returns how the means over all units differ from sensor to sensor, without the error of the design's own mean.
     pub fn spread_of_means(&self) -> Deviations {
-        let Spread { own, common } = self.spread;
+        let DesignSpread { own, common } = self.spread;
         let units = (self.units.len() as f64).sqrt();
         let further = (1.0 + 1.0 / self.sensors as f64).sqrt();
         let of = |own: f64, common: f64| common.max(own / units) / further;
@@ -169,7 +169,7 @@ impl Prior {
     pub fn sibling(&self, new: &Calibration, setting: &Setting<'_>) -> Result<Sibling, PriorError> {
         let outputs = self.calibration.units();
         let fit = self.fit(new)?;
-        let posterior = Posterior::of(&fit, &self.units, &self.spread);
+        let posterior = ArrayPosterior::of(&fit, &self.units, &self.spread);
         let change = each_output(&posterior.moved, &self.units, outputs);
         let response = self.response(&change, &posterior.covariances);
         let calibration = self.map.changed(&self.calibration, &change);
@@ -209,7 +209,7 @@ impl Prior {
     }
 
     /// Returns the map after a change, whose own error contains the covariance of each unit's change.
-    fn response(&self, change: &Change, covariances: &[Matrix<4, 4>]) -> Response {
+    fn response(&self, change: &ArrayChange, covariances: &[Matrix<4, 4>]) -> ForwardResponse {
         let (typical, outputs) = (&*self.map.response, self.calibration.units());
         let moved: Vec<Moved> = change.units.iter().map(super::UnitChange::moved).collect();
         let mut unit_of = vec![0; outputs];
@@ -229,20 +229,20 @@ impl Prior {
             };
             moved.iter().enumerate().map(of).collect::<Vec<f64>>()
         };
-        let tabulated = |like: &Field, row: &dyn Fn(&Place) -> Vec<f64>| {
-            Field::new(like.area(), like.step_mm(), outputs, |places| places.iter().flat_map(row).collect())
+        let tabulated = |like: &SplineField, row: &dyn Fn(&Place) -> Vec<f64>| {
+            SplineField::new(like.area(), like.step_mm(), outputs, |places| places.iter().flat_map(row).collect())
         };
         let field = tabulated(&typical.field, &value);
         let leverage = tabulated(&typical.leverage, &leverage);
-        Response { field, leverage, ..typical.clone() }.known_within()
+        ForwardResponse { field, leverage, ..typical.clone() }.known_within()
     }
 }
 
 /// Returns the change of each output from that of each unit.
-fn each_output(moved: &[Moved], units: &[Vec<usize>], outputs: usize) -> Change {
+fn each_output(moved: &[Moved], units: &[Vec<usize>], outputs: usize) -> ArrayChange {
     let mut each = vec![Moved::ZERO; outputs];
     units.iter().zip(moved).for_each(|(of, moved)| of.iter().for_each(|&output| each[output] = *moved));
-    Change::of(&each)
+    ArrayChange::of(&each)
 }
 
 /// Returns the outputs of each unit; without a layout each output is a unit.
@@ -253,7 +253,7 @@ fn units_of(layout: Option<&ArrayLayout>, outputs: usize) -> Vec<Vec<usize>> {
     }
 }
 
-impl Map<'static> {
+impl AdaptableMap<'static> {
     /// Returns the smooth map of a calibration, with the centres of the layout. Without a layout a unit is centred where it reads
     /// most.
     fn of(calibration: &Calibration, layout: Option<&ArrayLayout>) -> Result<Self, FitError> {
@@ -263,14 +263,14 @@ impl Map<'static> {
             Some(layout) => layout.places().to_vec(),
             None => loudest(&response),
         };
-        Ok(Map { response: Cow::Owned(response), centres: Cow::Owned(centres) })
+        Ok(AdaptableMap { response: Cow::Owned(response), centres: Cow::Owned(centres) })
     }
 }
 
 /// Number of places along a side of the area where the largest reading is searched for.
 const SIDE: usize = 25;
 
-fn loudest(response: &Response) -> Vec<Place> {
+fn loudest(response: &ForwardResponse) -> Vec<Place> {
     let places = response.field.area().grid(SIDE);
     let size = |output: usize, place: &Place| response.field.channel(output, *place)[0].abs();
     let of = |output: usize| {

@@ -1,11 +1,11 @@
 //! Where to press a new sensor.
 
 use super::Prior;
-use super::posterior::{Information, Posterior};
+use super::posterior::{ArrayPosterior, Information};
 use super::spread::Deviations;
 use crate::Covariance;
 use crate::adapt::Moved;
-use crate::normal::{Normal, inverse};
+use crate::normal::{NormalEquations, inverse};
 use palpate_core::algebra::Matrix;
 use palpate_core::quantity::Place;
 
@@ -15,7 +15,7 @@ const CANDIDATES_A_SIDE: usize = 13;
 const CONTACTS_A_SIDE: usize = 9;
 
 /// Slopes of each output at one place under 1 N, and its value.
-struct Felt {
+struct OutputSlopes {
     place: Place,
     outputs: Vec<(f64, Moved)>,
 }
@@ -25,12 +25,13 @@ impl Prior {
     /// contacts of `contact_n` everywhere in the area, after presses of `press_n` at the places so far.
     pub fn chosen_places(&self, count: usize, press_n: f64, contact_n: f64) -> Vec<Place> {
         let area = self.map.response.field.area();
-        let felt = |places: Vec<Place>| places.into_iter().map(|place| self.felt_at(place)).collect::<Vec<Felt>>();
+        let felt =
+            |places: Vec<Place>| places.into_iter().map(|place| self.felt_at(place)).collect::<Vec<OutputSlopes>>();
         let (candidates, contacts) = (felt(area.grid(CANDIDATES_A_SIDE)), felt(area.cells(CONTACTS_A_SIDE)));
         let mut informed = self.nothing_known();
         let mut chosen = Vec::with_capacity(count);
         for _ in 0..count {
-            let after = |candidate: &Felt| {
+            let after = |candidate: &OutputSlopes| {
                 let mut informed = informed.clone();
                 self.inform(&mut informed, candidate, press_n);
                 self.expected_mm(&informed, &contacts, contact_n)
@@ -48,7 +49,7 @@ impl Prior {
     pub fn expected_after_mm(&self, places: &[Place], press_n: f64, contact_n: f64) -> f64 {
         let informed = self.informed_by(places, press_n);
         let contacts = self.map.response.field.area().cells(CONTACTS_A_SIDE);
-        let contacts: Vec<Felt> = contacts.into_iter().map(|place| self.felt_at(place)).collect();
+        let contacts: Vec<OutputSlopes> = contacts.into_iter().map(|place| self.felt_at(place)).collect();
         self.expected_mm(&informed, &contacts, contact_n)
     }
 
@@ -77,13 +78,13 @@ impl Prior {
         informed
     }
 
-    fn felt_at(&self, place: Place) -> Felt {
+    fn felt_at(&self, place: Place) -> OutputSlopes {
         let of = |output: usize| self.map.slopes(output, place, &Moved::ZERO);
-        Felt { place, outputs: (0..self.calibration.units()).map(of).collect() }
+        OutputSlopes { place, outputs: (0..self.calibration.units()).map(of).collect() }
     }
 
     /// Adds what a press shows.
-    fn inform(&self, informed: &mut [Information], press: &Felt, press_n: f64) {
+    fn inform(&self, informed: &mut [Information], press: &OutputSlopes, press_n: f64) {
         let noise = &self.map.response.noise;
         for (unit, of) in informed.iter_mut().zip(&self.units) {
             for &output in of {
@@ -94,14 +95,14 @@ impl Prior {
         }
     }
 
-    fn expected_mm(&self, informed: &[Information], contacts: &[Felt], contact_n: f64) -> f64 {
+    fn expected_mm(&self, informed: &[Information], contacts: &[OutputSlopes], contact_n: f64) -> f64 {
         let spread = &self.spread;
         let (own, common) = (spread.own.squares(), spread.common.squares());
         let [own, common] = [own, common].map(Matrix::from_diagonal);
-        let Posterior { covariances, .. } = Posterior::joint(informed, &own, &[common]);
+        let ArrayPosterior { covariances, .. } = ArrayPosterior::joint(informed, &own, &[common]);
         let noise = &self.map.response.noise;
-        let error_mm = |contact: &Felt| {
-            let mut normal = Normal::default();
+        let error_mm = |contact: &OutputSlopes| {
+            let mut normal = NormalEquations::default();
             for (covariance, of) in covariances.iter().zip(&self.units) {
                 for &output in of {
                     let (value, slopes) = contact.outputs[output];

@@ -1,18 +1,18 @@
 //! Change of a sensor after some presses: a linear model with normal errors, linearised again some times.
 
-use super::spread::Spread;
+use super::spread::DesignSpread;
 use crate::Calibration;
-use crate::adapt::{Fit, Map, Moved, Row};
+use crate::adapt::{AdaptableMap, Fit, LinearRow, Moved};
 use palpate_core::algebra::Matrix;
 
 /// The change of each unit, and its covariance.
-pub(super) struct Posterior {
+pub(super) struct ArrayPosterior {
     pub moved: Vec<Moved>,
     pub covariances: Vec<Matrix<4, 4>>,
 }
 
 /// A change and its covariance.
-pub(super) type Estimate = (Moved, Matrix<4, 4>);
+pub(super) type UnitEstimate = (Moved, Matrix<4, 4>);
 
 /// Number of rounds in which the map is linearised.
 const ROUNDS: usize = 4;
@@ -33,9 +33,9 @@ pub(super) struct Information {
 impl Information {
     pub(super) const NONE: Information = Information { matrix: Matrix::ZERO, vector: Moved::ZERO };
 
-    pub(super) fn of(rows: &[Row]) -> Self {
+    pub(super) fn of(rows: &[LinearRow]) -> Self {
         let mut sum = Information::NONE;
-        rows.iter().for_each(|Row { slopes, left, variance }| sum.add(slopes, *left, *variance));
+        rows.iter().for_each(|LinearRow { slopes, left, variance }| sum.add(slopes, *left, *variance));
         sum
     }
 
@@ -46,19 +46,20 @@ impl Information {
     }
 
     /// Returns the estimate and its covariance if changes about 0 have these variances.
-    pub(super) fn with(&self, variances: &Moved) -> Estimate {
+    pub(super) fn with(&self, variances: &Moved) -> UnitEstimate {
         let variances = Matrix::from_diagonal(*variances);
         let covariance = variances * inverse(Matrix::identity() + self.matrix * variances);
         (covariance * self.vector, covariance)
     }
 }
 
-impl Posterior {
+impl ArrayPosterior {
     /// Returns the posterior of each unit's change with the spread of the design.
-    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &Spread) -> Self {
+    pub(super) fn of(fit: &Fit<'_>, units: &[Vec<usize>], spread: &DesignSpread) -> Self {
         let own = Matrix::from_diagonal(spread.own.squares());
         let commons = commons(&spread.common.squares());
-        let mut posterior = Posterior { moved: vec![Moved::ZERO; units.len()], covariances: vec![own; units.len()] };
+        let mut posterior =
+            ArrayPosterior { moved: vec![Moved::ZERO; units.len()], covariances: vec![own; units.len()] };
         for _ in 0..ROUNDS {
             let rows = units.iter().zip(&posterior.moved).map(|(of, moved)| fit.rows(of, moved, Moved::ZERO));
             let informed: Vec<Information> = rows.map(|rows| Information::of(&rows)).collect();
@@ -100,12 +101,12 @@ impl Posterior {
             (moved, shrunk + share * covariance * share.transpose())
         };
         let (moved, covariances) = kept.iter().zip(informed).map(of_unit).unzip();
-        Posterior { moved, covariances }
+        ArrayPosterior { moved, covariances }
     }
 }
 
 /// Returns the change of each unit as a full calibration shows it, without a prior.
-pub(super) fn informed(map: &Map<'_>, sensor: &Calibration, units: &[Vec<usize>]) -> Vec<Moved> {
+pub(super) fn informed(map: &AdaptableMap<'_>, sensor: &Calibration, units: &[Vec<usize>]) -> Vec<Moved> {
     let fit = Fit { map, new: sensor, forces_are_known: true };
     let side_mm = map.response.field.area().side_mm();
     let free = Moved::column([1.0, side_mm, side_mm, 1.0]);
@@ -113,7 +114,7 @@ pub(super) fn informed(map: &Map<'_>, sensor: &Calibration, units: &[Vec<usize>]
 }
 
 /// Returns the change of each unit and its covariance, if changes about 0 have these standard deviations.
-pub(super) fn estimates(fit: &Fit<'_>, units: &[Vec<usize>], sd: &Moved) -> Vec<Estimate> {
+pub(super) fn estimates(fit: &Fit<'_>, units: &[Vec<usize>], sd: &Moved) -> Vec<UnitEstimate> {
     let variances = sd.times(*sd);
     let of_unit = |of: &Vec<usize>| {
         let mut found = (Moved::ZERO, Matrix::ZERO);

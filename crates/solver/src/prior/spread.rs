@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// Standard deviations of the changes between sensors of a design.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Spread {
+pub struct DesignSpread {
     /// Of one unit of a sensor, about what all units of the sensor have in common.
     pub own: Deviations,
     /// Of what all units of a sensor have in common.
@@ -35,7 +35,7 @@ impl Deviations {
     }
 }
 
-impl Spread {
+impl DesignSpread {
     /// Returns the spread of a further sensor from the changes of some sensors about their mean: sensors x units.
     pub(super) fn of(found: &[Vec<Moved>]) -> Self {
         let (sensors, units) = (found.len() as f64, found[0].len() as f64);
@@ -51,7 +51,7 @@ impl Spread {
         let further = 1.0 + 1.0 / sensors;
         let own = own * further / ((sensors - 1.0) * (units - 1.0).max(1.0));
         let common = common * further / (sensors - 1.0);
-        Spread { own: Deviations::of(&own), common: Deviations::of(&common) }
+        DesignSpread { own: Deviations::of(&own), common: Deviations::of(&common) }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::AblationSize;
 use super::presses;
-use super::terms::{Model, TERMS, Touches};
+use super::terms::{TERMS, TermModel, Touches};
 use crate::StudyError;
 use crate::methods::specimen::{DEPTH_MM, FORCES_N, Touch, anywhere};
 use palpate_core::quantity::round;
@@ -49,7 +49,7 @@ pub const PER_PRESS: &str = "us a press";
 ///
 /// # Errors
 /// A scene can't be pressed.
-pub(super) fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
+pub(super) fn costs(base: &TermModel, rig: &RigSpec, size: AblationSize, seed: u64) -> Result<Vec<Cost>, StudyError> {
     let mut costs = Vec::new();
     for term in &TERMS {
         let [off, on] = [false, true].map(|on| term.set(base, on));
@@ -67,7 +67,7 @@ pub(super) fn costs(base: &Model, rig: &RigSpec, size: AblationSize, seed: u64) 
 
 /// Measures the cost of a reading with everything that a skin can model, compared with a point load on a half-space over point
 /// units.
-pub fn cost_of_all_terms(base: &Model, rig: &RigSpec) -> Cost {
+pub fn cost_of_all_terms(base: &TermModel, rig: &RigSpec) -> Cost {
     let plain = SkinSpec { elastomer: Some(Elastomer::half_space(DEPTH_MM)), ..SkinSpec::default() };
     let all = TERMS.iter().fold(base.clone(), |model, term| term.set(&model, true)).scene.skin;
     cost(ALL_TERMS, PER_READING, ns_per_reading([&plain, &all], rig))
@@ -100,7 +100,7 @@ fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
     least.map(|least| least.as_nanos() as f64 / READINGS as f64)
 }
 
-fn us_per_press(models: [&Model; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {
+fn us_per_press(models: [&TermModel; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {
     let size = AblationSize { presses: size.presses.min(SIDE), ..size };
     let mut least = [f64::INFINITY; 2];
     for _ in 0..WALKS {

@@ -1,7 +1,7 @@
 //! Study of the terms that a scene needs. Each physical or measurement term is tried off and on; everything else is as in the
 //! scene supplied for the paper's rig.
 //!
-//! A [`Term`] is tried on what it can affect: the methods and Table 1 on skins read without a rig (`readings`), and the press in
+//! A [`SceneTerm`] is tried on what it can affect: the methods and Table 1 on skins read without a rig (`readings`), and the press in
 //! the force loop (`presses`). Both tries of a seed use the same contacts and the same noise, so an [`Effect`] is the mean of
 //! paired differences. The rule then states for which [`Question`] a scene needs the term. The cost of each term is measured
 //! separately, when nothing else of the study runs.
@@ -18,9 +18,9 @@ pub use cost::{ALL_TERMS, Cost, PER_PRESS, PER_READING, cost_of_all_terms};
 pub use effect::Effect;
 pub use rule::{Needed, QUESTIONS, Question, SHARE, needed};
 pub use size::AblationSize;
-pub use terms::{Model, TERMS, Term, Touches};
+pub use terms::{SceneTerm, TERMS, TermModel, Touches};
 
-use super::{StudyError, Told, carried_out, ndjson};
+use super::{OnProgress, StudyError, carried_out, ndjson};
 use palpate_run::rig::RigSpec;
 use serde::Serialize;
 
@@ -84,11 +84,11 @@ impl AblationFindings {
 }
 
 /// Results of one try, in the order of the questions. `None` if the question wasn't asked or has no answer.
-type Answers = [Option<f64>; QUESTIONS.len()];
+type TryResults = [Option<f64>; QUESTIONS.len()];
 
 /// One try on one subject with one seed. At most one term differs from the base.
 #[derive(Clone, Copy)]
-struct Job {
+struct TermTry {
     term: Option<usize>,
     on: Touches,
     seed: usize,
@@ -98,8 +98,8 @@ struct Job {
 ///
 /// # Errors
 /// A scene can't be pressed. This doesn't occur in practice: a test checks that the supplied scene is valid.
-pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<AblationFindings, StudyError> {
-    let (base, rig) = Model::base()?;
+pub fn ablation(size: AblationSize, seed: u64, told: OnProgress<'_>) -> Result<AblationFindings, StudyError> {
+    let (base, rig) = TermModel::base()?;
     let jobs = jobs(size);
     let tried = carried_out(&jobs, told, |job| {
         let model = job.term.map_or_else(|| base.clone(), |term| TERMS[term].other_than(&base));
@@ -121,16 +121,25 @@ pub fn ablation(size: AblationSize, seed: u64, told: Told<'_>) -> Result<Ablatio
 }
 
 /// Returns the jobs, the longest first, so that no processor has to wait for another at the end.
-fn jobs(size: AblationSize) -> Vec<Job> {
+fn jobs(size: AblationSize) -> Vec<TermTry> {
     let tried = |on| {
         let terms = TERMS.iter().enumerate().filter(move |(_, term)| term.touches(on)).map(|(index, _)| Some(index));
-        [None].into_iter().chain(terms).flat_map(move |term| (0..size.seeds).map(move |seed| Job { term, on, seed }))
+        [None]
+            .into_iter()
+            .chain(terms)
+            .flat_map(move |term| (0..size.seeds).map(move |seed| TermTry { term, on, seed }))
     };
     Touches::ALL.into_iter().flat_map(tried).collect()
 }
 
-fn answers(model: &Model, rig: &RigSpec, on: Touches, size: AblationSize, seed: u64) -> Result<Answers, StudyError> {
-    let mut answers = Answers::default();
+fn answers(
+    model: &TermModel,
+    rig: &RigSpec,
+    on: Touches,
+    size: AblationSize,
+    seed: u64,
+) -> Result<TryResults, StudyError> {
+    let mut answers = TryResults::default();
     let found: Vec<Option<f64>> = match on {
         Touches::Methods => readings::methods(model, rig, size, seed)?.to_vec(),
         Touches::Table1 => readings::table_1(model, rig, seed).to_vec(),
@@ -141,7 +150,7 @@ fn answers(model: &Model, rig: &RigSpec, on: Touches, size: AblationSize, seed: 
     Ok(answers)
 }
 
-fn row(term: &Term, question: &Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<TermRow> {
+fn row(term: &SceneTerm, question: &Question, base: &[Option<f64>], other: &[Option<f64>]) -> Option<TermRow> {
     let pair = |(base, other): (&Option<f64>, &Option<f64>)| {
         let (base, other) = ((*base)?, (*other)?);
         Some(if term.in_base { (other, base) } else { (base, other) })
@@ -184,7 +193,7 @@ mod tests {
     fn every_try_has_its_pair() {
         let jobs = jobs(AblationSize { seeds: 4, ..AblationSize::QUICK });
         for job in &jobs {
-            let is_pair = |other: &&Job| other.term.is_none() && (other.on, other.seed) == (job.on, job.seed);
+            let is_pair = |other: &&TermTry| other.term.is_none() && (other.on, other.seed) == (job.on, job.seed);
             assert_eq!(jobs.iter().filter(is_pair).count(), 1);
         }
     }

@@ -1,7 +1,7 @@
 //! A few presses in the force loop. Driver and control core work as in any run, in virtual time.
 
-use super::{AblationSize, Model};
-use crate::{Condition, Part, StudyError};
+use super::{AblationSize, TermModel};
+use crate::{LoopCondition, StudyError, StudyPart};
 use palpate_control::Strategy;
 use palpate_run::rig::RigSpec;
 
@@ -11,7 +11,7 @@ const TOLERANCE_N: f64 = 0.05;
 
 /// Returns mean force error in the window (mN), peak above the set force (mN), and time from one press to the next (s).
 pub(super) fn press(
-    model: &Model,
+    model: &TermModel,
     rig: &RigSpec,
     size: AblationSize,
     seed: u64,
@@ -24,9 +24,9 @@ pub(super) fn press(
 }
 
 /// Returns a square of presses around the origin, with the default strategy of a recipe.
-pub(super) fn condition(model: &Model, rig: &RigSpec, size: AblationSize, seed: u64) -> Condition {
-    Condition {
-        part: Part::Scenes,
+pub(super) fn condition(model: &TermModel, rig: &RigSpec, size: AblationSize, seed: u64) -> LoopCondition {
+    LoopCondition {
+        part: StudyPart::Scenes,
         bench: "the paper's rig",
         scene: "ablation".to_owned(),
         spec: RigSpec { scene: model.scene.clone(), ..rig.clone() },

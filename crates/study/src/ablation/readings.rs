@@ -1,10 +1,10 @@
 //! Readings of a specimen without a rig: a calibration and its test, and the staircases of Table 1.
 
-use super::{AblationSize, Model};
+use super::{AblationSize, TermModel};
 use crate::StudyError;
 use crate::methods::specimen::{FORCES_N, KnownContact, KnownReadings, Touch, anywhere, grid};
 use palpate_control::Branch;
-use palpate_core::quantity::{Place, Stream, stream};
+use palpate_core::quantity::{Place, RandomStream, stream};
 use palpate_data::dataset::characteristics::{HeldLevel, Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::Skin;
@@ -28,13 +28,13 @@ const HOUR_S: f64 = 3600.0;
 
 /// Returns mean location (mm) and force (N) errors of the paper's method, the surrogate and the physics solver.
 pub(super) fn methods(
-    model: &Model,
+    model: &TermModel,
     rig: &RigSpec,
     size: AblationSize,
     seed: u64,
 ) -> Result<[Option<f64>; 6], StudyError> {
     let layout = &rig.array.layout;
-    let mut specimen = Specimen::new(model, rig, seed);
+    let mut specimen = RepeatedSpecimen::new(model, rig, seed);
     let presses = specimen.readings(&grid(size.side), PRESS_S);
     // as long as the paper's, however many they are
     let each_s = PRESS_S * PAPERS_TESTS / size.tests as f64;
@@ -72,9 +72,9 @@ fn mean_errors(
 }
 
 /// Returns repeatability while loading and while unloading, and hysteresis: means over units, % of full scale.
-pub(super) fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
+pub(super) fn table_1(model: &TermModel, rig: &RigSpec, seed: u64) -> [Option<f64>; 3] {
     let places = rig.array.layout.places();
-    let mut specimen = Specimen::new(model, rig, seed);
+    let mut specimen = RepeatedSpecimen::new(model, rig, seed);
     let readings = places
         .iter()
         .enumerate()
@@ -95,8 +95,8 @@ pub(super) fn table_1(model: &Model, rig: &RigSpec, seed: u64) -> [Option<f64>; 
 
 /// Specimen that is pressed repeatedly. Each term draws from its own random stream. So a try without a term draws the same values
 /// for all other terms.
-struct Specimen<'a> {
-    model: &'a Model,
+struct RepeatedSpecimen<'a> {
+    model: &'a TermModel,
     skin: Skin,
     grain_mm: f64,
     full_scale_n: f64,
@@ -106,18 +106,18 @@ struct Specimen<'a> {
     zeros: Vec<f64>,
     /// Error of each unit at this contact, as a fraction of its reading.
     shares: Vec<f64>,
-    noise: Stream,
-    noise_of_reading: Stream,
-    reached: Stream,
-    drift: Stream,
-    cell: Stream,
+    noise: RandomStream,
+    noise_of_reading: RandomStream,
+    reached: RandomStream,
+    drift: RandomStream,
+    cell: RandomStream,
 }
 
-impl<'a> Specimen<'a> {
-    fn new(model: &'a Model, rig: &RigSpec, seed: u64) -> Self {
+impl<'a> RepeatedSpecimen<'a> {
+    fn new(model: &'a TermModel, rig: &RigSpec, seed: u64) -> Self {
         let (layout, full_scale_n) = (&rig.array.layout, rig.limits.force_n);
         let conversions = (WINDOW_S * rig.load_cell.conversions_hz).max(1.0);
-        Specimen {
+        RepeatedSpecimen {
             model,
             skin: Skin::new(&model.scene.skin, layout, full_scale_n, seed),
             grain_mm: model.scene.stage.map_or(0.0, |stage| stage.quantum_mm),
@@ -209,7 +209,7 @@ impl<'a> Specimen<'a> {
     }
 }
 
-fn normal(rng: &mut Stream) -> f64 {
+fn normal(rng: &mut RandomStream) -> f64 {
     StandardNormal.sample(rng)
 }
 
@@ -218,25 +218,25 @@ mod tests {
     use super::super::TERMS;
     use super::*;
 
-    fn with(name: &str, base: &Model, on: bool) -> Model {
+    fn with(name: &str, base: &TermModel, on: bool) -> TermModel {
         TERMS.iter().find(|term| term.name == name).unwrap().set(base, on)
     }
 
     /// A calibration's readings, one row of outputs after another.
-    fn outputs(model: &Model, rig: &RigSpec, seed: u64) -> Vec<f64> {
-        Specimen::new(model, rig, seed).readings(&grid(5), PRESS_S).outputs
+    fn outputs(model: &TermModel, rig: &RigSpec, seed: u64) -> Vec<f64> {
+        RepeatedSpecimen::new(model, rig, seed).readings(&grid(5), PRESS_S).outputs
     }
 
     #[test]
     fn a_try_with_a_term_draws_all_else_as_the_one_without() {
-        let (base, rig) = Model::base().unwrap();
+        let (base, rig) = TermModel::base().unwrap();
         let unrounded = with("converter", &base, false);
         let silent = with("taxel noise", &unrounded, false);
-        let noise = |on: &dyn Fn(&Model) -> Model| -> Vec<f64> {
+        let noise = |on: &dyn Fn(&TermModel) -> TermModel| -> Vec<f64> {
             let pair = [&unrounded, &silent].map(|model| outputs(&on(model), &rig, 3));
             pair[0].iter().zip(&pair[1]).map(|(noisy, silent)| noisy - silent).collect()
         };
-        let plain = noise(&Model::clone);
+        let plain = noise(&TermModel::clone);
         assert!(plain.iter().all(|error| *error != 0.0));
         for term in TERMS.iter().filter(|term| term.touches(super::super::Touches::Methods) && !term.in_base) {
             let found = noise(&|model| term.set(model, true));
@@ -248,15 +248,15 @@ mod tests {
 
     #[test]
     fn each_term_of_the_readings_changes_them() {
-        let (base, rig) = Model::base().unwrap();
+        let (base, rig) = TermModel::base().unwrap();
         let plain = outputs(&base, &rig, 1);
         for term in TERMS.iter().filter(|term| term.touches(super::super::Touches::Methods)) {
             // 1 N on a grid of 3 mm is on the stage's grain
             assert_eq!(outputs(&term.other_than(&base), &rig, 1) == plain, term.name == "stage grain", "{}", term.name);
         }
-        let anywhere = |model: &Model| {
+        let anywhere = |model: &TermModel| {
             let touches = anywhere(20, FORCES_N, &mut stream(1, 0, "test contacts"));
-            Specimen::new(model, &rig, 1).readings(&touches, 1.0).outputs
+            RepeatedSpecimen::new(model, &rig, 1).readings(&touches, 1.0).outputs
         };
         let unrounded = with("converter", &base, false);
         assert_ne!(anywhere(&with("stage grain", &unrounded, true)), anywhere(&unrounded));
@@ -264,10 +264,10 @@ mod tests {
 
     #[test]
     fn a_zero_wanders_by_what_it_says_after_an_hour() {
-        let (base, rig) = Model::base().unwrap();
+        let (base, rig) = TermModel::base().unwrap();
         let drifting = with("drift of zeros", &base, true);
         let after = |seed: u64, pieces: u32| {
-            let mut specimen = Specimen::new(&drifting, &rig, seed);
+            let mut specimen = RepeatedSpecimen::new(&drifting, &rig, seed);
             (0..pieces).for_each(|_| specimen.wander(HOUR_S / f64::from(pieces)));
             specimen.zeros
         };
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn table_1_comes_back_from_its_own_noise_and_loop() {
-        let (base, rig) = Model::base().unwrap();
+        let (base, rig) = TermModel::base().unwrap();
         let mean = |of: usize| (0..40).filter_map(|seed| table_1(&base, &rig, seed)[of]).sum::<f64>() / 40.0;
         // three standard deviations of five repeats are 0.94 of the true three
         let (papers, known) = (17.41 / 9.0, 0.94);

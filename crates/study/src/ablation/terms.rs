@@ -6,11 +6,11 @@ use palpate_core::mechanics::Medium;
 use palpate_document::Problems;
 use palpate_report::paper;
 use palpate_run::rig::RigSpec;
-use palpate_sim::scene::{Elastomer, LoadCell, NoiseOf, RelaxationBranch, SceneSpec, Servo, TaxelNoise, Taxels};
+use palpate_sim::scene::{Elastomer, LoadCellScene, NoiseOf, RelaxationBranch, SceneSpec, Servo, TaxelNoise, Taxels};
 
 /// Model of a try: a scene, and the effects of the measurement.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Model {
+pub struct TermModel {
     /// Specimen, stage and load cell.
     pub scene: SceneSpec,
     /// Additional error of each unit that grows with its reading, drawn once for each contact: three standard deviations, % of
@@ -23,17 +23,17 @@ pub struct Model {
     pub drift_percent: f64,
 }
 
-impl Model {
+impl TermModel {
     /// Returns the base: the supplied scene of the paper's rig, on that rig. The rig's card converts to 16 bits over 10 V in
     /// either direction at the wire; here the skin does this conversion.
     ///
     /// # Errors
     /// Never in practice: a test checks that the supplied text is valid.
-    pub fn base() -> Result<(Model, RigSpec), Problems> {
+    pub fn base() -> Result<(TermModel, RigSpec), Problems> {
         let rig = papers_rig()?;
         let mut scene = rig.scene.clone();
         scene.skin.converter = Some(CONVERTER);
-        Ok((Model { scene, noise_of_reading_percent: None, force_tolerance_n: 0.0, drift_percent: 0.0 }, rig))
+        Ok((TermModel { scene, noise_of_reading_percent: None, force_tolerance_n: 0.0, drift_percent: 0.0 }, rig))
     }
 
     fn taxels(&mut self) -> &mut Taxels {
@@ -59,7 +59,7 @@ impl Touches {
 
 /// A term that a scene may model or omit.
 #[derive(Clone, Copy, Debug)]
-pub struct Term {
+pub struct SceneTerm {
     /// Name in tables and figures.
     pub name: &'static str,
     /// Size of the term, and what it can't affect by construction.
@@ -67,10 +67,10 @@ pub struct Term {
     /// Whether the base contains the term.
     pub in_base: bool,
     on: &'static [Touches],
-    set: fn(&mut Model, bool),
+    set: fn(&mut TermModel, bool),
 }
 
-impl Term {
+impl SceneTerm {
     /// Whether the term can change anything in `on`.
     pub fn touches(&self, on: Touches) -> bool {
         self.on.contains(&on)
@@ -78,14 +78,14 @@ impl Term {
 
     /// Returns a model with the term or without it.
     #[must_use]
-    pub fn set(&self, model: &Model, on: bool) -> Model {
+    pub fn set(&self, model: &TermModel, on: bool) -> TermModel {
         let mut changed = model.clone();
         (self.set)(&mut changed, on);
         changed
     }
 
     /// Returns the base with the term switched: off if it is on in the base, on if it is off.
-    pub(super) fn other_than(&self, base: &Model) -> Model {
+    pub(super) fn other_than(&self, base: &TermModel) -> TermModel {
         self.set(base, !self.in_base)
     }
 }
@@ -96,7 +96,7 @@ const READINGS: &[Touches] = &[Touches::Methods, Touches::Table1];
 const PRESS: &[Touches] = &[Touches::Press];
 
 /// All terms. The array's terms don't affect the press, because the loop never reads the array.
-pub const TERMS: [Term; 16] = [
+pub const TERMS: [SceneTerm; 16] = [
     term(
         "taxel noise",
         "Table 1's, three standard deviations of full scale, one draw a contact",
@@ -180,7 +180,7 @@ pub const TERMS: [Term; 16] = [
         true,
         &[Touches::Table1, Touches::Press],
         |model, on| {
-            model.scene.load_cell = on.then_some(LoadCell { noise_n: 0.003, ..LoadCell::default() });
+            model.scene.load_cell = on.then_some(LoadCellScene { noise_n: 0.003, ..LoadCellScene::default() });
         },
     ),
     term(
@@ -207,9 +207,9 @@ const fn term(
     told: &'static str,
     in_base: bool,
     on: &'static [Touches],
-    set: fn(&mut Model, bool),
-) -> Term {
-    Term { name, told, in_base, on, set }
+    set: fn(&mut TermModel, bool),
+) -> SceneTerm {
+    SceneTerm { name, told, in_base, on, set }
 }
 
 #[cfg(test)]
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn a_term_is_in_the_base_where_it_says_so_and_changes_something() {
-        let (base, _) = Model::base().unwrap();
+        let (base, _) = TermModel::base().unwrap();
         for term in TERMS {
             assert_eq!(term.set(&base, term.in_base), base, "{}", term.name);
             assert_ne!(term.other_than(&base), base, "{}", term.name);

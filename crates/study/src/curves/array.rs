@@ -1,6 +1,6 @@
 //! Units in a plane, and the similarity of their readings of two contacts.
 
-use palpate_core::mechanics::{Passage, Response};
+use palpate_core::mechanics::{Passage, TaxelResponse};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::correlation;
 
@@ -13,21 +13,21 @@ const ALIKE: f64 = 1e-8;
 /// The paper's line of units is an array too. It lies along x under a half-space with a depth of 1 mm, so a distance in mm equals
 /// a distance in depths H.
 #[derive(Clone, Debug)]
-pub struct Array {
+pub struct StudiedArray {
     places: Vec<Place>,
-    response: Response,
+    response: TaxelResponse,
 }
 
-impl Array {
+impl StudiedArray {
     /// Returns an array of a layout's units. All units read the same at the same distance from a contact.
-    pub fn new(layout: &ArrayLayout, response: Response) -> Array {
-        Array { places: layout.places().to_vec(), response }
+    pub fn new(layout: &ArrayLayout, response: TaxelResponse) -> StudiedArray {
+        StudiedArray { places: layout.places().to_vec(), response }
     }
 
     /// Returns the paper's line: `units` units starting at 0, `spacing` depths apart.
-    pub fn line(units: usize, spacing: f64) -> Array {
+    pub fn line(units: usize, spacing: f64) -> StudiedArray {
         let places = (0..units).map(|unit| Place::new(unit as f64 * spacing, 0.0)).collect();
-        Array { places, response: Response::new(Passage::half_space(1.0)) }
+        StudiedArray { places, response: TaxelResponse::new(Passage::half_space(1.0)) }
     }
 
     /// Returns the positions of the units.
@@ -36,7 +36,7 @@ impl Array {
     }
 
     /// Returns the response of a unit.
-    pub fn response(&self) -> &Response {
+    pub fn response(&self) -> &TaxelResponse {
         &self.response
     }
 
@@ -68,9 +68,9 @@ impl Array {
 
     /// Returns all sums for r, its slope and its curvature, in one pass over the units.
     #[inline]
-    fn sums(&self, at: Place, direction_rad: f64, weight: impl Fn(usize) -> f64) -> Sums {
+    fn sums(&self, at: Place, direction_rad: f64, weight: impl Fn(usize) -> f64) -> ContactSums {
         let (sin, cos) = direction_rad.sin_cos();
-        let mut sums = Sums { count: self.places.len() as f64, ..Sums::default() };
+        let mut sums = ContactSums { count: self.places.len() as f64, ..ContactSums::default() };
         let (mut slope_sum, mut slope_square_sum, mut product_sum) = (0.0, 0.0, 0.0);
         for (index, unit) in self.places.iter().enumerate() {
             let (x_mm, y_mm) = (at.x_mm - unit.x_mm, at.y_mm - unit.y_mm);
@@ -95,7 +95,7 @@ impl Array {
 
 /// Sums over the units at one contact: of readings, and of their change per mm in a direction.
 #[derive(Default)]
-struct Sums {
+struct ContactSums {
     count: f64,
     readings: f64,
     squares: f64,
@@ -108,7 +108,7 @@ struct Sums {
     along_slopes: f64,
 }
 
-impl Sums {
+impl ContactSums {
     /// Sum of the squares of the readings minus their mean; `None` if all readings are equal.
     fn power(&self) -> Option<f64> {
         let power = self.squares - self.readings * self.readings / self.count;
@@ -118,7 +118,7 @@ impl Sums {
 
 /// A contact with which others are compared: its readings minus their mean, scaled to length 1.
 pub struct Aim<'a> {
-    array: &'a Array,
+    array: &'a StudiedArray,
     pattern: Vec<f64>,
 }
 
@@ -142,11 +142,15 @@ mod tests {
     use super::*;
     use palpate_core::mechanics::Medium;
 
-    fn arrays() -> [Array; 3] {
+    fn arrays() -> [StudiedArray; 3] {
         let passage = Passage { indenter_radius_mm: 0.5, taxel_radius_mm: 1.0, ..Passage::half_space(5.0) };
         let layer = Passage { medium: Medium::BondedLayer { poisson_ratio: 0.49 }, ..passage };
         let grid = ArrayLayout::grid(3, 3, 4.5);
-        [Array::line(9, 1.0), Array::new(&grid, Response::new(passage)), Array::new(&grid, Response::new(layer))]
+        [
+            StudiedArray::line(9, 1.0),
+            StudiedArray::new(&grid, TaxelResponse::new(passage)),
+            StudiedArray::new(&grid, TaxelResponse::new(layer)),
+        ]
     }
 
     #[test]
@@ -180,7 +184,7 @@ mod tests {
 
     #[test]
     fn where_all_units_read_the_same_there_is_no_r() {
-        let two = Array::line(2, 1.0);
+        let two = StudiedArray::line(2, 1.0);
         assert!(two.aim(Place::new(0.5, 0.0)).is_none());
         assert_eq!(two.bend(Place::new(0.5, 0.0), 0.0), None);
         assert_eq!(two.r(Place::default(), Place::new(0.5, 0.0)), None);

@@ -1,9 +1,9 @@
 //! The paper's claims about its curves, each compared with computed results.
 
-use super::array::Array;
+use super::array::StudiedArray;
 use super::line::{FIGURE_4_TO, FIGURE_5_TO, UNITS, on_line, walk_left, walk_right};
-use super::turning::{Area, NEAR_R, Survey, descend, last};
-use palpate_core::mechanics::{Medium, Passage, Response, lambda};
+use super::turning::{ContactArea, NEAR_R, Survey, descend, last};
+use palpate_core::mechanics::{Medium, Passage, TaxelResponse, lambda};
 use palpate_core::quantity::ArrayLayout;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -43,7 +43,7 @@ fn verdict(holds: bool, bounded: bool) -> &'static str {
 
 /// A claim of the paper, and the computed result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Claim {
+pub struct PaperClaim {
     /// Name of the claim in rows.
     pub claim: &'static str,
     /// The paper's claim, in other words.
@@ -58,7 +58,7 @@ pub struct Claim {
 }
 
 /// Returns every claim, in the order of the paper.
-pub(super) fn claims() -> Vec<Claim> {
+pub(super) fn claims() -> Vec<PaperClaim> {
     vec![
         receptive_field(),
         two_units(),
@@ -74,12 +74,12 @@ pub(super) fn claims() -> Vec<Claim> {
     ]
 }
 
-fn receptive_field() -> Claim {
+fn receptive_field() -> PaperClaim {
     let there = lambda(FIELD);
     let percent_at = last(0.0, 10.0, |k| lambda(k) > 0.01);
     // the load beyond k is the integral of 3 lambda k dk, which is (k^2 + 1) lambda
     let beyond = (FIELD * FIELD + 1.0) * there;
-    Claim {
+    PaperClaim {
         claim: "receptive-field",
         told: "lambda nears 0 beyond k = 2",
         verdict: verdict(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
@@ -92,8 +92,8 @@ fn receptive_field() -> Claim {
     }
 }
 
-fn two_units() -> Claim {
-    let line = Array::line(2, 1.0);
+fn two_units() -> PaperClaim {
+    let line = StudiedArray::line(2, 1.0);
     let r = |d: f64| line.r(on_line(0.0), on_line(d));
     let step_at = last(0.0, FIGURE_4_TO, |d| r(d).is_none_or(|r| r > 0.0));
     // a little beside the step, and all the way from there
@@ -104,7 +104,7 @@ fn two_units() -> Claim {
     let (before, beyond) = (side(0.0, step_at - 1e-6), side(step_at + 1e-6, FIGURE_4_TO));
     let is_step = before.0 > 1.0 - 1e-9 && beyond.1 < -1.0 + 1e-9;
     let undefined = r(0.5).is_none();
-    Claim {
+    PaperClaim {
         claim: "two-units",
         told: "r of n = 2 units is a step",
         verdict: verdict(is_step, false),
@@ -120,16 +120,16 @@ fn two_units() -> Claim {
 
 /// Turning of r on a line as in Figure 4, and r at the turning.
 fn figure_4_turning(n: usize, s: f64) -> Option<(f64, f64)> {
-    let line = Array::line(n, s);
+    let line = StudiedArray::line(n, s);
     let d = walk_right(&line, 0.0, FIGURE_4_TO).turning_mm?;
     Some((d, line.r(on_line(0.0), on_line(d))?))
 }
 
-fn few_units() -> Claim {
+fn few_units() -> PaperClaim {
     let turnings: Vec<(usize, Option<(f64, f64)>)> = (3..=15).map(|n| (n, figure_4_turning(n, 1.0))).collect();
     let (few, enough): (Vec<_>, Vec<_>) = turnings.iter().partition(|(n, _)| *n < 5);
     let is_flat = |n: usize| {
-        let line = Array::line(n, 1.0);
+        let line = StudiedArray::line(n, 1.0);
         let r = |d: f64| line.r(on_line(0.0), on_line(d));
         r(1.5).zip(r(FIGURE_4_TO)).is_some_and(|(a, b)| (a - b).abs() < 1e-9)
     };
@@ -148,7 +148,7 @@ fn few_units() -> Claim {
         numbers.insert(format!("turns_at_n{n}"), turning.map(|(d, _)| d).into());
         numbers.insert(format!("r_there_n{n}"), turning.map(|(_, r)| r).into());
     }
-    Claim {
+    PaperClaim {
         claim: "few-units",
         told: "below n = 5 r is flat or turns beyond d = 1.5",
         verdict: verdict(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
@@ -157,15 +157,15 @@ fn few_units() -> Claim {
     }
 }
 
-fn many_units() -> Claim {
-    let r = |n: usize, d: f64| Array::line(n, 1.0).r(on_line(0.0), on_line(d)).unwrap_or(f64::NAN);
+fn many_units() -> PaperClaim {
+    let r = |n: usize, d: f64| StudiedArray::line(n, 1.0).r(on_line(0.0), on_line(d)).unwrap_or(f64::NAN);
     let most = |n: usize| {
         let points = (0..=400).map(|index| FIGURE_4_TO * f64::from(index) / 400.0);
         points.map(|d| (r(UNITS, d) - r(n, d)).abs()).fold(0.0, f64::max)
     };
     let (to_10, to_15) = (most(10), most(15));
     let (nine, fifteen) = (r(UNITS, FIGURE_4_TO), r(15, FIGURE_4_TO));
-    Claim {
+    PaperClaim {
         claim: "many-units",
         told: "the curves are very close for n above 9",
         verdict: verdict(to_15 < CLOSE.0, to_15 < CLOSE.1),
@@ -177,10 +177,10 @@ fn many_units() -> Claim {
     }
 }
 
-fn wide_spacing() -> Claim {
+fn wide_spacing() -> PaperClaim {
     let (mut found, mut numbers, mut bends) = (Vec::new(), Map::new(), Vec::new());
     for s in [0.8, 1.0, 1.2, 1.4, 2.0] {
-        let line = Array::line(UNITS, s);
+        let line = StudiedArray::line(UNITS, s);
         let fall = line.r(on_line(0.0), on_line(SMALL)).map(|r| (1.0 - r) / (SMALL * SMALL));
         let near = walk_right(&line, 0.0, FIGURE_4_TO).near_mm;
         let [above, midway] = [0.0, s / 2.0].map(|d1| line.bend(on_line(d1), 0.0));
@@ -197,7 +197,7 @@ fn wide_spacing() -> Claim {
     }
     let is_flatter = bends.windows(2).all(|pair| pair[1].0 < pair[0].0 / 2.0);
     let is_flatter_midway = bends.windows(2).all(|pair| pair[1].1 < pair[0].1);
-    Claim {
+    PaperClaim {
         claim: "wide-spacing",
         told: "s > 1: r is flat at small d",
         verdict: verdict(is_flatter && is_flatter_midway, is_flatter),
@@ -212,9 +212,9 @@ fn wide_spacing() -> Claim {
     }
 }
 
-fn narrow_spacing() -> Claim {
+fn narrow_spacing() -> PaperClaim {
     let turning = figure_4_turning(UNITS, 0.2);
-    Claim {
+    PaperClaim {
         claim: "narrow-spacing",
         told: "s = 0.2: r turns and rises again",
         verdict: verdict(turning.is_some(), false),
@@ -223,7 +223,7 @@ fn narrow_spacing() -> Claim {
     }
 }
 
-fn rule() -> Claim {
+fn rule() -> PaperClaim {
     let turns = |s: f64| figure_4_turning(UNITS, s).is_some();
     let spacings: Vec<(f64, bool)> =
         (10..=100).map(|hundredths| f64::from(hundredths) / 100.0).map(|s| (s, turns(s))).collect();
@@ -241,7 +241,7 @@ fn rule() -> Claim {
         (None, ..) => "no s of 0.10 to 1.00 turns".to_owned(),
         _ => "s that turn and s that don't are mixed".to_owned(),
     };
-    Claim {
+    PaperClaim {
         claim: "rule",
         told: "so n >= 5 and s <= 1",
         verdict: verdict(five_fall && least.is_none(), five_fall && is_one_range),
@@ -255,8 +255,8 @@ fn rule() -> Claim {
     }
 }
 
-fn figure_5() -> Claim {
-    let line = Array::line(UNITS, 1.0);
+fn figure_5() -> PaperClaim {
+    let line = StudiedArray::line(UNITS, 1.0);
     let (mut found, mut numbers, mut least) = (Vec::new(), Map::new(), f64::INFINITY);
     for k in 0..6 {
         let d1 = 1.5 * f64::from(k);
@@ -270,7 +270,7 @@ fn figure_5() -> Claim {
             }
         }
     }
-    Claim {
+    PaperClaim {
         claim: "figure-5",
         told: "r falls up to a relative distance of 2 wherever F1 is",
         verdict: verdict(least > FIELD, false),
@@ -279,8 +279,8 @@ fn figure_5() -> Claim {
     }
 }
 
-fn always() -> Claim {
-    let line = Array::line(UNITS, 1.0);
+fn always() -> PaperClaim {
+    let line = StudiedArray::line(UNITS, 1.0);
     let first = |d1: f64| {
         let walks = [walk_left(&line, d1), walk_right(&line, d1, FIGURE_5_TO)];
         walks.iter().filter_map(|walk| walk.turning_mm).fold(f64::INFINITY, f64::min)
@@ -297,7 +297,7 @@ fn always() -> Claim {
         };
     let ((left, d), (right, d_right)) = (least(0, 200), least(200, 400));
     let least = d.min(d_right);
-    Claim {
+    PaperClaim {
         claim: "always",
         told: "r always falls with distance, wherever the loads are",
         verdict: verdict(least.is_infinite(), false),
@@ -306,9 +306,10 @@ fn always() -> Claim {
     }
 }
 
-fn papers_array() -> Claim {
-    let array = Array::new(&ArrayLayout::grid(SIDE, SIDE, PITCH_MM), Response::new(Passage::half_space(DEPTH_MM)));
-    let area = Area { x_mm: (-HALF_MM, HALF_MM), y_mm: (-HALF_MM, HALF_MM) };
+fn papers_array() -> PaperClaim {
+    let array =
+        StudiedArray::new(&ArrayLayout::grid(SIDE, SIDE, PITCH_MM), TaxelResponse::new(Passage::half_space(DEPTH_MM)));
+    let area = ContactArea { x_mm: (-HALF_MM, HALF_MM), y_mm: (-HALF_MM, HALF_MM) };
     let survey = Survey::new(&array, &area, PITCH_MM, RAYS);
     let share = survey.share_turned();
     let early = survey.turned_mm.iter().filter(|mm| **mm < DEPTH_MM).count();
@@ -326,7 +327,7 @@ fn papers_array() -> Claim {
             if early == 0 { "none".to_owned() } else { early.to_string() },
         ),
     };
-    Claim {
+    PaperClaim {
         claim: "papers-array",
         told: "the same of the paper's own 3 x 3 array, s = 0.9",
         verdict: verdict(survey.first.is_none(), false),
@@ -343,18 +344,18 @@ fn papers_array() -> Claim {
     }
 }
 
-fn half_space() -> Claim {
-    let response = |medium| Response::new(Passage { medium, ..Passage::half_space(DEPTH_MM) });
+fn half_space() -> PaperClaim {
+    let response = |medium| TaxelResponse::new(Passage { medium, ..Passage::half_space(DEPTH_MM) });
     let space = response(Medium::HalfSpace);
     let layer = response(Medium::BondedLayer { poisson_ratio: POISSON_RATIO });
-    let share = |response: &Response, mm: f64| response.at(mm) / response.at(0.0);
-    let half_mm = |response: &Response| last(0.0, 2.0 * DEPTH_MM, |mm| share(response, mm) > 0.5);
+    let share = |response: &TaxelResponse, mm: f64| response.at(mm) / response.at(0.0);
+    let half_mm = |response: &TaxelResponse| last(0.0, 2.0 * DEPTH_MM, |mm| share(response, mm) > 0.5);
     let peak = layer.at(0.0) / space.at(0.0);
     let (half_layer_mm, half_space_mm) = (half_mm(&layer), half_mm(&space));
     let (off_layer, off_space) = (share(&layer, OFF_MM), share(&space, OFF_MM));
     let is_alike = |a: f64, b: f64| (a / b - 1.0).abs() < ALIKE;
     let is_near = is_alike(half_layer_mm, half_space_mm);
-    Claim {
+    PaperClaim {
         claim: "half-space",
         told: "a half-space is used for a 5 mm cover on a rigid base",
         verdict: verdict(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),

@@ -1,11 +1,11 @@
 //! The paper's study for any array: its range, its ability to distinguish two places, and where r misleads.
 
-use super::array::Array;
+use super::array::StudiedArray;
 use super::row;
-use super::turning::{Area, Survey, last, spread};
+use super::turning::{ContactArea, Survey, last, spread};
 use crate::methods::cramer_rao::{MeanBound, bound};
 use crate::methods::specimen::FORCES_N;
-use palpate_core::mechanics::{MOST_RADIUS_DEPTHS, Medium, Passage, Response};
+use palpate_core::mechanics::{MOST_RADIUS_DEPTHS, Medium, Passage, TaxelResponse};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels};
 use serde_json::json;
@@ -58,13 +58,13 @@ pub enum DesignError {
 
 /// An array as designed: every unit is at its nominal position, and all units are equal.
 #[derive(Clone, Debug)]
-pub struct Design {
+pub struct NominalArray {
     layout: ArrayLayout,
     skin: SkinSpec,
     elastomer: Elastomer,
     full_scale_n: f64,
     pitch_mm: f64,
-    area: Area,
+    area: ContactArea,
     noise_is_assumed: bool,
 }
 
@@ -89,7 +89,7 @@ pub struct DesignFindings {
     /// Pitch in depths: the paper's s.
     pub spacing: f64,
     /// Area of possible contacts.
-    pub area: Area,
+    pub area: ContactArea,
     /// Number of units on the row (or column) through the middle, the paper's n.
     pub row_units: usize,
     /// Whether that row is along y.
@@ -115,7 +115,7 @@ pub struct DesignFindings {
     pub noise_is_assumed: bool,
 }
 
-impl Design {
+impl NominalArray {
     /// Creates the design of an array. Only the skin's design properties count: elastomer, indenter and taxel size, noise and
     /// converter. A specimen's variation and faults don't count.
     ///
@@ -125,8 +125,8 @@ impl Design {
         layout: &ArrayLayout,
         skin: &SkinSpec,
         full_scale_n: f64,
-        area: Option<Area>,
-    ) -> Result<Design, DesignError> {
+        area: Option<ContactArea>,
+    ) -> Result<NominalArray, DesignError> {
         let pitch_mm = pitch_mm(layout.places())?;
         let elastomer = skin.elastomer.ok_or(DesignError::NoDepth)?;
         let (radius_mm, depth_mm) = (skin.indenter_radius_mm.max(skin.taxels.radius_mm), elastomer.depth_mm);
@@ -143,13 +143,13 @@ impl Design {
             converter: skin.converter,
             ..SkinSpec::default()
         };
-        Ok(Design {
+        Ok(NominalArray {
             layout: layout.clone(),
             skin: designed,
             elastomer,
             full_scale_n,
             pitch_mm,
-            area: area.unwrap_or_else(|| Area::around(layout.places(), MARGIN * pitch_mm)),
+            area: area.unwrap_or_else(|| ContactArea::around(layout.places(), MARGIN * pitch_mm)),
             noise_is_assumed: skin.noise.is_none(),
         })
     }
@@ -163,16 +163,16 @@ impl Design {
             indenter_radius_mm: self.skin.indenter_radius_mm,
             taxel_radius_mm: self.skin.taxels.radius_mm,
         };
-        let array = Array::new(&self.layout, Response::new(passage));
+        let array = StudiedArray::new(&self.layout, TaxelResponse::new(passage));
         let response = array.response();
-        let share = |response: &Response, mm: f64| response.at(mm) / response.at(0.0);
+        let share = |response: &TaxelResponse, mm: f64| response.at(mm) / response.at(0.0);
         let far_mm = |least: f64| {
             // a layer's reading may come up again: the last of all distances counts
             let steps = (0..=2000).map(|step| 0.01 * f64::from(step) * depth_mm);
             let above = steps.rev().find(|mm| share(response, *mm) > least).unwrap_or(0.0);
             last(above, above + 0.01 * depth_mm, |mm| share(response, mm) > least)
         };
-        let field = |response: &Response| {
+        let field = |response: &TaxelResponse| {
             let distances = (0..=POINTS).map(|point| FIELD_TO * depth_mm * point as f64 / POINTS as f64);
             distances.map(|mm| (mm, share(response, mm))).collect()
         };
@@ -189,7 +189,7 @@ impl Design {
             hundredth_mm: far_mm(0.01),
             share_at_two_depths: share(response, 2.0 * depth_mm),
             field: field(response),
-            half_space_field: field(&Response::new(Passage::half_space(depth_mm))),
+            half_space_field: field(&TaxelResponse::new(Passage::half_space(depth_mm))),
             courses: self.courses(&array, &row, row_is_column),
             survey: Survey::new(&array, &self.area, self.pitch_mm, self.rays()),
             least: self.least(),
@@ -200,7 +200,7 @@ impl Design {
     /// Returns the units on a line along x or y through the unit in the middle. It takes the line with more units.
     fn row(&self) -> (Vec<Place>, bool) {
         let places = self.layout.places();
-        let middle = Area::around(places, 0.0).at(0.5, 0.5);
+        let middle = ContactArea::around(places, 0.0).at(0.5, 0.5);
         let nearest = places.iter().min_by(|a, b| a.distance_mm(middle).total_cmp(&b.distance_mm(middle)));
         let Some(centre) = nearest.copied() else { return (Vec::new(), false) };
         let on_line = |off_mm: &dyn Fn(&Place) -> f64| -> Vec<Place> {
@@ -212,7 +212,7 @@ impl Design {
     }
 
     /// Returns r along the row, from first contacts that are evenly spaced from edge to edge.
-    fn courses(&self, array: &Array, row: &[Place], is_column: bool) -> Vec<Course> {
+    fn courses(&self, array: &StudiedArray, row: &[Place], is_column: bool) -> Vec<Course> {
         let mean = |along: fn(&Place) -> f64| row.iter().map(along).sum::<f64>() / row.len().max(1) as f64;
         let beside_mm = if is_column { mean(|place| place.x_mm) } else { mean(|place| place.y_mm) };
         let (from, to) = if is_column { self.area.y_mm } else { self.area.x_mm };
@@ -229,7 +229,7 @@ impl Design {
 
     /// Number of paths. A large array leaves time for fewer.
     fn rays(&self) -> usize {
-        let Area { x_mm, y_mm } = self.area;
+        let ContactArea { x_mm, y_mm } = self.area;
         let step_mm = self.pitch_mm.min(self.elastomer.depth_mm) / 20.0;
         let readings_a_ray = self.layout.len() as f64 * (x_mm.1 - x_mm.0).hypot(y_mm.1 - y_mm.0) / (2.0 * step_mm);
         ((READINGS / readings_a_ray) as usize).clamp(RAYS.0, RAYS.1)
@@ -321,14 +321,14 @@ mod tests {
         SkinSpec { elastomer: Some(Elastomer::half_space(5.0)), ..SkinSpec::default() }
     }
 
-    fn design(layout: &ArrayLayout) -> Result<Design, DesignError> {
-        Design::new(layout, &skin(), 2.0, None)
+    fn design(layout: &ArrayLayout) -> Result<NominalArray, DesignError> {
+        NominalArray::new(layout, &skin(), 2.0, None)
     }
 
     #[test]
     fn the_papers_area_is_that_of_its_layout() {
         let papers = design(&ArrayLayout::grid(3, 3, 4.5)).unwrap();
-        assert_eq!(papers.area, Area { x_mm: (-6.0, 6.0), y_mm: (-6.0, 6.0) });
+        assert_eq!(papers.area, ContactArea { x_mm: (-6.0, 6.0), y_mm: (-6.0, 6.0) });
         assert_eq!((papers.pitch_mm, papers.row().0.len()), (4.5, 3));
     }
 
@@ -348,10 +348,10 @@ mod tests {
         let places = vec![Place::new(1.0, 2.0), Place::default(), Place::new(1.0, 2.0)];
         assert_eq!(refusal(ArrayLayout::from_places(places)), Some(DesignError::SamePlace(1, 3)));
         let grid = ArrayLayout::grid(2, 2, 1.0);
-        assert_eq!(Design::new(&grid, &SkinSpec::default(), 2.0, None).err(), Some(DesignError::NoDepth));
+        assert_eq!(NominalArray::new(&grid, &SkinSpec::default(), 2.0, None).err(), Some(DesignError::NoDepth));
         let wide = SkinSpec { indenter_radius_mm: 10.1, ..skin() };
         let refused = Some(DesignError::Radius { radius_mm: 10.1, depth_mm: 5.0 });
-        assert_eq!(Design::new(&grid, &wide, 2.0, None).err(), refused);
+        assert_eq!(NominalArray::new(&grid, &wide, 2.0, None).err(), refused);
     }
 
     #[test]
@@ -361,7 +361,7 @@ mod tests {
         spread.faults =
             vec![palpate_sim::scene::TaxelFault { unit: 5, kind: palpate_sim::scene::TaxelFaultKind::Dead }];
         let grid = ArrayLayout::grid(3, 3, 4.5);
-        let found = |skin: &SkinSpec| Design::new(&grid, skin, 2.0, None).unwrap().study().ndjson();
+        let found = |skin: &SkinSpec| NominalArray::new(&grid, skin, 2.0, None).unwrap().study().ndjson();
         assert_eq!(found(&spread), found(&skin()));
     }
 

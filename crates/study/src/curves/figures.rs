@@ -3,10 +3,10 @@
 use super::line::{FIGURE_4_TO, LineCurve};
 use super::{Curves, DesignFindings};
 use palpate_core::mechanics::lambda;
-use palpate_report::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Shape};
+use palpate_report::chart::{Anchor, ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape};
 
 /// Figure: its file name and the SVG.
-type Drawn = (String, String);
+type NamedSvg = (String, String);
 
 /// Colours of the curves. Neighbouring curves differ in colour, and the second curve of a colour is dashed.
 const HUES: [Hue; 7] = [Hue::Blue, Hue::Orange, Hue::Green, Hue::Red, Hue::Teal, Hue::Purple, Hue::Brown];
@@ -19,11 +19,11 @@ const NAMES: usize = 7;
 const TURNS: &str = "dots: where r turns and rises again";
 
 fn line(index: usize) -> Look {
-    Look::line(HUES[index % HUES.len()], if index < HUES.len() { Line::Solid } else { Line::Dashed })
+    Look::line(HUES[index % HUES.len()], if index < HUES.len() { LineStyle::Solid } else { LineStyle::Dashed })
 }
 
 /// Draws the four figures of the paper.
-pub fn figures(found: &Curves) -> Vec<Drawn> {
+pub fn figures(found: &Curves) -> Vec<NamedSvg> {
     let drawn = [
         ("figure-3.svg", figure_3(&found.lambda)),
         ("figure-4a.svg", figure_4(found, "4a", "how many units there are", &|curve| format!("n = {}", curve.n))),
@@ -107,13 +107,13 @@ fn figure_5(found: &Curves) -> Figure {
 }
 
 /// Draws the readings of a rig's array next to a contact, and r along its row.
-pub fn design_figures(found: &DesignFindings) -> Vec<Drawn> {
+pub fn design_figures(found: &DesignFindings) -> Vec<NamedSvg> {
     let drawn = [("array-field.svg", field(found)), ("array-r.svg", courses(found))];
     drawn.map(|(name, figure)| (name.to_owned(), figure.svg())).to_vec()
 }
 
 fn field(found: &DesignFindings) -> Figure {
-    let space = Look::line(Hue::Grey, Line::Dashed);
+    let space = Look::line(Hue::Grey, LineStyle::Dashed);
     let depth_mm = found.passage.depth_mm;
     let least = found.field.iter().map(|(_, share)| *share).fold(0.0, f64::min);
     let mut marks = vec![

@@ -1,6 +1,6 @@
 //! The curves of the paper's Figures 3 to 5.
 
-use super::array::Array;
+use super::array::StudiedArray;
 use super::turning::ArrayWalk;
 use palpate_core::mechanics::lambda;
 use palpate_core::quantity::Place;
@@ -50,7 +50,7 @@ pub(super) fn curves() -> Vec<LineCurve> {
 }
 
 fn curve(figure: &'static str, n: usize, s: f64, d1: f64, to: f64) -> LineCurve {
-    let array = Array::line(n, s);
+    let array = StudiedArray::line(n, s);
     let last = (to / STEP).round() as usize;
     let point = |d2: f64| (d2, array.r(on_line(d1), on_line(d2)));
     LineCurve { figure, n, s, d1, points: (0..=last).map(|index| point(index as f64 * STEP)).collect() }
@@ -59,7 +59,7 @@ fn curve(figure: &'static str, n: usize, s: f64, d1: f64, to: f64) -> LineCurve 
 impl LineCurve {
     /// Returns the distances from the first contact at which r turns, to the left and to the right.
     pub(crate) fn turnings(&self) -> [Option<f64>; 2] {
-        let array = Array::line(self.n, self.s);
+        let array = StudiedArray::line(self.n, self.s);
         let to = self.points.last().map_or(0.0, |(d2, _)| *d2);
         [walk_left(&array, self.d1), walk_right(&array, self.d1, to)].map(|walk| walk.turning_mm)
     }
@@ -71,11 +71,11 @@ pub(super) fn on_line(d: f64) -> Place {
 }
 
 /// Walks from d1 to the right, up to `to`.
-pub(super) fn walk_right(array: &Array, d1: f64, to: f64) -> ArrayWalk {
+pub(super) fn walk_right(array: &StudiedArray, d1: f64, to: f64) -> ArrayWalk {
     array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
 /// Walks from d1 to the left, down to 0.
-pub(super) fn walk_left(array: &Array, d1: f64) -> ArrayWalk {
+pub(super) fn walk_left(array: &StudiedArray, d1: f64) -> ArrayWalk {
     array.walk(on_line(d1), PI, d1, WALK_STEP)
 }

@@ -1,7 +1,7 @@
 //! The paper's numerical study: the similarity of an array's readings of two contacts (Pearson's r) as a function of their
 //! distance.
 //!
-//! [`curves`] draws the paper's lines of units (PAPER S3) and compares each of its claims with computed results. [`Design`] does
+//! [`curves`] draws the paper's lines of units (PAPER S3) and compares each of its claims with computed results. [`NominalArray`] does
 //! the same for any array. No random numbers are used, so the same study gives the same bytes.
 
 mod array;
@@ -13,14 +13,14 @@ mod turning;
 
 pub use super::methods::cramer_rao::MeanBound;
 pub use array::Aim;
-pub use array::Array;
-pub use claims::Claim;
-pub use design::{ASSUMED_SD, Course, Design, DesignError, DesignFindings};
+pub use array::StudiedArray;
+pub use claims::PaperClaim;
+pub use design::{ASSUMED_SD, Course, DesignError, DesignFindings, NominalArray};
 pub use figures::{design_figures, figures};
 pub use line::LineCurve;
 pub use turning::ArrayWalk;
 pub use turning::Survey;
-pub use turning::{Area, NEAR_R, Turning};
+pub use turning::{ContactArea, NEAR_R, Turning};
 
 use serde::Serialize;
 use serde_json::json;
@@ -33,7 +33,7 @@ pub struct Curves {
     /// Figures 4 and 5.
     pub curves: Vec<LineCurve>,
     /// Claims with their verdicts.
-    pub claims: Vec<Claim>,
+    pub claims: Vec<PaperClaim>,
 }
 
 /// Computes the complete study.
@@ -59,11 +59,11 @@ impl Curves {
 /// Formats one line of rows.
 fn row(part: &'static str, of: &impl Serialize) -> String {
     #[derive(Serialize)]
-    struct Row<'a, T> {
+    struct CurvesRow<'a, T> {
         part: &'static str,
         #[serde(flatten)]
         of: &'a T,
     }
     // numbers and text can't fail
-    serde_json::to_string(&Row { part, of }).unwrap_or_default() + "\n"
+    serde_json::to_string(&CurvesRow { part, of }).unwrap_or_default() + "\n"
 }

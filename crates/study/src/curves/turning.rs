@@ -1,6 +1,6 @@
 //! Place where r turns: r decreases as the second contact moves away, then increases again.
 
-use super::array::Array;
+use super::array::StudiedArray;
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
 use serde::Serialize;
@@ -22,22 +22,22 @@ const SEARCH_READINGS: f64 = 3e7;
 
 /// Area of possible contacts, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Area {
+pub struct ContactArea {
     /// First and last x.
     pub x_mm: (f64, f64),
     /// First and last y.
     pub y_mm: (f64, f64),
 }
 
-impl Area {
+impl ContactArea {
     /// Returns the box around some places, with `margin_mm` on each side.
-    pub fn around(places: &[Place], margin_mm: f64) -> Area {
+    pub fn around(places: &[Place], margin_mm: f64) -> ContactArea {
         let ends = |along: fn(&Place) -> f64| {
             let values = places.iter().map(along);
             values.fold((f64::MAX, f64::MIN), |(least, most), value| (least.min(value), most.max(value)))
         };
         let (x, y) = (ends(|place| place.x_mm), ends(|place| place.y_mm));
-        Area { x_mm: (x.0 - margin_mm, x.1 + margin_mm), y_mm: (y.0 - margin_mm, y.1 + margin_mm) }
+        ContactArea { x_mm: (x.0 - margin_mm, x.1 + margin_mm), y_mm: (y.0 - margin_mm, y.1 + margin_mm) }
     }
 
     /// Returns the place at these fractions of the sides along x and y.
@@ -85,7 +85,7 @@ pub struct ArrayWalk {
     pub turning_mm: Option<f64>,
 }
 
-impl Array {
+impl StudiedArray {
     /// Step that misses no turn, mm: a small fraction of the distance over which the readings vary.
     fn step_mm(&self, pitch_mm: f64) -> f64 {
         pitch_mm.min(self.response().passage().depth_mm) / 20.0
@@ -143,7 +143,7 @@ pub struct Survey {
 
 impl Survey {
     /// Walks `rays` paths over an area, and refines the search from the paths that turn first.
-    pub fn new(array: &Array, area: &Area, pitch_mm: f64, rays: usize) -> Survey {
+    pub fn new(array: &StudiedArray, area: &ContactArea, pitch_mm: f64, rays: usize) -> Survey {
         let step_mm = array.step_mm(pitch_mm);
         let starts: Vec<(Place, f64)> = (1..=rays).map(|ray| start(area, ray)).collect();
         let walks = in_parallel(&starts, |&(from, direction_rad)| {
@@ -179,7 +179,7 @@ impl Survey {
     }
 }
 
-fn start(area: &Area, ray: usize) -> (Place, f64) {
+fn start(area: &ContactArea, ray: usize) -> (Place, f64) {
     let [across, up, around] = spread(ray);
     (area.at(across, up), TAU * around)
 }
@@ -191,7 +191,7 @@ pub(super) fn spread(point: usize) -> [f64; 3] {
 }
 
 /// Returns the first turning near the given one, in place and direction.
-fn follow(array: &Array, area: &Area, turning: &Turning, step_mm: f64) -> Turning {
+fn follow(array: &StudiedArray, area: &ContactArea, turning: &Turning, step_mm: f64) -> Turning {
     let distance_mm = |[x_mm, y_mm, direction_rad]: &[f64; 3]| {
         let from = Place::new(*x_mm, *y_mm);
         // one that turns later than the one that is followed is of no use
@@ -244,13 +244,13 @@ mod tests {
 
     #[test]
     fn the_edge_is_as_far_as_it_is() {
-        let area = Area { x_mm: (-6.0, 6.0), y_mm: (-3.0, 1.0) };
+        let area = ContactArea { x_mm: (-6.0, 6.0), y_mm: (-3.0, 1.0) };
         for (direction_rad, reach_mm) in [(0.0, 5.0), (PI, 7.0), (FRAC_PI_2, 1.0), (-FRAC_PI_2, 3.0)] {
             assert!((area.reach_mm(Place::new(1.0, 0.0), direction_rad) - reach_mm).abs() < 1e-9);
         }
         assert!((area.reach_mm(Place::default(), 5f64.atan2(5.0)) - 2f64.sqrt()).abs() < 1e-9);
         assert!(area.reach_mm(Place::new(1.0, 1.1), 4.0) < 0.0);
-        assert_eq!(Area::around(&[Place::new(-4.5, -1.5), Place::new(4.5, -0.5)], 1.5), area);
+        assert_eq!(ContactArea::around(&[Place::new(-4.5, -1.5), Place::new(4.5, -0.5)], 1.5), area);
     }
 
     #[test]
@@ -262,11 +262,11 @@ mod tests {
 
     #[test]
     fn a_way_is_walked_to_where_r_turns_and_no_farther() {
-        let line = Array::line(3, 1.0);
+        let line = StudiedArray::line(3, 1.0);
         let whole = line.walk(Place::default(), 0.0, 2.0, 0.02);
         assert!((whole.turning_mm.unwrap() - 1.5405).abs() < 1e-4, "{whole:?}");
         assert_eq!(line.walk(Place::default(), 0.0, 1.54, 0.02).turning_mm, None);
-        let near = Array::line(9, 1.0).walk(Place::default(), 0.0, 2.0, 0.02);
+        let near = StudiedArray::line(9, 1.0).walk(Place::default(), 0.0, 2.0, 0.02);
         assert!(near.turning_mm.is_none() && (near.near_mm.unwrap() - 0.200).abs() < 1e-3, "{near:?}");
     }
 }

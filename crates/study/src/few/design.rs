@@ -2,7 +2,7 @@
 
 use super::super::StudyError;
 use super::super::methods::specimen::{
-    CALIBRATION_N, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, Specimen, Touch, anywhere, grid,
+    CALIBRATION_N, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, StudySpecimen, Touch, anywhere, grid,
 };
 use super::{PRIOR_SEEDS, broken};
 use palpate_core::mechanics::Medium;
@@ -23,32 +23,32 @@ pub(super) const SIDE: usize = 25;
 
 /// A design from which sensors are drawn.
 #[derive(Clone)]
-pub struct Design {
-    specimen: Specimen,
+pub struct SensorDesign {
+    specimen: StudySpecimen,
 }
 
-impl Design {
+impl SensorDesign {
     /// Returns the paper's array under a bonded layer.
-    pub fn papers(noise: NoiseReference) -> Design {
+    pub fn papers(noise: NoiseReference) -> SensorDesign {
         let medium = Medium::BondedLayer { poisson_ratio: RUBBER };
-        let specimen = Specimen::papers(noise).with(|skin| {
+        let specimen = StudySpecimen::papers(noise).with(|skin| {
             skin.elastomer = Some(Elastomer { depth_mm: DEPTH_MM, medium });
             skin.taxels.gain_spread_percent = GAIN_SPREAD_PERCENT;
             skin.taxels.place_spread_mm = PLACE_SPREAD_MM;
             skin.taxels.depth_spread_percent = DEPTH_SPREAD_PERCENT;
         });
-        Design { specimen }
+        SensorDesign { specimen }
     }
 
     /// Returns the design with a change.
     #[must_use]
-    pub fn with(&self, change: impl FnOnce(&mut SkinSpec)) -> Design {
-        Design { specimen: self.specimen.with(change) }
+    pub fn with(&self, change: impl FnOnce(&mut SkinSpec)) -> SensorDesign {
+        SensorDesign { specimen: self.specimen.with(change) }
     }
 
     /// Returns the same design with another thickness of the layer.
     #[must_use]
-    pub(crate) fn with_layer(&self, times: f64) -> Design {
+    pub(crate) fn with_layer(&self, times: f64) -> SensorDesign {
         self.with(|skin| skin.elastomer.iter_mut().for_each(|elastomer| elastomer.depth_mm *= times))
     }
 

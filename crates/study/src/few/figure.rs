@@ -3,7 +3,7 @@
 use super::super::methods::specimen::NoiseReference;
 use super::super::minutes::HANDLING_MIN;
 use super::presses::{FewRow, Way};
-use palpate_report::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use palpate_report::chart::{ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel, Shape};
 
 /// Ways that are drawn, and their names.
 const DRAWN: [(Way, &str); 5] = [
@@ -64,11 +64,11 @@ fn panel(
 
 fn look(way: Way) -> Look {
     let (hue, shape, line) = match way {
-        Way::PriorCells => (Hue::Green, Shape::Circle, Line::Solid),
-        Way::PriorChosen => (Hue::Blue, Shape::Triangle, Line::Dashed),
-        Way::Cells => (Hue::Orange, Shape::Circle, Line::Solid),
-        Way::Paper => (Hue::Grey, Shape::Diamond, Line::None),
-        _ => (Hue::Orange, Shape::Square, Line::Dashed),
+        Way::PriorCells => (Hue::Green, Shape::Circle, LineStyle::Solid),
+        Way::PriorChosen => (Hue::Blue, Shape::Triangle, LineStyle::Dashed),
+        Way::Cells => (Hue::Orange, Shape::Circle, LineStyle::Solid),
+        Way::Paper => (Hue::Grey, Shape::Diamond, LineStyle::None),
+        _ => (Hue::Orange, Shape::Square, LineStyle::Dashed),
     };
     Look { hue, shape: Some(shape), filled: !matches!(way, Way::Grid), line }
 }

@@ -11,7 +11,7 @@ mod presses;
 mod strangers;
 mod verdicts;
 
-pub use design::Design;
+pub use design::SensorDesign;
 pub use figure::few_figures;
 pub use presses::{FewRow, Way, presses};
 pub use strangers::Stranger;
@@ -74,7 +74,7 @@ mod tests {
     #[test]
     fn the_map_of_a_sibling_is_as_sure_as_that_of_a_full_calibration() {
         for noise in noises() {
-            let design = Design::papers(*noise);
+            let design = SensorDesign::papers(*noise);
             let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
             let presses = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
             let sibling = prior.sibling(&presses, &setting).unwrap();
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn nine_presses_with_a_prior_are_nearly_a_full_calibration() {
-        let design = Design::papers(NoiseReference::T);
+        let design = SensorDesign::papers(NoiseReference::T);
         let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
         let count = campaign::size(4, 10);
         let sensors = NEW_SEEDS..NEW_SEEDS + count as u64;
@@ -117,7 +117,7 @@ mod tests {
     fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
         let sensors = GOOD_SEEDS..GOOD_SEEDS + campaign::size(STRANGERS.0, STRANGERS.1) as u64;
         for noise in noises() {
-            let design = Design::papers(*noise);
+            let design = SensorDesign::papers(*noise);
             let prior = design.prior().unwrap();
             for kind in Stranger::ALL {
                 let is_refused = |seed: &u64| {
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_design_says_which_rotations_its_presses_can_not_show() {
-        let design = Design::papers(NoiseReference::T);
+        let design = SensorDesign::papers(NoiseReference::T);
         let prior = design.prior().unwrap();
         let places: Vec<Place> = cells(3, 3).iter().map(|touch| touch.place).collect();
         assert_eq!(prior.undetectable(&places, 1.0), [""; 0]);
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn places_that_are_chosen_lower_the_expected_error() {
-        let prior = Design::papers(NoiseReference::T).prior().unwrap();
+        let prior = SensorDesign::papers(NoiseReference::T).prior().unwrap();
         let order = prior.chosen_places(4, 1.0, 0.5);
         let expected = |count: usize| prior.expected_after_mm(&order[..count], 1.0, 0.5);
         assert!((1..=4).all(|count| expected(count) < expected(count - 1)), "{order:?}");

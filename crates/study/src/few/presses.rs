@@ -1,15 +1,15 @@
 //! Error of a new sensor as a function of the number of its presses.
 
-use super::super::bench::{Bench, walked};
+use super::super::bench::{StudyBench, walked};
 use super::super::condition::{WINDOW_S, last_s};
 use super::super::methods::specimen::{CALIBRATION_N, FORCES_N, NoiseReference, Touch, grid};
 use super::super::minutes::{HANDLING_MIN, TOLERANCE_N};
-use super::super::{StudyError, Told, carried_out};
-use super::design::{Design, SENSORS, SIDE, cells, mean_errors, presses_at};
+use super::super::{OnProgress, StudyError, carried_out};
+use super::design::{SENSORS, SIDE, SensorDesign, cells, mean_errors, presses_at};
 use super::{FewSize, NEW_SEEDS, broken};
 use palpate_control::Strategy;
 use palpate_core::quantity::round;
-use palpate_data::recipe::{Load, Manner, Phase, Places, Plan, Recipe, Step};
+use palpate_data::recipe::{Manner, Phase, Places, Plan, Recipe, Step, StepLoad};
 use palpate_solver::{BEST, Belongs, MeanErrors, Prior, Setting, fit};
 use serde::Serialize;
 
@@ -77,14 +77,14 @@ const WRONG_LAYER: f64 = 0.9;
 const CONTACT_N: f64 = 0.5 * (FORCES_N.0 + FORCES_N.1);
 
 /// One way with one list of presses.
-struct Job {
+struct FewTry {
     noise: NoiseReference,
     way: Way,
     touches: Vec<Touch>,
 }
 
 /// The result of one sensor.
-struct Tried {
+struct SensorResult {
     errors: MeanErrors,
     expected_mm: Option<f64>,
     is_typical: Option<bool>,
@@ -94,14 +94,14 @@ struct Tried {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn presses(size: FewSize, told: Told<'_>) -> Result<Vec<FewRow>, StudyError> {
+pub fn presses(size: FewSize, told: OnProgress<'_>) -> Result<Vec<FewRow>, StudyError> {
     let mut rows = Vec::new();
-    let designs = NoiseReference::ALL.map(|noise| (noise, Design::papers(noise)));
-    let mut jobs: Vec<Job> = Vec::new();
+    let designs = NoiseReference::ALL.map(|noise| (noise, SensorDesign::papers(noise)));
+    let mut jobs: Vec<FewTry> = Vec::new();
     let mut priors: Vec<[Prior; 2]> = Vec::new();
     for (noise, design) in &designs {
         let prior = design.prior()?;
-        let mut add = |way, touches| jobs.push(Job { noise: *noise, way, touches });
+        let mut add = |way, touches| jobs.push(FewTry { noise: *noise, way, touches });
         for (columns, count) in CELLS {
             add(Way::PriorCells, cells(columns, count));
             add(Way::WrongPrior, cells(columns, count));
@@ -124,7 +124,7 @@ pub fn presses(size: FewSize, told: Told<'_>) -> Result<Vec<FewRow>, StudyError>
         job.try_on(&designs[nth].1, &priors[nth], seed, size.tests)
     })?;
     for (index, job) in jobs.iter().enumerate() {
-        let of_it: Vec<&Tried> =
+        let of_it: Vec<&SensorResult> =
             tries.iter().zip(&tried).filter(|((job, _), _)| *job == index).map(|(_, tried)| tried).collect();
         rows.push(job.row(&of_it, minutes[index]));
     }
@@ -140,19 +140,19 @@ impl FewSize {
     }
 }
 
-impl Job {
+impl FewTry {
     fn try_on(
         &self,
-        design: &Design,
+        design: &SensorDesign,
         [prior, wrong]: &[Prior; 2],
         seed: u64,
         tests: usize,
-    ) -> Result<Tried, StudyError> {
+    ) -> Result<SensorResult, StudyError> {
         let (new, test) = (design.calibration(seed, &self.touches)?, design.test(seed, tests));
         let setting = Setting::of_layout(Some(design.layout()));
-        let alone = |name| -> Result<Tried, StudyError> {
+        let alone = |name| -> Result<SensorResult, StudyError> {
             let fitted = fit(name, &new, &setting).map_err(broken)?;
-            Ok(Tried { errors: mean_errors(&fitted, &test), expected_mm: None, is_typical: None })
+            Ok(SensorResult { errors: mean_errors(&fitted, &test), expected_mm: None, is_typical: None })
         };
         let prior = match self.way {
             Way::Cells | Way::Grid => return alone(BEST),
@@ -161,16 +161,16 @@ impl Job {
             Way::PriorCells | Way::PriorChosen | Way::PriorGrid => prior,
         };
         let sibling = prior.sibling(&new, &setting).map_err(broken)?;
-        Ok(Tried {
+        Ok(SensorResult {
             errors: mean_errors(sibling.model.fitted(), &test),
             expected_mm: Some(sibling.expected_mm),
             is_typical: Some(sibling.belongs == Belongs::Typical),
         })
     }
 
-    fn row(&self, tried: &[&Tried], minutes: Option<f64>) -> FewRow {
+    fn row(&self, tried: &[&SensorResult], minutes: Option<f64>) -> FewRow {
         let count = tried.len() as f64;
-        let mean = |of: &dyn Fn(&Tried) -> f64| tried.iter().map(|tried| of(tried)).sum::<f64>() / count;
+        let mean = |of: &dyn Fn(&SensorResult) -> f64| tried.iter().map(|tried| of(tried)).sum::<f64>() / count;
         let location_mm = mean(&|tried| tried.errors.location_mm);
         let variance = mean(&|tried| (tried.errors.location_mm - location_mm).powi(2));
         let expected_mm = tried.iter().all(|tried| tried.expected_mm.is_some());
@@ -196,11 +196,11 @@ impl Job {
 /// Returns the minutes at the bench for presses at some places, from a run in virtual time on the fast bench; `None` if a rule
 /// ended the run.
 fn minutes(touches: &[Touch]) -> Result<Option<f64>, StudyError> {
-    let spec = Bench::XpsLike.spec()?;
+    let spec = StudyBench::XpsLike.spec()?;
     let manner =
         Manner { force_tolerance_n: TOLERANCE_N, sample_s: WINDOW_S, strategy: Strategy::Map, ..Manner::PAPER };
     let places = touches.iter().map(|touch| (touch.place, 0..0)).collect();
-    let step = Step::new(Phase::Calibration, Places::List(places), Load::Force(CALIBRATION_N), manner);
+    let step = Step::new(Phase::Calibration, Places::List(places), StepLoad::Force(CALIBRATION_N), manner);
     let plan = Plan::new(&Recipe::new("few", vec![step]), &spec.ground(), SENSORS)?;
     let (contacts, ending) = walked(&plan, &spec)?;
     let run_min = last_s(&contacts.iter().collect::<Vec<_>>()).map(|seconds| seconds / 60.0);

@@ -1,8 +1,8 @@
 //! Sensors that aren't of the design, or have a fault: whether few presses show it.
 
 use super::super::methods::specimen::{KnownReadings, NoiseReference, Touch};
-use super::super::{StudyError, Told, carried_out};
-use super::design::{Design, cells};
+use super::super::{OnProgress, StudyError, carried_out};
+use super::design::{SensorDesign, cells};
 use super::{FewSize, GOOD_SEEDS, broken};
 use palpate_core::quantity::{Place, stream};
 use palpate_sim::scene::{TaxelFault, TaxelFaultKind};
@@ -87,11 +87,11 @@ impl Stranger {
     }
 
     /// Returns the readings of a sensor of this kind.
-    pub(super) fn read(self, design: &Design, seed: u64, touches: &[Touch]) -> KnownReadings {
+    pub(super) fn read(self, design: &SensorDesign, seed: u64, touches: &[Touch]) -> KnownReadings {
         let units = design.layout().len();
         let mut rng = stream(seed, 0, "stranger");
         let unit = rng.random_range(0..units);
-        let read = |design: &Design, touches: &[Touch]| design.read(seed, touches, "calibration noise");
+        let read = |design: &SensorDesign, touches: &[Touch]| design.read(seed, touches, "calibration noise");
         let faulty = |kind| {
             let design = design.with(|skin| skin.faults.push(TaxelFault { unit: unit + 1, kind }));
             read(&design, touches)
@@ -133,11 +133,11 @@ impl Stranger {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn strangers(size: FewSize, told: Told<'_>) -> Result<Vec<StrangerRow>, StudyError> {
+pub fn strangers(size: FewSize, told: OnProgress<'_>) -> Result<Vec<StrangerRow>, StudyError> {
     let touches = cells(3, 3);
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
-        let design = Design::papers(noise);
+        let design = SensorDesign::papers(noise);
         let prior = design.prior()?;
         for kind in Stranger::ALL {
             let sensors = if kind == Stranger::Good { size.good } else { size.strangers };

@@ -1,11 +1,13 @@
 //! Whether few presses decide about a sensor like a full calibration does.
 
 use super::super::methods::specimen::{FORCES_N, KnownReadings, NoiseReference, Touch, anywhere, grid};
-use super::super::{StudyError, Told, carried_out};
-use super::design::{Design, SIDE, cells, mean_errors};
+use super::super::{OnProgress, StudyError, carried_out};
+use super::design::{SIDE, SensorDesign, cells, mean_errors};
 use super::{FewSize, JUDGED_SEEDS, broken};
 use palpate_core::quantity::stream;
-use palpate_data::acceptance::{Decision, Errors, Figure, Limit, Measured, Rule, Verdict, judge};
+use palpate_data::acceptance::{
+    AcceptanceRule, Decision, Limit, LimitedFigure, Measured, SensorVerdict, TestErrors, judge,
+};
 use palpate_solver::{Belongs, Prior, SOLVERS, Setting, Solver, Workspace, fit};
 use rand::RngExt;
 use serde::Serialize;
@@ -46,27 +48,27 @@ const LIMITS_MM: [f64; 2] = [0.23, 0.040];
 const WHOLE: &str = SOLVERS[4];
 
 /// Verdict about one sensor, and whether its true error exceeds the limit.
-struct Judged {
+struct JudgedSensor {
     is_bad: bool,
     is_refused: bool,
-    verdict: Verdict,
+    verdict: SensorVerdict,
 }
 
 /// Judges sensors by the guarded rule and by the simple rule, after nine presses and after a full calibration.
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn verdicts(size: FewSize, told: Told<'_>) -> Result<Vec<VerdictRow>, StudyError> {
+pub fn verdicts(size: FewSize, told: OnProgress<'_>) -> Result<Vec<VerdictRow>, StudyError> {
     let mut rows = Vec::new();
     for (noise, limit_mm) in NoiseReference::ALL.into_iter().zip(LIMITS_MM) {
-        let design = Design::papers(noise);
+        let design = SensorDesign::papers(noise);
         let prior = design.prior()?;
         let seeds: Vec<u64> = (0..size.judged as u64).map(|sensor| JUDGED_SEEDS + sensor).collect();
         let judged = carried_out(&seeds, told, |&seed| sensor(&design, &prior, seed, limit_mm))?;
         for (decision, index) in [(Decision::Guarded, 0), (Decision::Simple, 1)] {
             for (presses, way) in [(9, 0), (SIDE * SIDE, 1)] {
                 let of_it = || judged.iter().map(|of_sensor| &of_sensor[way][index]);
-                let count = |is: &dyn Fn(&Judged) -> bool| of_it().filter(|judged| is(judged)).count();
+                let count = |is: &dyn Fn(&JudgedSensor) -> bool| of_it().filter(|judged| is(judged)).count();
                 rows.push(VerdictRow {
                     study: "verdicts",
                     scene: noise.name(),
@@ -74,10 +76,10 @@ pub fn verdicts(size: FewSize, told: Told<'_>) -> Result<Vec<VerdictRow>, StudyE
                     presses,
                     sensors: size.judged,
                     bad: count(&|judged| judged.is_bad),
-                    accepted_wrongly: count(&|judged| judged.is_bad && judged.verdict == Verdict::Accepted),
-                    rejected_wrongly: count(&|judged| !judged.is_bad && judged.verdict == Verdict::NotAccepted),
+                    accepted_wrongly: count(&|judged| judged.is_bad && judged.verdict == SensorVerdict::Accepted),
+                    rejected_wrongly: count(&|judged| !judged.is_bad && judged.verdict == SensorVerdict::NotAccepted),
                     refused_wrongly: count(&|judged| !judged.is_bad && judged.is_refused),
-                    not_decided: count(&|judged| judged.verdict == Verdict::NotDecided),
+                    not_decided: count(&|judged| judged.verdict == SensorVerdict::NotDecided),
                 });
             }
         }
@@ -86,7 +88,12 @@ pub fn verdicts(size: FewSize, told: Told<'_>) -> Result<Vec<VerdictRow>, StudyE
 }
 
 /// Judges one sensor: by few presses and by a full calibration, each by both rules.
-fn sensor(design: &Design, prior: &Prior, seed: u64, limit_mm: f64) -> Result<[[Judged; 2]; 2], StudyError> {
+fn sensor(
+    design: &SensorDesign,
+    prior: &Prior,
+    seed: u64,
+    limit_mm: f64,
+) -> Result<[[JudgedSensor; 2]; 2], StudyError> {
     let factor = stream(seed, 0, "noise of a sensor").random_range(NOISE.0..=NOISE.1);
     let design = design.with(|skin| {
         let of_units = skin.noise.iter_mut().flat_map(|noise| &mut noise.repeatability_percent);
@@ -101,8 +108,9 @@ fn sensor(design: &Design, prior: &Prior, seed: u64, limit_mm: f64) -> Result<[[
     let judged = |solver: &dyn Solver, is_refused: bool| {
         let is_bad = mean_errors(solver, &contacts).location_mm > limit_mm;
         [Decision::Guarded, Decision::Simple].map(|decision| {
-            let verdict = if is_refused { Verdict::NotAccepted } else { by_rule(decision, limit_mm, solver, &test) };
-            Judged { is_bad, is_refused, verdict }
+            let verdict =
+                if is_refused { SensorVerdict::NotAccepted } else { by_rule(decision, limit_mm, solver, &test) };
+            JudgedSensor { is_bad, is_refused, verdict }
         })
     };
     Ok([judged(sibling.model.fitted(), is_refused), judged(&whole, false)])
@@ -113,25 +121,25 @@ fn touches(seed: u64, count: usize) -> Vec<Touch> {
 }
 
 /// Returns the verdict about the mean location error of some test presses.
-fn by_rule(decision: Decision, limit_mm: f64, solver: &dyn Solver, test: &KnownReadings) -> Verdict {
+fn by_rule(decision: Decision, limit_mm: f64, solver: &dyn Solver, test: &KnownReadings) -> SensorVerdict {
     let mut workspace = Workspace::default();
     let sizes = test.iter().filter_map(|(truth, outputs)| {
         Some(solver.solve(outputs, &mut workspace).ok()?.place.distance_mm(truth.place))
     });
     let sizes: Vec<f64> = sizes.collect();
-    let rule = Rule {
+    let rule = AcceptanceRule {
         decision,
         method: solver.name().to_owned(),
         calibration_presses_least: 1,
         test_presses_least: 1,
         holdout: false,
-        limits: vec![Limit { figure: Figure::LocationMean, limit: limit_mm, reach: None }],
+        limits: vec![Limit { figure: LimitedFigure::LocationMean, limit: limit_mm, reach: None }],
         afterwards_by: None,
     };
     let measured = Measured {
         calibration_presses: 9,
         test_presses: sizes.len(),
-        location: Some(Errors { sizes, u_truth: Some(0.0) }),
+        location: Some(TestErrors { sizes, u_truth: Some(0.0) }),
         broken_channels: Some(0),
         ..Measured::default()
     };

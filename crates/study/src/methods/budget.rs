@@ -1,10 +1,10 @@
 //! Number of calibration presses that each method needs.
 
 use super::cramer_rao::MeanBound;
-use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
+use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, StudySpecimen, anywhere, grid};
 use super::speed_accuracy::MethodTrial;
-use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
-use crate::{StudyError, Told, carried_out};
+use super::trial::{CRAMER_RAO, MethodRow, StudiedMethod, Tally};
+use crate::{OnProgress, StudyError, carried_out};
 use palpate_core::quantity::round;
 use palpate_core::quantity::{Place, stream};
 use palpate_solver::{Calibration, Setting};
@@ -36,7 +36,7 @@ const PLACE_SPREAD_MM: f64 = 0.1;
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn budget(quick: bool, seed: u64, told: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let (sides, specimens, tests) = if quick { QUICK } else { (&SIDES[..], SPECIMENS, TESTS) };
     let mut jobs = Vec::new();
     for &side in sides {
@@ -50,13 +50,13 @@ pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, 
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
         for &side in sides.iter().rev() {
-            let of_it: Vec<&Tried> = jobs
+            let of_it: Vec<&CalibrationResult> = jobs
                 .iter()
                 .zip(&tried)
                 .filter(|((its, its_side, _), _)| (*its, *its_side) == (noise, side))
                 .map(|(_, tried)| tried)
                 .collect();
-            rows.extend(Method::names().enumerate().map(|(index, solver)| {
+            rows.extend(StudiedMethod::names().enumerate().map(|(index, solver)| {
                 let mut sum = Tally::default();
                 of_it.iter().for_each(|tried| sum.add(tried.tallies[index].clone()));
                 row(noise, side, solver, &sum, MeanBound::mean(of_it.iter().map(|tried| tried.least)))
@@ -70,7 +70,12 @@ pub fn budget(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, 
 ///
 /// # Errors
 /// Never in practice: if all presses are suitable for calibration, so is a part of them.
-pub fn budget_of(trial: &MethodTrial, quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn budget_of(
+    trial: &MethodTrial,
+    quick: bool,
+    seed: u64,
+    told: OnProgress<'_>,
+) -> Result<Vec<MethodRow>, StudyError> {
     let whole = trial.calibration.len();
     let counts: Vec<usize> = std::iter::successors(Some(whole), |count| Some(count / 2))
         .take_while(|count| *count == whole || *count >= FEWEST)
@@ -89,14 +94,14 @@ pub fn budget_of(trial: &MethodTrial, quick: bool, seed: u64, told: Told<'_>) ->
     let tried = carried_out(&jobs, told, |(_, presses)| {
         let some = presses.map(|presses| trial.calibration.subset(presses));
         let calibration = some.as_ref().unwrap_or(&trial.calibration);
-        let methods = Method::all(calibration, &Setting::of_layout(trial.layout.as_ref()));
+        let methods = StudiedMethod::all(calibration, &Setting::of_layout(trial.layout.as_ref()));
         Ok(methods.iter().map(|method| Tally::of(method, &trial.test)).collect::<Vec<Tally>>())
     })?;
     // that of Cramér and Rao doesn't depend on the calibration; one that a method states does
     let least = trial.least.filter(|(_, whose)| *whose == CRAMER_RAO);
     let mut rows = Vec::new();
     for &count in counts.iter().rev() {
-        for (index, solver) in Method::names().enumerate() {
+        for (index, solver) in StudiedMethod::names().enumerate() {
             let mut sum = Tally::default();
             let of_it = jobs.iter().zip(&tried).filter(|((its_count, _), _)| *its_count == count);
             of_it.for_each(|(_, tallies)| sum.add(tallies[index].clone()));
@@ -132,13 +137,13 @@ fn spread_out(calibration: &Calibration, first: usize, count: usize) -> Vec<usiz
 }
 
 /// Results of all methods for one calibration.
-struct Tried {
+struct CalibrationResult {
     tallies: Vec<Tally>,
     least: Option<MeanBound>,
 }
 
-fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Result<Tried, StudyError> {
-    let specimen = Specimen::papers(noise).with(|skin| {
+fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Result<CalibrationResult, StudyError> {
+    let specimen = StudySpecimen::papers(noise).with(|skin| {
         skin.taxels.gain_spread_percent = GAIN_SPREAD_PERCENT;
         skin.taxels.place_spread_mm = PLACE_SPREAD_MM;
         skin.taxels.depth_spread_percent = DEPTH_SPREAD_PERCENT;
@@ -147,8 +152,8 @@ fn calibrate(noise: NoiseReference, side: usize, tests: usize, seed: u64) -> Res
     let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, side as u64, "calibration noise"));
     let touches = anywhere(tests, FORCES_N, &mut stream(seed, 0, "test contacts"));
     let test = KnownReadings::of(&mut skin, &touches, &mut stream(seed, 0, "test noise"));
-    let methods = Method::all(&presses.calibration()?, &Setting::of_layout(Some(&specimen.layout)));
-    Ok(Tried {
+    let methods = StudiedMethod::all(&presses.calibration()?, &Setting::of_layout(Some(&specimen.layout)));
+    Ok(CalibrationResult {
         tallies: methods.iter().map(|method| Tally::of(method, &test)).collect(),
         least: MeanBound::over(&skin, &specimen.skin, FULL_SCALE_N, &test),
     })

@@ -1,10 +1,10 @@
 //! Conditions that make methods fail. One condition is varied at a time, from harmless to intolerable.
 
 use super::specimen::{
-    CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, Specimen, Touch, anywhere,
+    CONVERTER, DEPTH_MM, FORCES_N, HALF_MM, KnownReadings, NoiseReference, StudySpecimen, Touch, anywhere,
 };
 use palpate_core::mechanics::Medium;
-use palpate_core::quantity::{Place, Stream};
+use palpate_core::quantity::{Place, RandomStream};
 use palpate_sim::scene::{Converter, Elastomer, SkinSpec, TaxelFault, TaxelFaultKind};
 use rand::RngExt;
 use rand_distr::StandardNormal;
@@ -18,15 +18,15 @@ pub struct Harm {
     /// Label for people, with the unit.
     pub label: &'static str,
     /// Distribution of the values along an axis.
-    pub spread: Spread,
+    pub spread: ValueAxis,
     /// Values from harmless to harmful.
     pub values: &'static [f64],
-    kind: Kind,
+    kind: HarmKind,
 }
 
 /// Distribution of values along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Spread {
+pub enum ValueAxis {
     /// Evenly.
     Linear,
     /// By their logarithm.
@@ -36,7 +36,7 @@ pub enum Spread {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum HarmKind {
     Force,
     Outside,
     Units,
@@ -55,60 +55,72 @@ enum Kind {
 
 /// All conditions, in the order of the figures.
 pub const CONDITIONS: [Harm; 14] = [
-    harm(Kind::Force, "low force", "force, N", Spread::Log, &[1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]),
-    harm(Kind::Outside, "beyond grid", "beyond the grid, mm", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 1.5, 2.0]),
-    harm(Kind::Units, "few units", "units along a side, on 9 mm", Spread::Linear, &[5.0, 4.0, 3.0, 2.0]),
+    harm(HarmKind::Force, "low force", "force, N", ValueAxis::Log, &[1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]),
+    harm(HarmKind::Outside, "beyond grid", "beyond the grid, mm", ValueAxis::Linear, &[0.0, 0.25, 0.5, 1.0, 1.5, 2.0]),
+    harm(HarmKind::Units, "few units", "units along a side, on 9 mm", ValueAxis::Linear, &[5.0, 4.0, 3.0, 2.0]),
     harm(
-        Kind::Spacing,
+        HarmKind::Spacing,
         "spacing",
         "pitch / depth, 3 x 3 units",
-        Spread::Linear,
+        ValueAxis::Linear,
         &[0.9, 1.2, 0.6, 1.6, 0.4, 2.0, 0.2, 2.5],
     ),
-    harm(Kind::Noise, "noise", "noise, times that of Table 1", Spread::Log, &[1.0, 2.0, 5.0, 10.0, 20.0, 50.0]),
-    harm(Kind::Bits, "few bits", "converter, bits over ±10 N", Spread::Linear, &[16.0, 14.0, 12.0, 10.0, 8.0, 7.0]),
+    harm(HarmKind::Noise, "noise", "noise, times that of Table 1", ValueAxis::Log, &[1.0, 2.0, 5.0, 10.0, 20.0, 50.0]),
     harm(
-        Kind::Dead,
+        HarmKind::Bits,
+        "few bits",
+        "converter, bits over ±10 N",
+        ValueAxis::Linear,
+        &[16.0, 14.0, 12.0, 10.0, 8.0, 7.0],
+    ),
+    harm(
+        HarmKind::Dead,
         "dead unit",
         "unit that dies after calibration",
-        Spread::Words(&["none", "corner", "edge", "centre"]),
+        ValueAxis::Words(&["none", "corner", "edge", "centre"]),
         &[0.0, 1.0, 2.0, 3.0],
     ),
-    harm(Kind::Stuck, "stuck unit", "centre unit stuck at, N", Spread::Linear, &[0.0, 0.25, 0.5, 1.0, 2.0]),
+    harm(HarmKind::Stuck, "stuck unit", "centre unit stuck at, N", ValueAxis::Linear, &[0.0, 0.25, 0.5, 1.0, 2.0]),
     harm(
-        Kind::Drift,
+        HarmKind::Drift,
         "gain drift",
         "gain drift of the centre unit, %",
-        Spread::Linear,
+        ValueAxis::Linear,
         &[0.0, 2.0, -2.0, 5.0, -5.0, 10.0, -10.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0],
     ),
     harm(
-        Kind::Aging,
+        HarmKind::Aging,
         "slow drift",
         "spread of gains at the test's end, %",
-        Spread::Linear,
+        ValueAxis::Linear,
         &[0.0, 2.0, 5.0, 10.0, 20.0, 40.0],
     ),
     harm(
-        Kind::Outliers,
+        HarmKind::Outliers,
         "outliers",
         "readings with a spike, %",
-        Spread::Linear,
+        ValueAxis::Linear,
         &[0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
     ),
-    harm(Kind::Baseline, "offset", "offset of all units, N", Spread::Linear, &[0.0, 0.005, 0.01, 0.02, 0.05, 0.1]),
     harm(
-        Kind::Second,
+        HarmKind::Baseline,
+        "offset",
+        "offset of all units, N",
+        ValueAxis::Linear,
+        &[0.0, 0.005, 0.01, 0.02, 0.05, 0.1],
+    ),
+    harm(
+        HarmKind::Second,
         "two contacts",
         "distance of two contacts, mm",
-        Spread::Linear,
+        ValueAxis::Linear,
         &[0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0],
     ),
     harm(
-        Kind::Physics,
+        HarmKind::Physics,
         "physics",
         "physical terms",
-        Spread::Words(&["none", "punch", "disc", "units", "layer", "all"]),
+        ValueAxis::Words(&["none", "punch", "disc", "units", "layer", "all"]),
         &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
     ),
 ];
@@ -129,7 +141,13 @@ const SPIKE_N: (f64, f64) = (0.2, 10.0);
 /// Force of each of two contacts, N. The second contact presses as hard as the first.
 const EACH_N: f64 = 0.5;
 
-const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Spread, values: &'static [f64]) -> Harm {
+const fn harm(
+    kind: HarmKind,
+    name: &'static str,
+    label: &'static str,
+    spread: ValueAxis,
+    values: &'static [f64],
+) -> Harm {
     Harm { name, label, spread, values, kind }
 }
 
@@ -137,9 +155,9 @@ const fn harm(kind: Kind, name: &'static str, label: &'static str, spread: Sprea
 #[derive(Clone, Debug)]
 pub struct ConditionValue {
     /// Specimen that is calibrated.
-    pub calibrated: Specimen,
+    pub calibrated: StudySpecimen,
     /// State of the specimen when it is tested.
-    pub tested: Specimen,
+    pub tested: StudySpecimen,
     /// Whether the calibration's map is also the test's map, so that a bound exists.
     pub map_is_known: bool,
 }
@@ -148,27 +166,33 @@ impl Harm {
     /// Returns a value in words, if it isn't a quantity.
     pub fn words(&self, value: f64) -> Option<&'static str> {
         match self.spread {
-            Spread::Words(words) => words.get(value as usize).copied(),
-            Spread::Linear | Spread::Log => None,
+            ValueAxis::Words(words) => words.get(value as usize).copied(),
+            ValueAxis::Linear | ValueAxis::Log => None,
         }
     }
 
     /// Returns the specimens that are calibrated and tested at a value.
     pub fn case(&self, noise: NoiseReference, value: f64) -> ConditionValue {
-        let papers = Specimen::papers(noise);
-        let same =
-            |specimen: Specimen| ConditionValue { tested: specimen.clone(), calibrated: specimen, map_is_known: true };
-        let after =
-            |tested: Specimen| ConditionValue { map_is_known: tested == papers, calibrated: papers.clone(), tested };
+        let papers = StudySpecimen::papers(noise);
+        let same = |specimen: StudySpecimen| ConditionValue {
+            tested: specimen.clone(),
+            calibrated: specimen,
+            map_is_known: true,
+        };
+        let after = |tested: StudySpecimen| ConditionValue {
+            map_is_known: tested == papers,
+            calibrated: papers.clone(),
+            tested,
+        };
         let fault = |unit: usize, kind| after(papers.with(|skin| skin.faults = vec![TaxelFault { unit, kind }]));
         match self.kind {
-            Kind::Force | Kind::Outside | Kind::Second => same(papers),
-            Kind::Units => {
+            HarmKind::Force | HarmKind::Outside | HarmKind::Second => same(papers),
+            HarmKind::Units => {
                 let side = value as usize;
-                same(Specimen::square(noise, side, 9.0 / (side - 1) as f64))
+                same(StudySpecimen::square(noise, side, 9.0 / (side - 1) as f64))
             }
-            Kind::Spacing => same(Specimen::square(noise, 3, value * DEPTH_MM)),
-            Kind::Noise => {
+            HarmKind::Spacing => same(StudySpecimen::square(noise, 3, value * DEPTH_MM)),
+            HarmKind::Noise => {
                 let louder = papers.with(|skin| {
                     if let Some(noise) = &mut skin.noise {
                         noise.repeatability_percent.iter_mut().for_each(|percent| *percent *= value);
@@ -177,45 +201,45 @@ impl Harm {
                 });
                 ConditionValue { map_is_known: true, ..after(louder) }
             }
-            Kind::Bits => {
+            HarmKind::Bits => {
                 same(papers.with(|skin| skin.converter = Some(Converter { bits: value as u32, ..CONVERTER })))
             }
-            Kind::Dead => match value as usize {
+            HarmKind::Dead => match value as usize {
                 0 => same(papers),
                 // corner, edge, centre of the paper's nine
                 which => fault([1, 2, 5][(which - 1).min(2)], TaxelFaultKind::Dead),
             },
-            Kind::Stuck => fault(5, TaxelFaultKind::Stuck(value)),
-            Kind::Drift if value == 0.0 => same(papers),
-            Kind::Drift => fault(5, TaxelFaultKind::Drifted(value)),
-            Kind::Baseline => after(papers.with(|skin| skin.taxels.baseline = value)),
-            Kind::Aging | Kind::Outliers => ConditionValue { map_is_known: value == 0.0, ..same(papers) },
-            Kind::Physics => same(papers.with(|skin| add_terms(skin, value as usize))),
+            HarmKind::Stuck => fault(5, TaxelFaultKind::Stuck(value)),
+            HarmKind::Drift if value == 0.0 => same(papers),
+            HarmKind::Drift => fault(5, TaxelFaultKind::Drifted(value)),
+            HarmKind::Baseline => after(papers.with(|skin| skin.taxels.baseline = value)),
+            HarmKind::Aging | HarmKind::Outliers => ConditionValue { map_is_known: value == 0.0, ..same(papers) },
+            HarmKind::Physics => same(papers.with(|skin| add_terms(skin, value as usize))),
         }
     }
 
     /// Returns the touches at a value. Places and forces are the same at each value, except for the varied quantity.
-    pub fn touches(&self, value: f64, count: usize, rng: &mut Stream) -> Vec<Touch> {
+    pub fn touches(&self, value: f64, count: usize, rng: &mut RandomStream) -> Vec<Touch> {
         match self.kind {
-            Kind::Force => anywhere(count, (value, value), rng),
-            Kind::Outside => anywhere(count, FORCES_N, rng).into_iter().map(|touch| beyond(touch, value)).collect(),
-            Kind::Second => (0..count).map(|_| pair(value, rng)).collect(),
+            HarmKind::Force => anywhere(count, (value, value), rng),
+            HarmKind::Outside => anywhere(count, FORCES_N, rng).into_iter().map(|touch| beyond(touch, value)).collect(),
+            HarmKind::Second => (0..count).map(|_| pair(value, rng)).collect(),
             _ => anywhere(count, FORCES_N, rng),
         }
     }
 
     /// Changes the readings, if the condition varies them. The readings follow one another in time.
-    pub(crate) fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut Stream) {
+    pub(crate) fn spoil(&self, value: f64, readings: &mut KnownReadings, rng: &mut RandomStream) {
         match self.kind {
-            Kind::Aging => age(readings, value / 100.0, rng),
-            Kind::Outliers => add_spikes(readings, value / 100.0, rng),
+            HarmKind::Aging => age(readings, value / 100.0, rng),
+            HarmKind::Outliers => add_spikes(readings, value / 100.0, rng),
             _ => {}
         }
     }
 }
 
 /// Changes each unit's gain linearly from 1 to its own random end value. The standard deviation of the end values is given.
-fn age(readings: &mut KnownReadings, sd: f64, rng: &mut Stream) {
+fn age(readings: &mut KnownReadings, sd: f64, rng: &mut RandomStream) {
     let ends: Vec<f64> = (0..readings.units).map(|_| sd * rng.sample::<f64, _>(StandardNormal)).collect();
     let last = readings.truths.len().saturating_sub(1).max(1) as f64;
     for (nth, outputs) in readings.outputs.chunks_exact_mut(readings.units).enumerate() {
@@ -225,7 +249,7 @@ fn age(readings: &mut KnownReadings, sd: f64, rng: &mut Stream) {
 
 /// Adds a spike to one unit in a fraction `share` of the readings. A fraction of 1/s of the spikes is larger than s times the
 /// least size, which is a heavy tail.
-fn add_spikes(readings: &mut KnownReadings, share: f64, rng: &mut Stream) {
+fn add_spikes(readings: &mut KnownReadings, share: f64, rng: &mut RandomStream) {
     let units = readings.units;
     for outputs in readings.outputs.chunks_exact_mut(units) {
         // drawn for every reading, so that a larger share spoils the same readings and more
@@ -247,7 +271,7 @@ fn beyond(touch: Touch, beyond_mm: f64) -> Touch {
 }
 
 /// Returns two contacts that are `apart_mm` apart, both on the grid.
-fn pair(apart_mm: f64, rng: &mut Stream) -> Touch {
+fn pair(apart_mm: f64, rng: &mut RandomStream) -> Touch {
     let mut coordinate = || rng.random_range(-HALF_MM..=HALF_MM);
     loop {
         let (x_mm, y_mm) = (coordinate(), coordinate());
@@ -289,14 +313,14 @@ mod tests {
     fn contacts_are_where_they_are_meant_to_be() {
         let rng = || stream(1, 0, "test");
         let of = |kind| CONDITIONS.iter().find(|harm| harm.kind == kind).unwrap();
-        for touch in of(Kind::Outside).touches(1.5, 100, &mut rng()) {
+        for touch in of(HarmKind::Outside).touches(1.5, 100, &mut rng()) {
             assert!((touch.place.x_mm.abs().max(touch.place.y_mm.abs()) - 7.5).abs() < 1e-9, "{touch:?}");
         }
-        for touch in of(Kind::Second).touches(8.0, 100, &mut rng()) {
+        for touch in of(HarmKind::Second).touches(8.0, 100, &mut rng()) {
             assert!((touch.place.distance_mm(touch.second.unwrap()) - 8.0).abs() < 1e-9, "{touch:?}");
         }
-        assert!(of(Kind::Force).touches(0.05, 10, &mut rng()).iter().all(|touch| touch.force_n == 0.05));
-        assert!(of(Kind::Bits).touches(8.0, 50, &mut rng()).iter().all(|touch| touch.force_n <= FORCES_N.1));
+        assert!(of(HarmKind::Force).touches(0.05, 10, &mut rng()).iter().all(|touch| touch.force_n == 0.05));
+        assert!(of(HarmKind::Bits).touches(8.0, 50, &mut rng()).iter().all(|touch| touch.force_n <= FORCES_N.1));
     }
 
     #[test]
@@ -310,16 +334,16 @@ mod tests {
             of(kind).spoil(value, &mut readings, &mut stream(1, 0, "test"));
             readings.outputs
         };
-        for kind in [Kind::Aging, Kind::Outliers, Kind::Noise] {
+        for kind in [HarmKind::Aging, HarmKind::Outliers, HarmKind::Noise] {
             assert_eq!(spoilt(kind, 0.0), readings.outputs, "{kind:?}");
         }
-        let aged = spoilt(Kind::Aging, 10.0);
+        let aged = spoilt(HarmKind::Aging, 10.0);
         assert_eq!(aged[..9], [1.0; 9], "at first nothing has drifted");
         let last = &aged[9 * 3999..];
         let sd = (last.iter().map(|output| (output - 1.0).powi(2)).sum::<f64>() / 9.0).sqrt();
         assert!((0.05..0.2).contains(&sd) && last.iter().any(|output| *output < 1.0), "{last:?}");
         let spiked = |percent| -> Vec<f64> {
-            let off = spoilt(Kind::Outliers, percent).into_iter().map(|output| output - 1.0);
+            let off = spoilt(HarmKind::Outliers, percent).into_iter().map(|output| output - 1.0);
             off.filter(|off| *off != 0.0).collect()
         };
         let spikes = spiked(10.0);
@@ -332,13 +356,13 @@ mod tests {
 
     #[test]
     fn the_first_value_is_harmless_where_there_is_such_a_one_and_shares_its_calibration() {
-        for harm in CONDITIONS.iter().filter(|harm| harm.kind != Kind::Stuck) {
+        for harm in CONDITIONS.iter().filter(|harm| harm.kind != HarmKind::Stuck) {
             let case = harm.case(NoiseReference::T, harm.values[0]);
             assert_eq!(case.calibrated, case.tested, "{}", harm.name);
             assert!(case.map_is_known, "{}", harm.name);
         }
         let calibrations = |noise| {
-            let mut all: Vec<Specimen> = Vec::new();
+            let mut all: Vec<StudySpecimen> = Vec::new();
             for harm in CONDITIONS {
                 for value in harm.values {
                     let calibrated = harm.case(noise, *value).calibrated;

@@ -78,13 +78,13 @@ impl Count {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_solver::{HalfWidths, Verdict};
+    use palpate_solver::{ContactVerdict, HalfWidths};
 
     #[test]
     fn errors_are_counted_within_what_is_stated() {
         let place = Place::new(1.0, 2.0);
         let half_widths = Some(HalfWidths { half68_mm: 0.25, half95_mm: 0.5, half68_n: 0.5, half95_n: 1.0 });
-        let (covariance, other, misfit, verdict) = (None, None, None, Verdict::Ok);
+        let (covariance, other, misfit, verdict) = (None, None, None, ContactVerdict::Ok);
         let solution = Solution {
             place,
             force_n: 1.0,

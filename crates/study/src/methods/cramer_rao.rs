@@ -94,14 +94,14 @@ impl MeanBound {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{FORCES_N, FULL_SCALE_N, NoiseReference, Specimen, Touch, anywhere, grid};
+    use super::super::specimen::{FORCES_N, FULL_SCALE_N, NoiseReference, StudySpecimen, Touch, anywhere, grid};
     use super::*;
     use palpate_core::quantity::stream;
     use palpate_sim::scene::TaxelNoise;
     use palpate_solver::{Setting, Solver, fit};
 
-    fn even(sd: f64) -> Specimen {
-        Specimen::papers(NoiseReference::T).with(|skin| {
+    fn even(sd: f64) -> StudySpecimen {
+        StudySpecimen::papers(NoiseReference::T).with(|skin| {
             let repeatability_percent = vec![300.0 * sd / FULL_SCALE_N; 9];
             skin.noise = Some(TaxelNoise { repeatability_percent, of: NoiseOf::FullScale, floor: 0.0 });
             skin.converter = None;
@@ -130,7 +130,7 @@ mod tests {
     fn the_mean_over_area_and_forces_is_that_of_both_scenes() {
         for (noise, location_mm, force_n) in [(NoiseReference::T, 0.2288, 0.0181), (NoiseReference::Q, 0.0352, 0.0033)]
         {
-            let specimen = Specimen::papers(noise);
+            let specimen = StudySpecimen::papers(noise);
             let touches = anywhere(20_000, FORCES_N, &mut stream(3, 0, "test"));
             let mut skin = specimen.skin(1);
             let readings = KnownReadings::of(&mut skin, &touches, &mut stream(3, 1, "test"));
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn what_a_fitted_map_expects_is_the_bound_and_the_maps_own_error() {
-        let specimen = Specimen::papers(NoiseReference::T);
+        let specimen = StudySpecimen::papers(NoiseReference::T);
         let mut skin = specimen.skin(1);
         let presses = KnownReadings::of(&mut skin, &grid(25), &mut stream(5, 0, "calibration"));
         let setting = Setting::of_layout(Some(&specimen.layout));
@@ -162,10 +162,10 @@ mod tests {
 
     #[test]
     fn where_units_do_not_tell_there_is_no_bound() {
-        let specimen = Specimen::square(NoiseReference::T, 1, 4.5);
+        let specimen = StudySpecimen::square(NoiseReference::T, 1, 4.5);
         assert_eq!(bound(&specimen.skin(1), &specimen.skin, FULL_SCALE_N, Place::default(), 1.0), None);
         let touch = Touch { place: Place::default(), force_n: 1.0, second: Some(Place::default()) };
-        let papers = Specimen::papers(NoiseReference::T);
+        let papers = StudySpecimen::papers(NoiseReference::T);
         let mut skin = papers.skin(1);
         let readings = KnownReadings::of(&mut skin, &[touch], &mut stream(1, 0, "test"));
         assert_eq!(MeanBound::over(&skin, &papers.skin, FULL_SCALE_N, &readings), None, "two contacts");

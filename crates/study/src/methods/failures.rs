@@ -2,9 +2,9 @@
 
 use super::conditions::{CONDITIONS, ConditionValue, Harm};
 use super::cramer_rao::MeanBound;
-use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, grid};
-use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
-use crate::{StudyError, Told, carried_out};
+use super::specimen::{FULL_SCALE_N, KnownReadings, NoiseReference, StudySpecimen, grid};
+use super::trial::{CRAMER_RAO, MethodRow, StudiedMethod, Tally};
+use crate::{OnProgress, StudyError, carried_out};
 use palpate_core::quantity::stream;
 use palpate_solver::Setting;
 
@@ -14,9 +14,9 @@ const SIZE: (usize, usize) = (25, 1000);
 const QUICK: (usize, usize) = (5, 40);
 
 /// Specimen that is calibrated once, and all conditions that are tried on it.
-struct Job {
+struct FailureTry {
     noise: NoiseReference,
-    calibrated: Specimen,
+    calibrated: StudySpecimen,
     cases: Vec<(Harm, f64, ConditionValue)>,
 }
 
@@ -24,7 +24,7 @@ struct Job {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn failures(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn failures(quick: bool, seed: u64, told: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let jobs = jobs(quick);
     let size = if quick { QUICK } else { SIZE };
     let mut rows = carried_out(&jobs, told, |job| job.rows(size, seed))?.concat();
@@ -39,19 +39,21 @@ pub fn failures(quick: bool, seed: u64, told: Told<'_>) -> Result<Vec<MethodRow>
     Ok(rows)
 }
 
-fn jobs(ends_only: bool) -> Vec<Job> {
-    let mut jobs: Vec<Job> = Vec::new();
+fn jobs(ends_only: bool) -> Vec<FailureTry> {
+    let mut jobs: Vec<FailureTry> = Vec::new();
     for noise in NoiseReference::ALL {
         for harm in CONDITIONS {
             let is_end = |index: usize| index == 0 || index + 1 == harm.values.len();
             for (_, &value) in harm.values.iter().enumerate().filter(|(index, _)| !ends_only || is_end(*index)) {
                 let case = harm.case(noise, value);
-                let is_same = |job: &&mut Job| job.noise == noise && job.calibrated == case.calibrated;
+                let is_same = |job: &&mut FailureTry| job.noise == noise && job.calibrated == case.calibrated;
                 match jobs.iter_mut().find(is_same) {
                     Some(job) => job.cases.push((harm, value, case)),
-                    None => {
-                        jobs.push(Job { noise, calibrated: case.calibrated.clone(), cases: vec![(harm, value, case)] })
-                    }
+                    None => jobs.push(FailureTry {
+                        noise,
+                        calibrated: case.calibrated.clone(),
+                        cases: vec![(harm, value, case)],
+                    }),
                 }
             }
         }
@@ -61,12 +63,12 @@ fn jobs(ends_only: bool) -> Vec<Job> {
     jobs
 }
 
-impl Job {
+impl FailureTry {
     fn rows(&self, (side, tests): (usize, usize), seed: u64) -> Result<Vec<MethodRow>, StudyError> {
         let mut skin = self.calibrated.skin(seed);
         let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
         let calibration = presses.calibration()?;
-        let methods = Method::all(&calibration, &Setting::of_layout(Some(&self.calibrated.layout)));
+        let methods = StudiedMethod::all(&calibration, &Setting::of_layout(Some(&self.calibrated.layout)));
         let mut rows = Vec::new();
         for (harm, value, case) in &self.cases {
             let touches = harm.touches(*value, tests, &mut stream(seed, 0, "test contacts"));

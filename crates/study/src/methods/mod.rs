@@ -21,7 +21,7 @@ pub use recorded::{of_run, of_tables};
 pub use specimen::NoiseReference;
 pub use speed_accuracy::{MethodTrial, speed_accuracy};
 pub(crate) use trial::CRAMER_RAO;
-pub use trial::{Method, MethodRow, Tally};
+pub use trial::{MethodRow, StudiedMethod, Tally};
 
 /// Returns the rows of one scene, method and condition, in order.
 pub fn rows_of<'a>(

@@ -1,6 +1,6 @@
 //! The specimens on which methods are compared: the paper's array with the noise of its Table 1, read in two ways.
 
-use palpate_core::quantity::{ArrayLayout, Place, Stream};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream};
 use palpate_report::paper;
 use palpate_sim::scene::{Converter, Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise};
 use palpate_solver::{Calibration, CalibrationError, CalibrationPoint};
@@ -58,26 +58,26 @@ impl NoiseReference {
 
 /// An array and the readings of its taxels.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Specimen {
+pub struct StudySpecimen {
     /// Properties of the taxels.
     pub skin: SkinSpec,
     /// Nominal positions of the taxels.
     pub layout: ArrayLayout,
 }
 
-impl Specimen {
+impl StudySpecimen {
     /// Returns the paper's 3 x 3 units with their own noise.
-    pub fn papers(noise: NoiseReference) -> Specimen {
+    pub fn papers(noise: NoiseReference) -> StudySpecimen {
         Self::new(noise, ArrayLayout::grid(SIDE, SIDE, PITCH_MM), paper::repeatability_percent().to_vec())
     }
 
     /// Returns a square of units, each with the mean noise of the paper's units.
-    pub fn square(noise: NoiseReference, side: usize, pitch_mm: f64) -> Specimen {
+    pub fn square(noise: NoiseReference, side: usize, pitch_mm: f64) -> StudySpecimen {
         let mean = paper::repeatability_percent().iter().sum::<f64>() / paper::TABLE_1_PERCENT.len() as f64;
         Self::new(noise, ArrayLayout::grid(side, side, pitch_mm), vec![mean; side * side])
     }
 
-    fn new(noise: NoiseReference, layout: ArrayLayout, repeatability_percent: Vec<f64>) -> Specimen {
+    fn new(noise: NoiseReference, layout: ArrayLayout, repeatability_percent: Vec<f64>) -> StudySpecimen {
         let (of, floor) = match noise {
             NoiseReference::T => (NoiseOf::FullScale, 0.0),
             NoiseReference::Q => (NoiseOf::Reading, FLOOR),
@@ -88,12 +88,12 @@ impl Specimen {
             converter: Some(CONVERTER),
             ..SkinSpec::default()
         };
-        Specimen { skin, layout }
+        StudySpecimen { skin, layout }
     }
 
     /// Returns a copy with a change.
     #[must_use]
-    pub fn with(&self, change: impl FnOnce(&mut SkinSpec)) -> Specimen {
+    pub fn with(&self, change: impl FnOnce(&mut SkinSpec)) -> StudySpecimen {
         let mut changed = self.clone();
         change(&mut changed.skin);
         changed
@@ -140,7 +140,7 @@ pub struct KnownReadings {
 
 impl KnownReadings {
     /// Returns a skin's readings of some touches, each with its own error.
-    pub fn of(skin: &mut Skin, touches: &[Touch], rng: &mut Stream) -> KnownReadings {
+    pub fn of(skin: &mut Skin, touches: &[Touch], rng: &mut RandomStream) -> KnownReadings {
         let units = skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
         for (touch, outputs) in touches.iter().zip(outputs.chunks_exact_mut(units)) {
@@ -185,7 +185,7 @@ pub(crate) fn grid(side: usize) -> Vec<Touch> {
 }
 
 /// Returns touches at random places in the area with random forces in the range.
-pub(crate) fn anywhere(count: usize, forces_n: (f64, f64), rng: &mut Stream) -> Vec<Touch> {
+pub(crate) fn anywhere(count: usize, forces_n: (f64, f64), rng: &mut RandomStream) -> Vec<Touch> {
     let mut touch = || {
         let [x_mm, y_mm] = [(); 2].map(|()| rng.random_range(-HALF_MM..=HALF_MM));
         Touch { place: Place::new(x_mm, y_mm), force_n: rng.random_range(forces_n.0..=forces_n.1), second: None }

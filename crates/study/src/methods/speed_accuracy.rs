@@ -1,9 +1,9 @@
 //! Accuracy and solving time of each method.
 
 use super::cramer_rao::MeanBound;
-use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, Specimen, anywhere, grid};
-use super::trial::{CRAMER_RAO, Method, MethodRow, Tally};
-use crate::{StudyError, Told, pareto};
+use super::specimen::{FORCES_N, FULL_SCALE_N, KnownReadings, NoiseReference, StudySpecimen, anywhere, grid};
+use super::trial::{CRAMER_RAO, MethodRow, StudiedMethod, Tally};
+use crate::{OnProgress, StudyError, pareto};
 use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::round;
 use palpate_core::quantity::{ArrayLayout, stream};
@@ -35,7 +35,7 @@ impl MethodTrial {
     /// Never in practice: simulated presses are suitable for calibration.
     pub fn simulated(side: usize, tests: usize, seed: u64) -> Result<Vec<MethodTrial>, StudyError> {
         let of = |noise: &NoiseReference| {
-            let specimen = Specimen::papers(*noise);
+            let specimen = StudySpecimen::papers(*noise);
             let mut skin = specimen.skin(seed);
             let presses = KnownReadings::of(&mut skin, &grid(side), &mut stream(seed, 0, "calibration noise"));
             let touches = anywhere(tests, FORCES_N, &mut stream(seed, 0, "test contacts"));
@@ -55,14 +55,14 @@ impl MethodTrial {
 }
 
 /// Calibrates every method on each trial, solves its test and measures the time.
-pub fn speed_accuracy(trials: &[MethodTrial], told: Told<'_>) -> Vec<MethodRow> {
+pub fn speed_accuracy(trials: &[MethodTrial], told: OnProgress<'_>) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
-        let methods = Method::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
+        let methods = StudiedMethod::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
         let tallies: Vec<Tally> = methods.iter().map(|method| Tally::of(method, &trial.test)).collect();
         (methods, tallies)
     });
-    let count = trials.len() * Method::names().count();
+    let count = trials.len() * StudiedMethod::names().count();
     for (trial, (methods, tallies)) in trials.iter().zip(tried) {
         let first = rows.len();
         for (method, tally) in methods.iter().zip(tallies) {

@@ -5,8 +5,8 @@ use super::cramer_rao::MeanBound;
 use super::specimen::KnownReadings;
 use palpate_core::quantity::round;
 use palpate_solver::{
-    BEST, Calibration, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM, Prepared, SOLVERS,
-    Setting, Solver, Verdict, Workspace,
+    BEST, Calibration, ContactVerdict, ErrorSummary, FORCE_REFERENCE_N, FitError, Fitted, LOCATION_REFERENCE_MM,
+    PreparedCalibration, SOLVERS, Setting, Solver, Workspace,
 };
 use serde::Serialize;
 use statrs::statistics::Statistics as _;
@@ -15,24 +15,24 @@ use std::time::{Duration, Instant};
 
 /// A method that was fitted or couldn't be fitted.
 #[derive(Clone)]
-pub struct Method {
+pub struct StudiedMethod {
     /// Requested name.
     pub name: &'static str,
     /// Result of the fit. Methods that are the same share it.
     pub fitted: Result<Arc<Fitted>, FitError>,
 }
 
-impl Method {
+impl StudiedMethod {
     /// Returns every method, and the choice among them last.
-    pub fn all(calibration: &Calibration, setting: &Setting<'_>) -> Vec<Method> {
-        let prepared = Prepared::new(calibration.clone(), setting);
+    pub fn all(calibration: &Calibration, setting: &Setting<'_>) -> Vec<StudiedMethod> {
+        let prepared = PreparedCalibration::new(calibration.clone(), setting);
         let fit = |name| prepared.as_ref().map_err(Clone::clone)?.fit(name).map(Arc::new);
-        let best = Method { name: BEST, fitted: fit(BEST) };
+        let best = StudiedMethod { name: BEST, fitted: fit(BEST) };
         let is_best = |name: &str| best.fitted.as_ref().is_ok_and(|best| best.name() == name);
         let of = |name| {
             // the same method on the same presses is the same again
             let fitted = if is_best(name) { best.fitted.clone() } else { fit(name) };
-            Method { name, fitted }
+            StudiedMethod { name, fitted }
         };
         SOLVERS.into_iter().map(of).chain([best.clone()]).collect()
     }
@@ -127,7 +127,7 @@ pub struct Tally {
 
 impl Tally {
     /// Solves all readings.
-    pub fn of(method: &Method, readings: &KnownReadings) -> Tally {
+    pub fn of(method: &StudiedMethod, readings: &KnownReadings) -> Tally {
         let solver = match &method.fitted {
             Ok(solver) => solver,
             Err(refused) => return Tally { refused: Some(refused.to_string()), ..Tally::default() },
@@ -151,7 +151,7 @@ impl Tally {
             let force_n = truth.force_n.map(|force_n| (solution.force_n - force_n).abs());
             let is_wrong =
                 location_mm > LOCATION_REFERENCE_MM || force_n.is_some_and(|error| error > FORCE_REFERENCE_N);
-            let is_flagged = solution.verdict != Verdict::Ok;
+            let is_flagged = solution.verdict != ContactVerdict::Ok;
             tally.covered.count(truth, &solution);
             tally.locations_mm.push(location_mm);
             tally.forces_n.extend(force_n);

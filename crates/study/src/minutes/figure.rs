@@ -1,8 +1,8 @@
 //! Error on new contacts as a function of minutes at the bench, one panel for each family.
 
-use super::{Family, HANDLING_MIN, MinutesRow};
+use super::{HANDLING_MIN, MinutesRow, UnitFamily};
 use palpate_control::Strategy;
-use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel, Shape};
 
 /// Least relative decrease of the error from the last labelled point at which a point is labelled with its number of presses.
 const WORTH_TELLING: f64 = 0.01;
@@ -19,14 +19,14 @@ pub fn minutes_figures(found: &[MinutesRow]) -> Vec<(String, String)> {
              method that cross-validation finds best"
         ),
         height_px: 420.0,
-        panels: Family::ALL.map(|family| panel(family, found, &repeats)).to_vec(),
+        panels: UnitFamily::ALL.map(|family| panel(family, found, &repeats)).to_vec(),
         legend: vec![
             Strategy::ALL.map(|strategy| (look(strategy, 0), strategy.name().to_owned())).to_vec(),
             repeats
                 .iter()
                 .enumerate()
                 .map(|(nth, repeats)| {
-                    let look = Look { hue: Hue::Grey, line: Line::None, ..look(Strategy::Map, nth) };
+                    let look = Look { hue: Hue::Grey, line: LineStyle::None, ..look(Strategy::Map, nth) };
                     (look, if *repeats == 1 { "each place once".to_owned() } else { format!("{repeats} times") })
                 })
                 .collect(),
@@ -51,7 +51,7 @@ fn repeats(found: &[MinutesRow]) -> Vec<usize> {
     repeats
 }
 
-fn panel(family: Family, found: &[MinutesRow], repeats: &[usize]) -> Panel {
+fn panel(family: UnitFamily, found: &[MinutesRow], repeats: &[usize]) -> Panel {
     let point = |row: &MinutesRow| Some((row.found.minutes?, row.found.mean_mm()?));
     let of_it = || found.iter().filter(|row| row.found.scene == family.name());
     // both panels have the same axes
@@ -72,7 +72,7 @@ fn panel(family: Family, found: &[MinutesRow], repeats: &[usize]) -> Panel {
         .filter_map(|row| Some((point(row)?, row.found.calibration_presses)))
         .collect();
     front.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
-    marks.push(Mark::Curve(Look::line(Hue::Grey, Line::Dashed), front.iter().map(|(point, _)| *point).collect()));
+    marks.push(Mark::Curve(Look::line(Hue::Grey, LineStyle::Dashed), front.iter().map(|(point, _)| *point).collect()));
     for strategy in Strategy::ALL {
         for (nth, repeats) in repeats.iter().enumerate() {
             let rows = of_it().filter(|row| (row.strategy, row.repeats) == (strategy, *repeats));
@@ -98,5 +98,5 @@ fn look(strategy: Strategy, nth: usize) -> Look {
         Strategy::Map => Hue::Green,
     };
     let shape = [Shape::Circle, Shape::Square, Shape::Triangle][nth.min(2)];
-    Look { hue, shape: Some(shape), filled: nth == 0, line: Line::None }
+    Look { hue, shape: Some(shape), filled: nth == 0, line: LineStyle::None }
 }

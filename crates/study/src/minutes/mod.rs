@@ -8,17 +8,17 @@ mod figure;
 
 pub use figure::minutes_figures;
 
-use super::bench::{Bench, walked};
+use super::bench::{StudyBench, walked};
 use super::condition::{WINDOW_S, last_s, phase};
 use super::methods::cramer_rao::MeanBound;
 use super::methods::specimen::{CALIBRATION_N, FORCES_N, HALF_MM, KnownReadings, anywhere};
-use super::methods::{CRAMER_RAO, Method, MethodRow, Tally};
-use super::{StudyError, Told, carried_out, pareto};
+use super::methods::{CRAMER_RAO, MethodRow, StudiedMethod, Tally};
+use super::{OnProgress, StudyError, carried_out, pareto};
 use palpate_control::Strategy;
 use palpate_core::quantity::{Range, round, stream};
 use palpate_data::dataset::calibration::calibration_of_run;
-use palpate_data::dataset::{Contact, Presses};
-use palpate_data::recipe::{Load, Manner, Order, Phase, Places, Plan, Recipe, Step};
+use palpate_data::dataset::{Presses, RecordedContact};
+use palpate_data::recipe::{GridOrder, Manner, Phase, Places, Plan, Recipe, Step, StepLoad};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::Halt;
 use palpate_sim::scene::Skin;
@@ -72,38 +72,38 @@ impl MinutesSize {
 /// Whether the methods' maps can describe the units exactly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Family {
+pub enum UnitFamily {
     /// The unchanged bench: a unit's reading is proportional to the force.
     Inside,
     /// Units saturate, so the proportions of a reading change with its force.
     Outside,
 }
 
-impl Family {
+impl UnitFamily {
     /// Both families.
-    pub const ALL: [Family; 2] = [Family::Inside, Family::Outside];
+    pub const ALL: [UnitFamily; 2] = [UnitFamily::Inside, UnitFamily::Outside];
 
     /// Returns the name in rows.
     pub fn name(self) -> &'static str {
         match self {
-            Family::Inside => "inside",
-            Family::Outside => "outside",
+            UnitFamily::Inside => "inside",
+            UnitFamily::Outside => "outside",
         }
     }
 
     /// Returns the name for people.
     pub fn told(self) -> &'static str {
         match self {
-            Family::Inside => "inside the solvers' family: outputs in proportion to the force",
-            Family::Outside => "outside of it: units saturate",
+            UnitFamily::Inside => "inside the solvers' family: outputs in proportion to the force",
+            UnitFamily::Outside => "outside of it: units saturate",
         }
     }
 
     /// Returns the reading in this family for an output of the bench.
     fn read(self, output: f64) -> f64 {
         match self {
-            Family::Inside => output,
-            Family::Outside => CEILING_V * (output / CEILING_V).tanh(),
+            UnitFamily::Inside => output,
+            UnitFamily::Outside => CEILING_V * (output / CEILING_V).tanh(),
         }
     }
 }
@@ -128,7 +128,7 @@ pub struct MinutesRow {
 
 /// One way of calibrating, and one specimen.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Job {
+struct MinutesTry {
     strategy: Strategy,
     side: usize,
     repeats: usize,
@@ -147,20 +147,22 @@ struct Walked {
 ///
 /// # Errors
 /// The bench can't execute a plan. A run ended by a rule is a result and not an error.
-pub fn minutes(size: MinutesSize, seed: u64, told: Told<'_>) -> Result<Vec<MinutesRow>, StudyError> {
-    let spec = Bench::XpsLike.spec()?;
+pub fn minutes(size: MinutesSize, seed: u64, told: OnProgress<'_>) -> Result<Vec<MinutesRow>, StudyError> {
+    let spec = StudyBench::XpsLike.spec()?;
     let ways = ways(size);
-    let mut jobs: Vec<Job> = ways
+    let mut jobs: Vec<MinutesTry> = ways
         .iter()
-        .flat_map(|way| (0..size.specimens).map(|specimen| Job { seed: seed.wrapping_add(specimen as u64), ..*way }))
+        .flat_map(|way| {
+            (0..size.specimens).map(|specimen| MinutesTry { seed: seed.wrapping_add(specimen as u64), ..*way })
+        })
         .collect();
     // what takes longest first, so that no processor waits for another at the end
     jobs.sort_by_key(|job| std::cmp::Reverse(job.presses()));
     let walked = carried_out(&jobs, told, |job| job.carry_out(&spec, size.tests))?;
     let mut rows = Vec::new();
-    for (index, family) in Family::ALL.into_iter().enumerate() {
+    for (index, family) in UnitFamily::ALL.into_iter().enumerate() {
         for way in &ways {
-            let of_it = jobs.iter().zip(&walked).filter(|(job, _)| Job { seed: way.seed, ..**job } == *way);
+            let of_it = jobs.iter().zip(&walked).filter(|(job, _)| MinutesTry { seed: way.seed, ..**job } == *way);
             rows.push(row(way, family, index, &of_it.map(|(_, walked)| walked).collect::<Vec<_>>()));
         }
     }
@@ -171,18 +173,18 @@ pub fn minutes(size: MinutesSize, seed: u64, told: Told<'_>) -> Result<Vec<Minut
 }
 
 /// Returns all ways of calibrating, in the order of the rows.
-fn ways(size: MinutesSize) -> Vec<Job> {
+fn ways(size: MinutesSize) -> Vec<MinutesTry> {
     let mut ways = Vec::new();
     for strategy in Strategy::ALL {
         for &repeats in size.repeats {
-            ways.extend(size.sides.iter().map(|&side| Job { strategy, side, repeats, seed: 0 }));
+            ways.extend(size.sides.iter().map(|&side| MinutesTry { strategy, side, repeats, seed: 0 }));
         }
     }
     ways.retain(|way| way.presses() <= size.presses_max);
     ways
 }
 
-impl Job {
+impl MinutesTry {
     fn presses(&self) -> usize {
         self.side * self.side * self.repeats
     }
@@ -196,13 +198,14 @@ impl Job {
                 _ => "device".to_owned(),
             }));
         }
-        let made: Vec<&Contact> = contacts.iter().filter(|made| phase(made) == Some(Phase::Calibration)).collect();
+        let made: Vec<&RecordedContact> =
+            contacts.iter().filter(|made| phase(made) == Some(Phase::Calibration)).collect();
         let run_min = last_s(&made).unwrap_or(0.0) / 60.0;
         // the run's specimen
         let mut skin = Skin::new(&spec.scene.skin, &spec.array.layout, spec.limits.force_n, self.seed);
         let touches = anywhere(tests, FORCES_N, &mut stream(self.seed, 0, "fresh contacts"));
         let test = KnownReadings::of(&mut skin, &touches, &mut stream(self.seed, 0, "noise of fresh contacts"));
-        let tallies = Family::ALL.map(|family| self.tally(family, &contacts, &test, spec));
+        let tallies = UnitFamily::ALL.map(|family| self.tally(family, &contacts, &test, spec));
         Ok(Ok(Walked {
             minutes: HANDLING_MIN + run_min,
             tallies: tallies.into_iter().collect::<Result<Vec<Tally>, StudyError>>()?,
@@ -215,8 +218,8 @@ impl Job {
             Manner { force_tolerance_n: TOLERANCE_N, sample_s: WINDOW_S, strategy: self.strategy, ..Manner::PAPER };
         let side_mm = Range { min: -HALF_MM, max: HALF_MM };
         let spacing_mm = 2.0 * HALF_MM / (self.side - 1) as f64;
-        let grid = || Places::Grid { x_mm: side_mm, y_mm: side_mm, spacing_mm, order: Order::Raster };
-        let once = || Step::new(Phase::Calibration, grid(), Load::Force(CALIBRATION_N), manner);
+        let grid = || Places::Grid { x_mm: side_mm, y_mm: side_mm, spacing_mm, order: GridOrder::Raster };
+        let once = || Step::new(Phase::Calibration, grid(), StepLoad::Force(CALIBRATION_N), manner);
         let recipe = Recipe::new("minutes", (0..self.repeats).map(|_| once()).collect());
         Ok(Plan::new(&recipe, &spec.ground(), self.seed)?)
     }
@@ -224,8 +227,8 @@ impl Job {
     /// Counts the results of the best method for new contacts.
     fn tally(
         &self,
-        family: Family,
-        contacts: &[Contact],
+        family: UnitFamily,
+        contacts: &[RecordedContact],
         test: &KnownReadings,
         spec: &RigSpec,
     ) -> Result<Tally, StudyError> {
@@ -237,17 +240,17 @@ impl Job {
             .map_err(|error| StudyError::Broken { seed: self.seed, why: error.to_string() })?;
         let setting = Setting::of_layout(Some(&spec.array.layout));
         let fitted = fit(BEST, &calibration, &setting).map(Arc::new);
-        Ok(Tally::of(&Method { name: BEST, fitted }, &test))
+        Ok(Tally::of(&StudiedMethod { name: BEST, fitted }, &test))
     }
 }
 
-fn row(way: &Job, family: Family, index: usize, walked: &[&Result<Walked, String>]) -> MinutesRow {
+fn row(way: &MinutesTry, family: UnitFamily, index: usize, walked: &[&Result<Walked, String>]) -> MinutesRow {
     let rule = walked.iter().find_map(|walked| walked.as_ref().err().cloned());
     let whole: Vec<&Walked> =
         walked.iter().filter_map(|walked| walked.as_ref().ok()).filter(|_| rule.is_none()).collect();
     let mut sum = Tally::default();
     whole.iter().for_each(|walked| sum.add(walked.tallies[index].clone()));
-    let least = MeanBound::mean(whole.iter().map(|walked| walked.least)).filter(|_| family == Family::Inside);
+    let least = MeanBound::mean(whole.iter().map(|walked| walked.least)).filter(|_| family == UnitFamily::Inside);
     let minutes = whole.iter().map(|walked| walked.minutes).sum::<f64>() / whole.len() as f64;
     MinutesRow {
         strategy: way.strategy,

@@ -4,8 +4,8 @@
 mod page;
 
 use super::bench::{papers_rig, walked};
-use super::curves::{Claim, curves};
-use super::{StudyError, Told, carried_out, ndjson};
+use super::curves::{PaperClaim, curves};
+use super::{OnProgress, StudyError, carried_out, ndjson};
 use palpate_data::dataset::Presses;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::evaluate::Trial;
@@ -49,14 +49,14 @@ pub struct Validation {
     /// Outcomes, one for each seed.
     pub outcomes: Vec<ValidationOutcome>,
     /// Claims of the numerical study, with verdicts.
-    pub claims: Vec<Claim>,
+    pub claims: Vec<PaperClaim>,
 }
 
 /// Executes the protocol `seeds` times, in virtual time and without files.
 ///
 /// # Errors
 /// A recipe or a rig is invalid. This doesn't occur in practice: tests check that both are valid.
-pub fn validation(seeds: usize, seed: u64, told: Told<'_>) -> Result<Validation, StudyError> {
+pub fn validation(seeds: usize, seed: u64, told: OnProgress<'_>) -> Result<Validation, StudyError> {
     let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
     let outcomes = carried_out(&each, told, |&seed| protocol(seed))?;
     Ok(Validation { seed, outcomes, claims: curves().claims })

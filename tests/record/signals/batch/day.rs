@@ -3,7 +3,7 @@
 
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
 use palpate_data::dataset::Status;
-use palpate_run::batch::Event;
+use palpate_run::batch::BatchEvent;
 use palpate_testing::Bench;
 use palpate_testing::terminal::{Terminal, signal, spawned, wait};
 use std::collections::BTreeSet;
@@ -149,7 +149,7 @@ fn assert_day(bench: &Bench) {
     );
     let refused: Vec<&str> = events
         .iter()
-        .filter_map(|event| if let Event::Refused { typed, .. } = event { Some(typed.as_str()) } else { None })
+        .filter_map(|event| if let BatchEvent::Refused { typed, .. } = event { Some(typed.as_str()) } else { None })
         .collect();
     assert_eq!(refused, ["B-77", "A 10", "A-03", "A-15"]);
     let status = bench.palpate_ends(0, "batch status day --json").json_lines();

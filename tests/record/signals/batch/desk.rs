@@ -2,7 +2,7 @@
 
 use super::{RECIPE, begun, bench, break_rig, complete, events, mend_rig, piped, results};
 use palpate_data::dataset::Status;
-use palpate_run::batch::Event;
+use palpate_run::batch::BatchEvent;
 use palpate_testing::{Bench, exchanged};
 
 const RUN: &str = "batch run b.toml --out day";
@@ -24,19 +24,19 @@ fn every_event_is_a_line_of_json_and_in_the_journal() {
     let bench = bench("");
     let told = piped(&bench, &format!("{RUN} --json"), &["B-1", "A-01", ".note clean", "A-01"]);
     assert_eq!(told.code, Some(0), "{}", told.err);
-    let lines: Vec<Event> = told.out.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    let lines: Vec<BatchEvent> = told.out.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     let all = events(&bench, "day");
     assert_eq!(all, lines);
-    let names = |event: &Event| match event {
-        Event::Refused { typed, .. } => format!("refused {typed}"),
-        Event::Began(began) => format!("began {}", began.run),
-        Event::Ended(ended) => format!("ended {}", ended.serial),
-        Event::Noted { note, .. } => format!("noted {note}"),
-        Event::Batch(facts) => format!("batch {}", facts.name),
-        Event::Text(text) => format!("text {}", text.name),
-        Event::Added { serials, .. } => format!("added {}", serials.len()),
-        Event::Session(session) => format!("session {}", session.bench),
-        Event::Closed { .. } => "closed".to_owned(),
+    let names = |event: &BatchEvent| match event {
+        BatchEvent::Refused { typed, .. } => format!("refused {typed}"),
+        BatchEvent::Began(began) => format!("began {}", began.run),
+        BatchEvent::Ended(ended) => format!("ended {}", ended.serial),
+        BatchEvent::Noted { note, .. } => format!("noted {note}"),
+        BatchEvent::Batch(facts) => format!("batch {}", facts.name),
+        BatchEvent::Text(text) => format!("text {}", text.name),
+        BatchEvent::Added { serials, .. } => format!("added {}", serials.len()),
+        BatchEvent::Session(session) => format!("session {}", session.bench),
+        BatchEvent::Closed { .. } => "closed".to_owned(),
         other => format!("{other:?}"),
     };
     let said: Vec<String> = lines.iter().map(names).collect();
@@ -79,7 +79,7 @@ fn the_sensors_on_a_tray_are_calibrated_one_after_another_each_in_its_nest() {
     let nests: Vec<(String, String)> = all
         .iter()
         .filter_map(|event| match event {
-            Event::Began(began) => Some((began.serial.clone(), began.nest.clone().expect("a nest"))),
+            BatchEvent::Began(began) => Some((began.serial.clone(), began.nest.clone().expect("a nest"))),
             _ => None,
         })
         .collect();
@@ -114,7 +114,7 @@ fn the_reference_sensor_is_asked_for_first_and_may_wait_for_one_sensor() {
     let all = events(&bench, "day");
     let began: Vec<&str> = all
         .iter()
-        .filter_map(|event| if let Event::Began(began) = event { Some(began.serial.as_str()) } else { None })
+        .filter_map(|event| if let BatchEvent::Began(began) = event { Some(began.serial.as_str()) } else { None })
         .collect();
     assert_eq!(began, ["A-01", "REF", "A-02", "A-03", "REF"]);
     for result in results(&all, "REF") {
@@ -208,7 +208,7 @@ fn a_batch_is_not_continued_with_wider_limits_than_it_began_with() {
         assert_eq!(told.code, Some(code), "{force} N: {}", told.err);
     }
     let all = events(&bench, "day");
-    let rigs = all.iter().filter(|event| matches!(event, Event::Text(text) if text.name == "rig.toml"));
+    let rigs = all.iter().filter(|event| matches!(event, BatchEvent::Text(text) if text.name == "rig.toml"));
     assert_eq!(rigs.count(), 3);
     assert_eq!(["A-01", "A-02", "A-03", "A-04"].map(|sensor| begun(&all, sensor)), [1, 1, 1, 0]);
 }

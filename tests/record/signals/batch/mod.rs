@@ -6,7 +6,7 @@ mod notify;
 mod prior;
 
 use palpate_data::dataset::{Journal, Status};
-use palpate_run::batch::{Ended, Event};
+use palpate_run::batch::{BatchEvent, Ended};
 use palpate_testing::{Bench, Told, shipped_text};
 use std::io::Write;
 use std::process::Stdio;
@@ -76,23 +76,23 @@ fn piped(bench: &Bench, words: &str, lines: &[&str]) -> Told {
 }
 
 /// Every event of a batch; its journal must be sound.
-fn events(bench: &Bench, batch: &str) -> Vec<Event> {
-    let journal = Journal::<Event>::records(&bench.path(&format!("{batch}/journal.log"))).expect("a journal");
+fn events(bench: &Bench, batch: &str) -> Vec<BatchEvent> {
+    let journal = Journal::<BatchEvent>::records(&bench.path(&format!("{batch}/journal.log"))).expect("a journal");
     journal.map(|event| event.expect("a sound event").1).collect()
 }
 
 /// The results of a sensor, in order.
-fn results<'e>(events: &'e [Event], serial: &str) -> Vec<&'e Ended> {
-    let ended = |event: &'e Event| if let Event::Ended(ended) = event { Some(ended) } else { None };
+fn results<'e>(events: &'e [BatchEvent], serial: &str) -> Vec<&'e Ended> {
+    let ended = |event: &'e BatchEvent| if let BatchEvent::Ended(ended) = event { Some(ended) } else { None };
     events.iter().filter_map(ended).filter(|ended| ended.serial == serial).collect()
 }
 
 /// How many times a sensor began.
-fn begun(events: &[Event], serial: &str) -> usize {
-    events.iter().filter(|event| matches!(event, Event::Began(began) if began.serial == serial)).count()
+fn begun(events: &[BatchEvent], serial: &str) -> usize {
+    events.iter().filter(|event| matches!(event, BatchEvent::Began(began) if began.serial == serial)).count()
 }
 
 /// How many results of a sensor are complete.
-fn complete(events: &[Event], serial: &str) -> usize {
+fn complete(events: &[BatchEvent], serial: &str) -> usize {
     results(events, serial).iter().filter(|ended| ended.status == Status::Complete).count()
 }

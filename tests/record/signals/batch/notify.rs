@@ -2,7 +2,7 @@
 
 use super::{bench, events, piped};
 use palpate_data::dataset::Status;
-use palpate_run::batch::Event;
+use palpate_run::batch::BatchEvent;
 use palpate_testing::Bench;
 use palpate_testing::terminal::{Terminal, signal, spawned, wait};
 
@@ -12,7 +12,7 @@ fn receiver(script: &str) -> String {
     format!("[notify]\ncommand = [\"sh\", \"-c\", \"{script}\"]\n")
 }
 
-fn got(bench: &Bench) -> Vec<Event> {
+fn got(bench: &Bench) -> Vec<BatchEvent> {
     bench.read("got").lines().map(|line| serde_json::from_str(line).expect(line)).collect()
 }
 
@@ -21,8 +21,8 @@ fn a_receiver_gets_each_verdict_and_the_end_as_the_journal_has_them() {
     let bench = bench(&receiver("cat > got"));
     let told = piped(&bench, RUN, &["B-1", "A-01", ".note clean", "A-02"]);
     assert_eq!((told.code, told.err.contains("notify")), (Some(0), false), "{}", told.err);
-    let is_passed = |event: &Event| matches!(event, Event::Ended(_) | Event::Closed { .. });
-    let expected: Vec<Event> = events(&bench, "day").into_iter().filter(is_passed).collect();
+    let is_passed = |event: &BatchEvent| matches!(event, BatchEvent::Ended(_) | BatchEvent::Closed { .. });
+    let expected: Vec<BatchEvent> = events(&bench, "day").into_iter().filter(is_passed).collect();
     assert_eq!(expected.len(), 3);
     assert_eq!(got(&bench), expected);
 }
@@ -40,7 +40,8 @@ fn a_receiver_that_fails_changes_no_result() {
         // a receiver that dies may die after its last line was written
         assert!(told.err.contains(said) || script.starts_with("read"), "{script}: {}", told.err);
         assert!(told.err.matches("notify:").count() <= 1, "{}", told.err);
-        let complete = |event: &Event| matches!(event, Event::Ended(ended) if ended.status == Status::Complete);
+        let complete =
+            |event: &BatchEvent| matches!(event, BatchEvent::Ended(ended) if ended.status == Status::Complete);
         assert_eq!(events(&bench, "day").iter().filter(|event| complete(event)).count(), 2);
     }
 }
@@ -53,7 +54,7 @@ fn a_missing_program_is_reported_once_and_the_batch_continues() {
     assert_eq!(told.err.matches("notify:").count(), 1, "{}", told.err);
     let words = "no-such-program-anywhere can't be started";
     assert!(told.running().contains(words), "{}", told.err);
-    assert!(matches!(events(&bench, "day").last(), Some(Event::Closed { .. })));
+    assert!(matches!(events(&bench, "day").last(), Some(BatchEvent::Closed { .. })));
 }
 
 #[test]
@@ -76,9 +77,9 @@ fn a_pause_is_passed_on_but_not_recorded() {
     let said = terminal.until_end();
     assert_eq!(wait(child), Some(0), "{said}");
     let passed = got(&bench);
-    assert!(matches!(&passed[0], Event::Paused { serial, .. } if serial == "A-01"), "{passed:?}");
-    assert!(matches!(&passed[1..], [Event::Ended(_), Event::Closed { .. }]), "{passed:?}");
-    assert!(!events(&bench, "day").iter().any(|event| matches!(event, Event::Paused { .. })));
+    assert!(matches!(&passed[0], BatchEvent::Paused { serial, .. } if serial == "A-01"), "{passed:?}");
+    assert!(matches!(&passed[1..], [BatchEvent::Ended(_), BatchEvent::Closed { .. }]), "{passed:?}");
+    assert!(!events(&bench, "day").iter().any(|event| matches!(event, BatchEvent::Paused { .. })));
 }
 
 #[test]
@@ -92,8 +93,8 @@ fn the_receiver_of_a_rig_gets_the_end_of_each_run_and_of_a_batch() {
     assert!(matches!(told.code, Some(0 | 1)), "{}", told.err);
     bench.write("hard.toml", &format!("{rig}\n{receiver}{fault}"));
     bench.palpate_ends(4, "run r.toml --rig hard.toml --out hard");
-    let ended: Vec<Event> = got(&bench);
-    let [Event::Ended(good), Event::Ended(hard)] = ended.as_slice() else { panic!("{ended:?}") };
+    let ended: Vec<BatchEvent> = got(&bench);
+    let [BatchEvent::Ended(good), BatchEvent::Ended(hard)] = ended.as_slice() else { panic!("{ended:?}") };
     assert_eq!(
         (good.serial.as_str(), good.status, good.runs.as_slice()),
         ("A-7", Status::Complete, &["good".to_owned()][..])
@@ -106,5 +107,7 @@ fn the_receiver_of_a_rig_gets_the_end_of_each_run_and_of_a_batch() {
     assert_ne!(bench.palpate("resume good --rig changed.toml").code, Some(3));
     let told = piped(&bench, RUN, &["A-01"]);
     assert_eq!(told.code, Some(0), "{}", told.err);
-    assert!(got(&bench).iter().skip(2).any(|event| matches!(event, Event::Ended(ended) if ended.serial == "A-01")));
+    assert!(
+        got(&bench).iter().skip(2).any(|event| matches!(event, BatchEvent::Ended(ended) if ended.serial == "A-01"))
+    );
 }

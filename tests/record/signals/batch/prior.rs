@@ -1,8 +1,8 @@
 //! A batch with a design's prior: few presses, sensors that aren't of the design, and sensors that need more presses.
 
 use super::{events, piped, results};
-use palpate_data::acceptance::Verdict;
-use palpate_run::batch::{Ended, Event};
+use palpate_data::acceptance::SensorVerdict;
+use palpate_run::batch::{BatchEvent, Ended};
 use palpate_testing::{Bench, exchanged, shipped_text};
 
 const FULL: &str = r#"
@@ -82,7 +82,7 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     assert_eq!(told.code, Some(0), "{}", told.err);
     for serial in ["A-1", "A-2", "A-3"] {
         let ended = result(&bench, serial);
-        assert_eq!(ended.verdict, Some(Verdict::Accepted), "{ended:?}");
+        assert_eq!(ended.verdict, Some(SensorVerdict::Accepted), "{ended:?}");
         assert_eq!((ended.runs.len(), ended.calibration_presses, ended.change.len()), (1, 9, 9));
         let model = ended.model.expect("a sensor file");
         assert!(bench.path(&format!("runs/day/{model}")).is_file());
@@ -113,7 +113,7 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     assert_eq!(told.code, Some(0), "{}", told.err);
     let ended = result(&bench, "A-4");
     assert_eq!((ended.runs.len(), ended.calibration_presses), (2, 178), "{ended:?}");
-    assert_eq!(ended.verdict, Some(Verdict::Accepted), "{ended:?}");
+    assert_eq!(ended.verdict, Some(SensorVerdict::Accepted), "{ended:?}");
     assert!(ended.reasons[0].starts_with("calibrated without the prior: all responses are +"), "{:?}", ended.reasons);
 
     // another layer, and a dead unit
@@ -129,13 +129,13 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
         let told = piped(&bench, "batch run b.toml", &["later", serial]);
         assert_eq!(told.code, Some(0), "{}", told.err);
         let ended = result(&bench, serial);
-        assert_eq!(ended.verdict, Some(Verdict::NotAccepted), "{ended:?}");
+        assert_eq!(ended.verdict, Some(SensorVerdict::NotAccepted), "{ended:?}");
         assert!(ended.reasons[0].starts_with(reason), "{:?}", ended.reasons);
         assert!(ended.model.is_none() && ended.runs.len() == 1 && ended.refused);
         let told = bench.palpate_ends(1, &format!("evaluate runs/day/runs/{serial}"));
         assert!(told.out.contains("NOT ACCEPTED") && told.out.contains("refused: "), "{}", told.out);
     }
-    let alarms = events(&bench, "runs/day").into_iter().filter(|event| matches!(event, Event::Alarm(_))).count();
+    let alarms = events(&bench, "runs/day").into_iter().filter(|event| matches!(event, BatchEvent::Alarm(_))).count();
     println!("{alarms} alarms");
 }
 

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// What 1 is, MPa per newton: `3 / (2 pi depth^2)`.
-fn unit_mpa_per_n(response: &Response) -> f64 {
+fn unit_mpa_per_n(response: &TaxelResponse) -> f64 {
     3.0 / (2.0 * PI * response.passage.depth_mm * response.passage.depth_mm)
 }
 
@@ -18,7 +18,7 @@ fn layer(poisson_ratio: f64) -> Passage {
 
 #[test]
 fn points_over_a_half_space_are_lambda_to_the_last_bit() {
-    let response = Response::new(Passage::half_space(5.0));
+    let response = TaxelResponse::new(Passage::half_space(5.0));
     for i in 0..2000 {
         let distance_mm = f64::from(i) * 0.0317;
         assert_eq!(response.at(distance_mm).to_bits(), lambda(distance_mm / 5.0).to_bits());
@@ -29,10 +29,10 @@ fn points_over_a_half_space_are_lambda_to_the_last_bit() {
 #[test]
 fn a_bonded_layers_golden_values() {
     for (poisson_ratio, peak) in [(0.45, 1.518), (0.49, 1.558), (0.499, 1.570)] {
-        let found = Response::new(layer(poisson_ratio)).at(0.0);
+        let found = TaxelResponse::new(layer(poisson_ratio)).at(0.0);
         assert!((found - peak).abs() < 5e-4, "nu {poisson_ratio}: {found}");
     }
-    let response = Response::new(layer(0.49));
+    let response = TaxelResponse::new(layer(0.49));
     let half = response.at(0.0) / 2.0;
     // handed down as 2.505 mm; the integral itself, by another rule and another Bessel function, gives 2.5038 mm
     assert!(response.at(2.50375) > half && response.at(2.50385) < half, "the half-width is 2.5038 mm");
@@ -50,7 +50,7 @@ fn the_golden_values_of_what_is_no_point() {
         (disc(1.0), 0.95223276, [0.913811, 0.593677, 0.241898, 0.189080, 0.056366, 0.019127, 0.003357]),
         (disc(2.0), 0.83162108, [0.931371, 0.651390, 0.288091, 0.227609, 0.068829, 0.023115, 0.003970]),
     ] {
-        let response = Response::new(passage);
+        let response = TaxelResponse::new(passage);
         assert!((response.at(0.0) - peak).abs() < 6e-9, "{passage:?}: {}", response.at(0.0));
         for (distance_mm, share) in at_mm.into_iter().zip(shares) {
             let found = response.at(distance_mm) / response.at(0.0);
@@ -63,7 +63,7 @@ fn the_golden_values_of_what_is_no_point() {
 fn the_stress_in_the_plane_bears_the_load() {
     let both = |passage| Passage { indenter_radius_mm: 1.5, taxel_radius_mm: 2.5, ..passage };
     for passage in [layer(0.0), layer(0.3), layer(0.4999), both(layer(0.49)), both(HALF_SPACE), HALF_SPACE] {
-        let response = Response::new(passage);
+        let response = TaxelResponse::new(passage);
         let (step_mm, end_mm) = (0.01, 100.0);
         let rings = (0..(end_mm / step_mm) as u32).map(|i| (f64::from(i) + 0.5) * step_mm);
         let mut load_n: f64 = rings.map(|r| TAU * r * step_mm * response.at(r) * unit_mpa_per_n(&response)).sum();
@@ -75,7 +75,7 @@ fn the_stress_in_the_plane_bears_the_load() {
 }
 
 /// The mean of a point response over the punch's pressure and the taxel's disc, by quadrature in the plane.
-fn directly(point: &Response, indenter_mm: f64, taxel_mm: f64, distance_mm: f64) -> f64 {
+fn directly(point: &TaxelResponse, indenter_mm: f64, taxel_mm: f64, distance_mm: f64) -> f64 {
     let (rings, rays) = (40, 24);
     let share = |i: i32| (f64::from(i) + 0.5) / f64::from(rings);
     let ray = |j: i32| TAU * (f64::from(j) + 0.5) / f64::from(rays);
@@ -97,8 +97,8 @@ fn directly(point: &Response, indenter_mm: f64, taxel_mm: f64, distance_mm: f64)
 #[test]
 fn spreading_is_averaging() {
     for point in [layer(0.49), HALF_SPACE] {
-        let of_points = Response::new(point);
-        let spread = Response::new(Passage { indenter_radius_mm: 1.5, taxel_radius_mm: 2.0, ..point });
+        let of_points = TaxelResponse::new(point);
+        let spread = TaxelResponse::new(Passage { indenter_radius_mm: 1.5, taxel_radius_mm: 2.0, ..point });
         for distance_mm in [0.0, 2.0, 6.0] {
             let (found, mean) = (spread.at(distance_mm), directly(&of_points, 1.5, 2.0, distance_mm));
             assert!((found - mean).abs() < 1e-4, "{point:?}, {distance_mm} mm: {found} {mean}");
@@ -115,7 +115,7 @@ proptest! {
         indenter in 0.0..2.0f64, taxel in 0.0..2.0f64, far in 0.01..19.9f64,
     ) {
         let medium = if layered { Medium::BondedLayer { poisson_ratio: nu } } else { Medium::HalfSpace };
-        let scaled = |depth_mm: f64| Response::new(Passage {
+        let scaled = |depth_mm: f64| TaxelResponse::new(Passage {
             medium, depth_mm, indenter_radius_mm: indenter * depth_mm, taxel_radius_mm: taxel * depth_mm,
         });
         let (response, unit) = (scaled(depth_mm), scaled(1.0));

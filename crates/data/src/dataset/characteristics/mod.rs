@@ -11,14 +11,14 @@ mod series;
 mod staircases;
 pub mod terms;
 
-pub use estimate::Known;
+pub use estimate::RepeatUncertainty;
 pub use repeatability::Repeatability;
-pub use staircases::{HeldLevel, Level, Staircases, by_series, repeats};
+pub use staircases::{HeldLevel, LevelMicronewton, Staircases, by_series, repeats};
 
-use estimate::Estimate;
+use estimate::RepeatMean;
 use palpate_control::Branch;
 use repeatability::{Levels, Repeated};
-use series::Series;
+use series::CorrectedSeries;
 
 /// Characteristics of one unit, in % of full scale unless the name states otherwise; `None` if the readings don't determine them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,19 +38,19 @@ pub struct UnitCharacteristics {
     /// Difference between unloading and loading.
     pub hysteresis_percent: Option<f64>,
     /// Uncertainty of the hysteresis, %.
-    pub hysteresis_known: Option<Known>,
+    pub hysteresis_known: Option<RepeatUncertainty>,
     /// Difference between unloading and loading, % of the mean reading at the same force.
     pub hysteresis_of_reading_percent: Option<f64>,
     /// Uncertainty of this hysteresis, %.
-    pub hysteresis_of_reading_known: Option<Known>,
+    pub hysteresis_of_reading_known: Option<RepeatUncertainty>,
     /// Deviation of loading outputs from a straight line.
     pub linearity_percent: Option<f64>,
     /// Uncertainty of the linearity, %.
-    pub linearity_known: Option<Known>,
+    pub linearity_known: Option<RepeatUncertainty>,
     /// Output in air after the load minus output in air before the load.
     pub zero_return_percent: Option<f64>,
     /// Uncertainty of the zero return, %.
-    pub zero_return_known: Option<Known>,
+    pub zero_return_known: Option<RepeatUncertainty>,
 }
 
 impl UnitCharacteristics {
@@ -77,10 +77,10 @@ impl UnitCharacteristics {
 /// repeatability needs two repeats of a level. A hysteresis needs a level between zero and the top force on both branches. A
 /// linearity needs three levels. A zero return needs the air before and after.
 pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Vec<UnitCharacteristics> {
-    let series: Vec<Vec<Series>> = staircases
+    let series: Vec<Vec<CorrectedSeries>> = staircases
         .readings
         .iter()
-        .map(|readings| by_series(readings).iter().filter_map(|readings| Series::of(readings)).collect())
+        .map(|readings| by_series(readings).iter().filter_map(|readings| CorrectedSeries::of(readings)).collect())
         .collect();
     let own: Vec<Option<f64>> = series.iter().map(|series| full_scale(series)).collect();
     // the channels of a unit share the scale of the one with the largest output: another may hardly read a load from above
@@ -107,7 +107,11 @@ fn channel(units: &[usize], index: usize) -> Option<usize> {
     (count(units) > 1).then(|| 1 + count(&units[..index]))
 }
 
-fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repeatability) -> UnitCharacteristics {
+fn characterise_channel(
+    series: &[CorrectedSeries],
+    full_scale: f64,
+    repeatability: Repeatability,
+) -> UnitCharacteristics {
     let percent = |value: f64| 100.0 * value / full_scale;
     let repeats = |branch| {
         let repeated = repeatability.of(&series.iter().map(|series| series.levels(branch)).collect::<Vec<Levels>>());
@@ -116,15 +120,15 @@ fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repea
         (value, interval.map(|(least, most)| (percent(least), percent(most))))
     };
     let (loading, unloading) = (repeats(Branch::Loading), repeats(Branch::Unloading));
-    let worst = |estimates: &mut dyn Iterator<Item = Estimate>| estimates.reduce(Estimate::worse);
-    let gaps = || series.iter().filter_map(Series::hysteresis);
-    let of_full_scale = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.scaled(100.0 / full_scale));
+    let worst = |estimates: &mut dyn Iterator<Item = RepeatMean>| estimates.reduce(RepeatMean::worse);
+    let gaps = || series.iter().filter_map(CorrectedSeries::hysteresis);
+    let of_full_scale = |estimate: Option<RepeatMean>| estimate.map(|estimate| estimate.scaled(100.0 / full_scale));
     let hysteresis = of_full_scale(worst(&mut gaps().map(|(gap, _)| gap)));
     let of_reading = worst(&mut gaps().map(|(_, share)| share)).map(|share| share.scaled(100.0));
-    let linearity = of_full_scale(worst(&mut series.iter().filter_map(Series::deviation)));
-    let zero_return = of_full_scale(worst(&mut series.iter().filter_map(Series::zero_return)));
-    let value = |estimate: Option<Estimate>| estimate.map(|estimate| estimate.value);
-    let known = |estimate: Option<Estimate>| estimate.and_then(|estimate| estimate.known);
+    let linearity = of_full_scale(worst(&mut series.iter().filter_map(CorrectedSeries::deviation)));
+    let zero_return = of_full_scale(worst(&mut series.iter().filter_map(CorrectedSeries::zero_return)));
+    let value = |estimate: Option<RepeatMean>| estimate.map(|estimate| estimate.value);
+    let known = |estimate: Option<RepeatMean>| estimate.and_then(|estimate| estimate.known);
     UnitCharacteristics {
         repeatability_loading_percent: loading.0,
         repeatability_loading_interval_percent: loading.1,
@@ -143,9 +147,9 @@ fn characterise_channel(series: &[Series], full_scale: f64, repeatability: Repea
 }
 
 /// Magnitude of the mean loading output at the largest set force, at the place where this output is largest; `None` if it is 0.
-fn full_scale(series: &[Series]) -> Option<f64> {
-    let (top, _) = series.iter().map(Series::top).max_by_key(|(top, _)| *top)?;
-    let at_top = series.iter().map(Series::top).filter(|(level, _)| *level == top);
+fn full_scale(series: &[CorrectedSeries]) -> Option<f64> {
+    let (top, _) = series.iter().map(CorrectedSeries::top).max_by_key(|(top, _)| *top)?;
+    let at_top = series.iter().map(CorrectedSeries::top).filter(|(level, _)| *level == top);
     at_top.map(|(_, output)| output.abs()).reduce(f64::max).filter(|full_scale| *full_scale > 0.0)
 }
 

@@ -1,37 +1,37 @@
 //! The result of one series: the staircases up to one force at one place.
 
 use super::HeldLevel;
-use super::estimate::Estimate;
+use super::estimate::RepeatMean;
 use super::repeatability::Levels;
-use super::staircases::Level;
+use super::staircases::LevelMicronewton;
 use palpate_control::Branch;
 use std::collections::BTreeMap;
 
 /// Outputs of a series by level, corrected to the set force.
-pub(super) struct Series {
-    line: Line,
+pub(super) struct CorrectedSeries {
+    line: FittedLine,
     /// Corrected outputs by branch.
-    corrected: [BTreeMap<Level, Vec<f64>>; 2],
+    corrected: [BTreeMap<LevelMicronewton, Vec<f64>>; 2],
     /// Outputs at 0 N by branch, as read. In air there is no force to which they could be corrected.
     in_air: [Vec<f64>; 2],
-    top: Level,
+    top: LevelMicronewton,
     /// Mean loading output at the largest set force with a reading.
     at_top: f64,
 }
 
 /// Straight line through loading outputs as a function of the load cell's force.
 #[derive(Clone, Copy)]
-struct Line {
+struct FittedLine {
     /// Slope of the line, output units per N.
     slope: f64,
     /// Output at 0 N.
     intercept: f64,
 }
 
-impl Series {
+impl CorrectedSeries {
     /// Evaluates readings. Returns `None` if the loading forces don't vary.
-    pub(super) fn of(readings: &[HeldLevel]) -> Option<Series> {
-        let line = Line::through(readings)?;
+    pub(super) fn of(readings: &[HeldLevel]) -> Option<CorrectedSeries> {
+        let line = FittedLine::through(readings)?;
         let mut corrected = [BTreeMap::new(), BTreeMap::new()];
         let mut in_air = [Vec::new(), Vec::new()];
         for reading in readings {
@@ -44,11 +44,11 @@ impl Series {
         }
         let (top, at_top) = corrected[Branch::Loading as usize].last_key_value()?;
         let (top, at_top) = (*top, mean(at_top));
-        Some(Series { line, corrected, in_air, top, at_top })
+        Some(CorrectedSeries { line, corrected, in_air, top, at_top })
     }
 
     /// Returns the largest set force with a reading, and the mean loading output there.
-    pub(super) fn top(&self) -> (Level, f64) {
+    pub(super) fn top(&self) -> (LevelMicronewton, f64) {
         (self.top, self.at_top)
     }
 
@@ -60,12 +60,12 @@ impl Series {
 
     /// Returns the largest distance between the branches over the levels between zero and top force. Also returns the largest
     /// distance as a fraction of the mean of both branches.
-    pub(super) fn hysteresis(&self) -> Option<(Estimate, Estimate)> {
+    pub(super) fn hysteresis(&self) -> Option<(RepeatMean, RepeatMean)> {
         let [loading, unloading] = &self.corrected;
         let inner = loading.iter().filter(|(level, _)| **level > 0 && **level < self.top);
         let gaps = inner.filter_map(|(level, up)| {
             let down = unloading.get(level)?;
-            let gap = Estimate::of_difference(up, down)?.magnitude();
+            let gap = RepeatMean::of_difference(up, down)?.magnitude();
             Some((gap, gap.scaled(1.0 / (0.5 * (mean(up) + mean(down))).abs())))
         });
         gaps.reduce(|worst, gap| (worst.0.worse(gap.0), worst.1.worse(gap.1)))
@@ -73,24 +73,24 @@ impl Series {
 
     /// Returns the largest distance of a level's mean loading output from the line, zero level included. Returns `None` for fewer
     /// than three levels, because a line fits two exactly.
-    pub(super) fn deviation(&self) -> Option<Estimate> {
+    pub(super) fn deviation(&self) -> Option<RepeatMean> {
         let [loading, _] = &self.corrected;
-        let off = |(level, outputs): (&Level, &Vec<f64>)| {
-            Some(Estimate::of(outputs)?.less(self.line.at(*level as f64 / 1e6)).magnitude())
+        let off = |(level, outputs): (&LevelMicronewton, &Vec<f64>)| {
+            Some(RepeatMean::of(outputs)?.less(self.line.at(*level as f64 / 1e6)).magnitude())
         };
-        if loading.len() > 2 { loading.iter().filter_map(off).reduce(Estimate::worse) } else { None }
+        if loading.len() > 2 { loading.iter().filter_map(off).reduce(RepeatMean::worse) } else { None }
     }
 
     /// Returns the mean output in air after the staircases minus the mean before them.
-    pub(super) fn zero_return(&self) -> Option<Estimate> {
+    pub(super) fn zero_return(&self) -> Option<RepeatMean> {
         let [before, after] = &self.in_air;
-        if before.is_empty() || after.is_empty() { None } else { Estimate::of_difference(before, after) }
+        if before.is_empty() || after.is_empty() { None } else { RepeatMean::of_difference(before, after) }
     }
 }
 
-impl Line {
+impl FittedLine {
     /// Returns the least-squares line through all loading readings, with a free intercept; `None` if the force doesn't vary.
-    fn through(readings: &[HeldLevel]) -> Option<Line> {
+    fn through(readings: &[HeldLevel]) -> Option<FittedLine> {
         let loading = || readings.iter().filter(|reading| reading.branch == Branch::Loading);
         let mean_force = mean(&loading().map(|reading| reading.force_n).collect::<Vec<f64>>());
         let mean_output = mean(&loading().map(|reading| reading.output).collect::<Vec<f64>>());
@@ -98,7 +98,7 @@ impl Line {
         let spread: f64 = loading().map(|reading| deviation(reading).powi(2)).sum();
         let common: f64 = loading().map(|reading| deviation(reading) * (reading.output - mean_output)).sum();
         let slope = common / spread;
-        (spread > 0.0).then_some(Line { slope, intercept: mean_output - slope * mean_force })
+        (spread > 0.0).then_some(FittedLine { slope, intercept: mean_output - slope * mean_force })
     }
 
     fn at(self, force_n: f64) -> f64 {

@@ -1,6 +1,6 @@
 //! Levels of staircases, sorted by unit, and by place and top force.
 
-use crate::dataset::{Contact, Press, Presses};
+use crate::dataset::{Press, Presses, RecordedContact};
 use crate::recipe::Phase;
 use palpate_control::Branch;
 use palpate_core::quantity::{ArrayLayout, Place};
@@ -40,11 +40,11 @@ pub fn repeats(readings: &[HeldLevel]) -> usize {
 }
 
 /// A set force as a level, in integer uN, so that 3 x 0.5 and 1.5 are the same level.
-pub type Level = i64;
+pub type LevelMicronewton = i64;
 
 impl HeldLevel {
     /// Returns the commanded force as a level.
-    pub fn level(&self) -> Level {
+    pub fn level(&self) -> LevelMicronewton {
         micro(self.force_set_n)
     }
 }
@@ -91,7 +91,7 @@ impl Staircases {
     }
 
     /// Adds the levels of a contact, if it belongs to a characterisation.
-    pub(in crate::dataset) fn add_contact(&mut self, contact: &Contact, layout: &ArrayLayout) {
+    pub(in crate::dataset) fn add_contact(&mut self, contact: &RecordedContact, layout: &ArrayLayout) {
         let levels = contact.levels.iter().filter(|press| press.is_of(Phase::Characterisation));
         self.add(&levels.collect::<Vec<_>>(), layout);
     }

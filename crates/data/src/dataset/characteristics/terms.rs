@@ -4,7 +4,7 @@ use super::Repeatability;
 
 /// A quantity and its definition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Term {
+pub struct DefinedTerm {
     /// Name of the quantity.
     pub name: &'static str,
     /// How the quantity is computed, and the source of the term.
@@ -12,35 +12,35 @@ pub struct Term {
 }
 
 /// Term for the reference of every percentage except the hysteresis of the reading.
-const FULL_SCALE: Term = Term {
+const FULL_SCALE: DefinedTerm = DefinedTerm {
     name: "full scale",
     definition: "the mean loading output at the largest set force; of several places, where that is largest; of a unit with several \
         channels, of the channel where it is largest",
 };
 
 /// Term for the correction that makes outputs comparable.
-const CORRECTION: Term = Term {
+const CORRECTION: DefinedTerm = DefinedTerm {
     name: "correction",
     definition: "each output above 0 N is first brought to the set force: the slope of the line of linearity times (set \
         force - load cell) is added",
 };
 
 /// Term for the difference between unloading and loading.
-const HYSTERESIS: Term = Term {
+const HYSTERESIS: DefinedTerm = DefinedTerm {
     name: "hysteresis",
     definition: "|mean unloading - mean loading output| at a level between zero and top force, the largest over levels and \
         places, in % of full scale (as hysteresis in IEC 61298-2)",
 };
 
 /// Term for the same difference, relative to the reading at that force.
-const HYSTERESIS_OF_READING: Term = Term {
+const HYSTERESIS_OF_READING: DefinedTerm = DefinedTerm {
     name: "hysteresis, % of reading",
     definition: "the same difference in % of the mean of both outputs at its level, the largest over levels and places (as \
         reversibility in ISO 376)",
 };
 
 /// Term for the deviation of the outputs from a straight line.
-const LINEARITY: Term = Term {
+const LINEARITY: DefinedTerm = DefinedTerm {
     name: "linearity",
     definition: "the largest |mean loading output of a level - straight line|, over levels and places, in % of full scale. \
         The line is fitted by least squares at each place to the loading outputs against the load cell, 0 N included, and \
@@ -49,14 +49,14 @@ const LINEARITY: Term = Term {
 };
 
 /// Term for the output that remains after a load.
-const ZERO_RETURN: Term = Term {
+const ZERO_RETURN: DefinedTerm = DefinedTerm {
     name: "zero return",
     definition: "the mean output at the level of 0 N, in air, after the staircases less that before them, as read, in % of \
         full scale; of several places the largest in magnitude (as zero error in ISO 376)",
 };
 
 /// Term for the uncertainty of a repeatability.
-const INTERVAL: Term = Term {
+const INTERVAL: DefinedTerm = DefinedTerm {
     name: "95 % interval",
     definition: "where the true repeatability lies, by chi-squared; it assumes normal errors. The levels of a staircase share \
         its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite. Where \
@@ -64,7 +64,7 @@ const INTERVAL: Term = Term {
 };
 
 /// Every term except the repeatability, in the order of explanation.
-pub const COMMON: [Term; 7] =
+pub const COMMON: [DefinedTerm; 7] =
     [INTERVAL, HYSTERESIS, HYSTERESIS_OF_READING, LINEARITY, ZERO_RETURN, FULL_SCALE, CORRECTION];
 
 /// Sources of the terms, and claims that are not made.

@@ -1,7 +1,7 @@
 //! Variables of a MAT file of version 5 ("MAT-File Format", MathWorks, R2019b, chapter 1): numbers, texts, cells of texts, and
 //! structs of these.
 
-use super::variables::{Cells, Variable};
+use super::variables::{Variable, VariableValues};
 use crate::dataset::table_error::MAX_TABLE_BYTES;
 use flate2::read::ZlibDecoder;
 use std::fs::File;
@@ -84,7 +84,7 @@ fn array(given: &str, content: &[u8], depth: usize, variables: &mut Vec<Variable
     let count = rows.checked_mul(across).ok_or("the shape of an array is too large")?;
     // a row of values is a column too
     let rows = if rows == 1 { across } else { rows };
-    let mut add = |cells: Cells| {
+    let mut add = |cells: VariableValues| {
         if cells.len() == count && count > 0 {
             variables.push(Variable { name: name.clone(), rows, cells });
         }
@@ -92,7 +92,7 @@ fn array(given: &str, content: &[u8], depth: usize, variables: &mut Vec<Variable
     match class {
         1 => {
             if let Some(texts) = texts(rest, count)? {
-                add(Cells::Texts(texts));
+                add(VariableValues::Texts(texts));
             }
         }
         2 if count == 1 && depth < DEPTH_MOST => {
@@ -117,7 +117,7 @@ fn array(given: &str, content: &[u8], depth: usize, variables: &mut Vec<Variable
 }
 
 /// Numbers of any type, which the class doesn't state: doubles are stored as bytes where they are whole and small.
-fn numbers(class: u8, (kind, bytes, _): (u32, &[u8], &[u8])) -> Cells {
+fn numbers(class: u8, (kind, bytes, _): (u32, &[u8], &[u8])) -> VariableValues {
     fn each<const N: usize, T>(bytes: &[u8], of: fn([u8; N]) -> T) -> Vec<T> {
         bytes.as_chunks::<N>().0.iter().map(|chunk| of(*chunk)).collect()
     }
@@ -128,17 +128,17 @@ fn numbers(class: u8, (kind, bytes, _): (u32, &[u8], &[u8])) -> Cells {
         4 => each(bytes, |two| i64::from(u16::from_le_bytes(two))),
         5 => each(bytes, |four| i64::from(i32::from_le_bytes(four))),
         6 => each(bytes, |four| i64::from(u32::from_le_bytes(four))),
-        7 => return Cells::Numbers(each(bytes, |four| f32::from_le_bytes(four).into())),
-        9 => return Cells::Numbers(each(bytes, f64::from_le_bytes)),
+        7 => return VariableValues::Numbers(each(bytes, |four| f32::from_le_bytes(four).into())),
+        9 => return VariableValues::Numbers(each(bytes, f64::from_le_bytes)),
         12 => each(bytes, i64::from_le_bytes),
-        13 => return Cells::Texts(each(bytes, |eight| u64::from_le_bytes(eight).to_string())),
+        13 => return VariableValues::Texts(each(bytes, |eight| u64::from_le_bytes(eight).to_string())),
         _ => Vec::new(),
     };
     // 6 and 7 are double and single
     if matches!(class, 6 | 7) {
-        Cells::Numbers(counts.iter().map(|count| *count as f64).collect())
+        VariableValues::Numbers(counts.iter().map(|count| *count as f64).collect())
     } else {
-        Cells::Counts(counts)
+        VariableValues::Counts(counts)
     }
 }
 

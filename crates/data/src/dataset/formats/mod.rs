@@ -20,7 +20,7 @@ use std::path::Path;
 
 /// A kind of file that isn't text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum BinaryFormat {
     /// A workbook of a spreadsheet.
     Xlsx,
     /// Arrays of numpy.
@@ -31,14 +31,14 @@ pub(super) enum Kind {
     Parquet,
 }
 
-impl Kind {
+impl BinaryFormat {
     /// Returns the kind of a file by the extension of its name; `None` if it is read as text.
-    pub(super) fn of(path: &Path) -> Option<Kind> {
+    pub(super) fn of(path: &Path) -> Option<BinaryFormat> {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
-            "xlsx" => Some(Kind::Xlsx),
-            "npz" => Some(Kind::Npz),
-            "mat" => Some(Kind::Mat),
-            "parquet" => Some(Kind::Parquet),
+            "xlsx" => Some(BinaryFormat::Xlsx),
+            "npz" => Some(BinaryFormat::Npz),
+            "mat" => Some(BinaryFormat::Mat),
+            "parquet" => Some(BinaryFormat::Parquet),
             _ => None,
         }
     }
@@ -56,8 +56,8 @@ pub(super) fn unread(path: &Path) -> Option<&'static str> {
 }
 
 /// Returns the mapping for the text of a file: commas and decimal points, and a header where columns have names.
-pub(super) fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
-    let has_header = mapping.has_header || kind != Kind::Xlsx;
+pub(super) fn mapping(kind: BinaryFormat, mapping: &Mapping) -> Mapping {
+    let has_header = mapping.has_header || kind != BinaryFormat::Xlsx;
     Mapping { separator: Some(b','), decimal: Some(Decimal::Point), has_header, ..mapping.clone() }
 }
 
@@ -66,7 +66,7 @@ pub(super) fn mapping(kind: Kind, mapping: &Mapping) -> Mapping {
 /// # Errors
 /// The file can't be read, or isn't of its kind.
 #[cfg(feature = "files")]
-pub(crate) fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String, String), TableError> {
+pub(crate) fn text(path: &Path, kind: BinaryFormat, mapping: &Mapping) -> Result<(String, String), TableError> {
     let file = path.display().to_string();
     let unreadable = |source| TableError::Unreadable { file: file.clone(), source };
     let malformed = |problem| TableError::Malformed { file: file.clone(), problem };
@@ -76,13 +76,13 @@ pub(crate) fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String
         return Err(TableError::TooLarge { file, line: None, limit, what: "bytes" });
     }
     let input = std::fs::File::open(path).map_err(unreadable)?;
-    if kind == Kind::Xlsx {
+    if kind == BinaryFormat::Xlsx {
         let (sheet, text) = xlsx::text(input, mapping.sheet.as_deref()).map_err(malformed)?;
         return Ok((format!("{file}, sheet {}", super::table_error::quoted(&sheet)), text));
     }
     let variables = match kind {
-        Kind::Npz => npz::read(input),
-        Kind::Mat => mat::read(input),
+        BinaryFormat::Npz => npz::read(input),
+        BinaryFormat::Mat => mat::read(input),
         _ => parquet::read(input),
     };
     let text = variables.and_then(|variables| variables::text(variables, &mapping.x_mm)).map_err(malformed)?;
@@ -91,7 +91,7 @@ pub(crate) fn text(path: &Path, kind: Kind, mapping: &Mapping) -> Result<(String
 
 /// Returns an error: this program was built without the libraries.
 #[cfg(not(feature = "files"))]
-pub(super) fn text(path: &Path, _: Kind, _: &Mapping) -> Result<(String, String), TableError> {
+pub(super) fn text(path: &Path, _: BinaryFormat, _: &Mapping) -> Result<(String, String), TableError> {
     let extension = path.extension().unwrap_or_default().to_string_lossy().into_owned();
     Err(TableError::NotBuilt { file: path.display().to_string(), extension })
 }

@@ -1,6 +1,6 @@
 //! Arrays of numpy: an archive with an .npy file for each (NEP 1, numpy/lib/format.py).
 
-use super::variables::{Cells, Variable, transposed};
+use super::variables::{Variable, VariableValues, transposed};
 use crate::dataset::table_error::{MAX_ROWS, MAX_TABLE_BYTES};
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -61,7 +61,7 @@ fn split(bytes: &[u8], at: usize) -> Option<(&[u8], &[u8])> {
     bytes.split_at_checked(at)
 }
 
-fn cells(kind: &str, data: &[u8], count: usize) -> Result<Cells, String> {
+fn cells(kind: &str, data: &[u8], count: usize) -> Result<VariableValues, String> {
     let is_big = kind.starts_with('>');
     let word = kind.trim_start_matches(['<', '>', '|', '=']);
     let unknown = || format!("values of the type {kind} can't be read: save numbers or texts");
@@ -80,31 +80,31 @@ fn cells(kind: &str, data: &[u8], count: usize) -> Result<Cells, String> {
         u64::from_le_bytes(eight)
     };
     Ok(match (class, size) {
-        ("f", 8) => Cells::Numbers(each().map(|chunk| f64::from_bits(ordered(chunk))).collect()),
-        ("f", 4) => Cells::Numbers(each().map(|chunk| f32::from_bits(ordered(chunk) as u32).into()).collect()),
-        ("u", 8) => Cells::Texts(each().map(|chunk| ordered(chunk).to_string()).collect()),
-        ("b" | "u", 1 | 2 | 4) => Cells::Counts(each().map(|chunk| ordered(chunk) as i64).collect()),
+        ("f", 8) => VariableValues::Numbers(each().map(|chunk| f64::from_bits(ordered(chunk))).collect()),
+        ("f", 4) => VariableValues::Numbers(each().map(|chunk| f32::from_bits(ordered(chunk) as u32).into()).collect()),
+        ("u", 8) => VariableValues::Texts(each().map(|chunk| ordered(chunk).to_string()).collect()),
+        ("b" | "u", 1 | 2 | 4) => VariableValues::Counts(each().map(|chunk| ordered(chunk) as i64).collect()),
         ("i", 1 | 2 | 4 | 8) => {
             let unused = 64 - 8 * size as u32;
-            Cells::Counts(each().map(|chunk| (ordered(chunk) << unused) as i64 >> unused).collect())
+            VariableValues::Counts(each().map(|chunk| (ordered(chunk) << unused) as i64 >> unused).collect())
         }
-        ("U", 0) if count <= MAX_ROWS => Cells::Texts(vec![String::new(); count]),
+        ("U", 0) if count <= MAX_ROWS => VariableValues::Texts(vec![String::new(); count]),
         ("U", 1..) => {
             let letters = |text: &[u8]| -> String {
                 let letters =
                     text.chunks_exact(4).map(|letter| ordered(letter) as u32).take_while(|letter| *letter != 0);
                 letters.map(|letter| char::from_u32(letter).unwrap_or(char::REPLACEMENT_CHARACTER)).collect()
             };
-            Cells::Texts(each().map(letters).collect())
+            VariableValues::Texts(each().map(letters).collect())
         }
         _ => return Err(unknown()),
     })
 }
 
-fn in_columns(cells: Cells, rows: usize) -> Cells {
+fn in_columns(cells: VariableValues, rows: usize) -> VariableValues {
     match cells {
-        Cells::Numbers(values) => Cells::Numbers(transposed(&values, rows)),
-        Cells::Counts(values) => Cells::Counts(transposed(&values, rows)),
-        Cells::Texts(values) => Cells::Texts(transposed(&values, rows)),
+        VariableValues::Numbers(values) => VariableValues::Numbers(transposed(&values, rows)),
+        VariableValues::Counts(values) => VariableValues::Counts(transposed(&values, rows)),
+        VariableValues::Texts(values) => VariableValues::Texts(transposed(&values, rows)),
     }
 }

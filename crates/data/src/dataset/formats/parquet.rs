@@ -1,6 +1,6 @@
 //! A table of Parquet.
 
-use super::variables::{Cells, Variable};
+use super::variables::{Variable, VariableValues};
 use crate::dataset::table_error::MAX_ROWS;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
@@ -37,7 +37,7 @@ pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
     let variable = |name: &str, texts: Vec<String>| Variable {
         name: name.to_owned(),
         rows: texts.len(),
-        cells: Cells::Texts(texts),
+        cells: VariableValues::Texts(texts),
     };
     Ok(named.map(|(field, texts)| variable(field.name(), texts)).collect())
 }

@@ -10,11 +10,11 @@ pub(crate) struct Variable {
     /// Number of rows.
     pub rows: usize,
     /// Values, column by column.
-    pub cells: Cells,
+    pub cells: VariableValues,
 }
 
 /// Values of an array.
-pub(crate) enum Cells {
+pub(crate) enum VariableValues {
     /// Numbers.
     Numbers(Vec<f64>),
     /// Integers.
@@ -54,10 +54,10 @@ pub(crate) fn text(mut variables: Vec<Variable>, x_mm: &str) -> Result<String, S
             // writing to a string can't fail
             let _ = match &variable.cells {
                 // an export has NaN where a table of a run has a blank cell
-                Cells::Numbers(numbers) if is_exported && numbers[at].is_nan() => Ok(()),
-                Cells::Numbers(numbers) => write!(text, "{}", numbers[at]),
-                Cells::Counts(counts) => write!(text, "{}", counts[at]),
-                Cells::Texts(texts) => write!(text, "{}", cell(&texts[at])),
+                VariableValues::Numbers(numbers) if is_exported && numbers[at].is_nan() => Ok(()),
+                VariableValues::Numbers(numbers) => write!(text, "{}", numbers[at]),
+                VariableValues::Counts(counts) => write!(text, "{}", counts[at]),
+                VariableValues::Texts(texts) => write!(text, "{}", cell(&texts[at])),
             };
             text.push(',');
         }
@@ -82,13 +82,13 @@ fn named(variable: &Variable) -> Vec<(String, &Variable, usize)> {
     (0..count).map(|column| (numbered(column), variable, column)).collect()
 }
 
-impl Cells {
+impl VariableValues {
     /// Number of values.
     pub(crate) fn len(&self) -> usize {
         match self {
-            Cells::Numbers(numbers) => numbers.len(),
-            Cells::Counts(counts) => counts.len(),
-            Cells::Texts(texts) => texts.len(),
+            VariableValues::Numbers(numbers) => numbers.len(),
+            VariableValues::Counts(counts) => counts.len(),
+            VariableValues::Texts(texts) => texts.len(),
         }
     }
 }

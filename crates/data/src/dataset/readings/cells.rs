@@ -1,6 +1,6 @@
 //! Reads a line of CSV.
 
-use super::{Held, Reading, ReadingError};
+use super::{LineContent, Reading, ReadingError};
 use crate::dataset::dialect::Dialect;
 use crate::dataset::header::Header;
 use crate::dataset::mapping::Mapping;
@@ -13,17 +13,17 @@ use std::io::{self, Read};
 const HELP: &str = "required: out_1, out_2, ... without a gap; a file of numbers only needs no header";
 
 /// Parser of CSV lines.
-pub(super) struct Cells {
+pub(super) struct CsvParser {
     reader: csv::Reader<Feed>,
     cells: ByteRecord,
-    columns: Option<Columns>,
+    columns: Option<CellPositions>,
     mapping: Mapping,
     /// Dialect; known once the first line shows the separator.
     dialect: Option<Dialect>,
 }
 
 /// Positions of the columns in a line.
-struct Columns {
+struct CellPositions {
     /// Names of the columns; `None` if the first line was numbers.
     names: Option<StringRecord>,
     outputs: Vec<usize>,
@@ -31,9 +31,9 @@ struct Columns {
     t_s: Option<usize>,
 }
 
-impl Cells {
+impl CsvParser {
     pub(super) fn new(mapping: Mapping) -> Self {
-        Cells { reader: reader(b','), cells: ByteRecord::new(), columns: None, mapping, dialect: None }
+        CsvParser { reader: reader(b','), cells: ByteRecord::new(), columns: None, mapping, dialect: None }
     }
 
     /// Whether no line has been read yet.
@@ -51,7 +51,7 @@ impl Cells {
         line: &[u8],
         units: usize,
         reading: &mut Reading,
-    ) -> Result<Held, ReadingError> {
+    ) -> Result<LineContent, ReadingError> {
         let number = reading.line;
         let mut dialect = self.dialect.take().unwrap_or_else(|| {
             let dialect = Dialect::of_start(line, &self.mapping.first_output(), &self.mapping);
@@ -64,30 +64,30 @@ impl Cells {
         let is_open =
             is_open.map_err(|error| ReadingError::Unreadable { file: file.to_owned(), source: error.into() })?;
         if let Err(error) = points {
-            return Ok(Held::Bad(error.into()));
+            return Ok(LineContent::Bad(error.into()));
         }
         let open_quote = || ReadingError::OpenQuote { file: file.to_owned(), line: number };
         let columns = match &self.columns {
             Some(columns) => columns,
             None if !self.mapping.has_header => {
                 let names: StringRecord = (1..=self.cells.len()).map(|number| number.to_string()).collect();
-                self.columns.insert(Columns::find(file, number, names, units, &self.mapping)?)
+                self.columns.insert(CellPositions::find(file, number, names, units, &self.mapping)?)
             }
-            None if is_reading(&self.cells, &self.mapping) => self.columns.insert(Columns::in_order(units)),
+            None if is_reading(&self.cells, &self.mapping) => self.columns.insert(CellPositions::in_order(units)),
             None if is_open => return Err(open_quote()),
             None => {
                 let not_text = |_| TableError::NotText { file: file.to_owned(), line: number };
                 let names = StringRecord::from_byte_record(self.cells.clone()).map_err(not_text)?;
-                self.columns = Some(Columns::find(file, number, names, units, &self.mapping)?);
-                return Ok(Held::Nothing);
+                self.columns = Some(CellPositions::find(file, number, names, units, &self.mapping)?);
+                return Ok(LineContent::Nothing);
             }
         };
         if is_open {
-            return Ok(Held::Bad(open_quote()));
+            return Ok(LineContent::Bad(open_quote()));
         }
         Ok(match columns.fill(file, &self.cells, &self.mapping, reading) {
-            Ok(()) => Held::Reading,
-            Err(error) => Held::Bad(error),
+            Ok(()) => LineContent::Reading,
+            Err(error) => LineContent::Bad(error),
         })
     }
 
@@ -126,10 +126,10 @@ fn is_reading(cells: &ByteRecord, mapping: &Mapping) -> bool {
     cells.iter().all(|cell| output_in(cell).is_some()) || (cells.iter().any(is_number) && !cells.iter().any(is_named))
 }
 
-impl Columns {
+impl CellPositions {
     /// Returns the columns of a table without a header.
     fn in_order(units: usize) -> Self {
-        Columns { names: None, outputs: (0..units).collect(), id: None, t_s: None }
+        CellPositions { names: None, outputs: (0..units).collect(), id: None, t_s: None }
     }
 
     fn find(
@@ -147,7 +147,7 @@ impl Columns {
             return Err(ReadingError::Units { file: file.to_owned(), line, found: outputs.len(), expected: units });
         }
         let (id, t_s) = (header.optional("id"), header.optional("t_s"));
-        Ok(Columns { names: Some(names), outputs, id, t_s })
+        Ok(CellPositions { names: Some(names), outputs, id, t_s })
     }
 
     /// Reads a row into a reading. The labels are read first, so that a row with an invalid output keeps them.

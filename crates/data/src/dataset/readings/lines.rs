@@ -7,7 +7,7 @@ use std::io::{self, BufRead, BufReader, Read};
 const BUFFER_BYTES: usize = 64 << 10;
 
 /// Takes one line after another from a stream; stores one at a time.
-pub struct Lines<R> {
+pub struct StreamLines<R> {
     file: String,
     input: BufReader<R>,
     line: Vec<u8>,
@@ -15,11 +15,11 @@ pub struct Lines<R> {
     is_cut: bool,
 }
 
-impl<R: Read> Lines<R> {
+impl<R: Read> StreamLines<R> {
     /// Reads lines of a stream; `file` is its name in messages.
     pub fn new(file: &str, input: R) -> Self {
         let input = BufReader::with_capacity(BUFFER_BYTES, input);
-        Lines { file: file.to_owned(), input, line: Vec::new(), is_cut: false }
+        StreamLines { file: file.to_owned(), input, line: Vec::new(), is_cut: false }
     }
 
     /// Returns the next line; `None` at the end. For a line beyond [`MAX_LINE_BYTES`], returns its beginning, one byte longer
@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn a_reading_is_to_be_waited_for_where_no_whole_line_is_there() {
-        let mut lines = Lines::new("stdin", "1,2\n3,4\n5,".as_bytes());
+        let mut lines = StreamLines::new("stdin", "1,2\n3,4\n5,".as_bytes());
         let mut drained = Vec::new();
         while let Ok(Some(_)) = lines.read_next() {
             drained.push(lines.is_drained());
@@ -70,7 +70,7 @@ mod tests {
     fn the_rest_of_a_line_that_is_too_long_is_passed_over() {
         let long = "1".repeat(3 * MAX_LINE_BYTES);
         let text = format!("1,2\n{long}\n3,4\n{long}");
-        let mut lines = Lines::new("stdin", text.as_bytes());
+        let mut lines = StreamLines::new("stdin", text.as_bytes());
         let mut lengths = Vec::new();
         while let Ok(Some(line)) = lines.read_next() {
             lengths.push(line.len());

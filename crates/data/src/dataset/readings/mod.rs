@@ -4,18 +4,18 @@
 //! has one object per line, `{"outputs": [0.1, 0.2]}`, or the array alone. `id` and `t_s` are kept with the reading. Everything
 //! else is ignored, and so are blank lines. A missing channel is NaN: `nan` or an empty cell in CSV, `null` or `NaN` in NDJSON.
 //!
-//! [`Lines`] takes lines from a stream. [`Readings`] interprets one line from any source.
+//! [`StreamLines`] takes lines from a stream. [`Readings`] interprets one line from any source.
 
 mod cells;
 mod lines;
 mod object;
 
-pub use lines::Lines;
+pub use lines::StreamLines;
 
 use super::dialect::is_comment;
 use super::mapping::Mapping;
 use super::table_error::TableError;
-use cells::Cells;
+use cells::CsvParser;
 use miette::Diagnostic;
 use serde_json::Value;
 use std::io;
@@ -25,7 +25,7 @@ pub(crate) const MAX_LINE_BYTES: usize = 256 << 10;
 
 /// Format of readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum ReadingFormat {
     /// Cells separated by commas.
     Csv,
     /// One JSON object or array per line.
@@ -47,7 +47,7 @@ pub struct Reading {
 
 /// Content of a line.
 #[derive(Debug)]
-pub enum Held {
+pub enum LineContent {
     /// A reading.
     Reading,
     /// An invalid line that should be a reading. The next line may be a reading again.
@@ -99,23 +99,23 @@ fn outputs(count: usize) -> String {
 pub struct Readings {
     file: String,
     units: usize,
-    format: Option<Format>,
+    format: Option<ReadingFormat>,
     scale: f64,
-    cells: Cells,
+    cells: CsvParser,
     reading: Reading,
 }
 
 impl Readings {
     /// Interprets readings of `units` units; `file` is the name of the input in messages. Without a format, the format is
     /// detected from the first character. The mapping names the columns of the outputs, and scales outputs in either format.
-    pub fn new(file: &str, units: usize, format: Option<Format>, mapping: Mapping) -> Self {
+    pub fn new(file: &str, units: usize, format: Option<ReadingFormat>, mapping: Mapping) -> Self {
         let scale = mapping.scale.outputs;
         Readings {
             file: file.to_owned(),
             units,
             format,
             scale,
-            cells: Cells::new(mapping),
+            cells: CsvParser::new(mapping),
             reading: Reading::default(),
         }
     }
@@ -124,25 +124,25 @@ impl Readings {
     ///
     /// # Errors
     /// The header is invalid, so the content of the lines below it is unknown.
-    pub fn read(&mut self, line: &[u8]) -> Result<Held, ReadingError> {
+    pub fn read(&mut self, line: &[u8]) -> Result<LineContent, ReadingError> {
         self.reading.line += 1;
         (self.reading.id, self.reading.t_s) = (None, None);
         if line.len() > MAX_LINE_BYTES {
-            return Ok(Held::Bad(ReadingError::TooLong { file: self.file.clone(), line: self.reading.line }));
+            return Ok(LineContent::Bad(ReadingError::TooLong { file: self.file.clone(), line: self.reading.line }));
         }
         let is_first = self.reading.line == 1;
         let line = line.strip_prefix(b"\xef\xbb\xbf").filter(|_| is_first).unwrap_or(line); // a byte-order mark
-        let Some(first) = line.trim_ascii_start().first() else { return Ok(Held::Nothing) };
-        let may_be_comment = self.cells.awaits_header() && self.format != Some(Format::Ndjson);
+        let Some(first) = line.trim_ascii_start().first() else { return Ok(LineContent::Nothing) };
+        let may_be_comment = self.cells.awaits_header() && self.format != Some(ReadingFormat::Ndjson);
         if may_be_comment && is_comment(String::from_utf8_lossy(line).trim_start()) {
-            return Ok(Held::Nothing); // a comment above the header
+            return Ok(LineContent::Nothing); // a comment above the header
         }
-        let found = if matches!(first, b'{' | b'[') { Format::Ndjson } else { Format::Csv };
+        let found = if matches!(first, b'{' | b'[') { ReadingFormat::Ndjson } else { ReadingFormat::Csv };
         let held = match *self.format.get_or_insert(found) {
-            Format::Csv => self.cells.read(&self.file, line, self.units, &mut self.reading)?,
-            Format::Ndjson => match object::read(&self.file, line, self.units, &mut self.reading) {
-                Ok(()) => Held::Reading,
-                Err(error) => Held::Bad(error),
+            ReadingFormat::Csv => self.cells.read(&self.file, line, self.units, &mut self.reading)?,
+            ReadingFormat::Ndjson => match object::read(&self.file, line, self.units, &mut self.reading) {
+                Ok(()) => LineContent::Reading,
+                Err(error) => LineContent::Bad(error),
             },
         };
         if self.scale != 1.0 {
@@ -163,17 +163,17 @@ mod tests {
 
     /// Each line of a text that isn't blank or the header: a reading, or what is wrong with it and the help. An error that no
     /// line comes after is the last one.
-    fn held(text: &str, format: Option<Format>) -> Vec<Result<Reading, String>> {
+    fn held(text: &str, format: Option<ReadingFormat>) -> Vec<Result<Reading, String>> {
         let told =
             |error: ReadingError| format!("{error}; {}", error.help().map_or(String::new(), |help| help.to_string()));
         let (mut lines, mut readings) =
-            (Lines::new("stdin", text.as_bytes()), Readings::new("stdin", 2, format, Mapping::default()));
+            (StreamLines::new("stdin", text.as_bytes()), Readings::new("stdin", 2, format, Mapping::default()));
         let mut found = Vec::new();
         while let Some(line) = lines.read_next().expect("a text doesn't break off") {
             match readings.read(line) {
-                Ok(Held::Reading) => found.push(Ok(readings.reading().clone())),
-                Ok(Held::Bad(error)) => found.push(Err(told(error))),
-                Ok(Held::Nothing) => {}
+                Ok(LineContent::Reading) => found.push(Ok(readings.reading().clone())),
+                Ok(LineContent::Bad(error)) => found.push(Err(told(error))),
+                Ok(LineContent::Nothing) => {}
                 Err(error) => {
                     found.push(Err(told(error)));
                     break;
@@ -184,7 +184,7 @@ mod tests {
     }
 
     /// All readings of a text before the first error, and that error.
-    fn readings(text: &str, format: Option<Format>) -> (Vec<Reading>, Option<String>) {
+    fn readings(text: &str, format: Option<ReadingFormat>) -> (Vec<Reading>, Option<String>) {
         let mut found = Vec::new();
         for held in held(text, format) {
             match held {
@@ -221,9 +221,9 @@ mod tests {
         }
         assert_eq!(readings("", None), (Vec::new(), None));
         assert_eq!(readings("\n \n", None), (Vec::new(), None));
-        let told = readings("[1,2]\n", Some(Format::Csv)).1.unwrap();
+        let told = readings("[1,2]\n", Some(ReadingFormat::Csv)).1.unwrap();
         assert!(told.contains("stdin, line 1: column `out_1` is missing; required: out_1"), "{told}");
-        assert!(readings("1,2\n", Some(Format::Ndjson)).1.is_some());
+        assert!(readings("1,2\n", Some(ReadingFormat::Ndjson)).1.is_some());
     }
 
     #[test]
@@ -267,7 +267,7 @@ mod tests {
         let mut readings = Readings::new("stdin", 2, None, mapping);
         let mut found = Vec::new();
         for line in ["a,b", "-999,1", "-998, -999 "] {
-            if matches!(readings.read(line.as_bytes()), Ok(Held::Reading)) {
+            if matches!(readings.read(line.as_bytes()), Ok(LineContent::Reading)) {
                 found.push(readings.reading().outputs.clone());
             }
         }
@@ -314,8 +314,8 @@ mod tests {
     fn a_bad_reading_keeps_its_label_where_it_can_be_read() {
         for text in ["id,t_s,out_1,out_2\na,0.5,1,x\n", "{\"id\":\"a\",\"t_s\":0.5,\"outputs\":[1]}\n"] {
             let mut readings = Readings::new("stdin", 2, None, Mapping::default());
-            let held: Vec<Held> = text.lines().map(|line| readings.read(line.as_bytes()).unwrap()).collect();
-            assert!(matches!(held.last(), Some(Held::Bad(_))), "{text}");
+            let held: Vec<LineContent> = text.lines().map(|line| readings.read(line.as_bytes()).unwrap()).collect();
+            assert!(matches!(held.last(), Some(LineContent::Bad(_))), "{text}");
             let Reading { id, t_s, .. } = readings.reading();
             assert_eq!((id, t_s), (&Some(Value::from("a")), &Some(Value::from(0.5))), "{text}");
         }

@@ -11,7 +11,7 @@ const REASON: usize = 120;
 const NAN: (&[u8], &[u8]) = (b"NaN", b"null");
 
 #[derive(Deserialize)]
-struct Object {
+struct JsonReading {
     outputs: Vec<Option<f64>>,
     id: Option<Value>,
     t_s: Option<Value>,
@@ -52,9 +52,9 @@ pub(super) fn read(file: &str, line: &[u8], units: usize, reading: &mut Reading)
     Ok(())
 }
 
-fn object(text: &[u8]) -> Result<Object, serde_json::Error> {
+fn object(text: &[u8]) -> Result<JsonReading, serde_json::Error> {
     match text.trim_ascii_start().starts_with(b"[") {
-        true => serde_json::from_slice(text).map(|outputs| Object { outputs, id: None, t_s: None }),
+        true => serde_json::from_slice(text).map(|outputs| JsonReading { outputs, id: None, t_s: None }),
         false => serde_json::from_slice(text),
     }
 }

@@ -6,7 +6,7 @@ use super::*;
 fn groups(positioners: [&str; 3]) -> Grouping {
     let positioners = positioners.map(|name| {
         let (group, name) = name.split_once('.').unwrap();
-        Positioner { group: group.to_owned(), name: name.to_owned() }
+        PositionerName { group: group.to_owned(), name: name.to_owned() }
     });
     Grouping { positioners, home_search: true }
 }

@@ -19,15 +19,15 @@ const PLACES: [&str; 1] = ["nicaiu.dll"];
 const PLACES: [&str; 3] =
     ["libnidaqmx.so", "/usr/lib/x86_64-linux-gnu/libnidaqmx.so", "/usr/local/natinst/lib/libnidaqmx.so"];
 
-type Handle = *mut c_void;
+type NiHandle = *mut c_void;
 
 // `extern "system"` is stdcall on 32-bit Windows, as the header says, and C's own convention everywhere else.
-type CreateTask = unsafe extern "system" fn(*const c_char, *mut Handle) -> i32;
+type CreateTask = unsafe extern "system" fn(*const c_char, *mut NiHandle) -> i32;
 type CreateAiVoltageChannel =
-    unsafe extern "system" fn(Handle, *const c_char, *const c_char, i32, f64, f64, i32, *const c_char) -> i32;
-type ConfigureSampleClock = unsafe extern "system" fn(Handle, *const c_char, f64, i32, i32, u64) -> i32;
-type OnTask = unsafe extern "system" fn(Handle) -> i32;
-type ReadAnalogF64 = unsafe extern "system" fn(Handle, i32, f64, u32, *mut f64, u32, *mut i32, *mut u32) -> i32;
+    unsafe extern "system" fn(NiHandle, *const c_char, *const c_char, i32, f64, f64, i32, *const c_char) -> i32;
+type ConfigureSampleClock = unsafe extern "system" fn(NiHandle, *const c_char, f64, i32, i32, u64) -> i32;
+type OnTask = unsafe extern "system" fn(NiHandle) -> i32;
+type ReadAnalogF64 = unsafe extern "system" fn(NiHandle, i32, f64, u32, *mut f64, u32, *mut i32, *mut u32) -> i32;
 type ExtendedErrorInfo = unsafe extern "system" fn(*mut c_char, u32) -> i32;
 type ErrorString = unsafe extern "system" fn(i32, *mut c_char, u32) -> i32;
 
@@ -110,7 +110,7 @@ impl DaqmxLibrary {
 impl NiDaqmx for DaqmxLibrary {
     fn create_task(&self, name: &str, task: &mut TaskHandle) -> i32 {
         let Ok(name) = CString::new(name) else { return BAD_VALUE };
-        let mut handle: Handle = std::ptr::null_mut();
+        let mut handle: NiHandle = std::ptr::null_mut();
         // SAFETY: the name ends with a zero byte, and the handle is written to a place of its type
         let status = unsafe { (self.create_task)(name.as_ptr(), &raw mut handle) };
         *task = handle as TaskHandle;
@@ -123,29 +123,29 @@ impl NiDaqmx for DaqmxLibrary {
         // SAFETY: all texts end with a zero byte; no custom scale is NULL by the header
         unsafe {
             let create = self.create_ai_voltage_channel;
-            create(task as Handle, physical.as_ptr(), name, terminal, range_v[0], range_v[1], VOLTS, scale)
+            create(task as NiHandle, physical.as_ptr(), name, terminal, range_v[0], range_v[1], VOLTS, scale)
         }
     }
 
     fn configure_sample_clock(&self, task: TaskHandle, rate_hz: f64, samples_per_channel: u64) -> i32 {
         let configure = self.configure_sample_clock;
         // SAFETY: no source is the device's own clock, NULL by the header
-        unsafe { configure(task as Handle, std::ptr::null(), rate_hz, RISING, CONTINUOUS, samples_per_channel) }
+        unsafe { configure(task as NiHandle, std::ptr::null(), rate_hz, RISING, CONTINUOUS, samples_per_channel) }
     }
 
     fn start_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: a handle and nothing else
-        unsafe { (self.start_task)(task as Handle) }
+        unsafe { (self.start_task)(task as NiHandle) }
     }
 
     fn stop_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: as above
-        unsafe { (self.stop_task)(task as Handle) }
+        unsafe { (self.stop_task)(task as NiHandle) }
     }
 
     fn clear_task(&self, task: TaskHandle) -> i32 {
         // SAFETY: as above
-        unsafe { (self.clear_task)(task as Handle) }
+        unsafe { (self.clear_task)(task as NiHandle) }
     }
 
     fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
@@ -154,7 +154,7 @@ impl NiDaqmx for DaqmxLibrary {
         // SAFETY: the buffer has the length that is said, in numbers; `read` is an i32
         unsafe {
             let (take, buffer) = (self.read_analog_f64, buffer.as_mut_ptr());
-            take(task as Handle, samples_per_channel, at_once_s, BY_SCAN, buffer, length, read, reserved)
+            take(task as NiHandle, samples_per_channel, at_once_s, BY_SCAN, buffer, length, read, reserved)
         }
     }
 

@@ -10,7 +10,7 @@ use tokio::sync::oneshot;
 /// Longest duration of a library call. None of this program's calls waits, but a device that is being unplugged can block a call.
 const CALL_DEADLINE: Duration = Duration::from_secs(5);
 
-type Job = Box<dyn FnOnce(&dyn NiDaqmx) + Send>;
+type LibraryCall = Box<dyn FnOnce(&dyn NiDaqmx) + Send>;
 
 /// Functions, in the place where they may be called.
 #[derive(Clone)]
@@ -19,7 +19,7 @@ pub enum Functions {
     Here(Arc<dyn NiDaqmx>),
     /// Functions of the library, on their own thread, because a blocked call would delay a stop. The text of an error is stored
     /// for each thread, so all calls must use one thread.
-    Thread(Sender<Job>),
+    Thread(Sender<LibraryCall>),
 }
 
 /// The library's thread is blocked, or has ended.
@@ -33,7 +33,7 @@ impl Functions {
     /// # Errors
     /// No thread can be started.
     pub fn on_a_thread(table: Arc<dyn NiDaqmx>) -> std::io::Result<Functions> {
-        let (sender, jobs) = channel::<Job>();
+        let (sender, jobs) = channel::<LibraryCall>();
         std::thread::Builder::new().name("daqmx".to_owned()).spawn(move || {
             for job in jobs {
                 job(&*table);
@@ -54,7 +54,7 @@ impl Functions {
             Functions::Here(table) => Ok(job(&**table)),
             Functions::Thread(sender) => {
                 let (done, result) = oneshot::channel();
-                let job: Job = Box::new(move |table| {
+                let job: LibraryCall = Box::new(move |table| {
                     let _ = done.send(job(table)); // nobody waits any more: so be it
                 });
                 sender.send(job).map_err(|_| HeldUp)?;

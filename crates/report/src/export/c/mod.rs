@@ -1,6 +1,6 @@
 //! A calibrated sensor as one C99 file, for the controller of a hand: tables and one function, single precision, no heap.
 
-use palpate_solver::tables::{Kind, Map, Points, Splines, Tables};
+use palpate_solver::tables::{MapTables, MethodTables, Points, Splines, Tables};
 use palpate_solver::{Fitted, ForceRule, Model, Solver as _, Validity};
 use std::fmt::Write as _;
 
@@ -43,8 +43,8 @@ pub fn c_file(model: &Model, title: &str) -> Result<String, NoC> {
     let mut file = File { text: String::new() };
     file.begin(&tables, &format!("{title}, {}", range_of(model.validity())));
     match &tables.kind {
-        Kind::Points(points) => file.points(&tables, points),
-        Kind::Map(map) => file.map(&tables, map),
+        MethodTables::Points(points) => file.points(&tables, points),
+        MethodTables::Map(map) => file.map(&tables, map),
     }
     file.text += "#endif\n";
     Ok(file.text)
@@ -103,7 +103,7 @@ impl File {
         self.text += POINTS;
     }
 
-    fn map(&mut self, tables: &Tables, map: &Map) {
+    fn map(&mut self, tables: &Tables, map: &MapTables) {
         let (scale, used) = (scale(&map.response.coefficients) / map.force_n, tables.kept.len());
         self.common(tables, scale);
         let [least, most] = map.response.area;

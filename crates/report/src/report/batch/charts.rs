@@ -4,10 +4,10 @@ use super::complete;
 use super::figures::{figure, named};
 use super::limited::Limited;
 use super::order::axis;
-use crate::chart::{ChartAxis, Hue, Line, Look, Mark, Panel, Shape};
-use crate::report::frame::{Drawn, Section, capital, clock, counted, number, table, words};
+use crate::chart::{ChartAxis, Hue, LineStyle, Look, Mark, Panel, Shape};
+use crate::report::frame::{PageFigure, Section, capital, clock, counted, number, table, words};
 use maud::{Markup, html};
-use palpate_run::batch::chart::{Charts, LIMIT_SIGMAS, Normal};
+use palpate_run::batch::chart::{Charts, LIMIT_SIGMAS, NormalValues};
 use palpate_run::batch::{Alarm, Cause, Ended, History, Quantity};
 use statrs::statistics::Statistics as _;
 
@@ -27,12 +27,12 @@ const MARKED_MOST: usize = 80;
 const NAMED_MOST: usize = 8;
 const LISTED_MOST: usize = 30;
 
-const REFERENCE: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: true, line: Line::Solid };
-const SENSORS: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::Solid };
+const REFERENCE: Look = Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: true, line: LineStyle::Solid };
+const SENSORS: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: LineStyle::Solid };
 const ALARM: Look = Look::markers(Hue::Red, Shape::Diamond);
 
 /// A control chart.
-struct Chart {
+struct ControlChart {
     /// Name of the quantity in alarms.
     key: String,
     title: String,
@@ -53,7 +53,7 @@ pub(super) fn section(history: &History) -> Option<Section> {
     let of_figures = Limited::all([history]);
     let of_figures =
         of_figures.iter().filter(|figure| figure.is_charted()).filter_map(|figure| of_figure(history, figure));
-    let charts: Vec<Chart> = of_design(history).into_iter().chain(of_figures).collect();
+    let charts: Vec<ControlChart> = of_design(history).into_iter().chain(of_figures).collect();
     if charts.is_empty() && history.alarms.is_empty() {
         return None;
     }
@@ -108,7 +108,7 @@ const fn cause(cause: Cause) -> &'static str {
 }
 
 /// Returns the charts of the batch itself, whose normal values are those of the design.
-fn of_design(history: &History) -> Vec<Chart> {
+fn of_design(history: &History) -> Vec<ControlChart> {
     let chart = |quantity: Quantity| {
         let points = history.references.iter().zip(&history.charted).filter_map(|((before, _), charted)| {
             let (_, sigmas) = charted.iter().find(|(of, _)| *of == quantity)?;
@@ -116,13 +116,13 @@ fn of_design(history: &History) -> Vec<Chart> {
         });
         let points: Vec<Point> = points.collect();
         let (key, normal) = (quantity.name().to_owned(), "normal values of the design".to_owned());
-        (!points.is_empty()).then(|| Chart { title: capital(&key), key, normal, points })
+        (!points.is_empty()).then(|| ControlChart { title: capital(&key), key, normal, points })
     };
     Quantity::ALL.into_iter().filter_map(chart).collect()
 }
 
 /// Returns the chart of a figure of the rule; `None` if there are too few sensors, or if they all have the same value.
-fn of_figure(history: &History, figure: &Limited) -> Option<Chart> {
+fn of_figure(history: &History, figure: &Limited) -> Option<ControlChart> {
     let finite = |ended: &Ended| figure.found(ended)?.value.filter(|value| value.is_finite());
     let values: Vec<(usize, f64)> =
         complete(history).filter_map(|(number, ended)| Some((number, finite(ended)?))).collect();
@@ -132,7 +132,7 @@ fn of_figure(history: &History, figure: &Limited) -> Option<Chart> {
     let of_reference: Vec<f64> = references.iter().take(NORMAL_MOST).map(|(_, value)| *value).collect();
     let reference_sd =
         Some((&of_reference).std_dev()).filter(|sd| of_reference.len() >= NORMAL_LEAST && sd.is_finite());
-    let normal = Normal {
+    let normal = NormalValues {
         mean: (&first).mean(),
         sd: (&first).std_dev(),
         reference_sd: reference_sd.unwrap_or_default(),
@@ -143,7 +143,12 @@ fn of_figure(history: &History, figure: &Limited) -> Option<Chart> {
     }
     let points = replayed(Charts::new(normal), values, references);
     let told = format!("normal values of the first {}", counted(first.len(), "sensor"));
-    (!points.is_empty()).then(|| Chart { key: figure.key.clone(), title: capital(figure.name()), normal: told, points })
+    (!points.is_empty()).then(|| ControlChart {
+        key: figure.key.clone(),
+        title: capital(figure.name()),
+        normal: told,
+        points,
+    })
 }
 
 /// Returns the points of charts to which values of sensors and of the reference sensor are added, each with its number.
@@ -169,7 +174,7 @@ fn replayed(mut charts: Charts, values: Vec<(usize, f64)>, references: Vec<(usiz
     references.into_iter().map(point).collect()
 }
 
-fn draw(history: &History, chart: &Chart, belongs: impl Fn(&Alarm) -> bool) -> Drawn {
+fn draw(history: &History, chart: &ControlChart, belongs: impl Fn(&Alarm) -> bool) -> PageFigure {
     let points = &chart.points;
     let alarms: Vec<(f64, &Alarm)> = history
         .alarms
@@ -206,5 +211,5 @@ fn draw(history: &History, chart: &Chart, belongs: impl Fn(&Alarm) -> bool) -> D
     if alarms.len() > NAMED_MOST {
         drawn.notes.push(format!("the first {NAMED_MOST} of {} alarms are named", alarms.len()));
     }
-    Drawn::plain(drawn).named(&format!("control-chart {}", chart.key))
+    PageFigure::plain(drawn).named(&format!("control-chart {}", chart.key))
 }

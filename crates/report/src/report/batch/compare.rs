@@ -4,7 +4,7 @@ use super::complete;
 use super::headline::{Yield, a_day, alarms, listed, minutes};
 use super::limited::{Limited, is_exceeded, quartiles};
 use crate::chart::{Hue, Look, Shape};
-use crate::report::frame::{Drawn, Page, Section, capital, clock, counted, none, number, section, table, words};
+use crate::report::frame::{Page, PageFigure, Section, capital, clock, counted, none, number, section, table, words};
 use crate::report::side_by_side::{Series, spread};
 use maud::{Markup, html};
 use palpate_run::batch::{Cause, History};
@@ -114,17 +114,17 @@ fn drawn(
     ranges: &str,
     rows: Vec<Option<[f64; 3]>>,
     limit: Option<(f64, String)>,
-) -> Option<Drawn> {
+) -> Option<PageFigure> {
     let name = |(index, history): (usize, &History)| {
         let date: String = history.state.facts.at.chars().take("2026-01-01".len()).collect();
         format!("{}\n{date}", name(index, history))
     };
     let names: Vec<String> = histories.iter().enumerate().map(name).collect();
     let series = Series { look: Look::markers(Hue::Blue, Shape::Circle), name: String::new(), rows };
-    Some(Drawn::plain(spread(title, ranges, label, &names, &[series], limit)?))
+    Some(PageFigure::plain(spread(title, ranges, label, &names, &[series], limit)?))
 }
 
-fn yields(histories: &[History]) -> Option<Drawn> {
+fn yields(histories: &[History]) -> Option<PageFigure> {
     let row = |history: &History| {
         let found = Yield::of(history);
         Some([found.interval.0, found.share()?, found.interval.1].map(|share| 100.0 * share))
@@ -133,7 +133,7 @@ fn yields(histories: &[History]) -> Option<Drawn> {
     drawn(histories, "Yield", "accepted of judged, %", "strokes: 95 % interval", rows, None)
 }
 
-fn figure(histories: &[History], quantity: &Limited) -> Option<Drawn> {
+fn figure(histories: &[History], quantity: &Limited) -> Option<PageFigure> {
     let row = |history: &History| {
         quartiles(&quantity.sorted(history)).map(|values| values.map(|value| quantity.displayed(value)))
     };
@@ -143,7 +143,7 @@ fn figure(histories: &[History], quantity: &Limited) -> Option<Drawn> {
     drawn(histories, &capital(quantity.name()), &quantity.label(), "medians; strokes: quartiles", rows, limit)
 }
 
-fn times(histories: &[History]) -> Option<Drawn> {
+fn times(histories: &[History]) -> Option<PageFigure> {
     let rows = histories.iter().map(minutes).collect();
     drawn(histories, "Minutes a sensor", "minutes", "medians; strokes: quartiles", rows, None)
 }

@@ -3,12 +3,12 @@
 use super::complete;
 use super::limited::{Limited, is_exceeded, quartiles, sorted};
 use super::order::{self, Along, axis};
-use crate::chart::{Anchor, ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Panel, Part, Scale, Shape};
+use crate::chart::{Anchor, AxisScale, ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Panel, Shape, WidthPart};
 use crate::report::figures::WIDTH_PX;
-use crate::report::frame::{Drawn, Section, capital, counted};
+use crate::report::frame::{PageFigure, Section, capital, counted};
 use maud::html;
 use palpate_core::quantity::round;
-use palpate_run::batch::{Found, History};
+use palpate_run::batch::{History, SensorFigure};
 
 /// Height of a panel, px.
 const HEIGHT_PX: f64 = 230.0;
@@ -25,7 +25,7 @@ const ROOM: f64 = 0.08;
 /// Distance of the least value from 0, relative to the range of the values, up to which the axis begins at 0.
 const ZERO_NEAR: f64 = 0.5;
 
-const VALUE: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None };
+const VALUE: Look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: LineStyle::None };
 /// Digits of a limit after the decimal point.
 const SHOWN_DIGITS: i32 = 6;
 
@@ -50,12 +50,12 @@ pub(super) fn section(history: &History) -> Option<Section> {
     Section::of_figures("Figures of the acceptance rule", &html! {}, drawn)
 }
 
-fn by_sensor(history: &History, quantity: &Limited) -> Option<Drawn> {
-    let found: Vec<(usize, &str, &Found)> = complete(history)
+fn by_sensor(history: &History, quantity: &Limited) -> Option<PageFigure> {
+    let found: Vec<(usize, &str, &SensorFigure)> = complete(history)
         .filter_map(|(number, ended)| Some((number, ended.serial.as_str(), quantity.found(ended)?)))
         .collect();
     let limit = quantity.displayed(found.last()?.2.limit);
-    let displayed = |value: fn(&Found) -> Option<f64>| -> Vec<(usize, f64)> {
+    let displayed = |value: fn(&SensorFigure) -> Option<f64>| -> Vec<(usize, f64)> {
         found.iter().filter_map(|(number, _, found)| Some((*number, quantity.displayed(value(found)?)))).collect()
     };
     let (values, bounds) = (displayed(|found| found.value), displayed(|found| found.bound));
@@ -72,14 +72,14 @@ fn by_sensor(history: &History, quantity: &Limited) -> Option<Drawn> {
     if unmeasured > 0 {
         figure.notes.push(format!("{} without this figure", counted(unmeasured, "sensor")));
     }
-    Some(Drawn::plain(figure).named(&format!("by-sensor {}", quantity.key)))
+    Some(PageFigure::plain(figure).named(&format!("by-sensor {}", quantity.key)))
 }
 
 type Numbered = [(usize, f64)];
 
 fn marks(
     quantity: &Limited,
-    found: &[(usize, &str, &Found)],
+    found: &[(usize, &str, &SensorFigure)],
     (values, bounds): (&Numbered, &Numbered),
     limit: f64,
 ) -> (Vec<Mark>, Vec<(Look, String)>) {
@@ -88,10 +88,10 @@ fn marks(
     let mut marks = vec![Mark::Level(limit, format!("limit {}", shown(quantity, limit)))];
     if !bounds.is_empty() {
         let of_bounds = Along::new(bounds);
-        let look = Look::line(Hue::Orange, Line::Solid);
+        let look = Look::line(Hue::Orange, LineStyle::Solid);
         if of_bounds.of == 1 {
-            let of = |found: &Found| Some((quantity.displayed(found.value?), quantity.displayed(found.bound?)));
-            let stroke = |(number, _, found): &(usize, &str, &Found)| {
+            let of = |found: &SensorFigure| Some((quantity.displayed(found.value?), quantity.displayed(found.bound?)));
+            let stroke = |(number, _, found): &(usize, &str, &SensorFigure)| {
                 let (value, bound) = of(found)?;
                 Some(((*number as f64, value), (*number as f64, bound)))
             };
@@ -105,13 +105,14 @@ fn marks(
     marks.extend([Mark::Strokes(Hue::Blue, along.ranges), Mark::Curve(VALUE, along.points)]);
     let mut exceeded: Vec<_> = found.iter().filter(|(_, _, found)| is_exceeded(found)).collect();
     // a guarded rule compares the bound
-    let at = |number: usize, found: &Found| Some((number as f64, quantity.displayed(found.bound.or(found.value)?)));
+    let at =
+        |number: usize, found: &SensorFigure| Some((number as f64, quantity.displayed(found.bound.or(found.value)?)));
     if !exceeded.is_empty() {
         let points = exceeded.iter().filter_map(|(number, _, found)| at(*number, found)).collect();
         marks.push(Mark::Curve(EXCEEDED, points));
         legend.push((EXCEEDED, "limit exceeded".to_owned()));
     }
-    let used = |found: &Found| quantity.used(found).unwrap_or_default();
+    let used = |found: &SensorFigure| quantity.used(found).unwrap_or_default();
     exceeded.sort_by(|(.., one), (.., other)| used(other).total_cmp(&used(one)));
     let last = found.last().map_or(0, |(number, ..)| *number);
     let words = exceeded
@@ -158,14 +159,14 @@ pub(super) fn minutes(history: &History) -> Option<Section> {
     ];
     let panel = Panel { x: axis(history), y: ChartAxis::linear("minutes", (0.0, (1.0 + ROOM) * most)), marks };
     let subtitle = "from the beginning of the first run to the end of the last";
-    let drawn = [Some(Drawn::plain(figure("Minutes a sensor", subtitle, panel, legend))), a_day(history)];
+    let drawn = [Some(PageFigure::plain(figure("Minutes a sensor", subtitle, panel, legend))), a_day(history)];
     Section::of_figures("Time", &html! {}, drawn.into_iter().flatten().collect())
 }
 
 /// Number of ticks below the days, at most.
 const DAYS_MOST: usize = 4;
 
-fn a_day(history: &History) -> Option<Drawn> {
+fn a_day(history: &History) -> Option<PageFigure> {
     let days = order::days(history);
     let most = days.iter().map(|(_, count)| *count).max().filter(|_| days.len() > 1)? as f64;
     let every = days.len().div_ceil(DAYS_MOST);
@@ -175,10 +176,13 @@ fn a_day(history: &History) -> Option<Drawn> {
     let ticks = ticks.map(|(day, (date, _))| (middle(day), date.clone())).collect();
     let columns =
         days.iter().enumerate().map(|(day, (_, count))| ((day as f64 + 0.1, day as f64 + 0.9), *count as f64));
-    let x =
-        ChartAxis { label: "day with a sensor".to_owned(), scale: Scale::At(ticks), range: (0.0, days.len() as f64) };
-    let marks = vec![Mark::Columns(Hue::Blue, Part { index: 0, of: 1 }, columns.collect())];
+    let x = ChartAxis {
+        label: "day with a sensor".to_owned(),
+        scale: AxisScale::At(ticks),
+        range: (0.0, days.len() as f64),
+    };
+    let marks = vec![Mark::Columns(Hue::Blue, WidthPart { index: 0, of: 1 }, columns.collect())];
     let panel = Panel { x, y: ChartAxis::count("sensors", (0.0, (1.0 + ROOM) * most)), marks };
     let subtitle = format!("complete ones; {} days", days.len());
-    Some(Drawn::plain(figure("Sensors a day", &subtitle, panel, Vec::new())))
+    Some(PageFigure::plain(figure("Sensors a day", &subtitle, panel, Vec::new())))
 }

@@ -6,7 +6,7 @@ use super::{complete, sensors};
 use crate::report::frame::{clock, counted, number, percent, section as under, table, words};
 use maud::{Markup, html};
 use palpate_data::acceptance::bound::share_interval;
-use palpate_run::batch::{Cause, History, Standing};
+use palpate_run::batch::{Cause, History, SensorState};
 
 /// Yield of a batch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +23,8 @@ impl Yield {
     /// Returns the yield by the present standing of each sensor.
     pub(super) fn of(history: &History) -> Yield {
         let count = |standing| history.state.count(standing);
-        let accepted = count(Standing::Accepted);
-        let judged = accepted + count(Standing::NotAccepted) + count(Standing::NotDecided);
+        let accepted = count(SensorState::Accepted);
+        let judged = accepted + count(SensorState::NotAccepted) + count(SensorState::NotDecided);
         Yield { accepted, judged, interval: share_interval(accepted, judged) }
     }
 
@@ -86,8 +86,8 @@ pub(super) fn section(history: &History) -> Markup {
 
 fn standings(history: &History) -> Markup {
     let state = &history.state;
-    let counts = Standing::ALL.map(|standing| (standing, state.count(standing)));
-    let row = |(standing, count): (Standing, usize)| {
+    let counts = SensorState::ALL.map(|standing| (standing, state.count(standing)));
+    let row = |(standing, count): (SensorState, usize)| {
         vec![words(standing.name()), number(&format!("standing.{}", sensors::key(standing)), count as f64, 0, "")]
     };
     let mut rows: Vec<Vec<Markup>> = counts.into_iter().filter(|(_, count)| *count > 0).map(row).collect();

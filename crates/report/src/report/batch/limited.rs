@@ -2,8 +2,8 @@
 
 use super::complete;
 use palpate_core::quantity::percentile;
-use palpate_data::acceptance::{Figure, Verdict, limit_used};
-use palpate_run::batch::{Ended, Found, History};
+use palpate_data::acceptance::{LimitedFigure, SensorVerdict, limit_used};
+use palpate_run::batch::{Ended, History, SensorFigure};
 
 /// A figure of the acceptance rule.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,7 +11,7 @@ pub(super) struct Limited {
     /// Key in the acceptance rule.
     pub key: String,
     /// The figure; `None` for a key that this program doesn't know.
-    figure: Option<Figure>,
+    figure: Option<LimitedFigure>,
 }
 
 /// Decimals of a quantity that this program doesn't know.
@@ -19,7 +19,7 @@ const DIGITS: usize = 3;
 
 impl Limited {
     fn of(key: &str) -> Limited {
-        Limited { key: key.to_owned(), figure: Figure::ALL.into_iter().find(|figure| figure.key() == key) }
+        Limited { key: key.to_owned(), figure: LimitedFigure::ALL.into_iter().find(|figure| figure.key() == key) }
     }
 
     /// Returns the quantities of some batches: the known ones in the order of reports, then the others by name.
@@ -31,7 +31,7 @@ impl Limited {
             }
         }
         keys.sort_by_key(|key| {
-            (Figure::ALL.iter().position(|figure| figure.key() == *key).unwrap_or(usize::MAX), *key)
+            (LimitedFigure::ALL.iter().position(|figure| figure.key() == *key).unwrap_or(usize::MAX), *key)
         });
         keys.into_iter().map(Limited::of).collect()
     }
@@ -51,22 +51,22 @@ impl Limited {
 
     /// Returns the unit of displayed values.
     pub(super) fn unit(&self) -> &'static str {
-        self.figure.map_or("", Figure::unit)
+        self.figure.map_or("", LimitedFigure::unit)
     }
 
     /// Number of displayed decimals.
     pub(super) fn digits(&self) -> usize {
-        self.figure.map_or(DIGITS, Figure::digits)
+        self.figure.map_or(DIGITS, LimitedFigure::digits)
     }
 
     /// Whether a control chart makes sense: counts are mostly 0.
     pub(super) fn is_charted(&self) -> bool {
-        !matches!(self.figure, Some(Figure::BrokenChannels | Figure::FlaggedPresses))
+        !matches!(self.figure, Some(LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses))
     }
 
     /// Whether the figure is a fraction, which has a lower limit.
     pub(super) fn is_share(&self) -> bool {
-        self.figure.is_some_and(Figure::is_share)
+        self.figure.is_some_and(LimitedFigure::is_share)
     }
 
     /// Returns a value in the displayed unit: a fraction in percent.
@@ -75,13 +75,13 @@ impl Limited {
     }
 
     /// Returns the figure of a result.
-    pub(super) fn found<'e>(&self, ended: &'e Ended) -> Option<&'e Found> {
+    pub(super) fn found<'e>(&self, ended: &'e Ended) -> Option<&'e SensorFigure> {
         ended.found.iter().find(|found| found.figure == self.key)
     }
 
     /// Returns the part of the limit that a figure uses, by its bound if it has one. A fraction is used by what it lacks. Above 1 the
     /// limit is exceeded.
-    pub(super) fn used(&self, found: &Found) -> Option<f64> {
+    pub(super) fn used(&self, found: &SensorFigure) -> Option<f64> {
         Some(limit_used(self.is_share(), found.bound.or(found.value)?, found.limit))
     }
 
@@ -92,8 +92,8 @@ impl Limited {
 }
 
 /// Whether the figure alone prevents the acceptance.
-pub(super) fn is_exceeded(found: &Found) -> bool {
-    found.verdict == Verdict::NotAccepted
+pub(super) fn is_exceeded(found: &SensorFigure) -> bool {
+    found.verdict == SensorVerdict::NotAccepted
 }
 
 /// Returns finite values in their order.
@@ -114,14 +114,14 @@ mod tests {
 
     #[test]
     fn the_used_part_of_a_limit_is_that_of_the_bound_and_a_fraction_is_used_by_what_it_lacks() {
-        let found = |figure: &str, value, bound, limit| Found {
+        let found = |figure: &str, value, bound, limit| SensorFigure {
             figure: figure.to_owned(),
             value,
             bound,
             limit,
-            verdict: Verdict::Accepted,
+            verdict: SensorVerdict::Accepted,
         };
-        let used = |found: &Found| Limited::of(&found.figure).used(found);
+        let used = |found: &SensorFigure| Limited::of(&found.figure).used(found);
         assert_eq!(used(&found("location_mean_mm", Some(0.5), None, 1.0)), Some(0.5));
         assert_eq!(used(&found("location_mean_mm", Some(0.5), Some(0.75), 1.0)), Some(0.75));
         assert_eq!(used(&found("location_within", Some(0.75), None, 0.5)), Some(0.5));

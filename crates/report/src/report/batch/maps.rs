@@ -1,9 +1,9 @@
 //! Maps of the batch's outputs, relative to the design: mean gain, its standard deviation, and mean displacement.
 
 use super::complete;
-use crate::chart::{ChartAxis, Figure, Grid, Hue, Line, Look, Mark, Shape};
+use crate::chart::{ChartAxis, Figure, Grid, Hue, LineStyle, Look, Mark, Shape};
 use crate::report::figures::{Axes, SQUARE_PX, WIDTH_PX, cell, half_cell_mm};
-use crate::report::frame::{Drawn, Section, counted, number, table, words};
+use crate::report::frame::{PageFigure, Section, counted, number, table, words};
 use maud::{Markup, html};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_run::batch::History;
@@ -25,7 +25,7 @@ const LEAST_PERCENT: f64 = 0.01;
 const LISTED_MOST: usize = 256;
 
 /// Changes of the outputs of all sensors, for sensors with the same number of outputs.
-pub(super) struct Outputs<'a> {
+pub(super) struct BatchOutputs<'a> {
     /// Serial number and changes of each sensor.
     pub sensors: Vec<(&'a str, &'a [UnitChange])>,
     count: usize,
@@ -33,24 +33,24 @@ pub(super) struct Outputs<'a> {
 
 /// Mean and standard deviation of an output over the batch.
 #[derive(Clone, Copy, Default)]
-struct Spread {
+struct OutputSpread {
     /// Mean change of the gain, %, and its standard deviation (n - 1), which is not a number for one sensor.
     gain_percent: [f64; 2],
     /// Mean displacement, mm.
     moved_mm: [f64; 2],
 }
 
-impl Outputs<'_> {
+impl BatchOutputs<'_> {
     /// Takes the changes of the complete sensors; `None` if there are none.
-    pub(super) fn of(history: &History) -> Option<Outputs<'_>> {
+    pub(super) fn of(history: &History) -> Option<BatchOutputs<'_>> {
         let all = || complete(history).filter(|(_, ended)| !ended.change.is_empty());
         let count = all().next()?.1.change.len();
         let alike = all().filter(|(_, ended)| ended.change.len() == count);
         let sensors = alike.map(|(_, ended)| (ended.serial.as_str(), ended.change.as_slice())).collect();
-        Some(Outputs { sensors, count })
+        Some(BatchOutputs { sensors, count })
     }
 
-    fn spreads(&self) -> Vec<Spread> {
+    fn spreads(&self) -> Vec<OutputSpread> {
         let of_output = |output: usize| {
             let mean = |value: fn(&UnitChange) -> f64| {
                 self.sensors.iter().map(|(_, changes)| value(&changes[output])).sum::<f64>() / self.sensors.len() as f64
@@ -58,7 +58,7 @@ impl Outputs<'_> {
             let gain = mean(|change| change.gain);
             let squares: f64 = self.sensors.iter().map(|(_, changes)| (changes[output].gain - gain).powi(2)).sum();
             let sd = (squares / (self.sensors.len() as f64 - 1.0)).sqrt();
-            Spread {
+            OutputSpread {
                 gain_percent: [100.0 * (gain - 1.0), 100.0 * sd],
                 moved_mm: [mean(|change| change.x_mm), mean(|change| change.y_mm)],
             }
@@ -69,7 +69,7 @@ impl Outputs<'_> {
 
 /// Draws the maps, if the changes are known.
 pub(super) fn section(history: &History) -> Option<Section> {
-    let outputs = Outputs::of(history)?;
+    let outputs = BatchOutputs::of(history)?;
     let spreads = outputs.spreads();
     let places = places(history, outputs.count);
     let drawn = places.as_ref().map(|places| drawn(&outputs, &spreads, places)).unwrap_or_default();
@@ -93,7 +93,7 @@ fn places(history: &History, count: usize) -> Option<Vec<Place>> {
     [layout, of_units].into_iter().find(|layout| layout.len() == count).map(|layout| layout.places().to_vec())
 }
 
-fn drawn(outputs: &Outputs, spreads: &[Spread], places: &[Place]) -> Vec<Drawn> {
+fn drawn(outputs: &BatchOutputs, spreads: &[OutputSpread], places: &[Place]) -> Vec<PageFigure> {
     let half_mm = half_cell_mm(places);
     let fold = |of: fn(f64, f64) -> f64| {
         let over = |value: fn(&Place) -> f64| places.iter().map(value).reduce(of).unwrap_or_default();
@@ -112,7 +112,7 @@ fn drawn(outputs: &Outputs, spreads: &[Spread], places: &[Place]) -> Vec<Drawn> 
     let map = |title: &str, label: &str, which: usize, range: (f64, f64)| {
         let cells = units.iter().map(|(place, spread)| cell(*place, half_mm, spread.gain_percent[which])).collect();
         let marks = vec![Mark::Cells(ChartAxis::linear(label, range), cells)];
-        Drawn::plain(figure(title, format!("of {}", counted(outputs.sensors.len(), "sensor")), marks))
+        PageFigure::plain(figure(title, format!("of {}", counted(outputs.sensors.len(), "sensor")), marks))
     };
     let most = |which: usize| {
         let values = units.iter().map(|(_, spread)| spread.gain_percent[which].abs());
@@ -123,13 +123,13 @@ fn drawn(outputs: &Outputs, spreads: &[Spread], places: &[Place]) -> Vec<Drawn> 
         .then(|| map("Standard deviation of the gain", "standard deviation of the gain, %", 1, (0.0, most(1))));
     let (marks, times, longest_mm) = displaced(&units, half_mm);
     let subtitle = format!("drawn {times} times as long; longest {longest_mm:.3} mm");
-    let moved = Drawn::plain(figure("Mean displacement of each output", subtitle, marks));
+    let moved = PageFigure::plain(figure("Mean displacement of each output", subtitle, marks));
     [Some(mean), sd, Some(moved)].into_iter().flatten().collect()
 }
 
 /// Returns the mean of the outputs at each place: the channels of a unit have one place.
-fn by_place(spreads: &[Spread], places: &[Place]) -> Vec<(Place, Spread)> {
-    let mut units: Vec<(Place, Vec<Spread>)> = Vec::new();
+fn by_place(spreads: &[OutputSpread], places: &[Place]) -> Vec<(Place, OutputSpread)> {
+    let mut units: Vec<(Place, Vec<OutputSpread>)> = Vec::new();
     for (spread, place) in spreads.iter().zip(places) {
         // the channels of a unit follow each other
         match units.last_mut().filter(|(last, _)| last == place) {
@@ -137,25 +137,29 @@ fn by_place(spreads: &[Spread], places: &[Place]) -> Vec<(Place, Spread)> {
             None => units.push((*place, vec![*spread])),
         }
     }
-    let mean = |channels: &[Spread], value: &dyn Fn(&Spread) -> f64| {
+    let mean = |channels: &[OutputSpread], value: &dyn Fn(&OutputSpread) -> f64| {
         channels.iter().map(value).sum::<f64>() / channels.len() as f64
     };
-    let of_unit = |(place, channels): (Place, Vec<Spread>)| {
-        let both = |value: fn(&Spread) -> [f64; 2]| [0, 1].map(|index| mean(&channels, &|spread| value(spread)[index]));
-        (place, Spread { gain_percent: both(|spread| spread.gain_percent), moved_mm: both(|spread| spread.moved_mm) })
+    let of_unit = |(place, channels): (Place, Vec<OutputSpread>)| {
+        let both =
+            |value: fn(&OutputSpread) -> [f64; 2]| [0, 1].map(|index| mean(&channels, &|spread| value(spread)[index]));
+        (
+            place,
+            OutputSpread { gain_percent: both(|spread| spread.gain_percent), moved_mm: both(|spread| spread.moved_mm) },
+        )
     };
     units.into_iter().map(of_unit).collect()
 }
 
 /// Returns the marks of the displacements, how many times as long they are drawn, and the longest, mm.
-fn displaced(units: &[(Place, Spread)], half_mm: f64) -> (Vec<Mark>, f64, f64) {
+fn displaced(units: &[(Place, OutputSpread)], half_mm: f64) -> (Vec<Mark>, f64, f64) {
     let longest_mm = units.iter().map(|(_, spread)| spread.moved_mm[0].hypot(spread.moved_mm[1])).fold(0.0, f64::max);
     let times = round_times(LONGEST * half_mm / longest_mm);
     let from = |place: &Place| (place.x_mm, place.y_mm);
-    let to = |(place, spread): &(Place, Spread)| {
+    let to = |(place, spread): &(Place, OutputSpread)| {
         (place.x_mm + times * spread.moved_mm[0], place.y_mm + times * spread.moved_mm[1])
     };
-    let place = Look { hue: Hue::Grey, shape: Some(Shape::Circle), filled: false, line: Line::None };
+    let place = Look { hue: Hue::Grey, shape: Some(Shape::Circle), filled: false, line: LineStyle::None };
     let marks = vec![
         Mark::Curve(place, units.iter().map(|(place, _)| from(place)).collect()),
         Mark::Strokes(Hue::Blue, units.iter().map(|unit| (from(&unit.0), to(unit))).collect()),
@@ -174,8 +178,8 @@ fn round_times(most: f64) -> f64 {
 }
 
 /// Returns the table of all outputs, closed until the reader opens it.
-fn listed(spreads: &[Spread]) -> Markup {
-    let row = |(output, spread): (usize, &Spread)| {
+fn listed(spreads: &[OutputSpread]) -> Markup {
+    let row = |(output, spread): (usize, &OutputSpread)| {
         let key = |what: &str| format!("output.{output}.{what}");
         let sd = spread.gain_percent[1];
         vec![
@@ -209,7 +213,7 @@ mod tests {
 
     #[test]
     fn channels_of_a_unit_count_as_one() {
-        let spread = |gain: f64| Spread { gain_percent: [gain, 1.0], moved_mm: [gain, 0.0] };
+        let spread = |gain: f64| OutputSpread { gain_percent: [gain, 1.0], moved_mm: [gain, 0.0] };
         let place = |x: f64| Place::new(x, 0.0);
         let units = by_place(&[1.0, 3.0, 5.0].map(spread), &[place(0.0), place(0.0), place(1.0)]);
         assert_eq!(units.iter().map(|(_, spread)| spread.gain_percent).collect::<Vec<_>>(), [[2.0, 1.0], [5.0, 1.0]]);

@@ -15,7 +15,7 @@ mod sensors;
 mod worst;
 
 pub use compare::batches_page;
-pub use sensors::Link;
+pub use sensors::PageLink;
 
 use super::frame::{Page, Section};
 use maud::html;
@@ -24,7 +24,7 @@ use palpate_run::batch::{Ended, History};
 
 /// Creates a page about one batch. `links` gives the pages that exist about a result. Nothing on the page depends on the time or the
 /// machine, so the same journal and the same links give the same bytes.
-pub fn batch_page(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Page {
+pub fn batch_page(history: &History, links: &dyn Fn(&Ended) -> Vec<PageLink>) -> Page {
     let facts = &history.state.facts;
     let title = format!("Batch {}", facts.name);
     let header = html! {

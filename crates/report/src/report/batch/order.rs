@@ -1,7 +1,7 @@
 //! The axis of the sensors in the order of calibration, and values along it.
 
 use super::limited::{quartiles, sorted};
-use crate::chart::{ChartAxis, Scale};
+use crate::chart::{AxisScale, ChartAxis};
 use palpate_run::batch::History;
 
 /// Largest number of sensors that are drawn one by one. More are drawn in groups of neighbours.
@@ -28,7 +28,7 @@ pub(super) fn axis(history: &History) -> ChartAxis {
     };
     let ticks = (1..=count).filter(|number| number.is_multiple_of(step)).map(tick).collect();
     let range = (0.5, count.max(1) as f64 + 0.5);
-    ChartAxis { label: "sensor, in the order of calibration".to_owned(), scale: Scale::At(ticks), range }
+    ChartAxis { label: "sensor, in the order of calibration".to_owned(), scale: AxisScale::At(ticks), range }
 }
 
 /// Returns the distance between numbers next to the axis: 1, 2 or 5 times a power of ten.

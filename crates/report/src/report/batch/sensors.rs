@@ -3,12 +3,12 @@
 use super::limited::Limited;
 use crate::report::frame::{clock, counted, none, number, section as under, words};
 use maud::{Markup, html};
-use palpate_run::batch::{Ended, History, Item, Standing};
+use palpate_run::batch::{BatchSensor, Ended, History, SensorState};
 use std::collections::HashMap;
 
 /// A page about a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Link {
+pub struct PageLink {
     /// Its name for the reader.
     pub name: &'static str,
     /// Its address, relative to the page.
@@ -20,16 +20,17 @@ const LISTED_MOST: usize = 20;
 const REASONS_MOST: usize = 3;
 
 /// Returns the name of a standing as a key.
-pub(super) fn key(standing: Standing) -> String {
+pub(super) fn key(standing: SensorState) -> String {
     standing.name().replace(' ', "-")
 }
 
 /// Lists the sensors that ended otherwise than accepted, now or before, with the reasons. `None` if there are none.
-pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Option<Markup> {
-    let is_expected = |end: &Standing| matches!(end, Standing::Accepted | Standing::Calibrated | Standing::Waiting);
-    let is_listed = |item: &&Item| !item.ends.iter().chain([&item.standing]).all(is_expected);
+pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<PageLink>) -> Option<Markup> {
+    let is_expected =
+        |end: &SensorState| matches!(end, SensorState::Accepted | SensorState::Calibrated | SensorState::Waiting);
+    let is_listed = |item: &&BatchSensor| !item.ends.iter().chain([&item.standing]).all(is_expected);
     let results = by_serial(history);
-    let all: Vec<&Item> = history.state.items.iter().filter(is_listed).collect();
+    let all: Vec<&BatchSensor> = history.state.items.iter().filter(is_listed).collect();
     let rest = all.len().saturating_sub(LISTED_MOST);
     let body = html! {
         div.wide {
@@ -53,14 +54,14 @@ pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>
 }
 
 /// What became of a sensor, this time and the times before.
-fn result(item: &Item) -> Markup {
+fn result(item: &BatchSensor) -> Markup {
     html! {
         (item.standing.name())
         @if let Some(before) = item.before() { " (" (before) ")" }
     }
 }
 
-fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {
+fn reasons(item: &BatchSensor, ended: Option<&Ended>) -> Markup {
     let reasons = ended.map(|ended| ended.reasons.as_slice()).unwrap_or_default();
     html! {
         @for (index, reason) in reasons.iter().take(REASONS_MOST).chain(&item.note).enumerate() {
@@ -71,7 +72,7 @@ fn reasons(item: &Item, ended: Option<&Ended>) -> Markup {
 }
 
 /// Returns the table of all sensors, closed until the reader opens it.
-pub(super) fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
+pub(super) fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<PageLink>) -> Markup {
     let (quantities, results) = (Limited::all([history]), by_serial(history));
     let items = &history.state.items;
     let body = html! {
@@ -101,7 +102,12 @@ pub(super) fn section(history: &History, links: &dyn Fn(&Ended) -> Vec<Link>) ->
     under("All sensors", &body)
 }
 
-fn row(item: &Item, ended: Option<&Ended>, quantities: &[Limited], links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
+fn row(
+    item: &BatchSensor,
+    ended: Option<&Ended>,
+    quantities: &[Limited],
+    links: &dyn Fn(&Ended) -> Vec<PageLink>,
+) -> Markup {
     let figure = |quantity: &Limited| {
         let value = ended.and_then(|ended| quantity.found(ended)?.value).map(|value| quantity.displayed(value));
         let key = || format!("{}.{}", item.serial, quantity.key);
@@ -120,7 +126,7 @@ fn row(item: &Item, ended: Option<&Ended>, quantities: &[Limited], links: &dyn F
     }
 }
 
-fn linked(serial: &str, ended: Option<&Ended>, links: &dyn Fn(&Ended) -> Vec<Link>) -> Markup {
+fn linked(serial: &str, ended: Option<&Ended>, links: &dyn Fn(&Ended) -> Vec<PageLink>) -> Markup {
     let links = ended.map(links).unwrap_or_default();
     html! {
         (serial)

@@ -2,10 +2,10 @@
 
 use super::complete;
 use super::limited::Limited;
-use super::maps::Outputs;
+use super::maps::BatchOutputs;
 use crate::report::frame::{none, number, percent, section as under, table, words};
 use maud::{Markup, html};
-use palpate_run::batch::{Ended, Found, History};
+use palpate_run::batch::{Ended, History, SensorFigure};
 use palpate_solver::UnitChange;
 
 /// Number of rows of each table.
@@ -48,7 +48,7 @@ fn nearest(history: &History) -> Option<Markup> {
     let row = |(ended, index, used): &(&Ended, usize, f64)| {
         let quantity = &quantities[*index];
         let found = quantity.found(ended);
-        let cell = |what: &str, value: fn(&Found) -> Option<f64>| {
+        let cell = |what: &str, value: fn(&SensorFigure) -> Option<f64>| {
             let value = found.and_then(value).map(|value| quantity.displayed(value));
             value.map_or_else(none, |value| {
                 number(&format!("{}.{}.{what}", ended.serial, quantity.key), value, quantity.digits(), "")
@@ -66,7 +66,7 @@ fn nearest(history: &History) -> Option<Markup> {
 }
 
 fn deviating(history: &History) -> Option<Markup> {
-    let outputs = Outputs::of(history)?;
+    let outputs = BatchOutputs::of(history)?;
     let (gain, moved) = (rms(&outputs, |change| change.gain - 1.0), rms(&outputs, distance_mm));
     let part = |value: f64, of: f64| if of > 0.0 { value / of } else { 0.0 };
     let deviation = |change: &UnitChange| part(change.gain - 1.0, gain).hypot(part(distance_mm(change), moved));
@@ -97,7 +97,7 @@ fn distance_mm(change: &UnitChange) -> f64 {
     change.x_mm.hypot(change.y_mm)
 }
 
-fn rms(outputs: &Outputs, value: impl Fn(&UnitChange) -> f64) -> f64 {
+fn rms(outputs: &BatchOutputs, value: impl Fn(&UnitChange) -> f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
     for change in outputs.sensors.iter().flat_map(|(_, changes)| *changes) {
         sum += value(change).powi(2);

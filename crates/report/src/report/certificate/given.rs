@@ -21,7 +21,7 @@ pub const CERTIFICATE_KEYS: Keys = root::KEYS;
 
 /// Data that a laboratory gives about itself, its customer and the sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Given {
+pub struct CertificateData {
     /// Number of the certificate, unique.
     pub identifier: String,
     /// Revision of the certificate, from 1.
@@ -35,11 +35,11 @@ pub struct Given {
     /// Place where the calibration was performed, in the schema's word.
     pub place: &'static str,
     /// Laboratory that calibrated the sensor.
-    pub laboratory: Contact,
+    pub laboratory: NamedAddress,
     /// Accreditation code of the laboratory.
     pub laboratory_code: Option<String>,
     /// Customer.
-    pub customer: Contact,
+    pub customer: NamedAddress,
     /// Responsible persons: name and role.
     pub responsible: Vec<(String, Option<String>)>,
     /// Name of the sensor.
@@ -60,7 +60,7 @@ pub struct Given {
 
 /// A name with its address.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Contact {
+pub struct NamedAddress {
     /// The name.
     pub name: String,
     /// Street and number.
@@ -157,7 +157,7 @@ keys! {
 ///
 /// # Errors
 /// Every problem of the text, each with its line.
-pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
+pub fn parse(file: &str, text: &str) -> Result<CertificateData, Problems> {
     document::read(file, text, &root::KEYS, |table| {
         let certificate = table.table(&root::certificate).and_then(|table| read_certificate(&table));
         let laboratory = table.table(&root::laboratory);
@@ -187,7 +187,7 @@ pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
             (range(&environment::temperature_c), range(&environment::humidity_percent));
         let (item, manufacturer, model) = item?;
         let (procedure, indenter) = procedure?;
-        Some(Given {
+        Some(CertificateData {
             laboratory: laboratory?,
             laboratory_code,
             customer: customer?,
@@ -205,14 +205,14 @@ pub fn parse(file: &str, text: &str) -> Result<Given, Problems> {
 }
 
 /// Reads `[certificate]`. Values from other tables are left empty.
-fn read_certificate(table: &Table) -> Option<Given> {
+fn read_certificate(table: &Table) -> Option<CertificateData> {
     let identifier = text_of(table, &certificate::identifier);
     let revision = table.whole(&certificate::revision);
     let issued = table.day(&certificate::issued).map(str::to_owned);
     let language = table.word(&certificate::language, &[("en", "en")]).map(str::to_owned);
     let country = country_of(table, &certificate::country);
     let place = table.word(&certificate::place, &PLACES);
-    let nobody = Contact {
+    let nobody = NamedAddress {
         name: String::new(),
         street: None,
         post_code: None,
@@ -220,7 +220,7 @@ fn read_certificate(table: &Table) -> Option<Given> {
         country: String::new(),
         e_mail: None,
     };
-    Some(Given {
+    Some(CertificateData {
         identifier: identifier?,
         revision: revision?,
         issued: issued?,
@@ -241,12 +241,12 @@ fn read_certificate(table: &Table) -> Option<Given> {
     })
 }
 
-fn read_contact(table: &Table) -> Option<Contact> {
+fn read_contact(table: &Table) -> Option<NamedAddress> {
     let [name, street, post_code, city, e_mail] =
         [contact::name, contact::street, contact::post_code, contact::city, contact::e_mail]
             .map(|key| text_of(table, &key));
     let country = country_of(table, &contact::country);
-    Some(Contact { name: name?, street, post_code, city: city?, country: country?, e_mail })
+    Some(NamedAddress { name: name?, street, post_code, city: city?, country: country?, e_mail })
 }
 
 /// Reads a text that isn't empty, and replaces multiple blanks by single ones, as the schema requires.

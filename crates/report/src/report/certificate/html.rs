@@ -1,12 +1,12 @@
 //! The certificate as a page that prints on A4.
 
-use super::given::Contact;
-use super::results::{Results, Row, Uncertainty};
-use super::{Certificate, Instrument, NOT_SIGNED};
+use super::given::NamedAddress;
+use super::results::{ResultRow, ResultTable, Uncertainty};
+use super::{Certificate, NOT_SIGNED, UsedInstrument};
 use crate::report::frame::{document as page, section, table, words};
 use maud::{Markup, html};
 use palpate_core::quantity::round;
-use palpate_data::acceptance::{Decision, Verdict};
+use palpate_data::acceptance::{Decision, SensorVerdict};
 
 /// Returns the complete page.
 pub(super) fn document(certificate: &Certificate<'_>) -> String {
@@ -70,8 +70,9 @@ fn calibration(certificate: &Certificate<'_>) -> Vec<(&'static str, String)> {
 }
 
 fn instruments(certificate: &Certificate<'_>) -> Markup {
-    let row =
-        |Instrument { role, identity, certificate }: &Instrument| [words(role), words(identity), words(certificate)];
+    let row = |UsedInstrument { role, identity, certificate }: &UsedInstrument| {
+        [words(role), words(identity), words(certificate)]
+    };
     let rows: Vec<[Markup; 3]> = certificate.instruments.iter().map(row).collect();
     html! {
         div.wide {
@@ -83,9 +84,9 @@ fn instruments(certificate: &Certificate<'_>) -> Markup {
     }
 }
 
-fn of(results: &Results) -> Markup {
+fn of(results: &ResultTable) -> Markup {
     let head = ["", "result", "expanded uncertainty or 95 % interval", "n"].map(words);
-    let row = |row: &Row| {
+    let row = |row: &ResultRow| {
         let shown = |value: f64| format!("{value:.*}", row.digits);
         let unit = row.unit.symbol();
         let uncertainty = match row.uncertainty {
@@ -104,14 +105,14 @@ fn of(results: &Results) -> Markup {
 
 fn conformity(certificate: &Certificate<'_>) -> Markup {
     let (class, statement) = match certificate.judgement.map(|judgement| judgement.verdict) {
-        Some(Verdict::Accepted) => ("verdict good", "Pass"),
-        Some(Verdict::NotAccepted) => ("verdict bad", "Fail"),
-        Some(Verdict::NotDecided) | None => ("verdict", "No statement"),
+        Some(SensorVerdict::Accepted) => ("verdict good", "Pass"),
+        Some(SensorVerdict::NotAccepted) => ("verdict bad", "Fail"),
+        Some(SensorVerdict::NotDecided) | None => ("verdict", "No statement"),
     };
     let limits = certificate.judgement.map(|judgement| {
         // the simple rule has no bounds
         let is_guarded = judgement.rule == Decision::Guarded.word();
-        let row = |check: &palpate_data::acceptance::Check| {
+        let row = |check: &palpate_data::acceptance::LimitCheck| {
             let shown = |value: Option<f64>| format!("{} {}", check.shown(value), check.kind.unit());
             let mut row = vec![check.kind.full_name(check.reach), shown(check.value)];
             row.extend(is_guarded.then(|| shown(check.bound)));
@@ -152,8 +153,8 @@ fn signatures(certificate: &Certificate<'_>) -> Markup {
     }
 }
 
-fn address(contact: &Contact) -> String {
-    let Contact { name, street, post_code, city, country, e_mail } = contact;
+fn address(contact: &NamedAddress) -> String {
+    let NamedAddress { name, street, post_code, city, country, e_mail } = contact;
     let place = post_code.iter().chain([city]).cloned().collect::<Vec<_>>().join(" ");
     let lines = [Some(name), street.as_ref(), Some(&place), Some(country), e_mail.as_ref()];
     lines.into_iter().flatten().cloned().collect::<Vec<_>>().join(", ")

@@ -1,7 +1,7 @@
 //! A calibration certificate: results of one sensor's runs with all required content. It is written as HTML that prints on A4,
 //! and as the PTB's Digital Calibration Certificate.
 //!
-//! Data that a run doesn't contain is in `certificate.toml` ([`Given`]). The program doesn't sign. The document is based on the
+//! Data that a run doesn't contain is in `certificate.toml` ([`CertificateData`]). The program doesn't sign. The document is based on the
 //! journals whose SHA-256 it states.
 
 mod given;
@@ -9,16 +9,16 @@ mod html;
 mod results;
 mod xml;
 
-pub use given::{CERTIFICATE_KEYS, Contact, Given, parse};
+pub use given::{CERTIFICATE_KEYS, CertificateData, NamedAddress, parse};
 
 use super::frame::capital;
-use super::{Judged, Subject};
+use super::{SensorResults, Subject};
 use miette::Diagnostic;
-use palpate_data::acceptance::{Check, Decision, Judgement};
+use palpate_data::acceptance::{Decision, Judgement, LimitCheck};
 use palpate_data::dataset::{DatasetError, Imported, Status, journal_sha256};
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
-use results::{Results, results};
+use results::{ResultTable, results};
 use thiserror::Error;
 
 /// Statement about signatures in every certificate.
@@ -27,7 +27,7 @@ pub(crate) const NOT_SIGNED: &str = "This document is not signed by the program 
 
 /// A certificate, ready for writing.
 pub struct Certificate<'a> {
-    given: &'a Given,
+    given: &'a CertificateData,
     /// ID of the sensor.
     sensor: String,
     /// Other labels of the runs, each once.
@@ -40,8 +40,8 @@ pub struct Certificate<'a> {
     /// Executed recipes and imports.
     runs: Vec<String>,
     imported: Vec<Imported>,
-    instruments: Vec<Instrument>,
-    results: Vec<Results>,
+    instruments: Vec<UsedInstrument>,
+    results: Vec<ResultTable>,
     judgement: Option<&'a Judgement>,
     journals: Vec<JournalHash>,
     not_measured: Vec<String>,
@@ -50,7 +50,7 @@ pub struct Certificate<'a> {
 }
 
 /// Instrument that was used for the measurement.
-struct Instrument {
+struct UsedInstrument {
     role: &'static str,
     /// Identity reported by the instrument.
     identity: String,
@@ -111,7 +111,11 @@ impl<'a> Certificate<'a> {
     ///
     /// # Errors
     /// There is no sensor ID or no measurement, or a journal can't be read.
-    pub fn of(subject: &Subject, judged: &'a Judged, given: &'a Given) -> Result<Certificate<'a>, CertificateError> {
+    pub fn of(
+        subject: &Subject,
+        judged: &'a SensorResults,
+        given: &'a CertificateData,
+    ) -> Result<Certificate<'a>, CertificateError> {
         let first = || subject.runs[0].name();
         let sensor = subject.runs.iter().find_map(|run| run.manifest.facts.labels.sensor.clone());
         let sensor = sensor.ok_or_else(|| CertificateError::NoSensor { run: first() })?;
@@ -222,7 +226,7 @@ impl<'a> Certificate<'a> {
 }
 
 /// Returns a limit together with the measured value.
-fn limit(check: &Check) -> String {
+fn limit(check: &LimitCheck) -> String {
     let bound = check.bound.map(|bound| format!(", bound {}", check.shown(Some(bound)))).unwrap_or_default();
     let (name, found) = (check.kind.full_name(check.reach), check.shown(check.value));
     let limit = check.shown(Some(check.limit));
@@ -230,8 +234,8 @@ fn limit(check: &Check) -> String {
 }
 
 /// Returns stage and load cell with their own certificates, each once.
-fn instruments(subject: &Subject) -> Vec<Instrument> {
-    let mut all: Vec<Instrument> = Vec::new();
+fn instruments(subject: &Subject) -> Vec<UsedInstrument> {
+    let mut all: Vec<UsedInstrument> = Vec::new();
     for (run, bench) in subject.runs.iter().zip(&subject.benches) {
         for (role, name) in
             [("stage", "stage"), ("load_cell", "load cell"), ("array", "converter of the sensor's outputs")]
@@ -243,7 +247,7 @@ fn instruments(subject: &Subject) -> Vec<Instrument> {
                 .iter()
                 .any(|known| known.role == name && known.identity == identity && known.certificate == certificate)
             {
-                all.push(Instrument { role: name, identity, certificate });
+                all.push(UsedInstrument { role: name, identity, certificate });
             }
         }
     }
@@ -272,7 +276,7 @@ fn certificate_of(role: &str, rig: Option<&RigSpec>) -> String {
 }
 
 /// Returns quantities that a reader may expect on a certificate, but that weren't measured.
-fn not_measured(subject: &Subject, judged: &Judged, given: &Given) -> Vec<String> {
+fn not_measured(subject: &Subject, judged: &SensorResults, given: &CertificateData) -> Vec<String> {
     let has = |phase| subject.presses.sound(phase).next().is_some();
     let missing = [
         (judged.evaluations.is_empty(), "Errors of location and force: no test was evaluated."),

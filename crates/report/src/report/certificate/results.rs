@@ -1,26 +1,26 @@
 //! Results of a certificate: each value with its unit, its uncertainty, and its number of readings.
 
-use crate::report::{Judged, Subject};
+use crate::report::{SensorResults, Subject};
 use palpate_core::quantity::percentile;
 use palpate_data::acceptance::bound::{coverage_factor, quantile_interval, quantile_interval_least};
 use palpate_data::dataset::characteristics::{
-    Known, Repeatability, Staircases, UnitCharacteristics, characterise, repeats,
+    RepeatUncertainty, Repeatability, Staircases, UnitCharacteristics, characterise, repeats,
 };
 use palpate_solver::{Evaluation, PressError};
 use statrs::statistics::Statistics as _;
 
 /// A table of results.
-pub(super) struct Results {
+pub(super) struct ResultTable {
     /// Title of the table.
     pub title: &'static str,
     /// Definitions of the values, and the components of their uncertainties.
     pub method: String,
     /// Values of the table.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ResultRow>,
 }
 
 /// One result.
-pub(super) struct Row {
+pub(super) struct ResultRow {
     /// Name of the result.
     pub name: String,
     /// Value, in `unit`.
@@ -86,14 +86,14 @@ impl Unit {
 type Error = fn(&PressError) -> Option<f64>;
 
 /// Returns all measured results of a sensor.
-pub(super) fn results(subject: &Subject, judged: &Judged) -> Vec<Results> {
+pub(super) fn results(subject: &Subject, judged: &SensorResults) -> Vec<ResultTable> {
     let test = judged.decisive().map(|evaluation| of_test(subject, judged, evaluation));
     let units = Staircases::of_run(&subject.presses, subject.layout()).map(|staircases| of_units(&staircases));
     test.into_iter().chain(units).collect()
 }
 
 /// Returns the errors of location and force.
-fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Results {
+fn of_test(subject: &Subject, judged: &SensorResults, evaluation: &Evaluation) -> ResultTable {
     let truths = [subject.u_place_mm(), judged.u_force_n];
     let kinds: [(&str, Unit, usize, Error); 2] = [
         ("location error", Unit::Millimetre, 3, |press| Some(press.location_error_mm)),
@@ -110,7 +110,7 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         let uncertainty =
             if u.is_finite() { Uncertainty::Expanded { expanded: k * u, k } } else { Uncertainty::NotStated };
         let value = sizes.iter().mean();
-        rows.push(Row { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
+        rows.push(ResultRow { name: format!("{name}, mean"), value, unit, digits, uncertainty, n });
         sizes.sort_by(f64::total_cmp);
         let interval = quantile_interval(&sizes, 0.95);
         if interval.is_none() {
@@ -121,7 +121,7 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         }
         let uncertainty = interval.map_or(Uncertainty::NotStated, |(low, high)| Uncertainty::Interval(low, high));
         let value = percentile(&sizes, 0.95);
-        rows.push(Row { name: format!("{name}, 95th percentile"), value, unit, digits, uncertainty, n });
+        rows.push(ResultRow { name: format!("{name}, 95th percentile"), value, unit, digits, uncertainty, n });
     }
     let included = |what: &str, truth: Option<f64>, unit: &str| match truth {
         Some(u) => format!("The standard uncertainty of the {what}, {u:.4} {unit}, is included in the means."),
@@ -133,14 +133,14 @@ fn of_test(subject: &Subject, judged: &Judged, evaluation: &Evaluation) -> Resul
         included("places", truths[0], "mm"),
         included("forces", truths[1], "N")
     );
-    Results { title: "Errors of the test", method, rows }
+    ResultTable { title: "Errors of the test", method, rows }
 }
 
-type Value = fn(&UnitCharacteristics) -> Option<f64>;
-type IsKnown = fn(&UnitCharacteristics) -> Option<Known>;
+type ResultValue = fn(&UnitCharacteristics) -> Option<f64>;
+type IsKnown = fn(&UnitCharacteristics) -> Option<RepeatUncertainty>;
 
 /// Characteristics except repeatability: the name, the value, and whether the uncertainty is known.
-const OTHERS: [(&str, Value, IsKnown); 4] = [
+const OTHERS: [(&str, ResultValue, IsKnown); 4] = [
     ("hysteresis", |unit| unit.hysteresis_percent, |unit| unit.hysteresis_known),
     ("hysteresis, % of reading", |unit| unit.hysteresis_of_reading_percent, |unit| unit.hysteresis_of_reading_known),
     ("linearity", |unit| unit.linearity_percent, |unit| unit.linearity_known),
@@ -148,13 +148,13 @@ const OTHERS: [(&str, Value, IsKnown); 4] = [
 ];
 
 /// Returns the characteristics of each unit, % of full scale.
-fn of_units(staircases: &Staircases) -> Results {
+fn of_units(staircases: &Staircases) -> ResultTable {
     let definition = Repeatability::default();
     let mut rows = Vec::new();
     for (unit, readings) in characterise(staircases, definition).into_iter().zip(&staircases.readings) {
         let row = |name: &str, value, uncertainty| {
             let name = format!("unit {}, {name}", unit.name());
-            Row { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: repeats(readings) }
+            ResultRow { name, value, unit: Unit::Percent, digits: 2, uncertainty, n: repeats(readings) }
         };
         let repeated = [
             ("repeatability, loading", unit.repeatability_loading_percent, unit.repeatability_loading_interval_percent),
@@ -170,12 +170,12 @@ fn of_units(staircases: &Staircases) -> Results {
         }
         for (name, value, known) in OTHERS {
             let known = known(&unit);
-            let uncertainty = known.map_or(Uncertainty::NotStated, |Known { u, n, .. }| {
+            let uncertainty = known.map_or(Uncertainty::NotStated, |RepeatUncertainty { u, n, .. }| {
                 let k = coverage_factor(n as f64 - 1.0);
                 Uncertainty::Expanded { expanded: k * u, k }
             });
             let n = known.map_or(repeats(readings), |known| known.n);
-            rows.extend(value(&unit).map(|value| Row { n, ..row(name, value, uncertainty) }));
+            rows.extend(value(&unit).map(|value| ResultRow { n, ..row(name, value, uncertainty) }));
         }
     }
     let method = format!(
@@ -183,5 +183,5 @@ fn of_units(staircases: &Staircases) -> Results {
          the scatter of the repeats only. The other terms are defined in the report.",
         definition.definition()
     );
-    Results { title: "Characteristics of each unit", method, rows }
+    ResultTable { title: "Characteristics of each unit", method, rows }
 }

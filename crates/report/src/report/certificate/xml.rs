@@ -1,9 +1,9 @@
 //! The certificate as PTB's Digital Calibration Certificate, schema 3.2.0, with quantities in D-SI 2.1.0.
 
-use super::given::Contact;
-use super::results::{Results, Row, Uncertainty};
-use super::{Certificate, Instrument, NOT_SIGNED};
-use palpate_data::acceptance::Verdict;
+use super::given::NamedAddress;
+use super::results::{ResultRow, ResultTable, Uncertainty};
+use super::{Certificate, NOT_SIGNED, UsedInstrument};
+use palpate_data::acceptance::SensorVerdict;
 use std::fmt::Write as _;
 
 /// Namespaces of the schema and of D-SI.
@@ -102,7 +102,7 @@ fn measurement(xml: &mut Xml, certificate: &Certificate<'_>) {
     });
     xml.within("dcc:usedSoftware", |xml| software(xml, certificate));
     xml.within("dcc:measuringEquipments", |xml| {
-        for Instrument { role, identity, certificate } in &certificate.instruments {
+        for UsedInstrument { role, identity, certificate } in &certificate.instruments {
             xml.within("dcc:measuringEquipment", |xml| {
                 xml.named("dcc:name", role);
                 xml.named("dcc:description", &format!("{identity}; {certificate}"));
@@ -145,15 +145,15 @@ fn measurement(xml: &mut Xml, certificate: &Certificate<'_>) {
             xml.named("dcc:declaration", &certificate.conformity());
             // not decided: no statement
             match certificate.judgement.map(|judgement| judgement.verdict) {
-                Some(Verdict::Accepted) => xml.leaf("dcc:conformity", "pass"),
-                Some(Verdict::NotAccepted) => xml.leaf("dcc:conformity", "fail"),
-                Some(Verdict::NotDecided) | None => {}
+                Some(SensorVerdict::Accepted) => xml.leaf("dcc:conformity", "pass"),
+                Some(SensorVerdict::NotAccepted) => xml.leaf("dcc:conformity", "fail"),
+                Some(SensorVerdict::NotDecided) | None => {}
             }
         });
     });
 }
 
-fn table(xml: &mut Xml, results: &Results) {
+fn table(xml: &mut Xml, results: &ResultTable) {
     xml.within("dcc:result", |xml| {
         xml.named("dcc:name", results.title);
         xml.named("dcc:description", &results.method);
@@ -163,7 +163,7 @@ fn table(xml: &mut Xml, results: &Results) {
     });
 }
 
-fn quantity(xml: &mut Xml, row: &Row) {
+fn quantity(xml: &mut Xml, row: &ResultRow) {
     xml.within("dcc:quantity", |xml| {
         xml.named("dcc:name", &row.name);
         xml.named("dcc:description", &format!("from {} readings", row.n));
@@ -212,7 +212,7 @@ fn statement(xml: &mut Xml, name: &str, told: &str) {
     });
 }
 
-fn contact(xml: &mut Xml, contact: &Contact) {
+fn contact(xml: &mut Xml, contact: &NamedAddress) {
     xml.named("dcc:name", &contact.name);
     if let Some(e_mail) = &contact.e_mail {
         xml.leaf("dcc:eMail", e_mail);

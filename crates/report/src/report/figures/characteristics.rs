@@ -2,11 +2,11 @@
 
 use super::arrangement::MOST_UNITS;
 use super::{arranged, left_out, title};
-use crate::chart::{ChartAxis, Figure, Hue, Line, Look, Mark, Panel, Shape};
+use crate::chart::{ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel, Shape};
 use crate::report::Subject;
-use crate::report::frame::Drawn;
+use crate::report::frame::PageFigure;
 use palpate_control::Branch;
-use palpate_data::dataset::characteristics::{HeldLevel, Level, Staircases, by_series};
+use palpate_data::dataset::characteristics::{HeldLevel, LevelMicronewton, Staircases, by_series};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ const HIGHEST_PX: f64 = 104.0;
 const HEIGHT: f64 = 0.9;
 
 /// Draws a panel for each unit, with a line for each of its channels and branches.
-pub(super) fn characteristics(subject: &Subject) -> Option<Drawn> {
+pub(super) fn characteristics(subject: &Subject) -> Option<PageFigure> {
     let staircases = Staircases::of_run(&subject.presses, subject.layout())?;
     let is_pressed = |unit: &Range<usize>| staircases.readings[unit.clone()].iter().any(|held| !held.is_empty());
     let pressed: Vec<Range<usize>> = subject.layout().units().filter(is_pressed).collect();
@@ -38,7 +38,7 @@ pub(super) fn characteristics(subject: &Subject) -> Option<Drawn> {
             let lines = by_series(readings)
                 .into_iter()
                 .map(move |held| Mark::Curve(Look { shape: None, ..look }, means(&held, branch)));
-            lines.chain([Mark::Curve(Look { line: Line::None, ..look }, points)]).collect::<Vec<Mark>>()
+            lines.chain([Mark::Curve(Look { line: LineStyle::None, ..look }, points)]).collect::<Vec<Mark>>()
         };
         looks(channel, channels).into_iter().flat_map(of_branch)
     };
@@ -64,22 +64,22 @@ pub(super) fn characteristics(subject: &Subject) -> Option<Drawn> {
         legend: (0..channels).map(entry).collect(),
         notes: left_out(pressed.len() - drawn.len()),
     };
-    Some(Drawn::plain(figure))
+    Some(PageFigure::plain(figure))
 }
 
 /// Returns the look of each branch of a channel. With several channels the colour is the channel's.
 fn looks(channel: usize, channels: usize) -> [(Branch, Look); 2] {
     let [loading, unloading] = if channels > 1 { [CHANNELS[channel % CHANNELS.len()]; 2] } else { BRANCHES };
-    let look = |hue: Hue, shape: Shape, line: Line| Look { hue, shape: Some(shape), filled: false, line };
+    let look = |hue: Hue, shape: Shape, line: LineStyle| Look { hue, shape: Some(shape), filled: false, line };
     [
-        (Branch::Loading, look(loading, Shape::Circle, Line::Solid)),
-        (Branch::Unloading, look(unloading, Shape::Square, Line::Dashed)),
+        (Branch::Loading, look(loading, Shape::Circle, LineStyle::Solid)),
+        (Branch::Unloading, look(unloading, Shape::Square, LineStyle::Dashed)),
     ]
 }
 
 /// Returns the mean force and output of each level of a branch.
 fn means(readings: &[HeldLevel], branch: Branch) -> Vec<(f64, f64)> {
-    let mut levels: BTreeMap<Level, (f64, f64, f64)> = BTreeMap::new();
+    let mut levels: BTreeMap<LevelMicronewton, (f64, f64, f64)> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.branch == branch) {
         let (count, force_n, output) = levels.entry(reading.level()).or_default();
         (*count, *force_n, *output) = (*count + 1.0, *force_n + reading.force_n, *output + reading.output);

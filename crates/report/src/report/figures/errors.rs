@@ -1,9 +1,9 @@
 //! Distribution of the errors, and their dependence on force and on distance from the edge of the area.
 
 use super::{WIDTH_PX, methods, name};
-use crate::chart::{Anchor, ChartAxis, Figure, Grid, Line, Look, Mark, Panel, Part, Shape};
-use crate::report::frame::{Drawn, Section, capital};
-use crate::report::{Judged, Subject};
+use crate::chart::{Anchor, ChartAxis, Figure, Grid, LineStyle, Look, Mark, Panel, Shape, WidthPart};
+use crate::report::frame::{PageFigure, Section, capital};
+use crate::report::{SensorResults, Subject};
 use maud::html;
 use palpate_core::quantity::Place;
 use palpate_data::recipe::Phase;
@@ -11,7 +11,7 @@ use palpate_solver::{Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, Press
 
 /// One of the two errors of a press.
 #[derive(Clone, Copy)]
-struct Kind {
+struct PlottedError {
     name: &'static str,
     label: &'static str,
     of: fn(&PressError) -> Option<f64>,
@@ -21,14 +21,14 @@ struct Kind {
     widths: [f64; 6],
 }
 
-const LOCATION: Kind = Kind {
+const LOCATION: PlottedError = PlottedError {
     name: "location error",
     label: "location error, mm",
     of: |press| Some(press.location_error_mm),
     reference: (LOCATION_REFERENCE_MM, "1 mm"),
     widths: [0.02, 0.05, 0.1, 0.2, 0.5, 1.0],
 };
-const FORCE: Kind = Kind {
+const FORCE: PlottedError = PlottedError {
     name: "force error",
     label: "force error, N",
     of: |press| press.force_error_n,
@@ -46,12 +46,12 @@ const PARTS: usize = 6;
 const FEWEST: usize = 3;
 
 /// Draws a histogram of each error, with the cumulative fraction below it.
-pub(crate) fn distributions(judged: &Judged) -> Option<Section> {
-    let drawn: Vec<Drawn> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
+pub(crate) fn distributions(judged: &SensorResults) -> Option<Section> {
+    let drawn: Vec<PageFigure> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
     Section::of_figures("Distribution of the errors", &html! {}, drawn)
 }
 
-fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
+fn distribution(kind: PlottedError, judged: &SensorResults) -> Option<PageFigure> {
     let errors = |evaluation: &Evaluation| {
         let mut errors: Vec<f64> = evaluation.presses.iter().filter_map(kind.of).collect();
         errors.sort_by(f64::total_cmp);
@@ -71,8 +71,8 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         errors.iter().for_each(|error| heights[((error / width) as usize).min(columns - 1)] += 100.0 / count);
         let at = |column: usize| (column as f64 * width, (column + 1) as f64 * width);
         let heights = heights.iter().enumerate().map(|(i, h)| (at(i), *h)).collect();
-        counted.push(Mark::Columns(look.hue, Part { index, of: all.len() }, heights));
-        let line = if index == 0 { Line::Solid } else { Line::Dashed };
+        counted.push(Mark::Columns(look.hue, WidthPart { index, of: all.len() }, heights));
+        let line = if index == 0 { LineStyle::Solid } else { LineStyle::Dashed };
         let one_in = errors.len().div_ceil(MOST_POINTS).max(1);
         let share = |index: usize| 100.0 * (index + 1) as f64 / count;
         let is_drawn = |index: &usize| index.is_multiple_of(one_in) || index + 1 == errors.len();
@@ -110,11 +110,11 @@ fn distribution(kind: Kind, judged: &Judged) -> Option<Drawn> {
         legend,
         notes,
     };
-    Some(Drawn::plain(figure).named(&format!("{}s", kind.name)))
+    Some(PageFigure::plain(figure).named(&format!("{}s", kind.name)))
 }
 
 /// Draws both errors as functions of the force, and of the distance from the edge.
-pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section> {
+pub(crate) fn dependences(subject: &Subject, judged: &SensorResults) -> Option<Section> {
     let (least, most) = subject.area()?;
     let edge_mm = |place: Place| {
         let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);
@@ -130,7 +130,8 @@ pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section>
         let outside = if is_negative { "; negative: outside it" } else { "" };
         let panels: Vec<Panel> =
             [LOCATION, FORCE].into_iter().filter_map(|kind| panel(kind, label, of, judged)).collect();
-        let legend = methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: Line::Solid, ..look }, name(e))]);
+        let legend =
+            methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: LineStyle::Solid, ..look }, name(e))]);
         let figure = Figure {
             title: title.to_owned(),
             subtitle: format!("a mark for each press; bars: mean of each part with {FEWEST} or more presses{outside}"),
@@ -140,9 +141,9 @@ pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section>
             legend: legend.collect(),
             ..Figure::default()
         };
-        (!figure.panels.is_empty()).then(|| Drawn::plain(figure).named(stem))
+        (!figure.panels.is_empty()).then(|| PageFigure::plain(figure).named(stem))
     };
-    let drawn: Vec<Drawn> = [
+    let drawn: Vec<PageFigure> = [
         dependence("Errors against the force", "errors-against-force", "force, N", &force_n),
         dependence(
             "Errors against the distance from the edge",
@@ -157,7 +158,7 @@ pub(crate) fn dependences(subject: &Subject, judged: &Judged) -> Option<Section>
     Section::of_figures("Errors against the force and against the distance from the edge", &html! {}, drawn)
 }
 
-fn panel(kind: Kind, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &Judged) -> Option<Panel> {
+fn panel(kind: PlottedError, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &SensorResults) -> Option<Panel> {
     let points = |evaluation: &Evaluation| -> Vec<(f64, f64)> {
         evaluation.presses.iter().filter_map(|press| Some((of(press), (kind.of)(press)?))).collect()
     };
@@ -195,6 +196,6 @@ fn part_of(value: f64, first: f64, width: f64) -> usize {
     (((value - first) / width) as usize).min(PARTS - 1)
 }
 
-fn unit(kind: Kind) -> &'static str {
+fn unit(kind: PlottedError) -> &'static str {
     kind.label.rsplit(' ').next().unwrap_or_default()
 }

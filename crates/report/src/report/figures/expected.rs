@@ -2,9 +2,9 @@
 
 use super::map::Axes;
 use super::{SQUARE_PX, WIDTH_PX};
-use crate::chart::{Cell, ChartAxis, Figure, Grid, Mark, Scale};
-use crate::report::frame::{Drawn, Section};
-use crate::report::{Judged, Subject};
+use crate::chart::{AxisScale, ChartAxis, ColouredCell, Figure, Grid, Mark};
+use crate::report::frame::{PageFigure, Section};
+use crate::report::{SensorResults, Subject};
 use maud::html;
 use palpate_core::quantity::Place;
 use palpate_data::recipe::Phase;
@@ -19,7 +19,7 @@ const LEAST_RATIO: f64 = 1.01;
 const MOST_RATIO: f64 = 100.0;
 
 /// Draws a map of the expected location error.
-pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
+pub(crate) fn expected(subject: &Subject, judged: &SensorResults) -> Option<Section> {
     let (least, most) = subject.area()?;
     let solver: &Fitted = judged.expecting.as_ref()?;
     let mut forces: Vec<f64> = subject.presses.sound(Phase::Test).filter_map(|press| press.force_set_n).collect();
@@ -35,14 +35,14 @@ pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
     let largest = errors.iter().map(|(_, mm)| *mm).fold(best, f64::max);
     let colours = ChartAxis {
         label: "expected location error, mm".to_owned(),
-        scale: Scale::Log,
+        scale: AxisScale::Log,
         range: (best, largest.clamp(LEAST_RATIO * best, MOST_RATIO * best)),
     };
     let half = |least_mm: f64, most_mm: f64| 0.5 * (most_mm - least_mm) / SIDE as f64;
     let (half_x, half_y) = (half(least.x_mm, most.x_mm), half(least.y_mm, most.y_mm));
     // a line of places has cells too
     let (half_x, half_y) = (if half_x > 0.0 { half_x } else { half_y }, if half_y > 0.0 { half_y } else { half_x });
-    let cell = |(Place { x_mm, y_mm }, mm): &(Place, f64)| Cell {
+    let cell = |(Place { x_mm, y_mm }, mm): &(Place, f64)| ColouredCell {
         x: (x_mm - half_x, x_mm + half_x),
         y: (y_mm - half_y, y_mm + half_y),
         value: *mm,
@@ -68,6 +68,6 @@ pub(crate) fn expected(subject: &Subject, judged: &Judged) -> Option<Section> {
         notes,
         ..Figure::default()
     };
-    let drawn = vec![Drawn::plain(figure).named("expected-location-error")];
+    let drawn = vec![PageFigure::plain(figure).named("expected-location-error")];
     Section::of_figures("Expected location error", &html! {}, drawn)
 }

@@ -2,14 +2,14 @@
 
 use super::map::Axes;
 use super::{SQUARE_PX, WIDTH_PX};
-use crate::chart::{Anchor, Figure, Grid, Hue, Line, Look, Mark, Shape};
+use crate::chart::{Anchor, Figure, Grid, Hue, LineStyle, Look, Mark, Shape};
 use crate::report::Subject;
-use crate::report::frame::{Drawn, counted};
+use crate::report::frame::{PageFigure, counted};
 use palpate_core::quantity::Place;
 use palpate_data::recipe::Phase;
 
-const UNIT: Look = Look { hue: Hue::Blue, shape: Some(Shape::Square), filled: true, line: Line::None };
-const PRESSED: Look = Look { hue: Hue::Grey, shape: Some(Shape::Dot), filled: true, line: Line::None };
+const UNIT: Look = Look { hue: Hue::Blue, shape: Some(Shape::Square), filled: true, line: LineStyle::None };
+const PRESSED: Look = Look { hue: Hue::Grey, shape: Some(Shape::Dot), filled: true, line: LineStyle::None };
 /// Margin beyond the outermost places, as a fraction of the larger side. The second constant is its least width, mm.
 const ROOM: f64 = 0.08;
 const LEAST_ROOM_MM: f64 = 0.5;
@@ -19,7 +19,7 @@ const NAMED_MOST: usize = 64;
 const MOST_PLACES: usize = 2500;
 
 /// Draws the layout; `None` if the positions of the units are unknown.
-pub(super) fn layout(subject: &Subject) -> Option<Drawn> {
+pub(super) fn layout(subject: &Subject) -> Option<PageFigure> {
     let units: Vec<Place> = subject.placed()?.one_per_unit().places().to_vec();
     let pressed: Vec<Place> = subject.presses.sound(Phase::Calibration).map(|press| press.place()).collect();
     let one_in = pressed.len().div_ceil(MOST_PLACES).max(1);
@@ -47,5 +47,5 @@ pub(super) fn layout(subject: &Subject) -> Option<Drawn> {
         legend: vec![legend],
         notes: Vec::new(),
     };
-    Some(Drawn::plain(figure).named("layout"))
+    Some(PageFigure::plain(figure).named("layout"))
 }

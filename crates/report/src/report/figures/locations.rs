@@ -2,10 +2,10 @@
 
 use super::map::Axes;
 use super::{NARROW_PX, NARROW_SQUARE_PX, methods, name, stem};
-use crate::chart::{Figure, Grid, Hue, Line, Look, Mark, Shape};
-use crate::report::Judged;
-use crate::report::frame::Drawn;
-use crate::report::numbers::{Numbers, Value};
+use crate::chart::{Figure, Grid, Hue, LineStyle, Look, Mark, Shape};
+use crate::report::SensorResults;
+use crate::report::frame::PageFigure;
+use crate::report::numbers::{NumberCell, Numbers};
 use palpate_core::quantity::Place;
 use palpate_solver::{Evaluation, PressError};
 
@@ -14,10 +14,10 @@ const MOST_PRESSES: usize = 500;
 /// Margin beyond the outermost places, mm.
 const ROOM_MM: f64 = 0.5;
 /// Look of a true place, for every method.
-const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: Line::None };
+const TRUE: Look = Look { hue: Hue::Ink, shape: Some(Shape::Circle), filled: false, line: LineStyle::None };
 
 /// Draws a map for each method, all over the same area.
-pub(crate) fn locations(judged: &Judged) -> Vec<Drawn> {
+pub(crate) fn locations(judged: &SensorResults) -> Vec<PageFigure> {
     let shown = || judged.evaluations.iter().flat_map(presses);
     let all = || shown().flat_map(|press| [press.place_true, press.place_solved]);
     let corner = |of: fn(f64, f64) -> f64| all().reduce(|a, b| Place::new(of(a.x_mm, b.x_mm), of(a.y_mm, b.y_mm)));
@@ -36,9 +36,9 @@ fn presses(evaluation: &Evaluation) -> impl Iterator<Item = &PressError> {
     evaluation.presses.iter().step_by(one_in(evaluation))
 }
 
-fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
+fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> PageFigure {
     let mm = |place: Place| (place.x_mm, place.y_mm);
-    let predicted = Look { shape: Some(Shape::Cross), line: Line::None, ..look };
+    let predicted = Look { shape: Some(Shape::Cross), line: LineStyle::None, ..look };
     let marks = vec![
         Mark::Strokes(look.hue, presses(evaluation).map(|p| (mm(p.place_true), mm(p.place_solved))).collect()),
         Mark::Curve(TRUE, presses(evaluation).map(|press| mm(press.place_true)).collect()),
@@ -55,7 +55,7 @@ fn one(look: Look, evaluation: &Evaluation, axes: &Axes) -> Drawn {
         legend: vec![vec![(TRUE, "true".to_owned()), (predicted, "predicted".to_owned())]],
         notes,
     };
-    Drawn::plain(figure).named(&format!("locations-{}", stem(evaluation))).with(numbers(evaluation))
+    PageFigure::plain(figure).named(&format!("locations-{}", stem(evaluation))).with(numbers(evaluation))
 }
 
 /// Returns a table with a row for each drawn press. The number is that of the test press, from 1.
@@ -63,7 +63,7 @@ fn numbers(evaluation: &Evaluation) -> Numbers {
     let row = |press: &PressError| {
         let (at, found) = (press.place_true, press.place_solved);
         let number = (press.index + 1) as f64;
-        [number, at.x_mm, at.y_mm, found.x_mm, found.y_mm, press.location_error_mm].map(Value::Number).to_vec()
+        [number, at.x_mm, at.y_mm, found.x_mm, found.y_mm, press.location_error_mm].map(NumberCell::Number).to_vec()
     };
     let head = ["test_press", "x_true_mm", "y_true_mm", "x_predicted_mm", "y_predicted_mm", "location_error_mm"];
     Numbers::new(&head, presses(evaluation).map(row).collect())

@@ -2,9 +2,9 @@
 
 use super::arrangement::MOST_UNITS;
 use super::{arranged, left_out, title};
-use crate::chart::{Cell, ChartAxis, Figure, Mark, Panel};
+use crate::chart::{ChartAxis, ColouredCell, Figure, Mark, Panel};
 use crate::report::Subject;
-use crate::report::frame::{Drawn, counted};
+use crate::report::frame::{PageFigure, counted};
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::Press;
 use palpate_data::recipe::Phase;
@@ -18,14 +18,14 @@ const MOST_CELLS: usize = 60_000;
 const PANEL_PX: f64 = 70.0;
 
 /// Draws a map for each unit; with several channels a figure for each of them.
-pub(super) fn matrices(subject: &Subject) -> Vec<Drawn> {
+pub(super) fn matrices(subject: &Subject) -> Vec<PageFigure> {
     let units: Vec<Range<usize>> = subject.layout().units().collect();
     let channels = units.iter().map(Range::len).max().unwrap_or(0);
     (0..channels).filter_map(|channel| matrix(subject, &units, (channels > 1).then_some(channel))).collect()
 }
 
 /// Draws the maps of a channel, or of the only one.
-fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> Option<Drawn> {
+fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> Option<PageFigure> {
     let (least, most) = subject.area()?;
     let presses: Vec<_> = subject.presses.sound(Phase::Calibration).collect();
     let drawn: Vec<_> = presses.iter().step_by(presses.len().div_ceil(MOST_PRESSES).max(1)).collect();
@@ -34,7 +34,7 @@ fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> 
     let (index, all) = (channel.unwrap_or(0), units.len());
     let units = &units[..all.min(MOST_UNITS).min(most_units.max(1))];
     let outputs: Vec<Option<usize>> = units.iter().map(|unit| unit.clone().nth(index)).collect();
-    let load = Load::of(&presses);
+    let load = MapLoad::of(&presses);
     let shares =
         || outputs.iter().flatten().flat_map(|unit| drawn.iter().map(|row| load.share(row, row.outputs[*unit])));
     let (quietest, loudest) = (shares().reduce(f64::min)?, shares().reduce(f64::max)?);
@@ -60,57 +60,57 @@ fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> 
         ..Figure::default()
     };
     let of_channel = channel.map(|channel| format!("-{}", channel + 1)).unwrap_or_default();
-    Some(Drawn::plain(figure).named(&format!("output-by-place{of_channel}")))
+    Some(PageFigure::plain(figure).named(&format!("output-by-place{of_channel}")))
 }
 
 /// Load of a calibration's presses, N.
 #[derive(Clone, Copy)]
-enum Load {
+enum MapLoad {
     /// All presses with one force.
     One(f64),
     /// Presses with forces in this range; outputs are divided by the forces.
     Many(f64, f64),
 }
 
-impl Load {
-    fn of(presses: &[&Press]) -> Load {
+impl MapLoad {
+    fn of(presses: &[&Press]) -> MapLoad {
         let forces = || presses.iter().map(|row| set_n(row));
         match (forces().reduce(f64::min), forces().reduce(f64::max)) {
-            (Some(least), Some(most)) if least < most && least > 0.0 => Load::Many(least, most),
-            (least, _) => Load::One(least.unwrap_or_default()),
+            (Some(least), Some(most)) if least < most && least > 0.0 => MapLoad::Many(least, most),
+            (least, _) => MapLoad::One(least.unwrap_or_default()),
         }
     }
 
     /// Returns the value that is drawn for an output.
     fn share(self, row: &Press, output: f64) -> f64 {
         match self {
-            Load::One(_) => output,
-            Load::Many(..) => output / set_n(row),
+            MapLoad::One(_) => output,
+            MapLoad::Many(..) => output / set_n(row),
         }
     }
 
     /// Label of the drawn quantity, with its unit.
     fn label(self, unit: &str) -> String {
         match self {
-            Load::One(_) => format!("output, {unit}"),
-            Load::Many(..) => format!("output over force, {unit}/N"),
+            MapLoad::One(_) => format!("output, {unit}"),
+            MapLoad::Many(..) => format!("output over force, {unit}/N"),
         }
     }
 
     fn title(self, channel: Option<usize>) -> String {
         let of = channel.map(|channel| format!("of channel {} ", channel + 1)).unwrap_or_default();
         match self {
-            Load::One(0.0) => format!("Output {of}of each unit at each place"),
-            Load::One(force_n) => format!("Output {of}of each unit for {force_n} N at each place"),
-            Load::Many(..) => format!("Output {of}of each unit over the force, at each place"),
+            MapLoad::One(0.0) => format!("Output {of}of each unit at each place"),
+            MapLoad::One(force_n) => format!("Output {of}of each unit for {force_n} N at each place"),
+            MapLoad::Many(..) => format!("Output {of}of each unit over the force, at each place"),
         }
     }
 
     fn told(self, presses: usize) -> String {
         let presses = counted(presses, "press");
         match self {
-            Load::One(_) => presses,
-            Load::Many(least, most) => format!("{presses} of {} to {} N", round(least, 3), round(most, 3)),
+            MapLoad::One(_) => presses,
+            MapLoad::Many(least, most) => format!("{presses} of {} to {} N", round(least, 3), round(most, 3)),
         }
     }
 }
@@ -152,8 +152,8 @@ impl Axes {
 }
 
 /// Returns a cell around a place.
-pub(crate) fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> Cell {
-    Cell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
+pub(crate) fn cell(Place { x_mm, y_mm }: Place, half_mm: f64, value: f64) -> ColouredCell {
+    ColouredCell { x: (x_mm - half_mm, x_mm + half_mm), y: (y_mm - half_mm, y_mm + half_mm), value }
 }
 
 /// Returns half the side of a cell, mm. On a grid the cells touch their neighbours. For irregular places the cell has the mean

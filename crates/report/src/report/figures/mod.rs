@@ -17,7 +17,7 @@ pub(super) use size::{NARROW_PX, NARROW_SQUARE_PX, SQUARE_PX, WIDTH_PX};
 
 use super::Subject;
 use super::frame::{Section, counted};
-use crate::chart::{Hue, Line, Look, Mark, Shape};
+use crate::chart::{Hue, LineStyle, Look, Mark, Shape};
 use arrangement::Arrangement;
 use maud::html;
 use palpate_core::quantity::ArrayLayout;
@@ -50,8 +50,8 @@ fn left_out(units: usize) -> Vec<String> {
 /// Colours and marks of the methods: first the method that takes the calibration point with the highest correlation, then the
 /// best method.
 pub(super) const LOOKS: [Look; 2] = [
-    Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: Line::None },
-    Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: Line::None },
+    Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: false, line: LineStyle::None },
+    Look { hue: Hue::Orange, shape: Some(Shape::Square), filled: false, line: LineStyle::None },
 ];
 
 /// Each method with its look.

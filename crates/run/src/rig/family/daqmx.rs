@@ -1,8 +1,10 @@
 //! Inputs of NI devices, by NI's DAQmx library: one as a load cell, several as an array.
 
-use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, counted, read_newton_per_volt};
+use super::{
+    Beside, DeviceFamily, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, counted, read_newton_per_volt,
+};
 use crate::rig::emulated::{EmulatedDevice, FarEnd};
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, RigSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
 use palpate_document::{Problem, Table, keys, words};
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
@@ -12,11 +14,11 @@ use palpate_link::time::Instant;
 use palpate_link::wire::daqmx::{DaqmxLibrary, Functions, NiDaqmx};
 use palpate_link::wire::{ClaimError, Claims, Link};
 use palpate_sim::emulator::{DaqmxEmulator, Shared};
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::Arc;
 use tokio::sync::Mutex;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "daqmx",
     meaning: "inputs of an NI device, read through NI's library",
     simulated: "a USB-6343, within a simulated run",
@@ -49,13 +51,13 @@ keys! {
 }
 
 #[derive(Debug)]
-struct LoadCell {
+struct DaqmxLoadCellSpec {
     inputs: Inputs,
     newton_per_volt: f64,
 }
 
 #[derive(Debug)]
-struct Array(Inputs);
+struct DaqmxArraySpec(Inputs);
 
 fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
     let inputs = read_inputs(table);
@@ -63,21 +65,21 @@ fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
     if inputs.as_ref().is_some_and(|inputs| inputs.count != 1) {
         table.complain(Problem::new(table.span_of(&load_cell::daqmx), "a load cell is on one input"));
     }
-    Some(Arc::new(LoadCell { inputs: inputs?, newton_per_volt: newton_per_volt? }))
+    Some(Arc::new(DaqmxLoadCellSpec { inputs: inputs?, newton_per_volt: newton_per_volt? }))
 }
 
 fn read_array(table: &Table, _: Beside) -> Option<Arc<dyn ArrayDriver>> {
-    Some(Arc::new(Array(read_inputs(table)?)))
+    Some(Arc::new(DaqmxArraySpec(read_inputs(table)?)))
 }
 
-impl Driver for LoadCell {
+impl Driver for DaqmxLoadCellSpec {
     fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
         claim(&self.inputs, link, claims)
     }
 }
 
-impl LoadCellDriver for LoadCell {
-    fn open(&self, _: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+impl LoadCellDriver for DaqmxLoadCellSpec {
+    fn open(&self, _: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let identity = identity("load_cell", &self.inputs, wiring.rig, &cell.link);
         let (at, range_v, hz) = (0, self.inputs.range_v, cell.conversions_hz);
@@ -91,7 +93,7 @@ impl LoadCellDriver for LoadCell {
     }
 }
 
-impl Driver for Array {
+impl Driver for DaqmxArraySpec {
     fn claim(&self, link: &Link, claims: &mut Claims) -> Result<(), ClaimError> {
         claim(&self.0, link, claims)
     }
@@ -101,12 +103,12 @@ impl Driver for Array {
             return Vec::new();
         }
         let told = "load cell and array are on NI inputs, but over different links".to_owned();
-        vec![Misfit { role: Device::Array, told, help: Some("one task samples both: use the same link for both") }]
+        vec![Misfit { role: SceneDevice::Array, told, help: Some("one task samples both: use the same link for both") }]
     }
 }
 
-impl ArrayDriver for Array {
-    fn open(&self, _: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+impl ArrayDriver for DaqmxArraySpec {
+    fn open(&self, _: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         let identity = identity("array", &self.0, wiring.rig, &array.link);
         // behind the load cell, where that is in the same task
@@ -132,11 +134,11 @@ impl ArrayDriver for Array {
 const LIBRARY: EmulatedDevice = EmulatedDevice { far_end: FarEnd::Library, protocol: "daqmx" };
 
 /// Returns the load cell if it is on an NI device.
-fn cell_of(rig: &RigSpec) -> Option<&LoadCell> {
+fn cell_of(rig: &RigSpec) -> Option<&DaqmxLoadCellSpec> {
     as_a(&*rig.load_cell.driver)
 }
 
-fn array_of(rig: &RigSpec) -> Option<&Array> {
+fn array_of(rig: &RigSpec) -> Option<&DaqmxArraySpec> {
     as_a(&*rig.array.driver)
 }
 
@@ -153,7 +155,7 @@ fn identity(role: &str, inputs: &Inputs, rig: &RigSpec, link: &Link) -> Identity
 }
 
 /// Returns the task for all NI inputs of the rig, the load cell's first. The first role that needs the task creates it.
-fn acquisition(wiring: &Wiring) -> Result<SharedAcquisition, DeviceError> {
+fn acquisition(wiring: &RigWiring) -> Result<SharedAcquisition, DeviceError> {
     if let Some(made) = wiring.acquisition.get() {
         return Ok(made.clone());
     }
@@ -191,7 +193,7 @@ fn emulated_library(rig: &RigSpec, scene: &Shared<Scene>, origin: Instant) -> Ar
     if let Some(array) = array_of(rig) {
         (device, first) = first_input(&array.0.physical);
     }
-    if let Some(LoadCell { inputs, newton_per_volt }) = cell_of(rig) {
+    if let Some(DaqmxLoadCellSpec { inputs, newton_per_volt }) = cell_of(rig) {
         let (name, channel) = first_input(&inputs.physical);
         (device, cell, volts_per_newton) = (name, Some(channel), 1.0 / newton_per_volt);
     }

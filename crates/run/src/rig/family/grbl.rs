@@ -1,30 +1,30 @@
 //! GRBL 1.1: a CNC frame or a converted printer as a stage.
 
-use super::{Family, Links, Role};
+use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{Dial, Driver, Home, RigSpec, StageDriver};
 use palpate_core::quantity::{Axis, Range, Travel, round};
 use palpate_drivers::AnyStage;
-use palpate_drivers::grbl::{AxisCounts, Build, Firmware, Grbl, Settings};
-use palpate_sim::emulator::{GRBL_ROOM_MM, Grbl as Emulator, GrblBoard};
+use palpate_drivers::grbl::{AxisCounts, Build, Grbl, GrblFirmware, ReportedSettings};
+use palpate_sim::emulator::{GRBL_ROOM_MM, GrblBoard, GrblEmulator as Emulator};
 use palpate_sim::scene::Scene;
 use std::sync::Arc;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "grbl",
     meaning: "GRBL 1.1 on a CNC frame or a converted printer",
     simulated: "GRBL 1.1h with limit switches, as long as the travel of the rig",
-    stage: Some(Role { words: &["grbl"], keys: &[], links: Links::Stream, read: |_, _| Some(Arc::new(Stage)) }),
+    stage: Some(Role { words: &["grbl"], keys: &[], links: Links::Stream, read: |_, _| Some(Arc::new(GrblStageSpec)) }),
     load_cell: None,
     array: None,
 };
 
 #[derive(Debug)]
-struct Stage;
+struct GrblStageSpec;
 
-impl Driver for Stage {}
+impl Driver for GrblStageSpec {}
 
-impl StageDriver for Stage {
+impl StageDriver for GrblStageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
         AnyStage::Grbl(Grbl::new(dial(), rig.stage.link.to_string()))
     }
@@ -84,8 +84,8 @@ fn misfit(rig: &RigSpec) -> Option<String> {
         let (number, value) = line.strip_prefix('$')?.split_once('=')?;
         Some((number.parse().ok()?, value.parse().ok()?))
     };
-    let settings = Settings::new(board.settings.lines().filter_map(number).collect(), &[]);
-    let build = Build { firmware: Firmware::Grbl, version: "1.1h".to_owned(), sets_origin: board.sets_origin };
+    let settings = ReportedSettings::new(board.settings.lines().filter_map(number).collect(), &[]);
+    let build = Build { firmware: GrblFirmware::Grbl, version: "1.1h".to_owned(), sets_origin: board.sets_origin };
     let told = settings.check(&build, &usage).err()?;
     let counts = Axis::ALL.into_iter().filter_map(|axis| settings.counts(&build, axis).ok());
     let misfits: Vec<AxisCounts> = counts.filter(|counts| counts.misfit(&usage).is_some()).collect();

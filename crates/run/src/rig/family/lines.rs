@@ -1,19 +1,19 @@
 //! Devices that send lines or frames. A line profile states how a reading looks.
 
-use super::{Beside, Family, Links, Role, counted, own_file};
+use super::{Beside, DeviceFamily, Links, Role, counted, own_file};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
 use palpate_document::{Bounds, Problem, Table, keys};
 use palpate_drivers::lines::{LineArray, LineLoadCell, LineProfile, SHIPPED};
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::wire::Link;
-use palpate_sim::emulator::lines::{Board, Firmware, Hx711, Hx711Sketch, Mark10, ReSkin, Velostat};
-use palpate_sim::scene::Device;
+use palpate_sim::emulator::lines::{BoardFirmware, Hx711, Hx711Sketch, Mark10, ReSkin, SerialBoard, Velostat};
+use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
     simulated: "hx711 and mark-10 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
@@ -56,10 +56,10 @@ struct Sender {
 }
 
 #[derive(Debug)]
-struct LoadCell(Sender);
+struct LineLoadCellSpec(Sender);
 
 #[derive(Debug)]
-struct Array(Sender);
+struct LineArraySpec(Sender);
 
 fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDriver>> {
     let mut sender = read_profile(table, &load_cell::lines, beside)?;
@@ -78,7 +78,7 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDrive
         table.complain(problem.help(help));
         return None;
     }
-    Some(Arc::new(LoadCell(sender)))
+    Some(Arc::new(LineLoadCellSpec(sender)))
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
@@ -94,7 +94,7 @@ fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
         table.complain(Problem::new(table.span_of(&array::scale), "`scale` is 0, so every output would read 0"));
         return None;
     }
-    Some(Arc::new(Array(sender)))
+    Some(Arc::new(LineArraySpec(sender)))
 }
 
 fn read_profile(table: &Table, key: &palpate_document::Key, beside: Beside) -> Option<Sender> {
@@ -104,7 +104,7 @@ fn read_profile(table: &Table, key: &palpate_document::Key, beside: Beside) -> O
     Some(Sender { file, profile })
 }
 
-impl Driver for LoadCell {
+impl Driver for LineLoadCellSpec {
     fn shares_port(&self) -> bool {
         true
     }
@@ -115,7 +115,7 @@ impl Driver for LoadCell {
 
     /// Two roles on one link are one device.
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let Some(Array(array)) = super::as_a::<Array>(&*rig.array.driver) else { return Vec::new() };
+        let Some(LineArraySpec(array)) = super::as_a::<LineArraySpec>(&*rig.array.driver) else { return Vec::new() };
         let is_shared = rig.load_cell.link == rig.array.link && rig.array.link != Link::Sim;
         let differ = is_shared && array.file != self.0.file;
         let told = format!(
@@ -123,11 +123,11 @@ impl Driver for LoadCell {
             self.0.file.name, array.file.name
         );
         let help = Some("one port sends one kind of line: use one profile with [force] and [outputs] for both");
-        differ.then_some(Misfit { role: Device::Array, told, help }).into_iter().collect()
+        differ.then_some(Misfit { role: SceneDevice::Array, told, help }).into_iter().collect()
     }
 }
 
-impl Driver for Array {
+impl Driver for LineArraySpec {
     fn shares_port(&self) -> bool {
         true
     }
@@ -137,8 +137,8 @@ impl Driver for Array {
     }
 }
 
-impl LoadCellDriver for LoadCell {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+impl LoadCellDriver for LineLoadCellSpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let force = self.0.profile.force.clone().ok_or_else(|| super::unfit("load cell", &self.0.file.name))?;
         let port = wiring.line_port(&cell.link, &self.0.profile, dial);
@@ -151,13 +151,13 @@ impl LoadCellDriver for LoadCell {
         match self.0.file.name.as_str() {
             "hx711" => Ok(board(Hx711::new(Hx711Sketch::Bare, hz))),
             "mark-10" => Ok(board(Mark10::new(2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n)))),
-            _ => Err(self.0.not_emulated(Device::LoadCell)),
+            _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
         }
     }
 }
 
-impl ArrayDriver for Array {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+impl ArrayDriver for LineArraySpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         let outputs = self.0.profile.outputs.clone().ok_or_else(|| super::unfit("array", &self.0.file.name))?;
         let port = wiring.line_port(&array.link, &self.0.profile, dial);
@@ -169,7 +169,7 @@ impl ArrayDriver for Array {
             "reskin" => Ok(board(ReSkin::new(MAGNETOMETERS_HZ))),
             "mlx90393-text" => Ok(board(ReSkin::text(MAGNETOMETERS_HZ))),
             "velostat-16" => Ok(board(Velostat::new(b',', MATRIX_BAUD))),
-            _ => Err(self.0.not_emulated(Device::Array)),
+            _ => Err(self.0.not_emulated(SceneDevice::Array)),
         }
     }
 
@@ -182,8 +182,8 @@ impl ArrayDriver for Array {
 }
 
 impl Sender {
-    fn not_emulated(&self, role: Device) -> DeviceError {
-        let section = if role == Device::LoadCell { "load_cell" } else { "array" };
+    fn not_emulated(&self, role: SceneDevice) -> DeviceError {
+        let section = if role == SceneDevice::LoadCell { "load_cell" } else { "array" };
         let told = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
              write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
@@ -195,6 +195,6 @@ impl Sender {
     }
 }
 
-fn board<F: Firmware + 'static>(firmware: F) -> EmulatedDevice {
-    EmulatedDevice::serial(Board::new(firmware), "lines")
+fn board<F: BoardFirmware + 'static>(firmware: F) -> EmulatedDevice {
+    EmulatedDevice::serial(SerialBoard::new(firmware), "lines")
 }

@@ -1,10 +1,10 @@
 //! Every family, and the possible values of `driver` for each role.
 
-use super::{Family, daqmx, esp301, grbl, lines, modbus, process, xps};
-use palpate_document::{Case, Keys, Kind};
+use super::{DeviceFamily, daqmx, esp301, grbl, lines, modbus, process, xps};
+use palpate_document::{Case, Keys, ValueKind};
 
 /// Every family, in the order in which messages name them.
-pub const FAMILIES: [&Family; 7] =
+pub const FAMILIES: [&DeviceFamily; 7] =
     [&esp301::FAMILY, &grbl::FAMILY, &modbus::FAMILY, &lines::FAMILY, &xps::FAMILY, &daqmx::FAMILY, &process::FAMILY];
 
 /// Possible values of a role's `driver`, from the families that support the role.
@@ -57,9 +57,9 @@ macro_rules! choice {
             const KEYS: Keys = Keys::one_of(&CASES);
 
             /// A word, a table, or either of the two.
-            pub(in crate::rig) const KIND: Kind = match WORDS.len() {
-                0 => Kind::Table(&KEYS),
-                _ => Kind::Either(&[Kind::Word(&WORDS), Kind::Table(&KEYS)]),
+            pub(in crate::rig) const KIND: ValueKind = match WORDS.len() {
+                0 => ValueKind::Table(&KEYS),
+                _ => ValueKind::Either(&[ValueKind::Word(&WORDS), ValueKind::Table(&KEYS)]),
             };
         }
     };
@@ -67,7 +67,7 @@ macro_rules! choice {
 
 /// Possible values of `driver` for each role.
 pub(in crate::rig) mod choices {
-    use super::{Case, FAMILIES, Keys, Kind};
+    use super::{Case, FAMILIES, Keys, ValueKind};
 
     choice!(stage);
     choice!(load_cell);

@@ -23,7 +23,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 /// Devices of one kind.
-pub struct Family {
+pub struct DeviceFamily {
     /// Name in a rig file.
     pub name: &'static str,
     /// Description, in one line.

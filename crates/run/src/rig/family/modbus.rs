@@ -1,19 +1,19 @@
 //! Modbus transmitters and converters. A register map defines the meaning of registers.
 
-use super::{Beside, Family, Links, Role, counted, own_file, unfit};
+use super::{Beside, DeviceFamily, Links, Role, counted, own_file, unfit};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, Wiring};
+use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
 use palpate_document::{Problem, Table, keys};
-use palpate_drivers::modbus::{Framing, ModbusArray, ModbusLoadCell, Profile, SHIPPED, Transport};
+use palpate_drivers::modbus::{ModbusArray, ModbusFraming, ModbusLoadCell, Profile, SHIPPED, Transport};
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{self, DeviceError};
 use palpate_link::wire::Link;
 use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
-use palpate_sim::scene::Device;
+use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "modbus",
     meaning: "any Modbus device with a register map",
     simulated: "generic-rs485, laumas-tlb, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
@@ -41,17 +41,17 @@ struct MappedDevice {
 }
 
 #[derive(Debug)]
-struct LoadCell(MappedDevice);
+struct ModbusLoadCellSpec(MappedDevice);
 
 #[derive(Debug)]
-struct Array(MappedDevice);
+struct ModbusArraySpec(MappedDevice);
 
 fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDriver>> {
-    Some(Arc::new(LoadCell(read_map(table, "force", |profile| profile.force.is_some(), beside)?)))
+    Some(Arc::new(ModbusLoadCellSpec(read_map(table, "force", |profile| profile.force.is_some(), beside)?)))
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
-    Some(Arc::new(Array(read_map(table, "outputs", |profile| profile.outputs.is_some(), beside)?)))
+    Some(Arc::new(ModbusArraySpec(read_map(table, "outputs", |profile| profile.outputs.is_some(), beside)?)))
 }
 
 /// Reads `modbus = "NAME"`: a map that is part of the program, or a file in the rig's folder.
@@ -68,28 +68,28 @@ fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: 
     Some(MappedDevice { file, profile })
 }
 
-impl Driver for LoadCell {
+impl Driver for ModbusLoadCellSpec {
     fn own_file(&self) -> Option<&OwnFile> {
         Some(&self.0.file)
     }
 
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        self.0.misfits(Device::LoadCell, &rig.load_cell.link)
+        self.0.misfits(SceneDevice::LoadCell, &rig.load_cell.link)
     }
 }
 
-impl Driver for Array {
+impl Driver for ModbusArraySpec {
     fn own_file(&self) -> Option<&OwnFile> {
         Some(&self.0.file)
     }
 
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        self.0.misfits(Device::Array, &rig.array.link)
+        self.0.misfits(SceneDevice::Array, &rig.array.link)
     }
 }
 
-impl LoadCellDriver for LoadCell {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+impl LoadCellDriver for ModbusLoadCellSpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
         let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
@@ -104,14 +104,14 @@ impl LoadCellDriver for LoadCell {
             "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
             "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
             "seneca-zsg2" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id))),
-            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::LoadCell)))),
-            _ => Err(self.0.not_emulated(Device::LoadCell)),
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::LoadCell)))),
+            _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
         }
     }
 }
 
-impl ArrayDriver for Array {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+impl ArrayDriver for ModbusArraySpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         let (link, units, profile) = (array.link.to_string(), array.layout.len(), self.0.profile.clone());
         let driver = ModbusArray::new(dial(), self.0.framing(&array.link), profile, &link, units);
@@ -120,8 +120,8 @@ impl ArrayDriver for Array {
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
         match self.0.file.name.as_str() {
-            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(Device::Array)))),
-            _ => Err(self.0.not_emulated(Device::Array)),
+            "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::Array)))),
+            _ => Err(self.0.not_emulated(SceneDevice::Array)),
         }
     }
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
@@ -135,12 +135,12 @@ impl ArrayDriver for Array {
 }
 
 impl MappedDevice {
-    fn framing(&self, link: &Link) -> Framing {
-        Framing::of(link, self.profile.transport)
+    fn framing(&self, link: &Link) -> ModbusFraming {
+        ModbusFraming::of(link, self.profile.transport)
     }
 
     /// Returns the reason why the device can't be on a link: one that speaks Modbus TCP only has no RTU on a serial port.
-    fn misfits(&self, role: Device, link: &Link) -> Vec<Misfit> {
+    fn misfits(&self, role: SceneDevice, link: &Link) -> Vec<Misfit> {
         if self.profile.transport == Transport::Rtu || !matches!(link, Link::Serial { .. }) {
             return Vec::new();
         }
@@ -151,7 +151,7 @@ impl MappedDevice {
         vec![Misfit { role, told, help: Some(help) }]
     }
 
-    fn not_emulated(&self, role: Device) -> DeviceError {
+    fn not_emulated(&self, role: SceneDevice) -> DeviceError {
         let told = format!(
             "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
              seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",

@@ -1,9 +1,9 @@
 //! Programs written by the user that use the process protocol (docs/process.md), in any role.
 
-use super::{Family, Links, Role};
+use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{
-    ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, StageDriver, StageSpec, Wiring, outside_stock,
+    ArrayDriver, Dial, Driver, HomeSide, LoadCellDriver, RigSpec, RigWiring, StageDriver, StageSpec, outside_stock,
 };
 use palpate_core::quantity::seconds;
 use palpate_document::{Bounds, Problem, Table, keys};
@@ -16,7 +16,7 @@ use palpate_sim::scene::Scene;
 use std::sync::Arc;
 use std::time::Duration;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "process",
     meaning: "your own program that uses the process protocol",
     simulated: "programs in memory that use the protocol",
@@ -55,30 +55,30 @@ const START: Bounds = Bounds::above(0.0, 600.0, "s");
 
 /// A program of the user.
 #[derive(Debug)]
-struct Program {
+struct UserProgram {
     /// Command and its arguments.
     command: Vec<String>,
     /// Longest time until it answers `identify`.
     start: Duration,
 }
 
-fn read(table: &Table) -> Option<Program> {
+fn read(table: &Table) -> Option<UserProgram> {
     let command: Vec<String> = table.texts(&driver::process)?.into_iter().map(str::to_owned).collect();
     if command.first().is_none_or(String::is_empty) {
         let told = "`process` is the command and its arguments: [\"python3\", \"my_daq.py\"]";
         table.complain(Problem::new(table.span_of(&driver::process), told));
         return None;
     }
-    Some(Program { command, start: seconds(table.number(&driver::start_s)?) })
+    Some(UserProgram { command, start: seconds(table.number(&driver::start_s)?) })
 }
 
-impl Driver for Program {
+impl Driver for UserProgram {
     fn own_link(&self) -> Option<Link> {
         Some(Link::Process(self.command.clone()))
     }
 }
 
-impl StageDriver for Program {
+impl StageDriver for UserProgram {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
         AnyStage::Process(ProcessStage::new(dial(), rig.stage.link.to_string(), self.start))
     }
@@ -88,10 +88,10 @@ impl StageDriver for Program {
         // nobody takes a simulated specimen away for a search toward it
         let homed = rig.stage.home_side == HomeSide::Toward;
         let stage = match steps.is_fine() && !homed {
-            true => emulator::ProcessStage::new(scene),
+            true => emulator::ProcessStageEmulator::new(scene),
             false => {
                 let printer = emulator::Printer { ends_mm: travel.axes, steps, homed };
-                emulator::ProcessStage::printer(scene, printer)
+                emulator::ProcessStageEmulator::printer(scene, printer)
             }
         };
         EmulatedDevice::pipe(stage, "process")
@@ -108,8 +108,8 @@ impl StageDriver for Program {
     }
 }
 
-impl LoadCellDriver for Program {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+impl LoadCellDriver for UserProgram {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let cell = &wiring.rig.load_cell;
         let driver =
             ProcessLoadCell::new(dial(), cell.link.to_string(), self.start, cell.conversions_hz, wiring.origin);
@@ -117,17 +117,17 @@ impl LoadCellDriver for Program {
     }
 
     fn emulated(&self, _: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
-        Ok(EmulatedDevice::pipe(emulator::ProcessLoadCell, "process"))
+        Ok(EmulatedDevice::pipe(emulator::ProcessLoadCellEmulator, "process"))
     }
 }
 
-impl ArrayDriver for Program {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyArray, DeviceError> {
+impl ArrayDriver for UserProgram {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyArray, DeviceError> {
         let array = &wiring.rig.array;
         Ok(AnyArray::Process(ProcessArray::new(dial(), array.link.to_string(), self.start, array.layout.len())))
     }
 
     fn emulated(&self, _: &RigSpec) -> Result<EmulatedDevice, DeviceError> {
-        Ok(EmulatedDevice::pipe(emulator::ProcessArray, "process"))
+        Ok(EmulatedDevice::pipe(emulator::ProcessArrayEmulator, "process"))
     }
 }

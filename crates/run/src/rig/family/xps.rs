@@ -1,17 +1,17 @@
 //! Newport XPS: three positioners in one or more groups as a stage, and an analog input of the same controller as a load cell.
 
-use super::{Beside, Family, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, read_newton_per_volt};
+use super::{Beside, DeviceFamily, Links, NEWTON_PER_VOLT, NEWTON_PER_VOLT_MEANS, Role, as_a, read_newton_per_volt};
 use crate::rig::emulated::EmulatedDevice;
-use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, StageDriver, Wiring};
+use crate::rig::spec::{Dial, Driver, LoadCellDriver, Misfit, RigSpec, RigWiring, StageDriver};
 use palpate_document::{Problem, Table, keys};
-use palpate_drivers::xps::{Grouping, Guard, Positioner, Xps, XpsAnalog};
+use palpate_drivers::xps::{Grouping, Guard, PositionerName, Xps, XpsAnalog};
 use palpate_drivers::{AnyLoadCell, AnyStage};
 use palpate_link::device::DeviceError;
 use palpate_sim::emulator;
-use palpate_sim::scene::{Device, Scene};
+use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::Arc;
 
-pub(super) const FAMILY: Family = Family {
+pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "xps",
     meaning: "Newport XPS: three positioners in any groups, an analog input",
     simulated: "an XPS-Q8 with three VP-25XL axes, an input, a guard",
@@ -46,14 +46,14 @@ keys! {
 }
 
 #[derive(Debug)]
-struct Stage {
+struct XpsStageSpec {
     grouping: Grouping,
     /// Whether the controller itself must end a motion at the force limit.
     guard: bool,
 }
 
 #[derive(Debug)]
-struct LoadCell(Guard);
+struct XpsLoadCellSpec(Guard);
 
 fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
     let groups = match table.is_list(&stage::xps) {
@@ -69,11 +69,11 @@ fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
     });
     let (home_search, guard) = (table.flag(&stage::home_search), table.flag(&stage::guard));
     let grouping = Grouping { positioners: positioners?, home_search: home_search? };
-    Some(Arc::new(Stage { grouping, guard: guard? }))
+    Some(Arc::new(XpsStageSpec { grouping, guard: guard? }))
 }
 
 /// Returns the positioners of x, y and z with their groups, or the mistake.
-fn positioners<'a>(groups: &[&'a str], names: &[&'a str]) -> Result<[Positioner; 3], String> {
+fn positioners<'a>(groups: &[&'a str], names: &[&'a str]) -> Result<[PositionerName; 3], String> {
     let places = names.iter().map(|name| place(name, groups)).collect::<Result<Vec<_>, _>>()?;
     if let Some(twice) = (1..places.len()).find(|&n| places[..n].contains(&places[n])) {
         return Err(format!("\"{}\" is the positioner of two axes", names[twice]));
@@ -81,8 +81,8 @@ fn positioners<'a>(groups: &[&'a str], names: &[&'a str]) -> Result<[Positioner;
     if let Some(unused) = groups.iter().find(|group| places.iter().all(|(of_it, _)| of_it != *group)) {
         return Err(format!("the group \"{unused}\" of `xps` has none of the positioners"));
     }
-    let positioners = places.into_iter().map(|(group, name)| Positioner { group: group.into(), name: name.into() });
-    let positioners: Result<[Positioner; 3], _> = positioners.collect::<Vec<_>>().try_into();
+    let positioners = places.into_iter().map(|(group, name)| PositionerName { group: group.into(), name: name.into() });
+    let positioners: Result<[PositionerName; 3], _> = positioners.collect::<Vec<_>>().try_into();
     positioners.map_err(|_| "`positioners` names its positioners of x, y and z, in this order".to_owned())
 }
 
@@ -99,17 +99,17 @@ fn place<'a>(name: &'a str, groups: &[&'a str]) -> Result<(&'a str, &'a str), St
 fn read_load_cell(table: &Table, _: Beside) -> Option<Arc<dyn LoadCellDriver>> {
     let input = table.text(&load_cell::xps).map(str::to_owned);
     let newton_per_volt = read_newton_per_volt(table, &load_cell::newton_per_volt);
-    Some(Arc::new(LoadCell(Guard { input: input?, newton_per_volt: newton_per_volt? })))
+    Some(Arc::new(XpsLoadCellSpec(Guard { input: input?, newton_per_volt: newton_per_volt? })))
 }
 
 /// Returns the load cell if it is on an XPS.
-fn cell_of(rig: &RigSpec) -> Option<&LoadCell> {
+fn cell_of(rig: &RigSpec) -> Option<&XpsLoadCellSpec> {
     as_a(&*rig.load_cell.driver)
 }
 
-impl Driver for Stage {
+impl Driver for XpsStageSpec {
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let misfit = |told: &str, help| Misfit { role: Device::Stage, told: told.to_owned(), help: Some(help) };
+        let misfit = |told: &str, help| Misfit { role: SceneDevice::Stage, told: told.to_owned(), help: Some(help) };
         let mut misfits = Vec::new();
         if self.grouping.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
             misfits.push(misfit(
@@ -127,7 +127,7 @@ impl Driver for Stage {
     }
 }
 
-impl StageDriver for Stage {
+impl StageDriver for XpsStageSpec {
     fn open(&self, dial: Dial, rig: &RigSpec) -> AnyStage {
         let guard = cell_of(rig).filter(|_| self.guard).map(|cell| cell.0.clone());
         let link = rig.stage.link.to_string();
@@ -137,22 +137,22 @@ impl StageDriver for Stage {
     fn emulated(&self, scene: &Scene, rig: &RigSpec) -> EmulatedDevice {
         let volts_per_newton = cell_of(rig).map_or(1.0, |cell| 1.0 / cell.0.newton_per_volt);
         let positioners = self.grouping.positioners.each_ref().map(|each| (each.group.as_str(), each.name.as_str()));
-        EmulatedDevice::network(emulator::Xps::new(scene, positioners, volts_per_newton), "xps")
+        EmulatedDevice::network(emulator::XpsEmulator::new(scene, positioners, volts_per_newton), "xps")
     }
 }
 
-impl Driver for LoadCell {
+impl Driver for XpsLoadCellSpec {
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        if as_a::<Stage>(&*rig.stage.driver).is_some() && rig.stage.link == rig.load_cell.link {
+        if as_a::<XpsStageSpec>(&*rig.stage.driver).is_some() && rig.stage.link == rig.load_cell.link {
             return Vec::new();
         }
         let told = "the load cell is on another XPS than the stage".to_owned();
-        vec![Misfit { role: Device::LoadCell, told, help: Some("use the same link and an xps driver for both") }]
+        vec![Misfit { role: SceneDevice::LoadCell, told, help: Some("use the same link and an xps driver for both") }]
     }
 }
 
-impl LoadCellDriver for LoadCell {
-    fn open(&self, dial: Dial, wiring: &Wiring) -> Result<AnyLoadCell, DeviceError> {
+impl LoadCellDriver for XpsLoadCellSpec {
+    fn open(&self, dial: Dial, wiring: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
         let Guard { input, newton_per_volt } = &self.0;
         let cell = &wiring.rig.load_cell;
         let (link, hz) = (cell.link.to_string(), cell.conversions_hz);

@@ -18,14 +18,14 @@ const ROUNDING_V: f64 = 1e-9;
 
 /// One channel of a task: an input relative to ground or to another input, in a range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Channel {
+pub(super) struct TaskChannel {
     pub input: u32,
     /// Input that it is measured against; `None`: ground.
     pub against: Option<u32>,
     range_v: f64,
 }
 
-impl Channel {
+impl TaskChannel {
     pub(super) fn new(input: u32, terminal: i32, least_v: f64, most_v: f64) -> Result<Self, DaqmxStatus> {
         // ai0 to ai7 and ai16 to ai23
         let paired = input % (2 * PAIR) < PAIR;
@@ -38,7 +38,7 @@ impl Channel {
         let widest_v = least_v.abs().max(most_v.abs());
         let range_v = RANGES_V.into_iter().find(|range_v| widest_v <= range_v + ROUNDING_V);
         match range_v {
-            Some(range_v) if least_v < most_v => Ok(Channel { input, against, range_v }),
+            Some(range_v) if least_v < most_v => Ok(TaskChannel { input, against, range_v }),
             _ => Err(DaqmxStatus::BAD_VALUE),
         }
     }
@@ -94,9 +94,9 @@ mod tests {
 
     #[test]
     fn differential_inputs_are_those_of_the_manual() {
-        let diff: Vec<u32> = (0..INPUTS).filter(|&input| Channel::new(input, DIFF, -1.0, 1.0).is_ok()).collect();
+        let diff: Vec<u32> = (0..INPUTS).filter(|&input| TaskChannel::new(input, DIFF, -1.0, 1.0).is_ok()).collect();
         assert_eq!(diff, (0..8).chain(16..24).collect::<Vec<_>>());
-        let default = |input| Channel::new(input, DEFAULT_TERMINAL, -1.0, 1.0).map(|channel| channel.against);
+        let default = |input| TaskChannel::new(input, DEFAULT_TERMINAL, -1.0, 1.0).map(|channel| channel.against);
         assert_eq!((default(17), default(8)), (Ok(Some(25)), Ok(None)));
     }
 
@@ -105,13 +105,13 @@ mod tests {
         for (least_v, most_v, step_v) in
             [(-0.2, 0.1, 6.1e-6), (0.0, 1.0, 30.5e-6), (-5.0, 2.0, 153e-6), (0.0, 10.0, 305e-6)]
         {
-            let channel = Channel::new(0, RSE, least_v, most_v).expect("a range");
+            let channel = TaskChannel::new(0, RSE, least_v, most_v).expect("a range");
             let range_v = channel.range_v;
             assert!((channel.convert(step_v * 0.9) - step_v).abs() < step_v / 100.0, "{range_v}");
             assert_eq!((channel.convert(-99.0), channel.convert(99.0)), (-range_v, range_v * 32_767.0 / STEPS));
         }
         for (least_v, most_v) in [(-10.1, 1.0), (1.0, 1.0), (2.0, 1.0), (f64::NAN, 1.0), (0.0, f64::INFINITY)] {
-            assert_eq!(Channel::new(0, RSE, least_v, most_v), Err(DaqmxStatus::BAD_VALUE), "{least_v} to {most_v}");
+            assert_eq!(TaskChannel::new(0, RSE, least_v, most_v), Err(DaqmxStatus::BAD_VALUE), "{least_v} to {most_v}");
         }
     }
 }

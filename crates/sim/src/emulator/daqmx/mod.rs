@@ -7,8 +7,8 @@ mod errors;
 mod tests;
 
 use super::Shared;
-use crate::scene::{Device, Scene};
-use channels::{Channel, INPUTS};
+use crate::scene::{Scene, SceneDevice};
+use channels::{INPUTS, TaskChannel};
 use errors::DaqmxStatus;
 use palpate_core::parallel::lock;
 use palpate_link::time::Instant;
@@ -45,12 +45,12 @@ pub struct DaqmxEmulator {
     scene: Shared<Scene>,
     origin: Instant,
     device: String,
-    wiring: Wiring,
+    wiring: InputWiring,
     library: Mutex<Library>,
 }
 
 /// Wiring of the inputs.
-struct Wiring {
+struct InputWiring {
     cell_channel: Option<u32>,
     array_first_channel: u32,
     volts_per_newton: f64,
@@ -59,22 +59,22 @@ struct Wiring {
 /// State of the library.
 #[derive(Default)]
 struct Library {
-    tasks: BTreeMap<TaskHandle, Acquisition>,
+    tasks: BTreeMap<TaskHandle, EmulatedTask>,
     last_task: TaskHandle,
     last_error: String,
 }
 
 /// Acquisition task.
-struct Acquisition {
+struct EmulatedTask {
     name: String,
-    channels: Vec<Channel>,
+    channels: Vec<TaskChannel>,
     /// Scans per second, and number of scans that the buffer holds.
     clock: Option<(f64, u64)>,
-    run: Option<Run>,
+    run: Option<StartedTask>,
 }
 
 /// Task that was started.
-struct Run {
+struct StartedTask {
     start_s: f64,
     /// Number of scans so far.
     count: u64,
@@ -96,7 +96,7 @@ impl DaqmxEmulator {
         array_first_channel: u32,
         volts_per_newton: f64,
     ) -> Self {
-        let wiring = Wiring { cell_channel, array_first_channel, volts_per_newton };
+        let wiring = InputWiring { cell_channel, array_first_channel, volts_per_newton };
         DaqmxEmulator { scene, origin, device: device.into(), wiring, library: Mutex::default() }
     }
 
@@ -106,7 +106,7 @@ impl DaqmxEmulator {
     }
 
     /// Acts on a task. An error is stored as the last error.
-    fn with_task(&self, task: TaskHandle, act: impl FnOnce(&mut Acquisition) -> Result<(), DaqmxStatus>) -> i32 {
+    fn with_task(&self, task: TaskHandle, act: impl FnOnce(&mut EmulatedTask) -> Result<(), DaqmxStatus>) -> i32 {
         let mut library = self.library();
         let result = match library.tasks.get_mut(&task) {
             Some(acquisition) => act(acquisition),
@@ -137,8 +137,8 @@ impl NiDaqmx for DaqmxEmulator {
             if acquisition.channels.len() + inputs.len() > CHANNELS_MOST {
                 return Err(DaqmxStatus::BAD_VALUE);
             }
-            let added: Result<Vec<Channel>, DaqmxStatus> =
-                inputs.into_iter().map(|input| Channel::new(input, terminal, range_v[0], range_v[1])).collect();
+            let added: Result<Vec<TaskChannel>, DaqmxStatus> =
+                inputs.into_iter().map(|input| TaskChannel::new(input, terminal, range_v[0], range_v[1])).collect();
             acquisition.channels.extend(added?);
             Ok(())
         })
@@ -163,7 +163,13 @@ impl NiDaqmx for DaqmxEmulator {
             Some(acquisition) => acquisition.may_start(another_runs).map(|()| {
                 acquisition.run = Some(self.look(|scene, now_s| {
                     let volts = self.wiring.volts(&acquisition.channels, scene, now_s);
-                    Run { start_s: now_s, count: 0, looked: (0, volts), unread: VecDeque::new(), overrun: false }
+                    StartedTask {
+                        start_s: now_s,
+                        count: 0,
+                        looked: (0, volts),
+                        unread: VecDeque::new(),
+                        overrun: false,
+                    }
                 }));
             }),
             None => Err(DaqmxStatus::BAD_TASK),
@@ -187,7 +193,7 @@ impl NiDaqmx for DaqmxEmulator {
     fn read_analog_f64(&self, task: TaskHandle, samples_per_channel: i32, buffer: &mut [f64], read: &mut i32) -> i32 {
         *read = 0;
         self.with_task(task, |acquisition| {
-            let Acquisition { channels, clock: Some(clock), run: Some(run), .. } = acquisition else {
+            let EmulatedTask { channels, clock: Some(clock), run: Some(run), .. } = acquisition else {
                 return Err(DaqmxStatus::BAD_TASK);
             };
             self.look(|scene, now_s| run.fetch(*clock, channels, &self.wiring, scene, now_s))?;
@@ -228,7 +234,7 @@ impl Library {
             return Err(DaqmxStatus::TASK_NAME_TAKEN);
         }
         self.last_task += 1;
-        let acquisition = Acquisition { name, channels: Vec::new(), clock: None, run: None };
+        let acquisition = EmulatedTask { name, channels: Vec::new(), clock: None, run: None };
         self.tasks.insert(self.last_task, acquisition);
         Ok(self.last_task)
     }
@@ -242,7 +248,7 @@ impl Library {
     }
 }
 
-impl Acquisition {
+impl EmulatedTask {
     fn must_stand(&self) -> Result<(), DaqmxStatus> {
         if self.run.is_some() { Err(DaqmxStatus::TASK_RUNS) } else { Ok(()) }
     }
@@ -261,13 +267,13 @@ impl Acquisition {
     }
 }
 
-impl Run {
+impl StartedTask {
     /// Adds the scans that have arrived by `now_s`.
     fn fetch(
         &mut self,
         (rate_hz, buffer): (f64, u64),
-        channels: &[Channel],
-        wiring: &Wiring,
+        channels: &[TaskChannel],
+        wiring: &InputWiring,
         scene: &mut Scene,
         now_s: f64,
     ) -> Result<(), DaqmxStatus> {
@@ -293,17 +299,17 @@ impl Run {
     }
 }
 
-impl Wiring {
+impl InputWiring {
     /// Whether the scene has made the device's link silent, so that no scans arrive. If the load cell is on this device, the load
     /// cell's link decides.
     fn is_silent(&self, scene: &mut Scene, now_s: f64) -> bool {
-        let device = if self.cell_channel.is_some() { Device::LoadCell } else { Device::Array };
+        let device = if self.cell_channel.is_some() { SceneDevice::LoadCell } else { SceneDevice::Array };
         scene.latency_s(device, now_s).is_none()
     }
 
     /// Voltages on the inputs of some channels, V. The load cell is read only if one of the channels belongs to it, because each
     /// reading draws noise.
-    fn volts(&self, channels: &[Channel], scene: &mut Scene, now_s: f64) -> Vec<f64> {
+    fn volts(&self, channels: &[TaskChannel], scene: &mut Scene, now_s: f64) -> Vec<f64> {
         let mut outputs = vec![0.0; scene.taxels()];
         let taxels =
             self.array_first_channel..self.array_first_channel.saturating_add(outputs.len() as u32).min(INPUTS);

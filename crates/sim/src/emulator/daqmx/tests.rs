@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::emulator::tests::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
-use crate::scene::{Fault, FaultKind, Trajectory};
+use crate::scene::{FaultKind, SceneFault, Trajectory};
 use palpate_core::quantity::Axis;
 use palpate_link::time::sleep;
 use palpate_link::wire::daqmx::{DIFF, PSEUDO_DIFF, RSE};
@@ -149,7 +149,7 @@ async fn what_isnt_read_in_time_is_lost_and_told_until_the_task_is_started_again
 
 #[tokio::test(start_paused = true)]
 async fn no_scans_come_over_a_silent_link() {
-    let stale = Fault { kind: FaultKind::Stale, from_s: 0.01, value: None };
+    let stale = SceneFault { kind: FaultKind::Stale, from_s: 0.01, value: None };
     let daqmx = emulator(scene_with(|spec| spec.faults.push(stale)));
     let task = running(&daqmx, "Dev1/ai9", 1000.0, 1000);
     wait_ms(5).await;

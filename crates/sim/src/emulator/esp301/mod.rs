@@ -13,11 +13,11 @@ mod syntax;
 mod tests;
 
 use super::Instrument;
-use crate::scene::{Device, Scene};
+use crate::scene::{Scene, SceneDevice};
 use drive::{Drive, UNIT_LAST, decimal};
 use errors::{AxisFault, ErrorQueue, EspError, General};
 use palpate_core::quantity::Axis;
-use syntax::{Argument, Command};
+use syntax::{Argument, EspCommand};
 
 /// Answer to `VE?`, from the recorded controller.
 const VERSION: &str = "ESP301 Version 1.1.1 16/01/14";
@@ -34,28 +34,28 @@ const OF_ONE_AXIS: [&[u8; 2]; 25] = [
 ];
 
 /// Answer to a command: a line, or nothing.
-type Answer = Result<Option<String>, EspError>;
+type EspReply = Result<Option<String>, EspError>;
 
 /// A Newport ESP301 motion controller with three VP-25XL stages: 12.5 mm to either side, 25 mm/s.
 ///
 /// At power-on its motors are off. The present place of each axis counts as zero until the axis is homed.
-pub struct Esp301 {
+pub struct Esp301Emulator {
     drives: [Drive; 3],
     errors: ErrorQueue,
     deaf_until_s: f64,
 }
 
-impl Esp301 {
+impl Esp301Emulator {
     /// Creates a controller that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
         let drives = Axis::ALL.map(|axis| Drive::new(axis, scene));
-        Esp301 { drives, errors: ErrorQueue::default(), deaf_until_s: 0.0 }
+        Esp301Emulator { drives, errors: ErrorQueue::default(), deaf_until_s: 0.0 }
     }
 }
 
-impl Instrument for Esp301 {
-    fn device(&self) -> Device {
-        Device::Stage
+impl Instrument for Esp301Emulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -81,7 +81,7 @@ impl Instrument for Esp301 {
     }
 }
 
-impl Esp301 {
+impl Esp301Emulator {
     /// Updates the state of motions that have ended. The update happens when the controller next looks, which has the same effect
     /// as an update at the motion's end.
     fn notice(&mut self, scene: &Scene, now_s: f64) {
@@ -92,7 +92,7 @@ impl Esp301 {
         }
     }
 
-    fn run(&mut self, command: &Command, scene: &mut Scene, now_s: f64) -> Answer {
+    fn run(&mut self, command: &EspCommand, scene: &mut Scene, now_s: f64) -> EspReply {
         match &command.name {
             b"VE" => tell(command, || VERSION.into()),
             b"TE" => tell(command, || self.errors.pop_code()),
@@ -113,7 +113,7 @@ impl Esp301 {
         }
     }
 
-    fn run_on_axis(&mut self, command: &Command, scene: &mut Scene, now_s: f64) -> Answer {
+    fn run_on_axis(&mut self, command: &EspCommand, scene: &mut Scene, now_s: f64) -> EspReply {
         let axis = command.axis()?;
         let drive = &mut self.drives[axis.index()];
         let out_of_range = drive.fault(AxisFault::PARAMETER_OUT_OF_RANGE);
@@ -140,7 +140,7 @@ impl Esp301 {
     }
 
     /// Returns one axis' answer, or all axes' answers separated by a comma and a blank (manual, page TP).
-    fn tell_of_axes(&self, command: &Command, mut each: impl FnMut(&Drive) -> String) -> Answer {
+    fn tell_of_axes(&self, command: &EspCommand, mut each: impl FnMut(&Drive) -> String) -> EspReply {
         let axis = command.axis_or_all()?;
         tell(command, || match axis {
             Some(axis) => each(&self.drives[axis.index()]),
@@ -149,7 +149,7 @@ impl Esp301 {
     }
 
     /// Halts one axis or all axes. An interrupted homing reports an error.
-    fn halt(&mut self, axis: Option<Axis>, now_s: f64, mut halt: impl FnMut(&mut Drive) -> bool) -> Answer {
+    fn halt(&mut self, axis: Option<Axis>, now_s: f64, mut halt: impl FnMut(&mut Drive) -> bool) -> EspReply {
         for each in Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each)) {
             let drive = &mut self.drives[each.index()];
             if halt(drive) {
@@ -161,7 +161,7 @@ impl Esp301 {
 
     /// Handles the waits. After `WS[ms]` and `WPx` the port accepts nothing until the axis (or all axes) stopped, or passed x.
     /// After `WTms` it accepts nothing for a time.
-    fn wait(&mut self, command: &Command, scene: &Scene, now_s: f64) -> Answer {
+    fn wait(&mut self, command: &EspCommand, scene: &Scene, now_s: f64) -> EspReply {
         let out_of_range = General::PARAMETER_OUT_OF_RANGE.into();
         let axis = command.axis_or_all()?;
         let ends = Axis::ALL.into_iter().filter(|each| axis.is_none_or(|axis| axis == *each));
@@ -176,7 +176,7 @@ impl Esp301 {
 }
 
 /// Returns the answer to a query, with or without its question mark.
-fn tell(command: &Command, answer: impl FnOnce() -> String) -> Answer {
+fn tell(command: &EspCommand, answer: impl FnOnce() -> String) -> EspReply {
     if command.argument.tells() { Ok(Some(answer())) } else { Err(General::PARAMETER_OUT_OF_RANGE.into()) }
 }
 

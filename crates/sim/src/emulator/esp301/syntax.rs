@@ -11,7 +11,7 @@ const WAIT: [u8; 2] = *b"WS";
 
 /// One command of a line: `[axis]CC[parameter]` (manual, syntax).
 #[derive(Debug, PartialEq)]
-pub(super) struct Command {
+pub(super) struct EspCommand {
     /// Number before the letters, as sent.
     axis: Option<u32>,
     /// The two letters, in capitals.
@@ -49,7 +49,7 @@ pub(super) fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 
 /// Returns the commands of a line, in order. They are separated by `;`, and blanks have no meaning. A line that is too long
 /// contains no commands.
-pub(super) fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
+pub(super) fn commands(line: &[u8]) -> Vec<Result<EspCommand, EspError>> {
     if line.len() > LINE_MOST {
         return vec![Err(General::UNKNOWN_COMMAND.into())];
     }
@@ -57,7 +57,7 @@ pub(super) fn commands(line: &[u8]) -> Vec<Result<Command, EspError>> {
     bare.split(|&byte| byte == b';').filter(|text| !text.is_empty()).map(command).collect()
 }
 
-impl Command {
+impl EspCommand {
     /// Returns the axis of a command that needs one.
     pub(super) fn axis(&self) -> Result<Axis, EspError> {
         match self.axis {
@@ -100,7 +100,7 @@ impl Argument {
     }
 }
 
-fn command(text: &[u8]) -> Result<Command, EspError> {
+fn command(text: &[u8]) -> Result<EspCommand, EspError> {
     let unknown = || EspError::from(General::UNKNOWN_COMMAND);
     let digits = text.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let (number, text) = text.split_at(digits);
@@ -116,7 +116,7 @@ fn command(text: &[u8]) -> Result<Command, EspError> {
         b"?" => Argument::Query,
         _ => Argument::Value(String::from_utf8_lossy(parameter).into_owned()),
     };
-    Ok(Command { axis, name, argument })
+    Ok(EspCommand { axis, name, argument })
 }
 
 /// Returns the end of the part of a line up to its first wait, if more text follows.
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn the_forms_seen_in_the_field_are_understood() {
         let read = |text: &str| commands(text.as_bytes()).into_iter().map(Result::unwrap).collect::<Vec<_>>();
-        let one = |axis, name: &[u8; 2], argument| vec![Command { axis, name: *name, argument }];
+        let one = |axis, name: &[u8; 2], argument| vec![EspCommand { axis, name: *name, argument }];
         let value = |text: &str| Argument::Value(text.into());
         assert_eq!(read("1 ID?"), one(Some(1), b"ID", Argument::Query));
         assert_eq!(read("01tp"), one(Some(1), b"TP", Argument::None));

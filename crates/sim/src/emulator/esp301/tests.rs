@@ -8,27 +8,27 @@ use proptest::prelude::*;
 use std::time::Duration;
 
 /// A controller and its scene, talked to at given times.
-struct Bench {
-    esp: Esp301,
+struct Esp301Bench {
+    esp: Esp301Emulator,
     scene: Scene,
 }
 
-impl Bench {
+impl Esp301Bench {
     fn new() -> Self {
-        Bench::on(scene())
+        Esp301Bench::on(scene())
     }
 
     fn on(scene: Scene) -> Self {
-        Bench { esp: Esp301::new(&scene), scene }
+        Esp301Bench { esp: Esp301Emulator::new(&scene), scene }
     }
 
     /// Motors on and homed by `OR1`, at true zero from 10 s on.
     fn homed() -> Self {
-        Bench::homed_on(scene())
+        Esp301Bench::homed_on(scene())
     }
 
     fn homed_on(scene: Scene) -> Self {
-        let mut bench = Bench::on(scene);
+        let mut bench = Esp301Bench::on(scene);
         // z away from the specimen first, or it would be homed into it
         assert_eq!(bench.say(0.0, "1MO;2MO;3MO;1OR1;2OR1;3SH12.5;3OR3"), "");
         bench.say(10.0, "TP?");
@@ -57,7 +57,7 @@ impl Bench {
 
 #[test]
 fn the_start_up_of_the_recorded_session_goes_as_recorded() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     for (now_s, sent, answered) in [
         (0.1, "VE?", "ESP301 Version 1.1.1 16/01/14"),
         (0.2, "TB?", "0, 500, NO ERROR DETECTED"),
@@ -87,8 +87,9 @@ fn the_start_up_of_the_recorded_session_goes_as_recorded() {
 #[test]
 fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
     let lag_s = 0.007;
-    let mut bench =
-        Bench::homed_on(scene_with(|spec| spec.stage = Some(Servo { lag_s, quantum_mm: 0.0, ..Servo::default() })));
+    let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
+        spec.stage = Some(Servo { lag_s, quantum_mm: 0.0, ..Servo::default() })
+    }));
     bench.say(11.0, "1VA10;1PA5");
     let mut before = (0.0, 0.0);
     for step in 0..=10_000 {
@@ -111,7 +112,7 @@ fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
 
 #[test]
 fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
-    let mut bench = Bench::homed_on(scene_with(|spec| {
+    let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0, ..Servo::default() })
     }));
     bench.say(11.0, "1VA10;1PA1");
@@ -125,7 +126,7 @@ fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
 
 #[test]
 fn targets_are_rounded_to_the_stages_quantum() {
-    let mut bench = Bench::homed_on(scene_with(|spec| {
+    let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01, ..Servo::default() })
     }));
     bench.say(11.0, "1PA0.1263");
@@ -135,7 +136,7 @@ fn targets_are_rounded_to_the_stages_quantum() {
 
 #[test]
 fn a_query_is_told_with_or_without_its_mark_and_however_it_is_spelt() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     for tell in ["1TP?", "1TP", "01TP?", "1 tp ?", "001tp"] {
         assert_eq!(bench.say(10.0, tell), "0.0000", "{tell}");
     }
@@ -187,7 +188,7 @@ fn what_cant_be_done_is_silent_and_queued_under_its_code() {
         ("1MF;1PA1", "113"),
         ("1MF;1OR1", "113"),
     ] {
-        let mut bench = Bench::homed();
+        let mut bench = Esp301Bench::homed();
         assert_eq!(bench.say(20.0, sent), "", "{sent}");
         assert_eq!(bench.errors(20.0), [code], "{sent}");
         assert_eq!(bench.say(30.0, "TP"), "0.0000, 0.0000, 12.5000", "{sent} moved something");
@@ -196,7 +197,7 @@ fn what_cant_be_done_is_silent_and_queued_under_its_code() {
 
 #[test]
 fn both_error_queries_empty_the_same_queue() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     bench.say(1.0, "XX;4TP;PA1");
     assert_eq!(bench.say(2.0, "TB?"), "6, 2500, COMMAND DOES NOT EXIST");
     assert_eq!(bench.say(2.0, "TE?"), "9");
@@ -207,7 +208,7 @@ fn both_error_queries_empty_the_same_queue() {
 
 #[test]
 fn before_homing_the_count_is_off_by_where_the_axis_was_switched_on() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     assert_eq!(bench.say(0.0, "TP"), "0.0000, 0.0000, 0.0000");
     bench.say(0.0, "3MO;3PA-1");
     assert_eq!(bench.say(5.0, "3TP;3PA?;3PA-2"), "-1.0000|-1.0000");
@@ -221,9 +222,9 @@ fn before_homing_the_count_is_off_by_where_the_axis_was_switched_on() {
 #[test]
 fn a_search_for_home_ends_at_the_count_that_sh_states_and_at_0_as_shipped() {
     for (mode, place_mm) in [("1", 0.0), ("2", 0.0), ("3", 12.5), ("4", -12.5), ("5", 12.5), ("6", -12.5)] {
-        let mut bench = Bench::new();
+        let mut bench = Esp301Bench::new();
         for (sh, count) in [("", "0.0000"), ("2SH-7.25;", "-7.2500")] {
-            let mut bench = Bench::new();
+            let mut bench = Esp301Bench::new();
             bench.say(0.0, &format!("2MO;{sh}2OR{mode}"));
             assert_eq!(bench.say(4.0, "2TP?"), count, "{sh} mode {mode}");
             assert_eq!(bench.true_mm(Axis::Y, 4.0), place_mm);
@@ -236,7 +237,7 @@ fn a_search_for_home_ends_at_the_count_that_sh_states_and_at_0_as_shipped() {
         assert_eq!(bench.say(4.0, "2TP?"), decimal(place_mm));
         assert_eq!(bench.errors(4.0), [""; 0]);
     }
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     bench.say(0.0, "2MO;2PA1");
     bench.say(4.0, "2OR0");
     assert_eq!(bench.say(8.0, "2TP?"), "0.0000");
@@ -245,7 +246,7 @@ fn a_search_for_home_ends_at_the_count_that_sh_states_and_at_0_as_shipped() {
 
 #[test]
 fn settings_that_clients_read_at_the_start_are_answered() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     for question in ["1VB?", "1JH?", "1JL?", "1FR?", "1SU?", "1QM?", "1QS?", "1KP?", "1LC?", "1SH?", "1ZB?", "TX?"] {
         assert!(!bench.say(0.0, question).is_empty(), "{question}");
     }
@@ -254,7 +255,7 @@ fn settings_that_clients_read_at_the_start_are_answered() {
 
 #[test]
 fn a_homing_takes_no_other_motion_and_is_aborted_by_a_stop() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     bench.say(0.0, "2MO;2OR4");
     bench.say(0.5, "2PA0;2OR1;2DH");
     bench.say(0.6, "2ST");
@@ -266,7 +267,7 @@ fn a_homing_takes_no_other_motion_and_is_aborted_by_a_stop() {
 
 #[test]
 fn a_new_target_under_way_is_refused_and_the_old_one_reached() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1PA10");
     bench.say(10.2, "1PA-10;1OR1;1DH");
     assert_eq!(bench.errors(10.3), ["132"; 3]);
@@ -275,7 +276,7 @@ fn a_new_target_under_way_is_refused_and_the_old_one_reached() {
 
 #[test]
 fn a_new_speed_acts_at_once() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA2;1PA10");
     assert_eq!(bench.scene.axis(Axis::X, 11.0).1, 2.0);
     bench.say(11.0, "1VA5");
@@ -288,7 +289,7 @@ fn a_new_speed_acts_at_once() {
 
 #[test]
 fn a_stop_brakes_with_ag_and_the_next_target_is_taken_once_it_stands() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA10;1AC50;1AG50;1PA10");
     let before = bench.true_mm(Axis::X, 10.5);
     bench.say(10.5, "1ST");
@@ -306,7 +307,7 @@ fn a_stop_brakes_with_ag_and_the_next_target_is_taken_once_it_stands() {
 #[test]
 fn an_abort_stops_all_and_turns_the_motors_off_whatever_its_axis() {
     for abort in ["AB", "1AB"] {
-        let mut bench = Bench::homed();
+        let mut bench = Esp301Bench::homed();
         bench.say(10.0, "1PA5;2PA5");
         bench.say(10.3, abort);
         assert_eq!(bench.say(10.6, "MD?;1MO?;2MO?;3MO?"), "1, 1, 1|0|0|0");
@@ -317,7 +318,7 @@ fn an_abort_stops_all_and_turns_the_motors_off_whatever_its_axis() {
 
 #[test]
 fn the_end_of_travel_stops_a_move_that_the_count_allowed() {
-    let mut bench = Bench::new();
+    let mut bench = Esp301Bench::new();
     // z stands at true 8, counted 0: count 10 would be true 18
     bench.say(0.0, "3MO;3PA10");
     assert_eq!(bench.say(5.0, "3MD?"), "1");
@@ -330,7 +331,7 @@ fn the_end_of_travel_stops_a_move_that_the_count_allowed() {
 
 #[test]
 fn the_end_of_travel_stops_what_a_weak_brake_would_not() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA25;1AC100;1AG100;1PA12");
     // 4 s more with this brake
     bench.say(10.4, "1AG5;1ST");
@@ -348,7 +349,7 @@ fn a_zero_has_no_sign() {
 
 #[test]
 fn encoder_counts_are_told_when_asked_for() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1PA-1.5;1SN0");
     assert_eq!(bench.say(20.0, "1TP;1SN?;1PA?"), "-300000|0|-1.5000");
     assert_eq!(bench.say(20.0, "1SN2;1TP"), "-1.5000");
@@ -356,14 +357,14 @@ fn encoder_counts_are_told_when_asked_for() {
 
 #[test]
 fn a_press_reaches_the_scene() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "3PA-0.5");
     assert!((bench.scene.load_cell_n(20.0) - 0.5 * STIFFNESS_N_MM).abs() < 1e-9);
 }
 
 #[test]
 fn a_wait_stalls_until_the_stop_and_its_time() {
-    let mut bench = Bench::homed();
+    let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA2;1AC50;1PA4");
     // 2 s for the way and 0.04 s for the ramps
     bench.say(10.0, "1WS0");
@@ -377,7 +378,7 @@ fn a_wait_stalls_until_the_stop_and_its_time() {
 #[tokio::test(start_paused = true)]
 async fn coalesced_lines_are_answered_in_order_and_a_wait_holds_up_what_follows() {
     let scene = scene();
-    let esp = shared(Esp301::new(&scene));
+    let esp = shared(Esp301Emulator::new(&scene));
     let origin = Instant::now();
     let mut wire = Wire::to(esp, shared(scene), origin);
     // what pymeasure sends, in one write: home, wait, ask
@@ -396,7 +397,7 @@ async fn coalesced_lines_are_answered_in_order_and_a_wait_holds_up_what_follows(
 proptest! {
     #[test]
     fn no_bytes_upset_it(lines in prop::collection::vec("[0-9]{0,2}[A-Z]{2}[-+?.0-9]{0,6}[;\r]?", 0..40)) {
-        let mut bench = Bench::homed();
+        let mut bench = Esp301Bench::homed();
         for (n, line) in lines.iter().enumerate() {
             bench.say(10.0 + n as f64 * 0.05, line);
         }
@@ -410,7 +411,7 @@ proptest! {
     fn commands_in_any_order_keep_the_stage_within_its_travel(
         steps in prop::collection::vec((0usize..10, -20.0..20.0f64, 0.0..1.0f64), 1..40),
     ) {
-        let mut bench = Bench::new();
+        let mut bench = Esp301Bench::new();
         let mut now_s = 0.0;
         bench.say(now_s, "1MO;1SL-30;1SR30");
         for (command, x, wait_s) in steps {

@@ -1,15 +1,15 @@
 //! The frame and its board: where the ends are, where homing ends, what it counts there.
 
-use super::settings::{self, Settings};
+use super::settings::{self, BoardSettings};
 
 /// Distance of the ends of a frame without switches from the place where it is switched on, at least, mm.
 pub const ROOM_MM: f64 = 5.0;
 
 /// A frame of three axes and the board that drives it.
 #[derive(Clone, Debug)]
-pub struct Board {
+pub struct MotionBoard {
     /// Settings of the board.
-    pub settings: Settings,
+    pub settings: BoardSettings,
     /// The + end of each axis, mm in the scene. A limit switch is at each end.
     pub plus_ends_mm: [f64; 3],
     /// Distance between the ends of each axis, mm.
@@ -20,17 +20,17 @@ pub struct Board {
     pub boot_s: Option<f64>,
 }
 
-impl Default for Board {
+impl Default for MotionBoard {
     /// A stock build on an Uno, whose bootloader takes 1.7 s. Its + ends are at 0, so that what it counts after homing is the place
     /// in the scene.
     fn default() -> Self {
-        let settings = Settings::default();
+        let settings = BoardSettings::default();
         let lengths_mm = std::array::from_fn(|n| settings.travel_mm(n));
-        Board { settings, plus_ends_mm: [0.0; 3], lengths_mm, sets_origin: false, boot_s: Some(1.7) }
+        MotionBoard { settings, plus_ends_mm: [0.0; 3], lengths_mm, sets_origin: false, boot_s: Some(1.7) }
     }
 }
 
-impl Board {
+impl MotionBoard {
     /// Numbers of settings that a rig decides.
     pub const SOFT_LIMITS: u16 = settings::SOFT_LIMITS;
     /// Whether it homes to switches.

@@ -35,7 +35,7 @@ impl Default for Modal {
 
 /// Content of a line, as its words alone show it.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Block {
+pub(super) struct GcodeLine {
     motion: Option<MotionMode>,
     action: Option<Action>,
     machine: bool,
@@ -61,10 +61,10 @@ pub(super) enum BlockOrder {
     Dwell(f64),
 }
 
-impl Block {
+impl GcodeLine {
     /// Parses the words of a line: letters and numbers, nothing between.
-    pub(super) fn parse(line: &str) -> Result<Block, GrblError> {
-        let mut block = Block::default();
+    pub(super) fn parse(line: &str) -> Result<GcodeLine, GrblError> {
+        let mut block = GcodeLine::default();
         let mut rest = line.as_bytes();
         while let Some((&letter, after)) = rest.split_first() {
             if !letter.is_ascii_uppercase() {
@@ -208,7 +208,7 @@ mod tests {
     const AT_MM: [f64; 3] = [1.0, 2.0, 3.0];
 
     fn run(modal: &mut Modal, line: &str) -> Result<BlockOrder, GrblError> {
-        Block::parse(line)?.execute(modal, AT_MM)
+        GcodeLine::parse(line)?.execute(modal, AT_MM)
     }
 
     fn go(to_mm: [f64; 3], feed_mm_min: Option<f64>) -> Result<BlockOrder, GrblError> {
@@ -234,7 +234,7 @@ mod tests {
     #[test]
     fn a_jog_counts_from_the_modes_and_leaves_them() {
         let modal = Modal { g92_mm: [0.5, 0.0, 0.0], ..Modal::default() };
-        let jog = |line: &str| Block::parse(line)?.jog(&modal, AT_MM);
+        let jog = |line: &str| GcodeLine::parse(line)?.jog(&modal, AT_MM);
         assert_eq!(jog("X10Y-1.5F100"), go([10.5, -1.5, 3.0], Some(100.0)));
         assert_eq!(jog("G91G21X0.5F10"), go([1.5, 2.0, 3.0], Some(10.0)));
         assert_eq!(jog("G53Y5F100"), go([1.0, 5.0, 3.0], Some(100.0)));

@@ -15,7 +15,7 @@ pub(super) struct LineReader {
 
 /// Complete input.
 #[derive(Debug, PartialEq)]
-pub(super) enum Input {
+pub(super) enum GrblInput {
     /// A byte that acts at once and belongs to no line.
     RealTime(u8),
     /// A line; `None` if it had more than [`LINE_MOST`] characters.
@@ -25,7 +25,7 @@ pub(super) enum Input {
 impl LineReader {
     /// Takes bytes from the front of the inbox until an input is complete. No incomplete input stays in the inbox, and at most
     /// one line stays in this reader.
-    pub(super) fn take(&mut self, inbox: &mut Vec<u8>) -> Option<Input> {
+    pub(super) fn take(&mut self, inbox: &mut Vec<u8>) -> Option<GrblInput> {
         for taken in 0..inbox.len() {
             if let Some(input) = self.read(inbox[taken]) {
                 inbox.drain(..=taken);
@@ -41,13 +41,13 @@ impl LineReader {
         *self = LineReader::default();
     }
 
-    fn read(&mut self, byte: u8) -> Option<Input> {
+    fn read(&mut self, byte: u8) -> Option<GrblInput> {
         match byte {
-            b'?' | b'!' | b'~' | 0x18 | 0x80.. => return Some(Input::RealTime(byte)),
+            b'?' | b'!' | b'~' | 0x18 | 0x80.. => return Some(GrblInput::RealTime(byte)),
             b'\r' | b'\n' => {
                 let reader = std::mem::take(self);
                 let text = String::from_utf8_lossy(&reader.text).into_owned();
-                return Some(Input::Line((!reader.overlong).then_some(text)));
+                return Some(GrblInput::Line((!reader.overlong).then_some(text)));
             }
             _ => {}
         }
@@ -69,14 +69,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn read(bytes: &[u8]) -> Vec<Input> {
+    fn read(bytes: &[u8]) -> Vec<GrblInput> {
         let mut inbox = bytes.to_vec();
         let mut reader = LineReader::default();
         std::iter::from_fn(|| reader.take(&mut inbox)).collect()
     }
 
-    fn line(text: &str) -> Input {
-        Input::Line(Some(text.into()))
+    fn line(text: &str) -> GrblInput {
+        GrblInput::Line(Some(text.into()))
     }
 
     #[test]
@@ -88,15 +88,15 @@ mod tests {
     #[test]
     fn real_time_bytes_act_in_the_midst_of_a_line_and_of_a_comment() {
         let found = read(b"G1?X\x852(!\n\x18");
-        let bytes = [b'?', 0x85, b'!'].map(Input::RealTime);
+        let bytes = [b'?', 0x85, b'!'].map(GrblInput::RealTime);
         assert_eq!(found[..3], bytes);
-        assert_eq!(found[3..], [line("G1X2"), Input::RealTime(0x18)]);
+        assert_eq!(found[3..], [line("G1X2"), GrblInput::RealTime(0x18)]);
     }
 
     #[test]
     fn a_line_too_long_is_none_and_the_next_is_whole() {
         assert_eq!(read(&[&b"X".repeat(LINE_MOST)[..], b"\nG0\n"].concat()), [line(&"X".repeat(79)), line("G0")]);
-        assert_eq!(read(&[&b"X".repeat(5000)[..], b"\nG0\n"].concat()), [Input::Line(None), line("G0")]);
+        assert_eq!(read(&[&b"X".repeat(5000)[..], b"\nG0\n"].concat()), [GrblInput::Line(None), line("G0")]);
     }
 
     proptest! {

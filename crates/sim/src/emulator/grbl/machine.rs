@@ -1,7 +1,7 @@
 //! The three axes: planned motions, the running motion, and homing.
 
-use super::board::Board;
-use super::settings::Settings;
+use super::board::MotionBoard;
+use super::settings::BoardSettings;
 use crate::scene::{Scene, Trajectory};
 use palpate_core::quantity::Axis;
 use std::collections::VecDeque;
@@ -22,10 +22,10 @@ const ROUNDING: f64 = 1e-9;
 /// round it, slowly). Blocks on one line at one rate are joined into one block.
 pub(super) struct Machine {
     /// The frame and the settings.
-    pub board: Board,
+    pub board: MotionBoard,
     /// True place minus counted place, mm.
     offset_mm: [f64; 3],
-    blocks: VecDeque<Block>,
+    blocks: VecDeque<StraightMotion>,
     /// Time at which the braking of the cancelled motion ends, s; the blocks are removed then.
     cancelled_s: Option<f64>,
 }
@@ -43,7 +43,7 @@ pub(super) struct PlannedLine {
 
 /// Straight motion.
 #[derive(Debug)]
-struct Block {
+struct StraightMotion {
     to_mm: [f64; 3],
     /// Components of the distance along each axis.
     way: [f64; 3],
@@ -79,7 +79,7 @@ pub(super) struct Homed {
 
 impl Machine {
     /// Creates a frame at power-on: its present place counts as zero.
-    pub(super) fn new(board: Board, scene: &Scene) -> Self {
+    pub(super) fn new(board: MotionBoard, scene: &Scene) -> Self {
         let offset_mm = Axis::ALL.map(|axis| scene.motion(axis).end_mm());
         Machine { board, offset_mm, blocks: VecDeque::new(), cancelled_s: None }
     }
@@ -171,7 +171,7 @@ impl Machine {
         let most_along = |most: &dyn Fn(usize) -> f64| {
             (0..3).filter(|&n| way[n] != 0.0).map(|n| most(n) / way[n].abs()).fold(f64::INFINITY, f64::min)
         };
-        let block = Block {
+        let block = StraightMotion {
             to_mm,
             way,
             feed_mm_s: line.feed_mm_min.map(|feed| feed / 60.0),
@@ -271,7 +271,7 @@ impl Machine {
     }
 
     /// Returns the end of a block, true mm: its target, or the end of the frame before the target.
-    fn targets(&self, block: &Block) -> [f64; 3] {
+    fn targets(&self, block: &StraightMotion) -> [f64; 3] {
         std::array::from_fn(|n| {
             let (min_mm, max_mm) = self.board.ends_mm(n);
             (block.to_mm[n] + self.offset_mm[n]).clamp(min_mm, max_mm)
@@ -306,7 +306,7 @@ impl Machine {
     }
 
     fn homing_way(&self, axis: Axis, from_s: f64, scene: &Scene) -> Trajectory {
-        let settings: &Settings = &self.board.settings;
+        let settings: &BoardSettings = &self.board.settings;
         let (switch_mm, off_mm) = self.board.switch_mm(axis.index());
         let (seek_mm_s, locate_mm_s) = (settings.seek_mm_s(), settings.locate_mm_s());
         let start_mm = scene.motion(axis).end_mm();
@@ -323,9 +323,9 @@ impl Machine {
     }
 }
 
-impl Block {
+impl StraightMotion {
     /// Whether the next block continues along the same line at the same rate.
-    fn runs_into(&self, next: &Block) -> bool {
+    fn runs_into(&self, next: &StraightMotion) -> bool {
         let turn = (0..3).map(|n| (self.way[n] - next.way[n]).abs()).fold(0.0, f64::max);
         self.jog == next.jog && self.feed_mm_s == next.feed_mm_s && turn < ROUNDING
     }

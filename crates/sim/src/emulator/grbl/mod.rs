@@ -26,12 +26,12 @@ mod settings;
 mod tests;
 
 use super::{Instrument, Owed, Shared};
-use crate::scene::{Device, Scene};
-pub use board::{Board, ROOM_MM};
+use crate::scene::{Scene, SceneDevice};
+pub use board::{MotionBoard, ROOM_MM};
 
 use fault::GrblError;
-use gcode::{Block, BlockOrder, Modal};
-use line::{Input, LineReader};
+use gcode::{BlockOrder, GcodeLine, Modal};
+use line::{GrblInput, LineReader};
 use machine::{Activity, Homed, Machine, PlannedLine};
 use report::{RX_MOST, Reporter, StatusReport};
 use std::collections::VecDeque;
@@ -52,12 +52,12 @@ const JOG_CANCEL: u8 = 0x85;
 /// A GRBL 1.1h with three axes.
 ///
 /// If homing is enabled, the controller is locked at power-on. The present place of each axis counts as zero until it is homed.
-pub struct Grbl {
+pub struct GrblEmulator {
     machine: Machine,
     modal: Modal,
     reader: LineReader,
     reporter: Reporter,
-    lock: Lock,
+    lock: LockState,
     /// Lines that came and haven't run yet, at most as many as fit into the serial buffer.
     waiting: VecDeque<String>,
     /// Condition that the first of them waits for.
@@ -77,7 +77,7 @@ pub struct Grbl {
 
 /// State of the lock.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Lock {
+enum LockState {
     Open,
     /// Locked until homed or unlocked: no line of G-code runs.
     Alarm,
@@ -85,10 +85,10 @@ enum Lock {
     Critical,
 }
 
-impl Grbl {
+impl GrblEmulator {
     /// Creates a controller that is switched on at the present place of the scene's axes.
-    pub fn new(board: Board, scene: &Scene) -> Self {
-        Grbl {
+    pub fn new(board: MotionBoard, scene: &Scene) -> Self {
+        GrblEmulator {
             lock: lock_at_start(&board),
             machine: Machine::new(board, scene),
             modal: Modal::default(),
@@ -106,16 +106,16 @@ impl Grbl {
     }
 }
 
-impl Instrument for Grbl {
-    fn device(&self) -> Device {
-        Device::Stage
+impl Instrument for GrblEmulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         Some(match self.reader.take(inbox)? {
-            Input::RealTime(byte) => vec![byte],
-            Input::Line(None) => vec![OVERLONG, RUN],
-            Input::Line(Some(line)) => [line.as_bytes(), &[RUN]].concat(),
+            GrblInput::RealTime(byte) => vec![byte],
+            GrblInput::Line(None) => vec![OVERLONG, RUN],
+            GrblInput::Line(Some(line)) => [line.as_bytes(), &[RUN]].concat(),
         })
     }
 
@@ -188,7 +188,7 @@ impl Reply {
     }
 }
 
-impl Grbl {
+impl GrblEmulator {
     /// Resets the board if its port was opened, and sends the welcome when it is ready. Returns the time until which it boots, s.
     fn boots(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Option<f64> {
         if let Some(boot_s) = self.machine.board.boot_s.filter(|_| std::mem::take(&mut self.opened)) {
@@ -223,7 +223,7 @@ impl Grbl {
             [OVERLONG] => Err(GrblError::Overlong),
             [] => Ok(()),
             [b'$', ..] => self.run_system(&line[1..], reply, scene, now_s),
-            _ if self.lock != Lock::Open || self.machine.activity() == Activity::Jog => Err(GrblError::Locked),
+            _ if self.lock != LockState::Open || self.machine.activity() == Activity::Jog => Err(GrblError::Locked),
             _ => self.run_gcode(line, reply, scene, now_s),
         }
     }
@@ -231,10 +231,10 @@ impl Grbl {
     fn run_gcode(&mut self, line: &str, reply: &mut Reply, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let at_mm = self.machine.end_mm(scene, now_s);
         let g92_mm = self.modal.g92_mm;
-        match Block::parse(line)?.execute(&mut self.modal, at_mm)? {
+        match GcodeLine::parse(line)?.execute(&mut self.modal, at_mm)? {
             BlockOrder::Go { to_mm, .. } if self.beyond_travel(to_mm) => {
                 self.machine.cancel(scene, now_s);
-                self.lock = Lock::Critical;
+                self.lock = LockState::Critical;
                 self.unanswered = true;
                 reply.alarm(2);
                 reply.line("[MSG:Reset to continue]");
@@ -258,8 +258,8 @@ impl Grbl {
             "$" => self.machine.board.settings.lines().for_each(|line| reply.line(line)),
             "G" => reply.line(report::modes(&self.modal)),
             "X" => {
-                if self.lock == Lock::Alarm {
-                    self.lock = Lock::Open;
+                if self.lock == LockState::Alarm {
+                    self.lock = LockState::Open;
                     reply.line("[MSG:Caution: Unlocked]");
                 }
             }
@@ -271,7 +271,7 @@ impl Grbl {
             "H" => {
                 if let Some(homed) = self.homing.take() {
                     self.machine.is_home(homed);
-                    self.lock = Lock::Open;
+                    self.lock = LockState::Open;
                 }
             }
             setting => {
@@ -290,12 +290,12 @@ impl Grbl {
     /// Runs a jog: the text after `$J`. In an alarm the jog is refused because GRBL isn't idle, not because of the lock.
     fn jog(&mut self, jog: &str, scene: &mut Scene, now_s: f64) -> Result<(), GrblError> {
         let ready = matches!(self.machine.activity(), Activity::Idle | Activity::Jog);
-        if self.lock != Lock::Open || !ready {
+        if self.lock != LockState::Open || !ready {
             return Err(GrblError::NotIdle);
         }
         let words = jog.strip_prefix('=').ok_or(GrblError::BadJog)?;
         let at_mm = self.machine.end_mm(scene, now_s);
-        if let BlockOrder::Go { to_mm, feed_mm_min } = Block::parse(words)?.jog(&self.modal, at_mm)? {
+        if let BlockOrder::Go { to_mm, feed_mm_min } = GcodeLine::parse(words)?.jog(&self.modal, at_mm)? {
             if self.beyond_travel(to_mm) {
                 return Err(GrblError::TravelExceeded);
             }
@@ -309,7 +309,7 @@ impl Grbl {
         match byte {
             SOFT_RESET => self.reset(reply, scene, now_s),
             b'?' if self.homing.is_some() => self.asked = true,
-            _ if self.lock == Lock::Critical || self.homing.is_some() => {}
+            _ if self.lock == LockState::Critical || self.homing.is_some() => {}
             b'?' => self.tell_status(reply, scene, now_s),
             JOG_CANCEL if self.machine.activity() == Activity::Jog => self.machine.cancel(scene, now_s),
             _ => {}
@@ -327,13 +327,13 @@ impl Grbl {
         match (self.homing.take(), self.lock) {
             (Some(_), _) => {
                 reply.alarm(6);
-                self.lock = Lock::Alarm;
+                self.lock = LockState::Alarm;
             }
-            (None, Lock::Open) if in_motion => {
+            (None, LockState::Open) if in_motion => {
                 reply.alarm(3);
-                self.lock = Lock::Alarm;
+                self.lock = LockState::Alarm;
             }
-            (None, Lock::Critical) => self.lock = Lock::Alarm,
+            (None, LockState::Critical) => self.lock = LockState::Alarm,
             _ => {}
         }
         if std::mem::take(&mut self.unanswered) {
@@ -352,7 +352,7 @@ impl Grbl {
         self.asked = false;
         reply.line("");
         reply.line("Grbl 1.1h ['$' for help]");
-        if self.lock == Lock::Alarm {
+        if self.lock == LockState::Alarm {
             reply.line("[MSG:'$H'|'$X' to unlock]");
         }
     }
@@ -360,7 +360,7 @@ impl Grbl {
     fn status(&self, scene: &Scene, now_s: f64) -> StatusReport {
         let activity = self.machine.activity();
         let state = match activity {
-            _ if self.lock != Lock::Open => "Alarm",
+            _ if self.lock != LockState::Open => "Alarm",
             Activity::Idle => "Idle",
             Activity::Run => "Run",
             Activity::Jog => "Jog",
@@ -386,11 +386,11 @@ impl Grbl {
 }
 
 /// State of the lock at power-on (build option HOMING_INIT_LOCK, which stock builds have).
-fn lock_at_start(board: &Board) -> Lock {
-    if board.settings.homes() { Lock::Alarm } else { Lock::Open }
+fn lock_at_start(board: &MotionBoard) -> LockState {
+    if board.settings.homes() { LockState::Alarm } else { LockState::Open }
 }
 
-impl Grbl {
+impl GrblEmulator {
     /// Stores a line until it can be run. A line for which the buffer has no room is lost.
     fn keep(&mut self, line: &str) {
         let taken: usize = self.waiting.iter().map(|line| line.len() + 1).sum();
@@ -407,7 +407,7 @@ impl Grbl {
     /// Runs the lines that no longer have to wait.
     fn run_waiting(&mut self, reply: &mut Reply, scene: &mut Scene, now_s: f64) {
         while let Some(line) = self.waiting.front().cloned() {
-            if self.lock == Lock::Critical {
+            if self.lock == LockState::Critical {
                 self.forget_lines(); // it answers nothing until it is reset
                 return;
             }
@@ -444,8 +444,8 @@ impl Grbl {
             self.homing = Some(homed);
             return Some(Stall::Until(homed.end_s));
         }
-        if let Some(dwell_s) = Block::parse(line).ok().and_then(|block| block.dwell_s()) {
-            let runs = self.lock == Lock::Open && activity != Activity::Jog;
+        if let Some(dwell_s) = GcodeLine::parse(line).ok().and_then(|block| block.dwell_s()) {
+            let runs = self.lock == LockState::Open && activity != Activity::Jog;
             return runs.then_some(Stall::Dwell { still_s: now_s, dwell_s });
         }
         let moves = !line.starts_with('$') || line.starts_with("$J");

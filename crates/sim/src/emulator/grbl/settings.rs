@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 /// Settings of a board, each as in GRBL's manual: rates in mm/min, accelerations in mm/s^2, travels in mm.
 #[derive(Clone, Debug)]
-pub struct Settings {
+pub struct BoardSettings {
     values: BTreeMap<u16, f64>,
 }
 
@@ -63,16 +63,16 @@ pub(super) const RATE_MM_MIN: u16 = 110;
 pub(super) const ACCELERATION_MM_S2: u16 = 120;
 pub(super) const TRAVEL_MM: u16 = 130;
 
-impl Default for Settings {
+impl Default for BoardSettings {
     fn default() -> Self {
-        Settings { values: READY.into() }
+        BoardSettings { values: READY.into() }
     }
 }
 
-impl Settings {
+impl BoardSettings {
     /// Returns the same settings with one changed.
     #[must_use]
-    pub fn with(mut self, number: u16, value: f64) -> Settings {
+    pub fn with(mut self, number: u16, value: f64) -> BoardSettings {
         self.values.insert(number, value);
         self
     }

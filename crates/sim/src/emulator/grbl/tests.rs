@@ -1,6 +1,6 @@
 //! GRBL, line by line.
 
-use super::settings::Settings;
+use super::settings::BoardSettings;
 use super::*;
 use crate::emulator::tests::{POWER_ON, STIFFNESS_N_MM, Wire, scene, scene_with, shared};
 use crate::scene::Servo;
@@ -15,34 +15,34 @@ const UNLOCK: &str = "[MSG:'$H'|'$X' to unlock]";
 const MIDDLE_MM: f64 = -12.5;
 
 /// A frame whose middle is in the middle of the scene. Its port is open.
-fn board() -> Board {
-    Board { plus_ends_mm: [12.5; 3], ..Board::default() }
+fn board() -> MotionBoard {
+    MotionBoard { plus_ends_mm: [12.5; 3], ..MotionBoard::default() }
 }
 
 /// A controller and its scene, talked to at given times.
-struct Bench {
-    grbl: Grbl,
+struct GrblBench {
+    grbl: GrblEmulator,
     scene: Scene,
     /// When the last answer came that was owed, s.
     done_s: f64,
 }
 
-impl Bench {
+impl GrblBench {
     fn new() -> Self {
-        Bench::on(scene())
+        GrblBench::on(scene())
     }
 
     fn on(scene: Scene) -> Self {
-        Bench { grbl: Grbl::new(board(), &scene), scene, done_s: 0.0 }
+        GrblBench { grbl: GrblEmulator::new(board(), &scene), scene, done_s: 0.0 }
     }
 
     /// Homed by 20 s, and back in the middle by 30 s, which is then zero in work coordinates.
     fn homed() -> Self {
-        Bench::homed_on(scene())
+        GrblBench::homed_on(scene())
     }
 
     fn homed_on(scene: Scene) -> Self {
-        let mut bench = Bench::on(scene);
+        let mut bench = GrblBench::on(scene);
         bench.script(&[
             (0.0, "$H\n", "ok"),
             (20.0, "G0X-12.5Y-12.5Z-12.5\n", "ok"),
@@ -105,7 +105,7 @@ impl Bench {
 
 #[test]
 fn it_is_locked_when_switched_on_and_a_reset_says_so() {
-    Bench::new().script(&[
+    GrblBench::new().script(&[
         (0.1, "\x18", &format!(" Grbl 1.1h ['$' for help] {UNLOCK}")),
         (0.2, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
         (0.3, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Ov:100,100,100>"),
@@ -121,7 +121,7 @@ fn it_is_locked_when_switched_on_and_a_reset_says_so() {
 
 #[test]
 fn what_it_tells_of_itself() {
-    Bench::homed().script(&[
+    GrblBench::homed().script(&[
         (40.1, "$G\n", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0] ok"),
         (40.2, "$i\n", "[VER:1.1h.20190825:] [OPT:V,15,128] ok"),
         (40.4, "g91 g21 (mm) f25\n", "ok"),
@@ -130,7 +130,7 @@ fn what_it_tells_of_itself() {
         (40.7, "?", "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|WCO:-11.500,-12.500,-12.500>"),
         (40.9, "?", "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|Ov:100,100,100>"),
     ]);
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     let parameters = bench.say(40.0, b"$#\n");
     assert_eq!(parameters.matches(":0.000,0.000,0.000").count(), 9);
     assert!(parameters.starts_with("[G54:") && parameters.ends_with("[TLO:0.000] [PRB:0.000,0.000,0.000:0] ok"));
@@ -162,7 +162,7 @@ fn what_cant_be_done_is_refused_with_its_code_and_moves_nothing() {
         ("G1X1", 22),
         ("$J=F100", 26),
     ] {
-        let mut bench = Bench::homed();
+        let mut bench = GrblBench::homed();
         let answer = bench.say(40.0, format!("{sent}\n").as_bytes());
         assert_eq!(answer.trim_start_matches("ok "), format!("error:{code}"), "{sent}");
         assert_eq!(bench.state(50.0), ("Idle".into(), [0.0; 3]), "{sent} moved something");
@@ -171,7 +171,7 @@ fn what_cant_be_done_is_refused_with_its_code_and_moves_nothing() {
 
 #[test]
 fn homing_takes_z_first_and_makes_the_count_true() {
-    let mut bench = Bench::new();
+    let mut bench = GrblBench::new();
     assert_eq!(bench.say(1.0, b"$H\n"), "ok");
     let end_s = bench.done_s;
     assert!(end_s > 4.0 && end_s < 10.0, "{end_s}");
@@ -179,7 +179,7 @@ fn homing_takes_z_first_and_makes_the_count_true() {
     for axis in Axis::ALL {
         assert!((bench.true_mm(axis, end_s) - 12.0).abs() < 1e-9);
     }
-    let mut bench = Bench::new();
+    let mut bench = GrblBench::new();
     bench.send(1.0, b"$H\n");
     assert_eq!(bench.true_mm(Axis::X, 1.4), POWER_ON.x_mm, "x waits for z");
     assert_eq!(bench.true_mm(Axis::Z, 1.56), 12.5);
@@ -189,7 +189,7 @@ fn homing_takes_z_first_and_makes_the_count_true() {
 
 #[test]
 fn jogs_move_straight_and_are_done_when_idle() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[
         (40.0, "$J=G91X3Y-4F600\n", "ok"),
         (40.25, "?", "<Jog|MPos:-11.240,-14.180,-12.500|FS:600,0|Ov:100,100,100>"),
@@ -205,7 +205,7 @@ fn jogs_move_straight_and_are_done_when_idle() {
 
 #[test]
 fn a_jog_is_cancelled_with_what_follows_it_and_brakes() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "$J=X10F600\n$J=X0F600\n", "ok ok"), (40.5, "\u{85}", "")]);
     // at 10 mm/s after 4.5 mm; 0.1 s and 0.5 mm to rest
     assert_eq!(bench.state(40.55), ("Jog".into(), [4.875, 0.0, 0.0]));
@@ -216,7 +216,7 @@ fn a_jog_is_cancelled_with_what_follows_it_and_brakes() {
 
 #[test]
 fn a_jog_sent_while_one_is_cancelled_waits_for_it() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "$J=X10F600\n", "ok"), (40.5, "\u{85}$J=G91X-1F600\n", "ok")]);
     assert!((bench.done_s - 40.6).abs() < 1e-9);
     assert_eq!(bench.state(50.0), ("Idle".into(), [4.0, 0.0, 0.0]));
@@ -224,7 +224,7 @@ fn a_jog_sent_while_one_is_cancelled_waits_for_it() {
 
 #[test]
 fn real_time_bytes_in_the_midst_of_a_line_leave_it_whole() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     let answer = bench.say(40.0, b"$J=X?1\x91 F6!00\n");
     assert_eq!(answer, "<Idle|MPos:-12.500,-12.500,-12.500|FS:0,0|Ov:100,100,100> ok");
     assert_eq!(bench.state(42.0).1, [1.0, 0.0, 0.0]);
@@ -232,7 +232,7 @@ fn real_time_bytes_in_the_midst_of_a_line_leave_it_whole() {
 
 #[test]
 fn a_full_planner_makes_further_lines_wait() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     for n in 0..machine::BLOCKS_MOST {
         assert_eq!(bench.say(40.0, format!("$J=X{}F600\n", (n + 1) % 2).as_bytes()), "ok");
         assert!(bench.done_s < 40.0);
@@ -246,7 +246,7 @@ fn a_full_planner_makes_further_lines_wait() {
 
 #[test]
 fn jogs_along_one_line_run_into_one_another() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     for n in 0..5 {
         assert_eq!(bench.say(40.0 + 0.1 * f64::from(n), b"$J=G91X1F600\n"), "ok");
     }
@@ -256,7 +256,7 @@ fn jogs_along_one_line_run_into_one_another() {
 
 #[test]
 fn a_dwell_waits_for_what_moves_and_then_its_time() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "G1X5F600\nG4P1.5\n", "ok ok")]);
     // 0.5 s and 0.1 s for the ramps
     assert!((bench.done_s - 42.1).abs() < 1e-9);
@@ -265,14 +265,14 @@ fn a_dwell_waits_for_what_moves_and_then_its_time() {
 #[test]
 fn single_bytes_act_while_a_line_waits() {
     // a dwell
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     assert_eq!(bench.send(40.0, b"G1X5F600\nG4P1.5\n"), "ok\r\n");
     assert!(bench.send(40.1, b"?").starts_with("<Run|"));
     assert_eq!(bench.send(40.2, b"$G\n"), "");
     assert!(bench.send(41.0, b"?").starts_with("<Idle|"));
     assert!(bench.say(41.5, b"").starts_with("ok [GC:"));
     // a full planner
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     for n in 0..machine::BLOCKS_MOST {
         bench.say(40.0, format!("$J=X{}F600\n", (n + 1) % 2).as_bytes());
     }
@@ -286,7 +286,7 @@ fn single_bytes_act_while_a_line_waits() {
 
 #[test]
 fn a_reset_in_motion_loses_the_place() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[
         (40.0, "$J=X10F1500\n", "ok"),
         (40.4, "\x18", &format!("ALARM:3  Grbl 1.1h ['$' for help] {UNLOCK}")),
@@ -305,7 +305,7 @@ fn a_reset_in_motion_loses_the_place() {
 
 #[test]
 fn a_line_beyond_the_travel_is_an_alarm_that_only_a_reset_ends() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[
         (40.0, "G0X13\n", "ALARM:2 [MSG:Reset to continue]"),
         (40.1, "?$X\n\n", ""),
@@ -318,9 +318,10 @@ fn a_line_beyond_the_travel_is_an_alarm_that_only_a_reset_ends() {
 
 #[test]
 fn an_end_of_the_frame_stops_what_is_not_homed() {
-    let settings = Settings::default().with(Board::SOFT_LIMITS, 0.0);
+    let settings = BoardSettings::default().with(MotionBoard::SOFT_LIMITS, 0.0);
     let scene = scene();
-    let mut bench = Bench { grbl: Grbl::new(Board { settings, ..board() }, &scene), scene, done_s: 0.0 };
+    let mut bench =
+        GrblBench { grbl: GrblEmulator::new(MotionBoard { settings, ..board() }, &scene), scene, done_s: 0.0 };
     // z stands at true 8, counted 0: count 10 would be true 18
     bench.script(&[(0.0, "$X\nG0Z10\n", "[MSG:Caution: Unlocked] ok ok")]);
     bench.script(&[(5.0, "?", "<Idle|MPos:0.000,0.000,10.000|FS:0,0|Pn:Z|WCO:0.000,0.000,0.000>")]);
@@ -330,7 +331,7 @@ fn an_end_of_the_frame_stops_what_is_not_homed() {
 
 #[test]
 fn places_are_whole_steps() {
-    let mut bench = Bench::homed();
+    let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "$J=X0.0004Y0.0007Z1.2341F600\n", "ok")]);
     for (axis, mm) in Axis::ALL.into_iter().zip([0.0, 0.001_25, 1.233_75]) {
         assert!((bench.true_mm(axis, 50.0) - mm).abs() < 1e-9, "{axis:?}");
@@ -339,7 +340,7 @@ fn places_are_whole_steps() {
 
 #[test]
 fn a_lagging_stage_goes_on_through_jogs_and_a_cancel_without_a_jump() {
-    let mut bench = Bench::homed_on(scene_with(|spec| {
+    let mut bench = GrblBench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.007, quantum_mm: 0.0, ..Servo::default() })
     }));
     let mut before = (0.0, 0.0);
@@ -362,7 +363,7 @@ fn a_lagging_stage_goes_on_through_jogs_and_a_cancel_without_a_jump() {
 #[tokio::test(start_paused = true)]
 async fn opening_the_port_resets_it_and_its_bootloader_takes_no_line() {
     let scene = shared(scene());
-    let grbl = shared(Grbl::new(board(), &scene.lock().expect("a scene")));
+    let grbl = shared(GrblEmulator::new(board(), &scene.lock().expect("a scene")));
     let origin = Instant::now();
     let mut wire = Wire::to(grbl.clone(), scene.clone(), origin);
     wire.send(b"$I\n?").await;
@@ -385,9 +386,10 @@ async fn opening_the_port_resets_it_and_its_bootloader_takes_no_line() {
 
 #[test]
 fn a_frame_without_switches_is_open_counts_from_zero_and_homes_nowhere() {
-    let settings = Settings::default().with(Board::SOFT_LIMITS, 0.0).with(Board::HOMING, 0.0);
+    let settings = BoardSettings::default().with(MotionBoard::SOFT_LIMITS, 0.0).with(MotionBoard::HOMING, 0.0);
     let scene = scene();
-    let mut bench = Bench { grbl: Grbl::new(Board { settings, ..board() }, &scene), scene, done_s: 0.0 };
+    let mut bench =
+        GrblBench { grbl: GrblEmulator::new(MotionBoard { settings, ..board() }, &scene), scene, done_s: 0.0 };
     bench.script(&[
         (0.0, "?", "<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
         (0.1, "$H\n", "error:5"),
@@ -405,10 +407,10 @@ fn an_axis_that_homes_to_minus_and_a_build_that_sets_the_origin_count_as_grbl_do
     for (mask, sets_origin, counts_mm) in
         [(0.0, false, [-0.5; 3]), (3.0, false, [-24.5, -24.5, -0.5]), (0.0, true, [0.0; 3]), (7.0, true, [0.0; 3])]
     {
-        let settings = Settings::default().with(Board::HOMING_DIRECTION, mask);
+        let settings = BoardSettings::default().with(MotionBoard::HOMING_DIRECTION, mask);
         let scene = scene();
-        let board = Board { settings, sets_origin, ..board() };
-        let mut bench = Bench { grbl: Grbl::new(board, &scene), scene, done_s: 0.0 };
+        let board = MotionBoard { settings, sets_origin, ..board() };
+        let mut bench = GrblBench { grbl: GrblEmulator::new(board, &scene), scene, done_s: 0.0 };
         assert_eq!(bench.say(1.0, b"$H\n"), "ok");
         let at_s = bench.done_s;
         assert_eq!(bench.state(at_s).1.map(|mm| mm + MIDDLE_MM), counts_mm);
@@ -420,7 +422,7 @@ fn an_axis_that_homes_to_minus_and_a_build_that_sets_the_origin_count_as_grbl_do
 #[tokio::test(start_paused = true)]
 async fn homing_answers_at_its_end_and_tells_no_status_before() {
     let scene = scene();
-    let grbl = shared(Grbl::new(Board { boot_s: None, ..board() }, &scene));
+    let grbl = shared(GrblEmulator::new(MotionBoard { boot_s: None, ..board() }, &scene));
     let origin = Instant::now();
     let mut wire = Wire::to(grbl, shared(scene), origin);
     wire.send(b"$H\n").await;
@@ -437,7 +439,7 @@ async fn homing_answers_at_its_end_and_tells_no_status_before() {
 #[tokio::test(start_paused = true)]
 async fn a_reset_ends_a_search_for_home() {
     let scene = shared(scene());
-    let grbl = shared(Grbl::new(Board { boot_s: None, ..board() }, &scene.lock().expect("a scene")));
+    let grbl = shared(GrblEmulator::new(MotionBoard { boot_s: None, ..board() }, &scene.lock().expect("a scene")));
     let origin = Instant::now();
     let mut wire = Wire::to(grbl, scene.clone(), origin);
     wire.send(b"$H\n").await;
@@ -462,7 +464,7 @@ proptest! {
         ],
         0..40,
     )) {
-        let mut bench = Bench::new();
+        let mut bench = GrblBench::new();
         bench.say(0.0, b"$X\n");
         let mut now_s = 1.0;
         for piece in pieces {

@@ -1,7 +1,7 @@
 //! Faults of a board and of its line: damaged lines, pauses and resets.
 
 use super::LINE_END;
-use palpate_core::quantity::Stream;
+use palpate_core::quantity::RandomStream;
 use rand::RngExt;
 
 /// Largest number of bytes that one damage drops.
@@ -38,7 +38,7 @@ impl DamageKind {
 
 impl Damage {
     /// Damages a line, or leaves it unchanged. Returns whether it is damaged.
-    pub(super) fn strike(&self, line: &mut Vec<u8>, rng: &mut Stream) -> bool {
+    pub(super) fn strike(&self, line: &mut Vec<u8>, rng: &mut RandomStream) -> bool {
         let text = line.len().saturating_sub(LINE_END.len());
         if text == 0 || self.kinds.is_empty() || !rng.random_bool(self.fraction.clamp(0.0, 1.0)) {
             return false;
@@ -84,9 +84,9 @@ pub enum LineFaultKind {
 
 /// Faults of one board that may still happen.
 #[derive(Default)]
-pub(super) struct Faults(Vec<LineFault>);
+pub(super) struct LineFaults(Vec<LineFault>);
 
-impl Faults {
+impl LineFaults {
     pub(super) fn add(&mut self, fault: LineFault) {
         self.0.push(fault);
     }

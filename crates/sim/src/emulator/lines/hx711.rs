@@ -1,8 +1,8 @@
 //! An Arduino Uno with an HX711 amplifier and the library bogde/HX711.
 
 use super::print::print_float;
-use super::{Firmware, LINE_END, Port};
-use crate::scene::{Device, Scene};
+use super::{BoardFirmware, LINE_END, Port};
+use crate::scene::{Scene, SceneDevice};
 
 /// Ends of the 24-bit counts. The chip stays at an end beyond its range (data sheet of the HX711, from memory).
 const COUNTS_LEAST: f64 = -8_388_608.0;
@@ -52,9 +52,9 @@ impl Hx711 {
     }
 }
 
-impl Firmware for Hx711 {
-    fn device(&self) -> Device {
-        Device::LoadCell
+impl BoardFirmware for Hx711 {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
     fn port(&self) -> Port {

@@ -1,8 +1,8 @@
 //! A Mark-10 force gauge, Series 5 or 7 (Series 5 user's guide, "Command Set / Gauge Control Language 2", section 9.6 or 9.8 by
 //! edition; AOUT, IPOL and OPOL as in the Model 7i user's guide, 14.6; the form of a reading as in the Series 4 guide, 9.1.4).
 
-use super::{Firmware, LINE_END, Port};
-use crate::scene::{Device, Scene};
+use super::{BoardFirmware, LINE_END, Port};
+use crate::scene::{Scene, SceneDevice};
 
 /// Baud rate of a delivered gauge (1ramihamada/read-force, README.md; the guides let the user choose).
 const BAUD: f64 = 115_200.0;
@@ -125,9 +125,9 @@ fn chosen(choice: &str) -> Result<bool, &'static str> {
     }
 }
 
-impl Firmware for Mark10 {
-    fn device(&self) -> Device {
-        Device::LoadCell
+impl BoardFirmware for Mark10 {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
     fn port(&self) -> Port {
@@ -181,7 +181,7 @@ impl Firmware for Mark10 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::lines::Board;
+    use crate::emulator::lines::SerialBoard;
     use crate::emulator::lines::tests::{listen, opened};
     use crate::emulator::tests::{Wire, pressed, scene, shared};
     use palpate_link::time::Instant;
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn aout_pushes_readings_and_ends_with_0() {
-        let (mut gauge, mut scene) = (opened(Board::new(Mark10::new(10.0))), pressed(0.5));
+        let (mut gauge, mut scene) = (opened(SerialBoard::new(Mark10::new(10.0))), pressed(0.5));
         assert!(listen(&mut gauge, &mut scene, 0.0, 1.0).is_empty());
         for (command, per_second) in [("AOUT50", 50), ("AOUT1", 50), ("AOUT250", 250), ("AOUT0", 0)] {
             use crate::emulator::Instrument;
@@ -243,7 +243,7 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_question_during_continuous_output_never_splits_a_line() {
-        let gauge = Board::new(Mark10::new(10.0)).on(Port::serial(2400.0));
+        let gauge = SerialBoard::new(Mark10::new(10.0)).on(Port::serial(2400.0));
         let mut wire = Wire::to(shared(gauge), shared(scene()), Instant::now());
         wire.send(b"AOUT25\r").await;
         for _ in 0..100 {

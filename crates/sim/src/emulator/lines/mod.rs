@@ -1,6 +1,6 @@
 //! Boards that push readings as lines or frames on a serial port or USB: what most public tactile sensors do.
 //!
-//! A [`Board`] runs a [`Firmware`]. It takes readings by its own clock and sends each as one line. No client can slow it down, and
+//! A [`SerialBoard`] runs a [`BoardFirmware`]. It takes readings by its own clock and sends each as one line. No client can slow it down, and
 //! bytes that no client reads are lost. Opening the link resets a board whose USB adapter pulls its reset line (Uno, Nano). Such a
 //! board is silent for its boot time, then prints its greeting, then readings. Opening a board with native USB doesn't reset it,
 //! so the first line may lack its beginning.
@@ -33,9 +33,9 @@ pub use reskin::ReSkin;
 pub use velostat::Velostat;
 
 use super::{Instrument, Owed, Shared};
-use crate::scene::{Device, Scene};
-use fault::Faults;
-use palpate_core::quantity::{Stream, stream};
+use crate::scene::{Scene, SceneDevice};
+use fault::LineFaults;
+use palpate_core::quantity::{RandomStream, stream};
 use port::Uart;
 use rand::RngExt;
 use std::collections::VecDeque;
@@ -59,9 +59,9 @@ const PERIOD_LEAST_S: f64 = 1e-4;
 const LATE_MOST_S: f64 = 0.1;
 
 /// What differs from board to board: its readings, and the lines that it makes of them.
-pub trait Firmware: Send {
+pub trait BoardFirmware: Send {
     /// Role of the board in the scene.
-    fn device(&self) -> Device;
+    fn device(&self) -> SceneDevice;
 
     /// The port of the usual board.
     fn port(&self) -> Port;
@@ -107,24 +107,24 @@ pub struct Sent {
 }
 
 /// A board at the end of a serial line.
-pub struct Board<F> {
+pub struct SerialBoard<F> {
     firmware: F,
     port: Port,
-    state: State,
+    state: BoardState,
     /// Whether a link was opened since the board last had a turn.
     opened: bool,
     /// Whether the next line lacks its beginning, because the link was opened in the middle of it.
     joined: bool,
     uart: Uart,
     damage: Option<Damage>,
-    faults: Faults,
-    rng: Stream,
+    faults: LineFaults,
+    rng: RandomStream,
     sent: VecDeque<Sent>,
     bell: Arc<Notify>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
+enum BoardState {
     /// Not opened yet.
     Off,
     Booting {
@@ -136,19 +136,19 @@ enum State {
     },
 }
 
-impl<F: Firmware> Board<F> {
+impl<F: BoardFirmware> SerialBoard<F> {
     /// Creates a board without faults, on the usual port of its firmware.
     pub fn new(firmware: F) -> Self {
         let port = firmware.port();
-        Board {
+        SerialBoard {
             firmware,
             port,
-            state: State::Off,
+            state: BoardState::Off,
             opened: false,
             joined: false,
             uart: Uart::new(port.baud),
             damage: None,
-            faults: Faults::default(),
+            faults: LineFaults::default(),
             rng: stream(0, 0, "line damage"),
             sent: VecDeque::new(),
             bell: Arc::default(),
@@ -196,16 +196,16 @@ impl<F: Firmware> Board<F> {
         while let Some(at_s) = self.next_event_s().filter(|&at_s| at_s <= now_s + EARLY_S) {
             if let Some(reset) = self.faults.take_reset(at_s) {
                 self.uart.cut(reset.at_s);
-                self.state = State::Booting { until_s: reset.at_s + reset.for_s };
+                self.state = BoardState::Booting { until_s: reset.at_s + reset.for_s };
                 continue;
             }
             match self.state {
-                State::Off => return,
-                State::Booting { until_s } => self.start(scene, until_s),
-                State::Running { .. } if at_s < now_s - LATE_MOST_S => {
-                    self.state = State::Running { next_s: now_s - LATE_MOST_S };
+                BoardState::Off => return,
+                BoardState::Booting { until_s } => self.start(scene, until_s),
+                BoardState::Running { .. } if at_s < now_s - LATE_MOST_S => {
+                    self.state = BoardState::Running { next_s: now_s - LATE_MOST_S };
                 }
-                State::Running { .. } => self.push(scene, at_s, now_s),
+                BoardState::Running { .. } => self.push(scene, at_s, now_s),
             }
         }
     }
@@ -214,9 +214,9 @@ impl<F: Firmware> Board<F> {
         match (self.port.boot_s, self.state) {
             (Some(boot_s), _) => {
                 self.uart.clear(now_s);
-                self.state = State::Booting { until_s: now_s + boot_s };
+                self.state = BoardState::Booting { until_s: now_s + boot_s };
             }
-            (None, State::Off) => self.state = State::Booting { until_s: now_s + self.port.setup_s },
+            (None, BoardState::Off) => self.state = BoardState::Booting { until_s: now_s + self.port.setup_s },
             (None, _) => {
                 self.uart.clear(now_s);
                 self.joined = self.next_event_s().is_some();
@@ -227,9 +227,9 @@ impl<F: Firmware> Board<F> {
     /// Time of the next reset, end of booting or reading, s. `None` if nothing happens without a request.
     fn next_event_s(&self) -> Option<f64> {
         let own_s = match self.state {
-            State::Off => return None,
-            State::Booting { until_s } => until_s,
-            State::Running { next_s } => next_s,
+            BoardState::Off => return None,
+            BoardState::Booting { until_s } => until_s,
+            BoardState::Running { next_s } => next_s,
         };
         Some(own_s.min(self.faults.next_reset_s())).filter(|at_s| at_s.is_finite())
     }
@@ -243,13 +243,13 @@ impl<F: Firmware> Board<F> {
 
     fn schedule(&mut self, scene: &Scene, from_s: f64) {
         let period_s = self.firmware.period_s(scene).unwrap_or(f64::INFINITY).max(PERIOD_LEAST_S);
-        self.state = State::Running { next_s: from_s.max(self.uart.has_room_s()) + period_s };
+        self.state = BoardState::Running { next_s: from_s.max(self.uart.has_room_s()) + period_s };
     }
 
     /// Takes the reading of `at_s` and sends it. The scene can't go back, so the reading is that of `now_s`.
     fn push(&mut self, scene: &mut Scene, at_s: f64, now_s: f64) {
         if let Some(end_s) = self.faults.end_s(LineFaultKind::Stops, at_s) {
-            self.state = State::Running { next_s: end_s };
+            self.state = BoardState::Running { next_s: end_s };
             return;
         }
         let reading = self.firmware.read(scene, now_s);
@@ -271,8 +271,8 @@ impl<F: Firmware> Board<F> {
     }
 }
 
-impl<F: Firmware> Instrument for Board<F> {
-    fn device(&self) -> Device {
+impl<F: BoardFirmware> Instrument for SerialBoard<F> {
+    fn device(&self) -> SceneDevice {
         self.firmware.device()
     }
 
@@ -283,7 +283,7 @@ impl<F: Firmware> Instrument for Board<F> {
     /// The answer is owed, so that it never interrupts a line that is being sent.
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         self.advance(scene, now_s);
-        if let State::Running { .. } = self.state {
+        if let BoardState::Running { .. } = self.state {
             let period_s = self.firmware.period_s(scene);
             let answer = self.firmware.answer(request, scene, now_s);
             self.uart.send(answer, now_s);

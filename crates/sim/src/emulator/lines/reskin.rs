@@ -2,8 +2,8 @@
 //! `arduino/5X_binary_burst_stream/5X_binary_burst_stream.ino`) or as text (`arduino/5X_burst_stream/5X_burst_stream.ino`).
 
 use super::print::print_float;
-use super::{Firmware, LINE_END, Port, mlx90393};
-use crate::scene::{Device, Scene};
+use super::{BoardFirmware, LINE_END, Port, mlx90393};
+use crate::scene::{Scene, SceneDevice};
 
 /// Decimals of `Serial.print` of a float.
 const DECIMALS: u32 = 2;
@@ -35,9 +35,9 @@ impl ReSkin {
     }
 }
 
-impl Firmware for ReSkin {
-    fn device(&self) -> Device {
-        Device::Array
+impl BoardFirmware for ReSkin {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Array
     }
 
     fn port(&self) -> Port {

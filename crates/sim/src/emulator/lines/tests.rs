@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::emulator::tests::{Wire, pressed, scene, scene_with, shared};
-use crate::scene::{Fault, FaultKind, Trajectory};
+use crate::scene::{FaultKind, SceneFault, Trajectory};
 use palpate_core::quantity::Axis;
 use palpate_link::time::Instant;
 use proptest::prelude::*;
@@ -10,14 +10,14 @@ use std::time::Duration;
 use tokio::io::AsyncReadExt;
 
 /// Opens a link.
-pub(super) fn opened<F: Firmware>(mut board: Board<F>) -> Board<F> {
+pub(super) fn opened<F: BoardFirmware>(mut board: SerialBoard<F>) -> SerialBoard<F> {
     assert!(board.accept().is_none());
     board
 }
 
 /// The bytes that a board pushes from one time to another, with the times at which they arrive; it is asked each millisecond.
-pub(super) fn listen<F: Firmware>(
-    board: &mut Board<F>,
+pub(super) fn listen<F: BoardFirmware>(
+    board: &mut SerialBoard<F>,
     scene: &mut Scene,
     from_s: f64,
     to_s: f64,
@@ -37,8 +37,8 @@ fn text(heard: &[(f64, Vec<u8>)]) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-fn bare(rate_hz: f64) -> Board<Hx711> {
-    Board::new(Hx711::new(Hx711Sketch::Bare, rate_hz))
+fn bare(rate_hz: f64) -> SerialBoard<Hx711> {
+    SerialBoard::new(Hx711::new(Hx711Sketch::Bare, rate_hz))
 }
 
 fn fault(kind: LineFaultKind, at_s: f64, for_s: f64) -> LineFault {
@@ -67,7 +67,7 @@ fn lines(text: &str) -> Vec<&str> {
 
 #[test]
 fn opening_resets_an_uno_which_is_silent_while_it_boots_then_greets_then_reads() {
-    let mut board = opened(Board::new(Hx711::new(Hx711Sketch::Demo, 10.0)));
+    let mut board = opened(SerialBoard::new(Hx711::new(Hx711Sketch::Demo, 10.0)));
     let heard = listen(&mut board, &mut scene(), 0.0, 2.5);
     assert!(heard[0].0 > 1.7);
     let (greeted_s, _) = arrivals(&heard)[0];
@@ -93,7 +93,7 @@ fn a_board_is_silent_until_it_is_opened_and_opening_it_again_resets_it() {
 #[test]
 fn a_board_without_a_reset_is_joined_in_the_middle_of_a_line() {
     let mut scene = scene();
-    let mut board = opened(Board::new(ReSkin::new(100.0)));
+    let mut board = opened(SerialBoard::new(ReSkin::new(100.0)));
     let first = listen(&mut board, &mut scene, 0.0, 0.2);
     assert!((first[0].0 - 0.035 - 0.01).abs() < 0.002 && first[0].1.len() == 3 * 16 + 2, "{first:?}");
     let frame = first[0].1.clone();
@@ -206,7 +206,7 @@ fn an_adapter_that_withholds_delivers_every_byte_afterwards() {
 #[test]
 fn a_reset_cuts_the_line_under_way_and_starts_the_sketch_again() {
     let mut scene = scene();
-    let mut board = opened(Board::new(Hx711::new(Hx711Sketch::Demo, 10.0)));
+    let mut board = opened(SerialBoard::new(Hx711::new(Hx711Sketch::Demo, 10.0)));
     listen(&mut board, &mut scene, 0.0, 3.0);
     // "Reading: 0.0 lbs" with its end takes 18.75 ms from 3.0 s on
     board.fail(fault(LineFaultKind::Resets, 3.01, 1.5));
@@ -277,7 +277,7 @@ async fn what_no_client_reads_is_lost_and_the_board_is_not_slowed_down() {
 
 #[tokio::test(start_paused = true)]
 async fn a_served_board_pushes_on_time_and_a_lost_link_is_silent() {
-    let lost = Fault { kind: FaultKind::Stale, from_s: 5.0, value: None };
+    let lost = SceneFault { kind: FaultKind::Stale, from_s: 5.0, value: None };
     let scene = shared(scene_with(|spec| spec.faults.push(lost)));
     let origin = Instant::now();
     let mut wire = Wire::to(shared(bare(80.0)), scene, origin);
@@ -304,7 +304,7 @@ async fn sixty_four_channels_are_served_at_a_kilohertz() {
     let frame = 22 * 16 + 2; // 64 outputs are those of 22 chips
     let origin = Instant::now();
     let began = std::time::Instant::now();
-    let mut wire = Wire::to(shared(Board::new(ReSkin::new(1000.0))), shared(scene), origin);
+    let mut wire = Wire::to(shared(SerialBoard::new(ReSkin::new(1000.0))), shared(scene), origin);
     for _ in 0..10_000 {
         assert!(wire.ask(b"", frame).await.ends_with(b"\r\n"));
     }
@@ -313,9 +313,9 @@ async fn sixty_four_channels_are_served_at_a_kilohertz() {
     assert!((virtual_s - 10.035).abs() < 0.01, "{virtual_s}");
 }
 
-fn upset<F: Firmware>(firmware: F, chunks: &[Vec<u8>]) {
+fn upset<F: BoardFirmware>(firmware: F, chunks: &[Vec<u8>]) {
     let mut scene = scene();
-    let mut board = opened(Board::new(firmware).on(Port::serial(115_200.0)));
+    let mut board = opened(SerialBoard::new(firmware).on(Port::serial(115_200.0)));
     let mut inbox = Vec::new();
     for (ms, chunk) in (0..).zip(chunks) {
         let now_s = f64::from(ms) / 100.0;

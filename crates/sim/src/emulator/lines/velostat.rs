@@ -1,7 +1,7 @@
 //! A pressure matrix of Velostat at the converter of an Arduino (sketch: www.kobakant.at/DIY/?p=7443).
 
-use super::{Firmware, LINE_END, Port};
-use crate::scene::{Device, Scene};
+use super::{BoardFirmware, LINE_END, Port};
+use crate::scene::{Scene, SceneDevice};
 
 /// Largest count of the converter of an Uno: 10 bits.
 const COUNTS_MOST: f64 = 1023.0;
@@ -38,9 +38,9 @@ impl Velostat {
     }
 }
 
-impl Firmware for Velostat {
-    fn device(&self) -> Device {
-        Device::Array
+impl BoardFirmware for Velostat {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Array
     }
 
     fn port(&self) -> Port {
@@ -76,7 +76,7 @@ impl Firmware for Velostat {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emulator::lines::Board;
+    use crate::emulator::lines::SerialBoard;
     use crate::emulator::lines::tests::{listen, opened};
     use crate::emulator::tests::{pressed, scene};
 
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn the_line_limits_the_rate_at_9600_baud_and_the_sketch_at_115200() {
         let rate_hz = |baud: f64| {
-            let mut board = opened(Board::new(Velostat::new(b'\t', baud)));
+            let mut board = opened(SerialBoard::new(Velostat::new(b'\t', baud)));
             listen(&mut board, &mut scene(), 0.0, 11.7);
             board.sent().len() as f64 / 10.0
         };

@@ -1,8 +1,8 @@
 //! The LabJack T7 (support.labjack.com: Protocol Details, Direct Modbus TCP): f32 and u32 in two registers, high word first. Both
 //! registers must be read and written together.
 
-use super::{Refusal, RegisterMap, Word};
-use crate::scene::{Device, Scene};
+use super::{Refusal, RegisterBytes, RegisterMap};
+use crate::scene::{Scene, SceneDevice};
 use std::ops::Range;
 
 /// Analog inputs AIN0 to AIN13.
@@ -26,7 +26,7 @@ const CELL_STEPS: f64 = 32_768.0;
 /// one newton, in steps of 16 bit of the range. Other inputs read 0 V. Quantisation of taxels isn't modelled. Stream mode,
 /// digital lines and the settings of inputs aren't supported.
 pub struct LabJackT7 {
-    role: Device,
+    role: SceneDevice,
     dac_v: [f32; 2],
     last_error: u16,
     /// Voltages on the inputs, V: a buffer that is filled once for each request.
@@ -34,14 +34,14 @@ pub struct LabJackT7 {
 }
 
 /// Value at an address.
-enum Value {
+enum RegisterValue {
     Word(u16),
     Pair([u8; 4]),
 }
 
 impl LabJackT7 {
     /// Creates a T7. `role` is the device wired to it: the array, or the load cell. If `role` is the stage, nothing is wired.
-    pub fn new(role: Device) -> Self {
+    pub fn new(role: SceneDevice) -> Self {
         LabJackT7 { role, dac_v: [0.0; 2], last_error: 0, wires_v: Vec::new() }
     }
 
@@ -54,7 +54,7 @@ impl LabJackT7 {
     /// Reading of an input within its range, V.
     fn volts(&self, channel: usize) -> f32 {
         let volts = self.wires_v.get(channel).copied().unwrap_or(0.0).clamp(-RANGE_V, RANGE_V);
-        if self.role != Device::LoadCell {
+        if self.role != SceneDevice::LoadCell {
             return volts as f32;
         }
         let step_v = RANGE_V / CELL_STEPS;
@@ -65,27 +65,27 @@ impl LabJackT7 {
     /// because each reading draws noise.
     fn sense(&mut self, channels: Range<usize>, scene: &mut Scene, now_s: f64) {
         match self.role {
-            Device::Array => {
+            SceneDevice::Array => {
                 self.wires_v.resize(scene.taxels(), 0.0);
                 scene.outputs(now_s, &mut self.wires_v);
                 self.wires_v.iter_mut().for_each(|volts| *volts *= VOLTS_PER_UNIT);
             }
-            Device::LoadCell if channels.contains(&CELL_CHANNEL) => {
+            SceneDevice::LoadCell if channels.contains(&CELL_CHANNEL) => {
                 self.wires_v.resize(CHANNELS, 0.0);
                 self.wires_v[CELL_CHANNEL] = scene.load_cell_n(now_s) * VOLTS_PER_N;
             }
-            Device::LoadCell | Device::Stage => {}
+            SceneDevice::LoadCell | SceneDevice::Stage => {}
         }
     }
 
-    fn value(&self, address: u16) -> Option<Value> {
-        let float = |value: f32| Value::Pair(value.to_be_bytes());
+    fn value(&self, address: u16) -> Option<RegisterValue> {
+        let float = |value: f32| RegisterValue::Pair(value.to_be_bytes());
         Some(match address {
             // an odd address is the middle of a value
             0..=27 if address.is_multiple_of(2) => float(self.volts(usize::from(address) / 2)),
             1000 | 1002 => float(self.dac_v[usize::from(address - 1000) / 2]),
-            55000 => Value::Word(self.last_error),
-            55100 => Value::Pair([0x00, 0x11, 0x22, 0x33]),
+            55000 => RegisterValue::Word(self.last_error),
+            55100 => RegisterValue::Pair([0x00, 0x11, 0x22, 0x33]),
             60000 => float(7.0),
             _ => return None,
         })
@@ -93,11 +93,17 @@ impl LabJackT7 {
 }
 
 impl RegisterMap for LabJackT7 {
-    fn device(&self) -> Device {
+    fn device(&self) -> SceneDevice {
         self.role
     }
 
-    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn read(
+        &mut self,
+        address: u16,
+        words: &mut [RegisterBytes],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), Refusal> {
         let first = usize::from(address) / 2;
         if first < CHANNELS {
             let end = (usize::from(address) + words.len()).div_ceil(2).min(CHANNELS);
@@ -107,12 +113,12 @@ impl RegisterMap for LabJackT7 {
         let mut left = words;
         while !left.is_empty() {
             match (self.value(address).ok_or(Refusal::Address)?, left) {
-                (Value::Word(value), [word, rest @ ..]) => {
+                (RegisterValue::Word(value), [word, rest @ ..]) => {
                     *word = value.to_be_bytes();
                     left = rest;
                     address += 1;
                 }
-                (Value::Pair([a, b, c, d]), [high, low, rest @ ..]) => {
+                (RegisterValue::Pair([a, b, c, d]), [high, low, rest @ ..]) => {
                     (*high, *low) = ([a, b], [c, d]);
                     left = rest;
                     address += 2;
@@ -123,7 +129,7 @@ impl RegisterMap for LabJackT7 {
         Ok(())
     }
 
-    fn write(&mut self, address: u16, words: &[Word], _: &mut Scene, _: f64) -> Result<(), Refusal> {
+    fn write(&mut self, address: u16, words: &[RegisterBytes], _: &mut Scene, _: f64) -> Result<(), Refusal> {
         let mut address = address;
         let mut left = words;
         while !left.is_empty() {
@@ -153,18 +159,18 @@ mod tests {
         })
     }
 
-    fn write(daq: &mut LabJackT7, address: u16, words: &[Word]) -> Result<(), Refusal> {
+    fn write(daq: &mut LabJackT7, address: u16, words: &[RegisterBytes]) -> Result<(), Refusal> {
         daq.write(address, words, &mut scene(), 0.0)
     }
 
-    fn float_words(value: f32) -> [Word; 2] {
+    fn float_words(value: f32) -> [RegisterBytes; 2] {
         let [a, b, c, d] = value.to_be_bytes();
         [[a, b], [c, d]]
     }
 
     #[test]
     fn the_inputs_are_the_taxels_in_order_and_nothing_after_them() {
-        let mut daq = LabJackT7::new(Device::Array);
+        let mut daq = LabJackT7::new(SceneDevice::Array);
         let volts: [f32; CHANNELS] = floats(&mut daq, &mut pressed(0.5), 0);
         let side = (0.5 * lambda(4.5 / 5.0)) as f32;
         let corner = (0.5 * lambda(4.5 * 2f64.sqrt() / 5.0)) as f32;
@@ -177,7 +183,7 @@ mod tests {
 
     #[test]
     fn as_a_load_cell_it_has_the_force_on_ain13_in_steps_of_its_range_and_nothing_beyond() {
-        let mut daq = LabJackT7::new(Device::LoadCell);
+        let mut daq = LabJackT7::new(SceneDevice::LoadCell);
         let step_v = 10.0 / 32768.0;
         let [volts] = floats(&mut daq, &mut pressed(0.9), 26);
         assert!((volts - 0.9).abs() < step_v / 2.0 + 1e-6, "{volts}");
@@ -185,14 +191,14 @@ mod tests {
         let volts: [f32; CHANNELS] = floats(&mut daq, &mut pressed(0.9), 0);
         assert_eq!(volts[..13], [0.0; 13], "the taxels are not on this one");
         assert_eq!(floats::<1>(&mut daq, &mut pressed(12.0), 26), [10.0]);
-        assert_eq!(daq.device(), Device::LoadCell);
+        assert_eq!(daq.device(), SceneDevice::LoadCell);
     }
 
     #[test]
     fn a_load_cells_conversion_is_spent_only_by_those_who_read_it() {
         let read_after = |others: &[u16]| {
             let mut scene = noisy();
-            let mut daq = LabJackT7::new(Device::LoadCell);
+            let mut daq = LabJackT7::new(SceneDevice::LoadCell);
             for (address, at_s) in others.iter().zip([0.1, 0.2, 0.3]) {
                 daq.read(*address, &mut [[0; 2]; 2], &mut scene, at_s).expect("registers");
             }
@@ -204,7 +210,7 @@ mod tests {
 
     #[test]
     fn what_a_host_probes_is_what_a_t7_says() {
-        let mut daq = LabJackT7::new(Device::Array);
+        let mut daq = LabJackT7::new(SceneDevice::Array);
         let mut words = [[0; 2]; 2];
         for (address, bytes) in
             [(55100, [[0x00, 0x11], [0x22, 0x33]]), (60000, float_words(7.0)), (1000, float_words(0.0))]
@@ -216,7 +222,7 @@ mod tests {
 
     #[test]
     fn what_it_refuses_stands_in_detail_at_55000() {
-        let mut daq = LabJackT7::new(Device::Array);
+        let mut daq = LabJackT7::new(SceneDevice::Array);
         let mut odd = [[0; 2]; 3];
         assert_eq!(daq.read(0, &mut odd, &mut scene(), 0.0), Err(Refusal::Value));
         let mut detail = [[0; 2]];

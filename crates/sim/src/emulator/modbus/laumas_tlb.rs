@@ -1,8 +1,8 @@
 //! Laumas TLB, TLU and W100 (manual: Modbus protocol of the TLB4): weights as magnitudes of 32 bits, high word first, their
 //! signs in the status register.
 
-use super::{Refusal, RegisterMap, Word};
-use crate::scene::{Device, Scene};
+use super::{Refusal, RegisterBytes, RegisterMap};
+use crate::scene::{Scene, SceneDevice};
 
 /// Counts per newton: three decimals, so one count is 1 mN.
 const COUNTS_PER_N: f64 = 1000.0;
@@ -54,7 +54,7 @@ pub struct LaumasTlb {
 }
 
 /// Readings of the cell at one instant, in counts.
-struct Weights {
+struct TlbCounts {
     status: u16,
     gross: i32,
     net: i32,
@@ -67,7 +67,7 @@ impl LaumasTlb {
         LaumasTlb { range_n, zero: 0, tare: None }
     }
 
-    fn weigh(&self, scene: &mut Scene, now_s: f64) -> Weights {
+    fn weigh(&self, scene: &mut Scene, now_s: f64) -> TlbCounts {
         let force_n = scene.load_cell_n(now_s);
         let most_n = self.range_n * CONVERTER_PART;
         let measured = (force_n.clamp(-most_n, most_n) * COUNTS_PER_N).round() as i32;
@@ -88,7 +88,7 @@ impl LaumasTlb {
                 status |= bit;
             }
         }
-        Weights { status, gross, net }
+        TlbCounts { status, gross, net }
     }
 
     fn command(&mut self, command: u16, scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
@@ -105,11 +105,17 @@ impl LaumasTlb {
 }
 
 impl RegisterMap for LaumasTlb {
-    fn device(&self) -> Device {
-        Device::LoadCell
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
-    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn read(
+        &mut self,
+        address: u16,
+        words: &mut [RegisterBytes],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), Refusal> {
         if words.len() > QUERY_MOST {
             return Err(Refusal::Value);
         }
@@ -134,7 +140,7 @@ impl RegisterMap for LaumasTlb {
         Ok(())
     }
 
-    fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn write(&mut self, address: u16, words: &[RegisterBytes], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
         match (address, words) {
             (COMMAND, [word]) => self.command(u16::from_be_bytes(*word), scene, now_s),
             (COMMAND, _) => Err(Refusal::Value),

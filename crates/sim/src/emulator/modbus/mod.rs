@@ -16,7 +16,7 @@ pub use seneca_zsg::SenecaZsg;
 pub use transmitter::Transmitter;
 
 use super::Instrument;
-use crate::scene::{Device, Scene};
+use crate::scene::{Scene, SceneDevice};
 use rmodbus::server::{ModbusFrame, Read, Write};
 use rmodbus::{ErrorKind, ModbusProto, guess_request_frame_len};
 use std::ops::RangeInclusive;
@@ -36,7 +36,7 @@ const READ_MOST: u16 = 125;
 const WRITE_MOST: u16 = 123;
 
 /// One register as transmitted, high byte first.
-pub type Word = [u8; 2];
+pub type RegisterBytes = [u8; 2];
 
 /// Reason why a map refuses a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,60 +50,61 @@ pub enum Refusal {
 /// Registers of one device: its measurements, and the values that can be written.
 pub trait RegisterMap: Send {
     /// The role it plays in the scene.
-    fn device(&self) -> Device;
+    fn device(&self) -> SceneDevice;
 
     /// Reads registers from `address` on, all at one instant.
     ///
     /// # Errors
     /// Returns a refusal if a register can't be read.
-    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
+    fn read(&mut self, address: u16, words: &mut [RegisterBytes], scene: &mut Scene, now_s: f64)
+    -> Result<(), Refusal>;
 
     /// Writes registers from `address` on.
     ///
     /// # Errors
     /// Returns a refusal if a register can't be written. The registers before it are written.
-    fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
+    fn write(&mut self, address: u16, words: &[RegisterBytes], scene: &mut Scene, now_s: f64) -> Result<(), Refusal>;
 }
 
 /// A Modbus device over a register map.
 pub struct Modbus<M> {
     map: M,
-    framing: Framing,
+    framing: EmulatedFraming,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Framing {
+enum EmulatedFraming {
     Rtu { unit_id: u8 },
     Tcp,
 }
 
-type Frame<'a> = ModbusFrame<'a, Vec<u8>>;
+type RequestFrame<'a> = ModbusFrame<'a, Vec<u8>>;
 
 impl<M: RegisterMap> Modbus<M> {
     /// Creates a device on a serial line, as unit `unit_id` (1 to 247).
     pub fn rtu(map: M, unit_id: u8) -> Self {
-        Modbus { map, framing: Framing::Rtu { unit_id } }
+        Modbus { map, framing: EmulatedFraming::Rtu { unit_id } }
     }
 
     /// Creates a device on a TCP connection.
     pub fn tcp(map: M) -> Self {
-        Modbus { map, framing: Framing::Tcp }
+        Modbus { map, framing: EmulatedFraming::Tcp }
     }
 }
 
 impl<M: RegisterMap> Instrument for Modbus<M> {
-    fn device(&self) -> Device {
+    fn device(&self) -> SceneDevice {
         self.map.device()
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         let length = match self.framing {
-            Framing::Rtu { .. } => {
+            EmulatedFraming::Rtu { .. } => {
                 let length = usize::from(guess_request_frame_len(inbox, ModbusProto::Rtu).ok()?);
                 // a frame that doesn't check out waits for the silence after it
                 inbox.get(..length).filter(|frame| checks_out(frame))?.len()
             }
-            Framing::Tcp => {
+            EmulatedFraming::Tcp => {
                 let &[_, _, 0, 0, high, low] = inbox.first_chunk::<TCP_HEADER>()? else {
                     // no header: what follows can't be separated any more
                     inbox.clear();
@@ -121,7 +122,7 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
     }
 
     fn silence(&self) -> Option<Duration> {
-        (self.framing != Framing::Tcp).then_some(SILENCE)
+        (self.framing != EmulatedFraming::Tcp).then_some(SILENCE)
     }
 
     /// Discards a request for an unsupported function. Its length can't be known from its first bytes, so the silence ends it.
@@ -142,20 +143,20 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
 impl<M: RegisterMap> Modbus<M> {
     fn respond(&mut self, request: &[u8], reply: &mut Vec<u8>, scene: &mut Scene, now_s: f64) -> Result<(), ErrorKind> {
         let (protocol, header, trailer) = match self.framing {
-            Framing::Rtu { .. } => (ModbusProto::Rtu, 0, 2),
-            Framing::Tcp => (ModbusProto::TcpUdp, TCP_HEADER, 0),
+            EmulatedFraming::Rtu { .. } => (ModbusProto::Rtu, 0, 2),
+            EmulatedFraming::Tcp => (ModbusProto::TcpUdp, TCP_HEADER, 0),
         };
         let body = request.get(header..request.len().saturating_sub(trailer)).ok_or(ErrorKind::FrameBroken)?;
         let (&unit_id, pdu) = body.split_first().ok_or(ErrorKind::FrameBroken)?;
-        let broadcast = self.framing != Framing::Tcp && unit_id == 0;
-        if let Framing::Rtu { unit_id: own } = self.framing
+        let broadcast = self.framing != EmulatedFraming::Tcp && unit_id == 0;
+        if let EmulatedFraming::Rtu { unit_id: own } = self.framing
             && unit_id != own
             && !broadcast
         {
             return Ok(());
         }
-        let broadcast_units: &[u8] = if self.framing == Framing::Tcp { &[] } else { &[0] };
-        let mut frame = Frame::new(unit_id, request, protocol, reply).with_broadcast_units(broadcast_units);
+        let broadcast_units: &[u8] = if self.framing == EmulatedFraming::Tcp { &[] } else { &[0] };
+        let mut frame = RequestFrame::new(unit_id, request, protocol, reply).with_broadcast_units(broadcast_units);
         if let Err(kind) = check(pdu) {
             return if broadcast { Ok(()) } else { refuse(&mut frame, request, pdu, kind) };
         }
@@ -215,7 +216,7 @@ impl Refusal {
 }
 
 /// Answers a frame that wasn't parsed with an exception.
-fn refuse(frame: &mut Frame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Result<(), ErrorKind> {
+fn refuse(frame: &mut RequestFrame, request: &[u8], pdu: &[u8], kind: ErrorKind) -> Result<(), ErrorKind> {
     if frame.proto == ModbusProto::TcpUdp {
         // transaction and protocol; rmodbus writes the rest
         frame.response.extend_from_slice(request.get(..4).ok_or(ErrorKind::FrameBroken)?);

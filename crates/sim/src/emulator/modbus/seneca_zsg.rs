@@ -1,8 +1,8 @@
 //! Seneca Z-SG (manual MI002636) and its successor Z-SG2 (manual MI-005370): a net weight as f32. The two differ in where the
 //! status and the commands are.
 
-use super::{Refusal, RegisterMap, Word};
-use crate::scene::{Device, Scene};
+use super::{Refusal, RegisterBytes, RegisterMap};
+use crate::scene::{Scene, SceneDevice};
 
 // As on the wire: the manual's number less 40001.
 const MACHINE_ID: u16 = 0;
@@ -11,7 +11,7 @@ const UNIT: u16 = 2;
 const NET: u16 = 63;
 
 /// Differences between the two devices: addresses on the wire.
-struct Model {
+struct RegisterAddresses {
     status: u16,
     command: u16,
     /// Last register. Registers below it without a name read as 0, so that the map can be read at once.
@@ -19,10 +19,10 @@ struct Model {
 }
 
 /// Status 40066: by the code of a public rig. Command 40067 and the end of the map: from memory only.
-const ZSG: Model = Model { status: 65, command: 66, last: 69 };
+const ZSG: RegisterAddresses = RegisterAddresses { status: 65, command: 66, last: 69 };
 /// Status 40078: manual MI-005370, page 52. Command 40080: a public table of the next model, the Z-SG3. The end of the map is
 /// from memory only.
-const ZSG2: Model = Model { status: 77, command: 79, last: 99 };
+const ZSG2: RegisterAddresses = RegisterAddresses { status: 77, command: 79, last: 99 };
 
 /// Value of `MACHINE_ID` and `FIRMWARE`. Any number is possible.
 const OWN_ID: u16 = 10;
@@ -46,7 +46,7 @@ const STABLE_N: f64 = 1.0;
 /// low word in a formula. Here it is the high word, as in the Z-SG2 as shipped (page 38). Thresholds, outputs and the setting that
 /// swaps the words aren't supported.
 pub struct SenecaZsg {
-    model: Model,
+    model: RegisterAddresses,
     range_n: f64,
     tare_n: f64,
     last_n: Option<f64>,
@@ -81,11 +81,17 @@ impl SenecaZsg {
 }
 
 impl RegisterMap for SenecaZsg {
-    fn device(&self) -> Device {
-        Device::LoadCell
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
-    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn read(
+        &mut self,
+        address: u16,
+        words: &mut [RegisterBytes],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), Refusal> {
         if usize::from(address) + words.len() > usize::from(self.model.last) + 1 {
             return Err(Refusal::Address);
         }
@@ -105,7 +111,7 @@ impl RegisterMap for SenecaZsg {
         Ok(())
     }
 
-    fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn write(&mut self, address: u16, words: &[RegisterBytes], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
         match words {
             _ if address != self.model.command => Err(Refusal::Address),
             [word] if u16::from_be_bytes(*word) == TARE_NOW => {

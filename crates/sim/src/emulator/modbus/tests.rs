@@ -16,7 +16,7 @@ fn transmitter() -> Modbus<Transmitter> {
 /// An RTU frame: body and CRC.
 fn rtu(body: &[u8]) -> Vec<u8> {
     let mut frame = Vec::new();
-    let mut sealer = Frame::new(0, &[], ModbusProto::Rtu, &mut frame);
+    let mut sealer = RequestFrame::new(0, &[], ModbusProto::Rtu, &mut frame);
     sealer.response.extend_from_slice(body);
     sealer.finalize_response().expect("fits");
     frame
@@ -64,7 +64,8 @@ fn what_is_not_served_is_answered_with_its_exception() {
 
 #[test]
 fn a_write_of_nothing_is_refused_by_any_map() {
-    let answer = Modbus::tcp(LabJackT7::new(Device::Array)).answer(&tcp(9, &[16, 0, 0, 0, 0, 0]), &mut scene(), 1.0);
+    let answer =
+        Modbus::tcp(LabJackT7::new(SceneDevice::Array)).answer(&tcp(9, &[16, 0, 0, 0, 0, 0]), &mut scene(), 1.0);
     assert_eq!(answer, tcp(9, &[0x90, 3]));
 }
 
@@ -137,7 +138,7 @@ async fn a_frame_in_pieces_is_one_if_no_silence_parts_them() {
 
 #[tokio::test(start_paused = true)]
 async fn pipelined_requests_are_answered_in_order_under_their_numbers() {
-    let mut wire = Wire::to(shared(Modbus::tcp(LabJackT7::new(Device::Array))), shared(scene()), Instant::now());
+    let mut wire = Wire::to(shared(Modbus::tcp(LabJackT7::new(SceneDevice::Array))), shared(scene()), Instant::now());
     let product = [3, 0xEA, 0x60, 0, 2];
     let test = [3, 0xD7, 0x3C, 0, 2];
     let requests = [tcp(1, &product), tcp(2, &test), tcp(3, &product)[..5].to_vec()].concat();
@@ -161,7 +162,7 @@ proptest! {
     fn no_bytes_upset_it(body in prop::collection::vec(any::<u8>(), 0..300), function in 0u8..20) {
         let mut scene = scene();
         let mut rtu_device = transmitter();
-        let mut tcp_device = Modbus::tcp(LabJackT7::new(Device::Array));
+        let mut tcp_device = Modbus::tcp(LabJackT7::new(SceneDevice::Array));
         let mut bytes = body;
         if let [unit, code, ..] = bytes.as_mut_slice() {
             (*unit, *code) = (1, function);

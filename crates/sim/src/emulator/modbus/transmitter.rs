@@ -1,7 +1,7 @@
 //! The generic RS485 load-cell transmitter (manual: aje/scale-docs): 32-bit weights, high word first, RTU at 9600 8N1.
 
-use super::{Refusal, RegisterMap, Word};
-use crate::scene::{Device, Scene};
+use super::{Refusal, RegisterBytes, RegisterMap};
+use crate::scene::{Scene, SceneDevice};
 
 /// Counts per newton: three decimals, so one count is 1 mN.
 const COUNTS_PER_N: f64 = 1000.0;
@@ -37,7 +37,7 @@ pub struct Transmitter {
 }
 
 /// Readings of the cell at one instant, in counts.
-struct Weights {
+struct TransmitterCounts {
     status: u16,
     measured: i32,
     gross: i32,
@@ -51,7 +51,7 @@ impl Transmitter {
         Transmitter { range_n, zero: 0, tare: 0, last_measured: None }
     }
 
-    fn weigh(&mut self, scene: &mut Scene, now_s: f64) -> Weights {
+    fn weigh(&mut self, scene: &mut Scene, now_s: f64) -> TransmitterCounts {
         let force_n = scene.load_cell_n(now_s);
         let measured = (force_n.clamp(-self.range_n, self.range_n) * COUNTS_PER_N).round() as i32;
         let gross = measured.saturating_sub(self.zero);
@@ -69,16 +69,22 @@ impl Transmitter {
                 status |= bits;
             }
         }
-        Weights { status, measured, gross, net }
+        TransmitterCounts { status, measured, gross, net }
     }
 }
 
 impl RegisterMap for Transmitter {
-    fn device(&self) -> Device {
-        Device::LoadCell
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
-    fn read(&mut self, address: u16, words: &mut [Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn read(
+        &mut self,
+        address: u16,
+        words: &mut [RegisterBytes],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<(), Refusal> {
         if usize::from(address) + words.len() > usize::from(LAST) + 1 {
             return Err(Refusal::Address);
         }
@@ -100,7 +106,7 @@ impl RegisterMap for Transmitter {
         Ok(())
     }
 
-    fn write(&mut self, address: u16, words: &[Word], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
+    fn write(&mut self, address: u16, words: &[RegisterBytes], scene: &mut Scene, now_s: f64) -> Result<(), Refusal> {
         match (address, words) {
             (TARE, &[[a, b], [c, d]]) => {
                 self.tare = i32::from_be_bytes([a, b, c, d]);
@@ -131,7 +137,7 @@ mod tests {
         (read(cell, force_n, STATUS) >> 16) as u16
     }
 
-    fn write(cell: &mut Transmitter, force_n: f64, address: u16, words: &[Word]) -> Result<(), Refusal> {
+    fn write(cell: &mut Transmitter, force_n: f64, address: u16, words: &[RegisterBytes]) -> Result<(), Refusal> {
         cell.write(address, words, &mut pressed(force_n), 1.0)
     }
 

@@ -7,27 +7,27 @@ mod stage;
 #[cfg(test)]
 mod tests;
 
-pub use stage::{Printer, ProcessStage};
+pub use stage::{Printer, ProcessStageEmulator};
 
 use super::Instrument;
-use crate::scene::{Device, Scene};
+use crate::scene::{Scene, SceneDevice};
 use serde_json::{Map, Value, json};
 
 /// Number of the protocol version, as in the documentation page.
 const PROTOCOL: u64 = 1;
 
 /// Answer to a request, without its id, or an error text.
-type Answer = Result<Map<String, Value>, String>;
+type ProcessReply = Result<Map<String, Value>, String>;
 
 /// A load cell of the process protocol. Its readings are the scene's, in N. It has no range limit and no faults.
-pub struct ProcessLoadCell;
+pub struct ProcessLoadCellEmulator;
 
 /// An array of the process protocol. Its outputs are the scene's, in units of the reading for 1 N straight above one taxel.
-pub struct ProcessArray;
+pub struct ProcessArrayEmulator;
 
-impl Instrument for ProcessLoadCell {
-    fn device(&self) -> Device {
-        Device::LoadCell
+impl Instrument for ProcessLoadCellEmulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::LoadCell
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -43,9 +43,9 @@ impl Instrument for ProcessLoadCell {
     }
 }
 
-impl Instrument for ProcessArray {
-    fn device(&self) -> Device {
-        Device::Array
+impl Instrument for ProcessArrayEmulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Array
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -116,7 +116,7 @@ fn take_line(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
 }
 
 /// Returns the line that answers a request, with the request's id.
-fn reply(line: &[u8], act: impl FnOnce(&Request) -> Answer) -> Vec<u8> {
+fn reply(line: &[u8], act: impl FnOnce(&Request) -> ProcessReply) -> Vec<u8> {
     let request = Request::parse(line);
     let id = request.as_ref().ok().and_then(Request::id);
     let answer = match &request {
@@ -127,7 +127,7 @@ fn reply(line: &[u8], act: impl FnOnce(&Request) -> Answer) -> Vec<u8> {
     reply_line(id, answer)
 }
 
-fn reply_line(id: Option<i64>, answer: Answer) -> Vec<u8> {
+fn reply_line(id: Option<i64>, answer: ProcessReply) -> Vec<u8> {
     let mut reply = object(json!({ "id": id }));
     reply.extend(answer.unwrap_or_else(|error| object(json!({ "error": error }))));
     (Value::Object(reply).to_string() + "\n").into_bytes()

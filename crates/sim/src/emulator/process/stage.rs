@@ -1,8 +1,8 @@
 //! The stage of the process protocol.
 
-use super::{Answer, Instrument, Request, identity, object, reply, reply_line, take_line, unknown};
+use super::{Instrument, ProcessReply, Request, identity, object, reply, reply_line, take_line, unknown};
 use crate::emulator::Owed;
-use crate::scene::{Device, Scene, Trajectory};
+use crate::scene::{Scene, SceneDevice, Trajectory};
 use palpate_core::quantity::{Axis, Range, Steps};
 use serde_json::{Map, Value, json};
 use std::sync::Arc;
@@ -40,7 +40,7 @@ pub struct Printer {
 ///
 /// Homing moves z to its `away` end (with `"home_side": "toward"` to the other), then x and y to the marks in the middle of their
 /// travel. Until homing is done, or ended by a `stop`, a `move` and another `prepare` are errors.
-pub struct ProcessStage {
+pub struct ProcessStageEmulator {
     ends_mm: [Range; 3],
     steps: Steps,
     /// Whether `status` reports that home is known.
@@ -64,10 +64,10 @@ struct Preparing {
     end_s: f64,
 }
 
-impl ProcessStage {
+impl ProcessStageEmulator {
     /// Creates a stage that is switched on at the present place of the scene's axes.
     pub fn new(scene: &Scene) -> Self {
-        ProcessStage {
+        ProcessStageEmulator {
             ends_mm: [ENDS_MM; 3],
             steps: Steps::FINE,
             reports_home: false,
@@ -83,14 +83,15 @@ impl ProcessStage {
     /// Creates a stage with the mechanics of a printer.
     pub fn printer(scene: &Scene, printer: Printer) -> Self {
         let Printer { ends_mm, steps, homed } = printer;
-        let stage = ProcessStage { ends_mm, steps, homed, reports_home: true, ..ProcessStage::new(scene) };
-        if homed { ProcessStage { offset_mm: [0.0; 3], ..stage } } else { stage }
+        let stage =
+            ProcessStageEmulator { ends_mm, steps, homed, reports_home: true, ..ProcessStageEmulator::new(scene) };
+        if homed { ProcessStageEmulator { offset_mm: [0.0; 3], ..stage } } else { stage }
     }
 }
 
-impl Instrument for ProcessStage {
-    fn device(&self) -> Device {
-        Device::Stage
+impl Instrument for ProcessStageEmulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -136,7 +137,7 @@ impl Instrument for ProcessStage {
     }
 }
 
-impl ProcessStage {
+impl ProcessStageEmulator {
     /// Brings the stage to rest, and starts a search for home if its home isn't known.
     fn prepare(&mut self, request: &Request, scene: &mut Scene, now_s: f64) {
         let outcome = self.begin(request, scene, now_s);
@@ -214,7 +215,7 @@ impl ProcessStage {
         reply_line(id, answer)
     }
 
-    fn start_move(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> Answer {
+    fn start_move(&mut self, request: &Request, scene: &mut Scene, now_s: f64) -> ProcessReply {
         let limits_mm = self.limits_mm.ok_or("the stage isn't prepared")?;
         let speed_mm_s = within(request.number("speed_mm_s")?, MOST_MM_S, "mm/s")?;
         let to_mm = request.object("to_mm")?;

@@ -29,9 +29,9 @@ fn ask<I: Instrument>(device: &mut I, scene: &mut Scene, now_s: f64, line: &str)
     String::from_utf8(reply).expect("UTF-8").trim_end().to_owned()
 }
 
-fn prepared() -> (ProcessStage, Scene) {
+fn prepared() -> (ProcessStageEmulator, Scene) {
     let mut scene = scene();
-    let mut stage = ProcessStage::new(&scene);
+    let mut stage = ProcessStageEmulator::new(&scene);
     assert_eq!(ask(&mut stage, &mut scene, 0.0, PREPARE), r#"{"id":2}"#);
     (stage, scene)
 }
@@ -65,10 +65,11 @@ fn a_stage_homes_and_moves_as_the_page_says() {
     }
 }
 
-fn printer(homed: bool) -> (ProcessStage, Scene) {
+fn printer(homed: bool) -> (ProcessStageEmulator, Scene) {
     let scene = scene();
     let steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
-    let stage = ProcessStage::printer(&scene, Printer { ends_mm: [Range { min: -12.5, max: 12.5 }; 3], steps, homed });
+    let stage =
+        ProcessStageEmulator::printer(&scene, Printer { ends_mm: [Range { min: -12.5, max: 12.5 }; 3], steps, homed });
     (stage, scene)
 }
 
@@ -144,7 +145,7 @@ fn what_a_stage_cant_do_is_an_error_and_moves_nothing() {
 #[test]
 fn a_stage_that_isnt_prepared_counts_from_where_it_was_switched_on_and_doesnt_move() {
     let mut scene = scene();
-    let mut stage = ProcessStage::new(&scene);
+    let mut stage = ProcessStageEmulator::new(&scene);
     let answer = ask(&mut stage, &mut scene, 0.0, r#"{"id": 1, "do": "move", "to_mm": {"z": 1}, "speed_mm_s": 1}"#);
     assert_eq!(answer, r#"{"error":"the stage isn't prepared","id":1}"#);
     let answer = ask(&mut stage, &mut scene, 0.0, r#"{"id": 2, "do": "status"}"#);
@@ -155,7 +156,7 @@ fn a_stage_that_isnt_prepared_counts_from_where_it_was_switched_on_and_doesnt_mo
 #[test]
 fn a_stop_ends_a_search_for_home_with_an_error() {
     let mut scene = scene();
-    let mut stage = ProcessStage::new(&scene);
+    let mut stage = ProcessStageEmulator::new(&scene);
     stage.answer(PREPARE.as_bytes(), &mut scene, 0.0);
     assert_eq!(scene.axis(Axis::X, 0.3).0, POWER_ON.x_mm, "x waits for z");
     stage.answer(br#"{"do": "stop"}"#, &mut scene, 0.3);
@@ -172,12 +173,12 @@ fn a_stop_ends_a_search_for_home_with_an_error() {
 #[test]
 fn a_load_cell_and_an_array_read_the_scene() {
     let mut scene = pressed(0.5);
-    let mut cell = ProcessLoadCell;
+    let mut cell = ProcessLoadCellEmulator;
     let identity = r#"{"id":1,"identity":"emulated load_cell, serial number 1","protocol":1,"role":"load_cell"}"#;
     assert_eq!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 1, "do": "identify"}"#), identity);
     assert_eq!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 2, "do": "read"}"#), r#"{"force_n":0.5,"id":2}"#);
     assert!(ask(&mut cell, &mut scene, 1.0, r#"{"id": 2, "do": "move"}"#).contains("error"));
-    let mut array = ProcessArray;
+    let mut array = ProcessArrayEmulator;
     let identity = r#"{"id":1,"identity":"emulated array, serial number 1","protocol":1,"role":"array","units":9}"#;
     assert_eq!(ask(&mut array, &mut scene, 1.0, r#"{"id": 1, "do": "identify"}"#), identity);
     let read: Value =
@@ -190,7 +191,7 @@ fn a_load_cell_and_an_array_read_the_scene() {
 async fn a_prepare_is_answered_when_all_axes_stand() {
     let scene = scene();
     let origin = Instant::now();
-    let mut wire = Wire::to(shared(ProcessStage::new(&scene)), shared(scene), origin);
+    let mut wire = Wire::to(shared(ProcessStageEmulator::new(&scene)), shared(scene), origin);
     assert_eq!(wire.ask(format!("{PREPARE}\n").as_bytes(), 9).await, b"{\"id\":2}\n");
     // z goes 4.5 mm and then y 2 mm at 10 mm/s, with 0.1 s for the ramps each
     let took_s = (Instant::now() - origin).as_secs_f64();
@@ -200,7 +201,7 @@ async fn a_prepare_is_answered_when_all_axes_stand() {
 #[tokio::test(start_paused = true)]
 async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
     let scene = shared(scene());
-    let stage = shared(ProcessStage::new(&scene.lock().expect("a scene")));
+    let stage = shared(ProcessStageEmulator::new(&scene.lock().expect("a scene")));
     let origin = Instant::now();
     let mut wire = Wire::to(stage, scene.clone(), origin);
     wire.send(format!("{PREPARE}\n").as_bytes()).await;
@@ -221,7 +222,7 @@ async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
 
 #[tokio::test(start_paused = true)]
 async fn a_line_too_long_is_thrown_away() {
-    let mut wire = Wire::to(shared(ProcessLoadCell), shared(scene()), Instant::now());
+    let mut wire = Wire::to(shared(ProcessLoadCellEmulator), shared(scene()), Instant::now());
     wire.send(&vec![b' '; 64 * INBOX_MOST]).await;
     assert_eq!(wire.ask(b"\n{\"id\": 1, \"do\": \"read\"}\n", 23).await, b"{\"force_n\":0.0,\"id\":1}\n");
 }

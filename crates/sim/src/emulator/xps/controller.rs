@@ -1,8 +1,8 @@
 //! The controller behind all sockets: the effects of the calls.
 
 use super::errors::{self, Code};
-use super::events::{self, Events};
-use super::group::{Group, Outcome};
+use super::events::{self, ExtendedEvents};
+use super::group::{EmulatedGroup, PendingReply};
 use super::syntax::{Call, Type, number, numbers};
 use crate::scene::Scene;
 
@@ -17,36 +17,36 @@ const TICK_S: f64 = 0.001;
 
 /// The controller behind all sockets.
 pub(super) struct Controller {
-    pub(super) groups: Vec<Group>,
-    events: Events,
+    pub(super) groups: Vec<EmulatedGroup>,
+    events: ExtendedEvents,
     volts_per_newton: f64,
     /// Whether an event was started, which concerns every link that waits for a motion.
     stirred: bool,
 }
 
 /// The result of a call.
-pub(super) enum Answer {
+pub(super) enum CallReply {
     /// These values, at once.
     Values(String),
     /// Result of a group's activity, when it ends.
-    Later(Outcome),
+    Later(PendingReply),
 }
 
-impl From<()> for Answer {
+impl From<()> for CallReply {
     fn from((): ()) -> Self {
-        Answer::Values(String::new())
+        CallReply::Values(String::new())
     }
 }
 
-impl From<Outcome> for Answer {
-    fn from(outcome: Outcome) -> Self {
-        Answer::Later(outcome)
+impl From<PendingReply> for CallReply {
+    fn from(outcome: PendingReply) -> Self {
+        CallReply::Later(outcome)
     }
 }
 
 impl Controller {
-    pub(super) fn new(groups: Vec<Group>, volts_per_newton: f64) -> Self {
-        Controller { groups, events: Events::default(), volts_per_newton, stirred: false }
+    pub(super) fn new(groups: Vec<EmulatedGroup>, volts_per_newton: f64) -> Self {
+        Controller { groups, events: ExtendedEvents::default(), volts_per_newton, stirred: false }
     }
 
     /// Applies the effects of everything that has ended by `now_s`, and triggers the events whose conditions are met.
@@ -66,12 +66,12 @@ impl Controller {
     /// Next time at which [`notice`](Self::notice) may have something to do, s; infinite if there is none without a call.
     pub(super) fn next_s(&self, now_s: f64) -> f64 {
         let look_s = if self.guards() { now_s + TICK_S } else { f64::INFINITY };
-        self.groups.iter().map(Group::end_s).fold(look_s, f64::min)
+        self.groups.iter().map(EmulatedGroup::end_s).fold(look_s, f64::min)
     }
 
     /// Whether no link waits for any group's activity.
     pub(super) fn is_unattended(&self) -> bool {
-        self.groups.iter().all(Group::is_unattended)
+        self.groups.iter().all(EmulatedGroup::is_unattended)
     }
 
     /// Whether something that a link may wait for has begun or ended since the last call.
@@ -81,7 +81,7 @@ impl Controller {
     }
 
     /// Executes a call.
-    pub(super) fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    pub(super) fn run(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<CallReply, Code> {
         match call.name {
             "FirmwareVersionGet" => tell(call, Type::Char, FIRMWARE),
             "InstallerVersionGet" => tell(call, Type::Char, INSTALLER),
@@ -111,10 +111,10 @@ impl Controller {
 
     /// Whether the controller has to check its event conditions.
     fn guards(&self) -> bool {
-        self.events.armed() && self.groups.iter().any(Group::can_be_aborted)
+        self.events.armed() && self.groups.iter().any(EmulatedGroup::can_be_aborted)
     }
 
-    fn run_event(&mut self, mut call: Call) -> Result<Answer, Code> {
+    fn run_event(&mut self, mut call: Call) -> Result<CallReply, Code> {
         match call.name {
             "EventExtendedConfigurationTriggerSet" => {
                 self.events.set_conditions(&mut call, &self.groups)?;
@@ -128,37 +128,37 @@ impl Controller {
                 call.results(Type::Int, 1)?;
                 // who waits for a move now waits for this as well
                 self.stirred = true;
-                Ok(Answer::Values(self.events.start()?.to_string()))
+                Ok(CallReply::Values(self.events.start()?.to_string()))
             }
             "EventExtendedRemove" => {
                 let id = call.whole()?;
                 call.end()?;
-                self.events.remove(id).map(Answer::from)
+                self.events.remove(id).map(CallReply::from)
             }
             _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
 
     /// `GPIOAnalogGet(name,double *,...)`.
-    fn run_analog(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    fn run_analog(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<CallReply, Code> {
         let mut volts = Vec::new();
         while volts.is_empty() || !call.is_through() {
             let input = events::input(call.text()?).ok_or(Code::OUT_OF_RANGE)?;
             call.result(Type::Double)?;
             volts.push(events::input_v(input, self.volts_per_newton, scene, now_s));
         }
-        Ok(Answer::Values(numbers(volts)))
+        Ok(CallReply::Values(numbers(volts)))
     }
 }
 
 /// Returns one value of a type, if the call has a placeholder for it.
-pub(super) fn tell(call: Call, result: Type, value: &str) -> Result<Answer, Code> {
+pub(super) fn tell(call: Call, result: Type, value: &str) -> Result<CallReply, Code> {
     call.results(result, 1)?;
-    Ok(Answer::Values(value.to_owned()))
+    Ok(CallReply::Values(value.to_owned()))
 }
 
 /// Returns an empty answer, if the call has no further arguments.
-fn done(call: Call) -> Result<Answer, Code> {
+fn done(call: Call) -> Result<CallReply, Code> {
     call.end()?;
     Ok(().into())
 }

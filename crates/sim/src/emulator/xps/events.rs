@@ -1,7 +1,7 @@
 //! Events that the controller watches for by itself: the guard of a move.
 
 use super::errors::Code;
-use super::group::{Group, Object, object};
+use super::group::{EmulatedGroup, XpsObject, object};
 use super::syntax::Call;
 use crate::scene::Scene;
 
@@ -16,33 +16,33 @@ const INPUTS: usize = 4;
 /// limit (`GPIO2.ADC1.ADCHighLimit`, `ADCLowLimit`), and a motion (`XYZ.SGamma.MotionState`, also of one positioner). The only
 /// action: `XYZ.MoveAbort`.
 #[derive(Default)]
-pub(super) struct Events {
-    conditions: Vec<Condition>,
+pub(super) struct ExtendedEvents {
+    conditions: Vec<EventCondition>,
     /// Index of the group that the configured action aborts.
     aborts: Option<usize>,
-    started: Vec<Event>,
+    started: Vec<ExtendedEvent>,
     last_id: i32,
 }
 
-struct Event {
+struct ExtendedEvent {
     id: i32,
-    conditions: Vec<Condition>,
+    conditions: Vec<EventCondition>,
     aborts: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Condition {
+enum EventCondition {
     Over { input: usize, limit_v: f64 },
     Under { input: usize, limit_v: f64 },
-    Moving(Object),
+    Moving(XpsObject),
 }
 
-impl Events {
+impl ExtendedEvents {
     /// `EventExtendedConfigurationTriggerSet(name,p1,p2,p3,p4,...)`: sets the conditions, which must all be met.
-    pub(super) fn set_conditions(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
+    pub(super) fn set_conditions(&mut self, call: &mut Call, groups: &[EmulatedGroup]) -> Result<(), Code> {
         let mut conditions = Vec::new();
         while conditions.is_empty() || !call.is_through() {
-            conditions.push(Condition::read(call, groups)?);
+            conditions.push(EventCondition::read(call, groups)?);
         }
         if conditions.len() > CONDITIONS_MOST {
             return Err(Code::OUT_OF_RANGE);
@@ -52,9 +52,10 @@ impl Events {
     }
 
     /// `EventExtendedConfigurationActionSet(name,p1,p2,p3,p4)`: sets the action.
-    pub(super) fn set_action(&mut self, call: &mut Call, groups: &[Group]) -> Result<(), Code> {
+    pub(super) fn set_action(&mut self, call: &mut Call, groups: &[EmulatedGroup]) -> Result<(), Code> {
         let name = call.text()?;
-        let Some(Ok(Object::Group(aborts))) = name.strip_suffix(".MoveAbort").map(|name| object(groups, name)) else {
+        let Some(Ok(XpsObject::Group(aborts))) = name.strip_suffix(".MoveAbort").map(|name| object(groups, name))
+        else {
             return Err(Code::ACTION_NAME);
         };
         for _ in 0..4 {
@@ -74,7 +75,7 @@ impl Events {
             return Err(Code::TOO_MANY_EVENTS);
         }
         self.last_id += 1;
-        self.started.push(Event { id: self.last_id, conditions: self.conditions.clone(), aborts });
+        self.started.push(ExtendedEvent { id: self.last_id, conditions: self.conditions.clone(), aborts });
         Ok(self.last_id)
     }
 
@@ -105,19 +106,19 @@ impl Events {
     }
 }
 
-impl Condition {
-    fn read(call: &mut Call, groups: &[Group]) -> Result<Self, Code> {
+impl EventCondition {
+    fn read(call: &mut Call, groups: &[EmulatedGroup]) -> Result<Self, Code> {
         let name = call.text()?;
         let moving = name.strip_suffix(".SGamma.MotionState").and_then(|name| object(groups, name).ok());
         let limited = [(".ADCHighLimit", true), (".ADCLowLimit", false)];
         let limited = limited.iter().find_map(|(suffix, over)| Some((input(name.strip_suffix(suffix)?)?, *over)));
         let mut parameters = 4;
         let condition = match (moving, limited) {
-            (Some(object), _) => Condition::Moving(object),
+            (Some(object), _) => EventCondition::Moving(object),
             (_, Some((input, over))) => {
                 let limit_v = call.number()?;
                 parameters -= 1;
-                if over { Condition::Over { input, limit_v } } else { Condition::Under { input, limit_v } }
+                if over { EventCondition::Over { input, limit_v } } else { EventCondition::Under { input, limit_v } }
             }
             _ => return Err(Code::EVENT_NAME),
         };
@@ -129,10 +130,10 @@ impl Condition {
 
     fn is_met(self, mut volts: impl FnMut(usize) -> f64, moves: &[Vec<bool>]) -> bool {
         match self {
-            Condition::Over { input, limit_v } => volts(input) > limit_v,
-            Condition::Under { input, limit_v } => volts(input) < limit_v,
-            Condition::Moving(Object::Group(group)) => moves[group].contains(&true),
-            Condition::Moving(Object::Positioner(group, index)) => moves[group][index],
+            EventCondition::Over { input, limit_v } => volts(input) > limit_v,
+            EventCondition::Under { input, limit_v } => volts(input) < limit_v,
+            EventCondition::Moving(XpsObject::Group(group)) => moves[group].contains(&true),
+            EventCondition::Moving(XpsObject::Positioner(group, index)) => moves[group][index],
         }
     }
 }

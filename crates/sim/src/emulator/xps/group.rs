@@ -1,7 +1,7 @@
 //! A group: its life cycle, its homing and its motions.
 
 use super::errors::Code;
-use super::positioner::Positioner;
+use super::positioner::EmulatedPositioner;
 use crate::scene::Scene;
 use palpate_core::quantity::Axis;
 use std::sync::{Arc, OnceLock};
@@ -13,25 +13,25 @@ const CALIBRATE_S: f64 = 2.0;
 
 /// Object of a call, by index: a group, or a positioner of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Object {
+pub(super) enum XpsObject {
     Group(usize),
     Positioner(usize, usize),
 }
 
 /// Returns the object with this name: a group, or `group.positioner`.
-pub(super) fn object(groups: &[Group], name: &str) -> Result<Object, Code> {
+pub(super) fn object(groups: &[EmulatedGroup], name: &str) -> Result<XpsObject, Code> {
     let index_of = |name: &str| groups.iter().position(|group| group.name == name);
     let Some((group, positioner)) = name.split_once('.') else {
-        return index_of(name).map(Object::Group).ok_or(Code::GROUP_NAME);
+        return index_of(name).map(XpsObject::Group).ok_or(Code::GROUP_NAME);
     };
     let group = index_of(group).ok_or(Code::POSITIONER_NAME)?;
     let index = groups[group].positioners.iter().position(|each| each.name == positioner);
-    index.map(|index| Object::Positioner(group, index)).ok_or(Code::POSITIONER_NAME)
+    index.map(|index| XpsObject::Positioner(group, index)).ok_or(Code::POSITIONER_NAME)
 }
 
 /// Possible states of a group, by their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum State {
+pub(super) enum GroupStatus {
     NotInitialized = 0,
     Killed = 7,
     ReadyFromAbort = 10,
@@ -49,38 +49,38 @@ pub(super) enum State {
 
 /// Future result of a call that is answered when it is finished. The group writes it, and the waiting link reads it. A closed
 /// link has dropped it.
-pub(super) type Outcome = Arc<OnceLock<Code>>;
+pub(super) type PendingReply = Arc<OnceLock<Code>>;
 
 /// One group of one to three positioners, its life cycle and its motions. It does one thing at a time.
-pub(super) struct Group {
+pub(super) struct EmulatedGroup {
     name: String,
-    pub positioners: Vec<Positioner>,
-    state: State,
-    errand: Option<Errand>,
+    pub positioners: Vec<EmulatedPositioner>,
+    state: GroupStatus,
+    errand: Option<GroupAction>,
     /// Whether something that a link may wait for has begun or ended.
     pub stirred: bool,
 }
 
 /// Present action of the group, until an instant.
-struct Errand {
+struct GroupAction {
     end_s: f64,
     then: Then,
     /// Result code if the activity isn't interrupted.
     code: Code,
-    outcome: Outcome,
+    outcome: PendingReply,
 }
 
 /// Next state after an errand.
 #[derive(Clone, Copy)]
 enum Then {
-    Rest(State),
+    Rest(GroupStatus),
     /// z is homed; x and y are next.
     HomeOthers,
     /// All axes are homed.
     Homed,
 }
 
-impl State {
+impl GroupStatus {
     /// Returns the text of `GroupStatusStringGet` for a number.
     pub(super) fn text(number: i32) -> &'static str {
         match number {
@@ -109,10 +109,16 @@ impl State {
     }
 }
 
-impl Group {
+impl EmulatedGroup {
     /// Creates a group as it is at power-on.
-    pub(super) fn new(name: &str, positioners: Vec<Positioner>) -> Self {
-        Group { name: name.into(), positioners, state: State::NotInitialized, errand: None, stirred: false }
+    pub(super) fn new(name: &str, positioners: Vec<EmulatedPositioner>) -> Self {
+        EmulatedGroup {
+            name: name.into(),
+            positioners,
+            state: GroupStatus::NotInitialized,
+            errand: None,
+            stirred: false,
+        }
     }
 
     /// The number of its state.
@@ -122,7 +128,7 @@ impl Group {
 
     /// Whether there is a motion that an abort can stop and that hasn't been aborted.
     pub(super) fn can_be_aborted(&self) -> bool {
-        self.state == State::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
+        self.state == GroupStatus::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
     }
 
     /// Whether each positioner moves.
@@ -146,32 +152,35 @@ impl Group {
             match errand.then {
                 Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
                 Then::HomeOthers => {
-                    self.positioners.iter_mut().filter(|each| each.axis == Axis::Z).for_each(Positioner::set_homed);
+                    self.positioners
+                        .iter_mut()
+                        .filter(|each| each.axis == Axis::Z)
+                        .for_each(EmulatedPositioner::set_homed);
                     self.home(|axis| axis != Axis::Z, Then::Homed, errand.outcome, scene, now_s);
                 }
                 Then::Homed => {
-                    self.positioners.iter_mut().for_each(Positioner::set_homed);
-                    self.rest(State::ReadyFromHoming, errand.code, &errand.outcome);
+                    self.positioners.iter_mut().for_each(EmulatedPositioner::set_homed);
+                    self.rest(GroupStatus::ReadyFromHoming, errand.code, &errand.outcome);
                 }
             }
         }
     }
 
     /// `GroupInitialize`, and `GroupInitializeWithEncoderCalibration`: from not initialised to not referenced.
-    pub(super) fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<Outcome, Code> {
-        self.must(matches!(self.state, State::NotInitialized | State::Killed))?;
+    pub(super) fn initialize(&mut self, calibrates: bool, scene: &Scene, now_s: f64) -> Result<PendingReply, Code> {
+        self.must(matches!(self.state, GroupStatus::NotInitialized | GroupStatus::Killed))?;
         self.positioners.iter_mut().for_each(|positioner| positioner.reset_encoder(scene));
         let end_s = now_s + INITIALIZE_S + if calibrates { CALIBRATE_S } else { 0.0 };
-        let state = if calibrates { State::Calibrating } else { State::Initializing };
-        Ok(self.begin(state, end_s, Then::Rest(State::NotReferenced)))
+        let state = if calibrates { GroupStatus::Calibrating } else { GroupStatus::Initializing };
+        Ok(self.begin(state, end_s, Then::Rest(GroupStatus::NotReferenced)))
     }
 
     /// `GroupHomeSearch`: z if it is in the group, then x and y together.
-    pub(super) fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
-        self.must(self.state == State::NotReferenced)?;
-        self.state = State::Homing;
+    pub(super) fn home_search(&mut self, scene: &mut Scene, now_s: f64) -> Result<PendingReply, Code> {
+        self.must(self.state == GroupStatus::NotReferenced)?;
+        self.state = GroupStatus::Homing;
         self.stirred = true;
-        let outcome = Outcome::default();
+        let outcome = PendingReply::default();
         if self.positioners.len() > 1 && self.positioners.iter().any(|each| each.axis == Axis::Z) {
             self.home(|axis| axis == Axis::Z, Then::HomeOthers, outcome.clone(), scene, now_s);
         } else {
@@ -186,16 +195,21 @@ impl Group {
         counts_mm: &[Option<f64>],
         scene: &mut Scene,
         now_s: f64,
-    ) -> Result<Outcome, Code> {
+    ) -> Result<PendingReply, Code> {
         self.must(self.state.is_ready())?;
         self.must_allow(counts_mm)?;
         let end_s = self.start(counts_mm, scene, now_s);
-        Ok(self.begin(State::Moving, end_s, Then::Rest(State::ReadyFromMotion)))
+        Ok(self.begin(GroupStatus::Moving, end_s, Then::Rest(GroupStatus::ReadyFromMotion)))
     }
 
     /// `GroupMoveRelative`: moves from the controller's setpoints.
-    pub(super) fn move_by(&mut self, ways_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> Result<Outcome, Code> {
-        let from = |(way_mm, positioner): (&Option<f64>, &Positioner)| {
+    pub(super) fn move_by(
+        &mut self,
+        ways_mm: &[Option<f64>],
+        scene: &mut Scene,
+        now_s: f64,
+    ) -> Result<PendingReply, Code> {
+        let from = |(way_mm, positioner): (&Option<f64>, &EmulatedPositioner)| {
             way_mm.map(|way_mm| positioner.setpoint_mm(scene, now_s) + way_mm)
         };
         let counts_mm: Vec<_> = ways_mm.iter().zip(&self.positioners).map(from).collect();
@@ -204,29 +218,29 @@ impl Group {
 
     /// `GroupMoveAbort`: stops each positioner with the deceleration of its motion. The move under way ends then, with its error.
     pub(super) fn abort(&mut self, scene: &mut Scene, now_s: f64) -> Result<(), Code> {
-        self.must(self.state == State::Moving)?;
+        self.must(self.state == GroupStatus::Moving)?;
         self.positioners.iter().for_each(|positioner| positioner.abort(scene, now_s));
-        self.cut_short(State::Moving, State::ReadyFromAbort, Code::ABORTED, scene, now_s);
+        self.cut_short(GroupStatus::Moving, GroupStatus::ReadyFromAbort, Code::ABORTED, scene, now_s);
         Ok(())
     }
 
     /// `GroupKill`: stops as hard as the stage can, and turns the motors off.
     pub(super) fn kill(&mut self, scene: &mut Scene, now_s: f64) {
         self.positioners.iter().for_each(|positioner| positioner.brake(scene, now_s));
-        self.cut_short(State::Braking, State::Killed, Code::EMERGENCY, scene, now_s);
+        self.cut_short(GroupStatus::Braking, GroupStatus::Killed, Code::EMERGENCY, scene, now_s);
         self.notice(scene, now_s);
     }
 
     /// `GroupMotionEnable` and `GroupMotionDisable`.
     pub(super) fn enable(&mut self, on: bool) -> Result<(), Code> {
-        self.must(if on { self.state == State::Disabled } else { self.state.is_ready() })?;
-        self.state = if on { State::ReadyFromEnable } else { State::Disabled };
+        self.must(if on { self.state == GroupStatus::Disabled } else { self.state.is_ready() })?;
+        self.state = if on { GroupStatus::ReadyFromEnable } else { GroupStatus::Disabled };
         Ok(())
     }
 
     /// `PositionerUserTravelLimitsSet`: within the travel, and not while something moves.
     pub(super) fn limit(&mut self, positioner: usize, limits_mm: (f64, f64)) -> Result<(), Code> {
-        self.must(!matches!(self.state, State::Moving | State::Homing))?;
+        self.must(!matches!(self.state, GroupStatus::Moving | GroupStatus::Homing))?;
         let travel_mm = super::positioner::TRAVEL_MM;
         if limits_mm.0 < -travel_mm || limits_mm.1 > travel_mm || limits_mm.0 >= limits_mm.1 {
             return Err(Code::OUT_OF_RANGE);
@@ -249,27 +263,27 @@ impl Group {
         if within { Ok(()) } else { Err(Code::OUT_OF_RANGE) }
     }
 
-    fn begin(&mut self, state: State, end_s: f64, then: Then) -> Outcome {
-        let outcome = Outcome::default();
+    fn begin(&mut self, state: GroupStatus, end_s: f64, then: Then) -> PendingReply {
+        let outcome = PendingReply::default();
         self.state = state;
         self.stirred = true;
-        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome: outcome.clone() });
+        self.errand = Some(GroupAction { end_s, then, code: Code::DONE, outcome: outcome.clone() });
         outcome
     }
 
-    fn home(&mut self, is_one: fn(Axis) -> bool, then: Then, outcome: Outcome, scene: &mut Scene, now_s: f64) {
+    fn home(&mut self, is_one: fn(Axis) -> bool, then: Then, outcome: PendingReply, scene: &mut Scene, now_s: f64) {
         let mut end_s = now_s;
         for positioner in self.positioners.iter().filter(|each| is_one(each.axis)) {
             positioner.go_home(scene, now_s);
             end_s = end_s.max(positioner.end_s(scene));
         }
-        self.errand = Some(Errand { end_s, then, code: Code::DONE, outcome });
+        self.errand = Some(GroupAction { end_s, then, code: Code::DONE, outcome });
     }
 
     /// Starts a group motion and returns its end time, s. The axis with the longest travel time moves at its own speed. The
     /// others are slowed so that all arrive together. An axis without a distance to move stays.
     fn start(&self, counts_mm: &[Option<f64>], scene: &mut Scene, now_s: f64) -> f64 {
-        let time_s = |(positioner, count_mm): (&Positioner, &Option<f64>)| {
+        let time_s = |(positioner, count_mm): (&EmulatedPositioner, &Option<f64>)| {
             count_mm.map_or(0.0, |count_mm| positioner.time_to_s(count_mm, scene))
         };
         let times_s: Vec<f64> = self.positioners.iter().zip(counts_mm).map(time_s).collect();
@@ -285,15 +299,15 @@ impl Group {
     }
 
     /// Ends the action in progress with an error when all axes are at rest. Until then the group's state is `meanwhile`.
-    fn cut_short(&mut self, meanwhile: State, then: State, code: Code, scene: &Scene, now_s: f64) {
+    fn cut_short(&mut self, meanwhile: GroupStatus, then: GroupStatus, code: Code, scene: &Scene, now_s: f64) {
         let end_s = self.positioners.iter().map(|positioner| positioner.end_s(scene)).fold(now_s, f64::max);
         let outcome = self.errand.take().map(|errand| errand.outcome).unwrap_or_default();
-        self.errand = Some(Errand { end_s, then: Then::Rest(then), code, outcome });
+        self.errand = Some(GroupAction { end_s, then: Then::Rest(then), code, outcome });
         self.state = meanwhile;
         self.stirred = true;
     }
 
-    fn rest(&mut self, state: State, code: Code, outcome: &Outcome) {
+    fn rest(&mut self, state: GroupStatus, code: Code, outcome: &PendingReply) {
         self.state = state;
         self.stirred = true;
         // set once: an errand has one end

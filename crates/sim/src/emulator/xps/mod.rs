@@ -23,13 +23,13 @@ mod syntax;
 mod tests;
 
 use super::{Instrument, Owed, Shared};
-use crate::scene::{Device, Scene};
-use controller::{Answer, Controller};
+use crate::scene::{Scene, SceneDevice};
+use controller::{CallReply, Controller};
 use errors::Code;
-use group::{Group, Outcome};
+use group::{EmulatedGroup, PendingReply};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::Axis;
-use positioner::Positioner;
+use positioner::EmulatedPositioner;
 use std::sync::{Arc, Mutex, MutexGuard};
 use syntax::Call;
 use tokio::sync::Notify;
@@ -39,7 +39,7 @@ use tokio::sync::Notify;
 ///
 /// At power-on its groups aren't initialised. The present place of each positioner counts as zero until it is homed. One value of
 /// this type is one socket; each served link opens its own.
-pub struct Xps {
+pub struct XpsEmulator {
     controller: Shared<Controller>,
     bell: Arc<Notify>,
     pending: Option<Pending>,
@@ -48,29 +48,29 @@ pub struct Xps {
 /// Call that is answered later.
 struct Pending {
     request: Vec<u8>,
-    outcome: Outcome,
+    outcome: PendingReply,
 }
 
-impl Xps {
+impl XpsEmulator {
     /// Creates a controller that is switched on at the present place of the scene's axes. `positioners` are those of x, y and z,
     /// each after its group: `("XYZ", "X")`. Those of one group are in it in this order. `volts_per_newton` is the gain of the load
     /// cell's amplifier.
     pub fn new(scene: &Scene, positioners: [(&str, &str); 3], volts_per_newton: f64) -> Self {
-        let mut groups: Vec<(&str, Vec<Positioner>)> = Vec::new();
+        let mut groups: Vec<(&str, Vec<EmulatedPositioner>)> = Vec::new();
         for (axis, (group, positioner)) in Axis::ALL.into_iter().zip(positioners) {
-            let positioner = Positioner::new(positioner, axis, scene);
+            let positioner = EmulatedPositioner::new(positioner, axis, scene);
             match groups.iter_mut().find(|(name, _)| *name == group) {
                 Some((_, positioners)) => positioners.push(positioner),
                 None => groups.push((group, vec![positioner])),
             }
         }
-        let groups = groups.into_iter().map(|(name, positioners)| Group::new(name, positioners)).collect();
+        let groups = groups.into_iter().map(|(name, positioners)| EmulatedGroup::new(name, positioners)).collect();
         let controller = Controller::new(groups, volts_per_newton);
-        Xps::on(Arc::new(Mutex::new(controller)), Arc::default())
+        XpsEmulator::on(Arc::new(Mutex::new(controller)), Arc::default())
     }
 
     fn on(controller: Shared<Controller>, bell: Arc<Notify>) -> Self {
-        Xps { controller, bell, pending: None }
+        XpsEmulator { controller, bell, pending: None }
     }
 
     /// Locks the controller. It is locked last, after the instrument and the scene.
@@ -79,9 +79,9 @@ impl Xps {
     }
 }
 
-impl Instrument for Xps {
-    fn device(&self) -> Device {
-        Device::Stage
+impl Instrument for XpsEmulator {
+    fn device(&self) -> SceneDevice {
+        SceneDevice::Stage
     }
 
     fn take_request(&mut self, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
@@ -101,8 +101,8 @@ impl Instrument for Xps {
             self.bell.notify_waiters();
         }
         match answer {
-            Ok(Answer::Values(values)) => syntax::done(&values),
-            Ok(Answer::Later(outcome)) => {
+            Ok(CallReply::Values(values)) => syntax::done(&values),
+            Ok(CallReply::Later(outcome)) => {
                 self.pending = Some(Pending { request: request.to_vec(), outcome });
                 Vec::new()
             }
@@ -111,7 +111,7 @@ impl Instrument for Xps {
     }
 
     fn accept(&mut self) -> Option<Shared<dyn Instrument>> {
-        Some(Arc::new(Mutex::new(Xps::on(self.controller.clone(), self.bell.clone()))))
+        Some(Arc::new(Mutex::new(XpsEmulator::on(self.controller.clone(), self.bell.clone()))))
     }
 
     fn bell(&self) -> Option<Arc<Notify>> {
@@ -140,7 +140,7 @@ impl Instrument for Xps {
     }
 }
 
-impl Drop for Xps {
+impl Drop for XpsEmulator {
     /// Notifies the other links. The errand for which this link waited continues, and the other links must look after it.
     fn drop(&mut self) {
         if self.pending.take().is_some() {

@@ -1,26 +1,26 @@
 //! The calls that concern groups and their positioners.
 
-use super::controller::{Answer, Controller, tell};
+use super::controller::{CallReply, Controller, tell};
 use super::errors::Code;
-use super::group::{Group, Object, State, object};
-use super::positioner::{self, Positioner, SGamma};
+use super::group::{EmulatedGroup, GroupStatus, XpsObject, object};
+use super::positioner::{self, EmulatedPositioner, SGamma};
 use super::syntax::{Call, Type, numbers};
 use crate::scene::Scene;
 
 impl Controller {
     /// Runs calls of a group, and calls of a group or one positioner.
-    pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    pub(super) fn run_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<CallReply, Code> {
         let name = call.name;
         if name == "GroupStatusStringGet" {
-            let text = State::text(call.whole()?);
+            let text = GroupStatus::text(call.whole()?);
             return tell(call, Type::Char, text);
         }
         if !["GroupPositionCurrentGet", "GroupMoveAbsolute", "GroupMoveRelative"].contains(&name) {
             return self.run_whole_group(call, scene, now_s);
         }
         let (group, index) = match object(&self.groups, call.text()?)? {
-            Object::Group(group) => (group, None),
-            Object::Positioner(group, index) => (group, Some(index)),
+            XpsObject::Group(group) => (group, None),
+            XpsObject::Positioner(group, index) => (group, Some(index)),
         };
         let group = &mut self.groups[group];
         let each = index.map_or(0..group.positioners.len(), |index| index..index + 1);
@@ -31,21 +31,21 @@ impl Controller {
                     numbers[index] = Some(call.number()?);
                 }
                 call.end()?;
-                let move_so = if name == "GroupMoveAbsolute" { Group::move_to } else { Group::move_by };
-                move_so(group, &numbers, scene, now_s).map(Answer::from)
+                let move_so = if name == "GroupMoveAbsolute" { EmulatedGroup::move_to } else { EmulatedGroup::move_by };
+                move_so(group, &numbers, scene, now_s).map(CallReply::from)
             }
             _ => {
                 call.results(Type::Double, each.len())?;
-                let count_mm = |positioner: &Positioner| positioner.count_mm(scene, now_s);
-                Ok(Answer::Values(numbers(group.positioners[each].iter().map(count_mm))))
+                let count_mm = |positioner: &EmulatedPositioner| positioner.count_mm(scene, now_s);
+                Ok(CallReply::Values(numbers(group.positioners[each].iter().map(count_mm))))
             }
         }
     }
 
     /// Runs calls of a complete group.
-    fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    fn run_whole_group(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<CallReply, Code> {
         let name = call.name;
-        let Object::Group(group) = object(&self.groups, call.text()?)? else { return Err(Code::WRONG_OBJECT) };
+        let XpsObject::Group(group) = object(&self.groups, call.text()?)? else { return Err(Code::WRONG_OBJECT) };
         let group = &mut self.groups[group];
         if name == "GroupStatusGet" {
             let status = group.status().to_string();
@@ -57,17 +57,19 @@ impl Controller {
                 group.kill(scene, now_s);
                 Ok(().into())
             }
-            "GroupInitialize" => group.initialize(false, scene, now_s).map(Answer::from),
-            "GroupInitializeWithEncoderCalibration" => group.initialize(true, scene, now_s).map(Answer::from),
-            "GroupHomeSearch" => group.home_search(scene, now_s).map(Answer::from),
-            "GroupMoveAbort" => group.abort(scene, now_s).map(Answer::from),
-            "GroupMotionEnable" | "GroupMotionDisable" => group.enable(name == "GroupMotionEnable").map(Answer::from),
+            "GroupInitialize" => group.initialize(false, scene, now_s).map(CallReply::from),
+            "GroupInitializeWithEncoderCalibration" => group.initialize(true, scene, now_s).map(CallReply::from),
+            "GroupHomeSearch" => group.home_search(scene, now_s).map(CallReply::from),
+            "GroupMoveAbort" => group.abort(scene, now_s).map(CallReply::from),
+            "GroupMotionEnable" | "GroupMotionDisable" => {
+                group.enable(name == "GroupMotionEnable").map(CallReply::from)
+            }
             _ => Err(Code::UNKNOWN_COMMAND),
         }
     }
 
     /// Runs calls of one positioner.
-    pub(super) fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<Answer, Code> {
+    pub(super) fn run_positioner(&mut self, mut call: Call, scene: &mut Scene, now_s: f64) -> Result<CallReply, Code> {
         let name = call.name;
         if name == "PositionerErrorStringGet" {
             call.whole()?;
@@ -78,7 +80,7 @@ impl Controller {
             let text = positioner::hardware_text(call.whole()? as u32);
             return tell(call, Type::Char, &text);
         }
-        let Object::Positioner(group, index) = object(&self.groups, call.text()?)? else {
+        let XpsObject::Positioner(group, index) = object(&self.groups, call.text()?)? else {
             return Err(Code::WRONG_OBJECT);
         };
         let group = &mut self.groups[group];
@@ -87,7 +89,7 @@ impl Controller {
             "PositionerSGammaParametersGet" => {
                 call.results(Type::Double, 4)?;
                 let SGamma { speed_mm_s, acceleration_mm_s2, jerk_s } = positioner.s_gamma;
-                Ok(Answer::Values(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1])))
+                Ok(CallReply::Values(numbers([speed_mm_s, acceleration_mm_s2, jerk_s.0, jerk_s.1])))
             }
             "PositionerSGammaParametersSet" => {
                 let (speed_mm_s, acceleration_mm_s2) = (call.number()?, call.number()?);
@@ -101,16 +103,16 @@ impl Controller {
             }
             "PositionerMaximumVelocityAndAccelerationGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(Answer::Values(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2])))
+                Ok(CallReply::Values(numbers([positioner::SPEED_MOST_MM_S, positioner::ACCELERATION_MOST_MM_S2])))
             }
             "PositionerUserTravelLimitsGet" => {
                 call.results(Type::Double, 2)?;
-                Ok(Answer::Values(numbers([positioner.limits_mm.0, positioner.limits_mm.1])))
+                Ok(CallReply::Values(numbers([positioner.limits_mm.0, positioner.limits_mm.1])))
             }
             "PositionerUserTravelLimitsSet" => {
                 let limits_mm = (call.number()?, call.number()?);
                 call.end()?;
-                group.limit(index, limits_mm).map(Answer::from)
+                group.limit(index, limits_mm).map(CallReply::from)
             }
             "PositionerErrorGet" => tell(call, Type::Int, "0"),
             "PositionerHardwareStatusGet" => {

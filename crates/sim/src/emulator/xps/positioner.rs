@@ -27,7 +27,7 @@ const END_PLUS: u32 = 0x8000_0200;
 /// One positioner of a group: a VP-25XL and the controller's knowledge of it. Places are true places in stage coordinates,
 /// unless a name contains `count`. A count is the controller's assumed place, which is wrong by `offset_mm` until the positioner
 /// is homed.
-pub(super) struct Positioner {
+pub(super) struct EmulatedPositioner {
     pub name: String,
     pub axis: Axis,
     /// True place minus count, mm.
@@ -59,13 +59,13 @@ impl SGamma {
     }
 }
 
-impl Positioner {
+impl EmulatedPositioner {
     /// Creates a positioner at power-on: its present place counts as zero.
     pub(super) fn new(name: &str, axis: Axis, scene: &Scene) -> Self {
         let s_gamma =
             SGamma { speed_mm_s: SPEED_MOST_MM_S, acceleration_mm_s2: ACCELERATION_MOST_MM_S2, jerk_s: JERK_S };
         let mut positioner =
-            Positioner { name: name.into(), axis, offset_mm: 0.0, s_gamma, limits_mm: (-TRAVEL_MM, TRAVEL_MM) };
+            EmulatedPositioner { name: name.into(), axis, offset_mm: 0.0, s_gamma, limits_mm: (-TRAVEL_MM, TRAVEL_MM) };
         positioner.reset_encoder(scene);
         positioner
     }

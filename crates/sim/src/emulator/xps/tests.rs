@@ -12,32 +12,32 @@ use proptest::prelude::*;
 /// Volts a newton of the load cell's amplifier.
 const VOLTS_PER_NEWTON: f64 = 2.0;
 
-fn xps(scene: &Scene) -> Xps {
-    Xps::new(scene, [("XYZ", "X"), ("XYZ", "Y"), ("XYZ", "Z")], VOLTS_PER_NEWTON)
+fn xps(scene: &Scene) -> XpsEmulator {
+    XpsEmulator::new(scene, [("XYZ", "X"), ("XYZ", "Y"), ("XYZ", "Z")], VOLTS_PER_NEWTON)
 }
 
 /// Some sockets of a controller and its scene, talked to at given times.
-struct Bench {
-    xps: Xps,
+struct XpsBench {
+    xps: XpsEmulator,
     scene: Scene,
 }
 
-impl Bench {
+impl XpsBench {
     fn new() -> Self {
-        Bench::on(scene())
+        XpsBench::on(scene())
     }
 
     fn on(scene: Scene) -> Self {
-        Bench { xps: xps(&scene), scene }
+        XpsBench { xps: xps(&scene), scene }
     }
 
     /// Homed from 10 s on.
     fn homed() -> Self {
-        Bench::homed_on(scene())
+        XpsBench::homed_on(scene())
     }
 
     fn homed_on(scene: Scene) -> Self {
-        let mut bench = Bench::on(scene);
+        let mut bench = XpsBench::on(scene);
         bench.say(0.0, "GroupInitialize(XYZ)");
         bench.settle(1.0);
         bench.say(1.0, "GroupHomeSearch(XYZ)");
@@ -80,7 +80,7 @@ impl Bench {
 
 #[test]
 fn a_session_goes_as_clients_saw_it() {
-    let mut bench = Bench::new();
+    let mut bench = XpsBench::new();
     for (sent, answered) in [
         ("FirmwareVersionGet(char *)", "0,XPS-Q8 Firmware V2.6.4,EndOfAPI"),
         ("InstallerVersionGet(char*)", "0,XPS-Q8 Installer V2.6.4,EndOfAPI"),
@@ -151,7 +151,7 @@ fn what_cant_be_done_is_answered_with_its_code_and_the_request_as_it_came() {
         ("EventExtendedConfigurationActionSet(ABC.MoveAbort,0,0,0,0)", -39),
         ("EventExtendedRemove(1)", -83),
     ] {
-        let mut bench = Bench::homed();
+        let mut bench = XpsBench::homed();
         let echo = sent.trim_end();
         assert_eq!(bench.say(20.0, sent), format!("{code},{echo},EndOfAPI"));
         assert_eq!(bench.status(20.0), "11");
@@ -162,9 +162,9 @@ fn what_cant_be_done_is_answered_with_its_code_and_the_request_as_it_came() {
 #[test]
 fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
     let scene = scene();
-    let xps = Xps::new(&scene, [("XY", "X"), ("XY", "Y"), ("Z", "Pos")], VOLTS_PER_NEWTON);
-    let mut bench = Bench { xps, scene };
-    let other = |bench: &mut Bench, now_s: f64, sent: &str| {
+    let xps = XpsEmulator::new(&scene, [("XY", "X"), ("XY", "Y"), ("Z", "Pos")], VOLTS_PER_NEWTON);
+    let mut bench = XpsBench { xps, scene };
+    let other = |bench: &mut XpsBench, now_s: f64, sent: &str| {
         let socket = bench.xps.accept().expect("another");
         let reply = socket.lock().expect("sound").answer(sent.as_bytes(), &mut bench.scene, now_s);
         String::from_utf8(reply).expect("text")
@@ -196,7 +196,7 @@ fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
     // both groups at once; the abort of one leaves the other
     bench.say(20.0, "GroupMoveAbsolute(XY,5,-5)");
     assert_eq!(other(&mut bench, 20.0, "GroupMoveAbsolute(Z.Pos,5)"), "");
-    let statuses = |bench: &mut Bench, now_s| {
+    let statuses = |bench: &mut XpsBench, now_s| {
         ["XY", "Z"].map(|group| other(bench, now_s, &format!("GroupStatusGet({group},int *)")))
     };
     assert_eq!(statuses(&mut bench, 20.1), ["0,44,EndOfAPI", "0,44,EndOfAPI"]);
@@ -209,7 +209,7 @@ fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
 
 #[test]
 fn the_group_goes_through_its_life() {
-    let mut bench = Bench::new();
+    let mut bench = XpsBench::new();
     let now_s = std::cell::Cell::new(0.0);
     // what is answered within 20 s, and the status at once, and then
     let mut step = |sent: &str| {
@@ -249,7 +249,7 @@ fn the_group_goes_through_its_life() {
     assert_eq!(bench.say(1001.0, places), "0,0,0,0,EndOfAPI");
 }
 
-impl Bench {
+impl XpsBench {
     fn status_on_another(&mut self, now_s: f64) -> String {
         let other = self.xps.accept().expect("another");
         let mut other = other.lock().expect("sound");
@@ -260,7 +260,7 @@ impl Bench {
 
 #[test]
 fn homing_takes_its_time_z_first() {
-    let mut bench = Bench::new();
+    let mut bench = XpsBench::new();
     bench.say(0.0, "GroupInitialize(XYZ)");
     bench.settle(1.0);
     bench.say(1.0, "GroupHomeSearch(XYZ)");
@@ -275,7 +275,7 @@ fn homing_takes_its_time_z_first() {
 
 #[test]
 fn a_group_arrives_together_and_a_positioner_goes_alone() {
-    let mut bench = Bench::homed();
+    let mut bench = XpsBench::homed();
     for positioner in ["X", "Y", "Z"] {
         bench.say(10.0, &format!("PositionerSGammaParametersSet(XYZ.{positioner},2,100,0.005,0.05)"));
     }
@@ -294,7 +294,7 @@ fn a_group_arrives_together_and_a_positioner_goes_alone() {
     assert_eq!(tell, "0,4,-1,0,EndOfAPI");
     bench.say(13.0, "GroupMoveAbsolute(XYZ.Z,1.5)");
     let busy = bench.xps.accept().expect("another");
-    let ask = |bench: &mut Bench, text: &str| {
+    let ask = |bench: &mut XpsBench, text: &str| {
         let reply = busy.lock().expect("sound").answer(text.as_bytes(), &mut bench.scene, 13.5);
         String::from_utf8(reply).expect("text")
     };
@@ -307,7 +307,7 @@ fn a_group_arrives_together_and_a_positioner_goes_alone() {
 
 #[test]
 fn targets_are_rounded_to_the_stages_quantum_and_no_way_is_no_time() {
-    let mut bench = Bench::homed_on(scene_with(|spec| {
+    let mut bench = XpsBench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01, ..Servo::default() })
     }));
     bench.say(11.0, "GroupMoveAbsolute(XYZ,0.1263,0,0)");
@@ -319,7 +319,7 @@ fn targets_are_rounded_to_the_stages_quantum_and_no_way_is_no_time() {
 
 #[test]
 fn the_load_cell_is_read_in_volts_as_far_as_the_input_goes() {
-    let mut bench = Bench::homed();
+    let mut bench = XpsBench::homed();
     for (depth_mm, volts) in [(0.5, "2"), (3.0, "10")] {
         assert_eq!(STIFFNESS_N_MM * VOLTS_PER_NEWTON, 4.0);
         let now_s = 20.0 + depth_mm;
@@ -331,7 +331,7 @@ fn the_load_cell_is_read_in_volts_as_far_as_the_input_goes() {
 
 #[test]
 fn a_kill_brakes_and_ends_what_waits() {
-    let mut bench = Bench::homed();
+    let mut bench = XpsBench::homed();
     bench.say(10.0, "GroupMoveAbsolute(XYZ.X,10)");
     let other = bench.xps.accept().expect("another");
     let reply = other.lock().expect("sound").answer(b"GroupKill(XYZ)", &mut bench.scene, 10.3);
@@ -344,7 +344,7 @@ fn a_kill_brakes_and_ends_what_waits() {
 proptest! {
     #[test]
     fn no_bytes_upset_it(bytes in prop::collection::vec(any::<u8>(), 0..1200)) {
-        let mut bench = Bench::homed();
+        let mut bench = XpsBench::homed();
         let mut inbox = bytes;
         while let Some(request) = bench.xps.take_request(&mut inbox) {
             prop_assert!(bench.xps.answer(&request, &mut bench.scene, 20.0).len() <= 1024);
@@ -355,7 +355,7 @@ proptest! {
     fn no_call_however_bent_upsets_it(
         calls in prop::collection::vec((0usize..CALLS.len(), any::<prop::sample::Index>(), any::<u8>(), 0usize..4), 1..30),
     ) {
-        let mut bench = Bench::homed();
+        let mut bench = XpsBench::homed();
         let mut now_s = 10.0;
         for (call, at, byte, how) in calls {
             let mut text = CALLS[call].as_bytes().to_vec();

@@ -4,8 +4,8 @@ mod spec;
 
 pub use spec::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
 
-use palpate_core::mechanics::{Passage, Response};
-use palpate_core::quantity::{ArrayLayout, Place, Stream, stream};
+use palpate_core::mechanics::{Passage, TaxelResponse};
+use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -22,7 +22,7 @@ pub const SKIN_CHANNELS_MAX: usize = 3;
 #[derive(Clone)]
 pub struct Skin {
     /// Channels in the order of the outputs.
-    channels: Vec<Channel>,
+    channels: Vec<TaxelChannel>,
     /// Outputs of each unit.
     units: Vec<Range<usize>>,
     /// Reading for the largest force straight above.
@@ -35,11 +35,11 @@ pub struct Skin {
 }
 
 #[derive(Clone)]
-struct Channel {
+struct TaxelChannel {
     reads: Reads,
     place: Place,
     /// Response of the elastomer; `None` if there is no elastomer.
-    response: Option<Response>,
+    response: Option<TaxelResponse>,
     /// Reading for a response of 1.
     gain: f64,
     /// Standard deviation of the channel's error: of full scale in reading units, or of the reading as a fraction.
@@ -73,10 +73,10 @@ impl Skin {
     /// If a list of percentages is shorter than the layout, or a fault names a unit that doesn't exist.
     pub fn new(spec: &SkinSpec, layout: &ArrayLayout, full_scale_n: f64, seed: u64) -> Self {
         let Taxels { gain_spread_percent, place_spread_mm, depth_spread_percent, baseline, .. } = spec.taxels;
-        let mut gains = Spread::new(gain_spread_percent / 100.0, "taxel gains", seed);
-        let mut places = Spread::new(place_spread_mm, "taxel places", seed);
-        let mut depths = Spread::new(depth_spread_percent / 100.0, "taxel depths", seed);
-        let nominal = spec.elastomer.map(|elastomer| Response::new(passage(spec, elastomer)));
+        let mut gains = UniformSpread::new(gain_spread_percent / 100.0, "taxel gains", seed);
+        let mut places = UniformSpread::new(place_spread_mm, "taxel places", seed);
+        let mut depths = UniformSpread::new(depth_spread_percent / 100.0, "taxel depths", seed);
+        let nominal = spec.elastomer.map(|elastomer| TaxelResponse::new(passage(spec, elastomer)));
         let units: Vec<Range<usize>> = layout.units().collect();
         let channels = units.iter().enumerate().flat_map(|(index, outputs)| {
             let at = layout.places()[outputs.start];
@@ -93,7 +93,7 @@ impl Skin {
                 NoiseOf::FullScale => noise * (1.0 / 3.0) * full_scale_n,
                 NoiseOf::Reading => noise / 3.0,
             };
-            let first = Channel {
+            let first = TaxelChannel {
                 reads: Reads::Normal,
                 place,
                 response,
@@ -105,9 +105,9 @@ impl Skin {
             };
             let reads = [Reads::Normal, Reads::SlopeX, Reads::SlopeY];
             let reads = reads.into_iter().chain(std::iter::repeat(Reads::Nothing)).take(outputs.len());
-            reads.map(|reads| Channel { reads, ..first.clone() }).collect::<Vec<_>>()
+            reads.map(|reads| TaxelChannel { reads, ..first.clone() }).collect::<Vec<_>>()
         });
-        let channels: Vec<Channel> = channels.collect();
+        let channels: Vec<TaxelChannel> = channels.collect();
         assert!(
             spec.faults.iter().all(|fault| (1..=units.len()).contains(&fault.unit)),
             "a fault of a unit there isn't"
@@ -136,7 +136,7 @@ impl Skin {
 
     /// Begins a new contact, which differs slightly from the last one. It takes one draw for each channel, then one more for each
     /// channel if there is a floor.
-    pub fn draw_contact(&mut self, rng: &mut Stream) {
+    pub fn draw_contact(&mut self, rng: &mut RandomStream) {
         self.forget_contact();
         let mut normal = || -> f64 { StandardNormal.sample(rng) };
         let noisy = self.channels.iter().any(|channel| channel.error_sd != 0.0);
@@ -216,7 +216,7 @@ impl Skin {
 impl Reads {
     /// Response of a unit's channel to 1 N at another place.
     #[inline]
-    fn of(self, response: &Response, unit: Place, load: Place) -> f64 {
+    fn of(self, response: &TaxelResponse, unit: Place, load: Place) -> f64 {
         let distance_mm = load.distance_mm(unit);
         let along_mm = match self {
             Reads::Normal => return response.at(distance_mm),
@@ -232,14 +232,14 @@ impl Reads {
 }
 
 /// Uniform draws around 0 that belong to the specimen. If the spread is zero, nothing is drawn.
-struct Spread {
+struct UniformSpread {
     most: f64,
-    rng: Stream,
+    rng: RandomStream,
 }
 
-impl Spread {
+impl UniformSpread {
     fn new(most: f64, name: &str, seed: u64) -> Self {
-        Spread { most, rng: stream(seed, 0, name) }
+        UniformSpread { most, rng: stream(seed, 0, name) }
     }
 
     fn draw(&mut self) -> f64 {
@@ -257,12 +257,12 @@ fn passage(spec: &SkinSpec, elastomer: Elastomer) -> Passage {
 }
 
 /// Returns the response at another depth. If the depth is the same, the table is shared.
-fn deepened(nominal: &Response, times: f64) -> Response {
+fn deepened(nominal: &TaxelResponse, times: f64) -> TaxelResponse {
     let passage = *nominal.passage();
     if times == 1.0 {
         nominal.clone()
     } else {
-        Response::new(Passage { depth_mm: passage.depth_mm * times, ..passage })
+        TaxelResponse::new(Passage { depth_mm: passage.depth_mm * times, ..passage })
     }
 }
 

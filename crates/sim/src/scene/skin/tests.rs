@@ -81,7 +81,7 @@ fn one_newton_straight_above_reads_one_whatever_the_skin_is_made_of() {
 
 #[test]
 fn spreads_are_used_bounded_and_belong_to_the_seed() {
-    let spread_of = |taxels: Taxels, of: fn(&Channel) -> f64| -> Vec<f64> {
+    let spread_of = |taxels: Taxels, of: fn(&TaxelChannel) -> f64| -> Vec<f64> {
         let spec = SkinSpec { taxels, ..plain() };
         (0..60).flat_map(|seed| skin(&spec, seed).channels.iter().map(of).collect::<Vec<_>>()).collect()
     };
@@ -98,7 +98,8 @@ fn spreads_are_used_bounded_and_belong_to_the_seed() {
     let along_x = spread_of(places, |unit| unit.place.x_mm);
     used_and_bounded(&along_x.iter().map(|x| beside(*x)).collect::<Vec<_>>(), -0.1, 0.1);
     let depths = Taxels { depth_spread_percent: 5.0, ..Taxels::default() };
-    let depth = |channel: &Channel| channel.response.as_ref().map_or(f64::NAN, |response| response.passage().depth_mm);
+    let depth =
+        |channel: &TaxelChannel| channel.response.as_ref().map_or(f64::NAN, |response| response.passage().depth_mm);
     used_and_bounded(&spread_of(depths, depth), 4.75, 5.25);
     used_and_bounded(&spread_of(depths, |unit| unit.gain), 1.05f64.powi(-2), 0.95f64.powi(-2));
 

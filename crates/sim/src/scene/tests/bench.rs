@@ -4,15 +4,15 @@
 use super::*;
 
 /// Scene of [`plain`] with another cell, in air.
-fn in_air(cell: LoadCell) -> Scene {
+fn in_air(cell: LoadCellScene) -> Scene {
     scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1)
 }
 
 #[test]
 fn the_zero_drifts_wanders_and_hums_with_the_time() {
-    let wander = Some(Wave { amplitude: 0.005, period_s: 24.0 });
-    let hum = Some(Wave { amplitude: 0.01, period_s: 0.02 });
-    let mut scene = in_air(LoadCell { drift_n_s: 5e-4, wander, hum, ..LoadCell::IDEAL });
+    let wander = Some(Sine { amplitude: 0.005, period_s: 24.0 });
+    let hum = Some(Sine { amplitude: 0.01, period_s: 0.02 });
+    let mut scene = in_air(LoadCellScene { drift_n_s: 5e-4, wander, hum, ..LoadCellScene::IDEAL });
     // conversions come every 5 ms: 6.005 s is a quarter of a turn of both
     let read_n = scene.load_cell_n(6.005);
     let expected_n = 5e-4 * 6.005 + 0.005 * (std::f64::consts::TAU * 6.005 / 24.0).sin() + 0.01;
@@ -24,7 +24,7 @@ fn the_zero_drifts_wanders_and_hums_with_the_time() {
 
 #[test]
 fn a_wrong_gain_scales_the_force_and_nothing_else() {
-    let mut scene = in_air(LoadCell { gain: 0.5, offset_n: 0.2, ..LoadCell::IDEAL });
+    let mut scene = in_air(LoadCellScene { gain: 0.5, offset_n: 0.2, ..LoadCellScene::IDEAL });
     let arrived_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
     let true_n = scene.true_force_n(arrived_s + 10.0);
     assert!((scene.load_cell_n(arrived_s + 10.004) - 0.2 - 0.5 * true_n).abs() < 1e-4);
@@ -32,7 +32,7 @@ fn a_wrong_gain_scales_the_force_and_nothing_else() {
 
 #[test]
 fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
-    let mut scene = in_air(LoadCell { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCell::IDEAL });
+    let mut scene = in_air(LoadCellScene { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCellScene::IDEAL });
     let read: Vec<f64> = (1..4000).map(|i| scene.load_cell_n(f64::from(i) * 0.005 + 1e-6)).collect();
     let square = read.iter().map(|n| n * n).sum::<f64>() / read.len() as f64;
     let shared = read.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / read.len() as f64 / square;
@@ -43,7 +43,7 @@ fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
 
 #[test]
 fn a_transport_of_many_conversions_repeats_none_as_a_press_begins() {
-    let mut scene = in_air(LoadCell { noise_n: 0.003, transport_s: 0.05, ..LoadCell::IDEAL });
+    let mut scene = in_air(LoadCellScene { noise_n: 0.003, transport_s: 0.05, ..LoadCellScene::IDEAL });
     scene.begin_press(3, 1.0);
     let read: Vec<f64> = (0..20).map(|i| scene.load_cell_n(1.0 + f64::from(i) * 0.005 + 1e-6)).collect();
     assert!(read.windows(2).all(|pair| pair[0] != pair[1]), "{read:?}");
@@ -69,7 +69,7 @@ fn the_indenter_follows_a_turn_only_when_the_play_is_taken_up() {
 
 #[test]
 fn what_carries_the_tip_yields_by_the_force_over_its_stiffness() {
-    let cell = LoadCell { stiffness_n_mm: Some(10.0), ..LoadCell::IDEAL };
+    let cell = LoadCellScene { stiffness_n_mm: Some(10.0), ..LoadCellScene::IDEAL };
     for relaxation in [vec![], plain().relaxation] {
         let mut scene = scene(SceneSpec { load_cell: Some(cell), relaxation: relaxation.clone(), ..plain() }, 1);
         let arrived_s = go(&mut scene, 0.8, 5.0, 100.0, 0.0);
@@ -88,7 +88,7 @@ fn what_carries_the_tip_yields_by_the_force_over_its_stiffness() {
 
 #[test]
 fn a_surface_that_creeps_changes_the_force_of_a_stage_at_rest() {
-    let wave = Some(Wave { amplitude: 0.005, period_s: 60.0 });
+    let wave = Some(Sine { amplitude: 0.005, period_s: 60.0 });
     let mut scene = scene(SceneSpec { surface_wave: wave, relaxation: vec![], ..plain() }, 1);
     go(&mut scene, 0.5, 10.0, 100.0, 0.0);
     for i in 1..=15_000 {

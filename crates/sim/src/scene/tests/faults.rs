@@ -2,10 +2,10 @@
 
 use super::*;
 
-const CELL: LoadCell = LoadCell { noise_n: 0.003, offset_n: 0.1, ..LoadCell::IDEAL };
+const CELL: LoadCellScene = LoadCellScene { noise_n: 0.003, offset_n: 0.1, ..LoadCellScene::IDEAL };
 
 fn with_faults(faults: &[(FaultKind, f64, Option<f64>)]) -> Scene {
-    let faults = faults.iter().map(|&(kind, from_s, value)| Fault { kind, from_s, value }).collect();
+    let faults = faults.iter().map(|&(kind, from_s, value)| SceneFault { kind, from_s, value }).collect();
     scene(SceneSpec { load_cell: Some(CELL), relaxation: vec![], faults, ..plain() }, 1)
 }
 
@@ -101,7 +101,7 @@ fn a_slip_in_air_waits_for_the_next_contact() {
 
 #[test]
 fn a_hard_contact_is_a_spring_from_the_next_contact_on() {
-    let faults = vec![Fault { kind: FaultKind::HardContact, from_s: 2.0, value: None }];
+    let faults = vec![SceneFault { kind: FaultKind::HardContact, from_s: 2.0, value: None }];
     let mut scene = scene(SceneSpec { faults, ..plain() }, 1);
     let in_s = go(&mut scene, 0.5, 10.0, 100.0, 0.0);
     assert!(in_s < 2.0);
@@ -138,20 +138,20 @@ fn a_fault_strikes_at_its_instant_though_nobody_looks() {
 #[test]
 fn a_silent_link_is_the_device_s_own_and_a_slow_stage_takes_longer() {
     for (kind, silent) in [
-        (FaultKind::Stale, Device::LoadCell),
-        (FaultKind::StageLost, Device::Stage),
-        (FaultKind::ArrayLost, Device::Array),
+        (FaultKind::Stale, SceneDevice::LoadCell),
+        (FaultKind::StageLost, SceneDevice::Stage),
+        (FaultKind::ArrayLost, SceneDevice::Array),
     ] {
         let mut scene = with_faults(&[(kind, 2.0, None)]);
-        for device in Device::ALL {
+        for device in SceneDevice::ALL {
             assert_eq!(scene.latency_s(device, 1.999), Some(0.0));
             assert_eq!(scene.latency_s(device, 2.0).is_none(), device == silent, "{kind:?} {device:?}");
         }
     }
     let mut scene = with_faults(&[(FaultKind::SlowStage, 2.0, None), (FaultKind::SlowStage, 3.0, Some(50.0))]);
-    let taken = [1.0, 2.5, 3.5].map(|now_s| scene.latency_s(Device::Stage, now_s));
+    let taken = [1.0, 2.5, 3.5].map(|now_s| scene.latency_s(SceneDevice::Stage, now_s));
     assert_eq!(taken, [Some(0.0), Some(0.2), Some(0.25)]);
-    assert_eq!(scene.latency_s(Device::LoadCell, 4.0), Some(0.0));
+    assert_eq!(scene.latency_s(SceneDevice::LoadCell, 4.0), Some(0.0));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::*;
 
 /// Scene whose load cell converts `hz` times per second, read through `cell`, on a spring that carries force at once.
-fn with_cell(cell: LoadCell, hz: f64) -> Scene {
+fn with_cell(cell: LoadCellScene, hz: f64) -> Scene {
     let contact = ContactLaw { linear_n_mm: 1.0, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
     let spec = SceneSpec { contact, load_cell: Some(cell), relaxation: vec![], ..plain() };
     let setting = scene(spec.clone(), 1).setting;
@@ -17,7 +17,7 @@ fn step(scene: &mut Scene, now_s: f64) {
 
 #[test]
 fn a_low_passed_step_rises_as_it_should_however_often_it_is_looked_at() {
-    let cell = LoadCell { low_pass_hz: Some(100.0), ..LoadCell::default() };
+    let cell = LoadCellScene { low_pass_hz: Some(100.0), ..LoadCellScene::default() };
     let rate = std::f64::consts::TAU * 100.0;
     for at_every_s in [1e-4, 1e-3, 7e-3] {
         let mut scene = with_cell(cell, 10_000.0);
@@ -34,7 +34,7 @@ fn a_low_passed_step_rises_as_it_should_however_often_it_is_looked_at() {
 
 #[test]
 fn a_low_passed_press_reads_the_same_whoever_looks() {
-    let cell = LoadCell { low_pass_hz: Some(100.0), transport_s: 0.002, ..LoadCell::default() };
+    let cell = LoadCellScene { low_pass_hz: Some(100.0), transport_s: 0.002, ..LoadCellScene::default() };
     let read = |every_s: f64| {
         let mut scene = scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1);
         go(&mut scene, 0.8, 10.0, 100.0, 0.0);
@@ -57,7 +57,7 @@ fn a_low_passed_press_reads_the_same_whoever_looks() {
 fn a_reading_is_the_last_conversion_that_has_come_through() {
     // 10 ms of transport at 200 conversions a second: two conversions late, to the instant
     for asked_between in [&[][..], &[1.001, 1.004, 1.0049, 1.006, 1.013, 1.0149]] {
-        let mut scene = with_cell(LoadCell { transport_s: 0.010, ..LoadCell::default() }, 200.0);
+        let mut scene = with_cell(LoadCellScene { transport_s: 0.010, ..LoadCellScene::default() }, 200.0);
         step(&mut scene, 1.0);
         for &at_s in asked_between {
             scene.true_force_n(at_s);
@@ -65,14 +65,14 @@ fn a_reading_is_the_last_conversion_that_has_come_through() {
         let mut before = scene.clone();
         assert_eq!((before.load_cell_n(1.0149), scene.load_cell_n(1.015)), (0.0, 1.0), "{asked_between:?}");
     }
-    let mut prompt = with_cell(LoadCell::default(), 200.0);
+    let mut prompt = with_cell(LoadCellScene::default(), 200.0);
     step(&mut prompt, 1.0);
     assert_eq!((prompt.clone().load_cell_n(1.0049), prompt.load_cell_n(1.005)), (0.0, 1.0));
 }
 
 #[test]
 fn conversions_under_way_are_held_though_only_others_move_the_time() {
-    let mut scene = with_cell(LoadCell { transport_s: 0.012, ..LoadCell::default() }, 200.0);
+    let mut scene = with_cell(LoadCellScene { transport_s: 0.012, ..LoadCellScene::default() }, 200.0);
     for (depth_mm, from_s) in [(0.1, 1.0001), (0.2, 1.0051), (0.3, 1.0101), (0.4, 1.0151)] {
         scene.set_motion(Axis::Z, Trajectory::at_rest(-depth_mm), from_s);
     }
@@ -84,7 +84,8 @@ fn conversions_under_way_are_held_though_only_others_move_the_time() {
 
 #[test]
 fn a_long_idle_stretch_has_few_knots() {
-    let scene = with_cell(LoadCell { transport_s: 0.002, low_pass_hz: Some(100.0), ..LoadCell::default() }, 1000.0);
+    let scene =
+        with_cell(LoadCellScene { transport_s: 0.002, low_pass_hz: Some(100.0), ..LoadCellScene::default() }, 1000.0);
     let (mut now_s, mut knots) = (0.0, 0);
     let mut scene = scene;
     while now_s < 3600.0 {
@@ -97,7 +98,7 @@ fn a_long_idle_stretch_has_few_knots() {
 
 #[test]
 fn noise_comes_after_the_low_pass() {
-    let cell = LoadCell { noise_n: 0.003, low_pass_hz: Some(1.0), ..LoadCell::default() };
+    let cell = LoadCellScene { noise_n: 0.003, low_pass_hz: Some(1.0), ..LoadCellScene::default() };
     let mut scene = with_cell(cell, 200.0);
     let readings: Vec<f64> = (1..=2000).map(|i| scene.load_cell_n(f64::from(i) * 0.005)).collect();
     let square = readings.iter().map(|r| r * r).sum::<f64>() / 2000.0;
@@ -186,9 +187,9 @@ fn a_share_of_the_stages_exchanges_takes_much_longer_and_no_other_devices() {
         assert!(longer.iter().all(|&s| (0.201..=0.205).contains(&s)), "{longer:?}");
         longer.len()
     };
-    let count = longer(Device::Stage, 0.005);
+    let count = longer(SceneDevice::Stage, 0.005);
     assert!((150..250).contains(&count), "{count} of 10000");
-    assert_eq!((longer(Device::LoadCell, 0.001), longer(Device::Array, 0.001)), (0, 0));
+    assert_eq!((longer(SceneDevice::LoadCell, 0.001), longer(SceneDevice::Array, 0.001)), (0, 0));
 }
 
 #[test]
@@ -203,13 +204,19 @@ fn the_true_mean_is_one_over_time_whatever_the_load_cell_does() {
     };
     let often: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.001).collect();
     let reference_n = pressed(None, &often);
-    let offset = LoadCell { offset_n: 0.5, noise_n: 0.1, transport_s: 0.05, low_pass_hz: Some(1.0), ..LoadCell::IDEAL };
+    let offset = LoadCellScene {
+        offset_n: 0.5,
+        noise_n: 0.1,
+        transport_s: 0.05,
+        low_pass_hz: Some(1.0),
+        ..LoadCellScene::IDEAL
+    };
     for (cell, looks) in [(Some(offset), &often[..]), (None, &often[90..]), (None, &[0.03, 0.06])] {
         let mean_n = pressed(cell, looks);
         assert!((mean_n - reference_n).abs() < 5e-6, "{mean_n} {reference_n}");
     }
     // a ramp from rest to rest, by its halves: half of the end on the mean
-    let mut ramp = with_cell(LoadCell::default(), 1000.0);
+    let mut ramp = with_cell(LoadCellScene::default(), 1000.0);
     let top_s = go(&mut ramp, 0.0, 10.0, 100.0, 0.0);
     ramp.open_window(top_s);
     let end_s = go(&mut ramp, 0.5, 100.0, 100.0, top_s);

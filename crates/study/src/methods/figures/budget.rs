@@ -1,12 +1,12 @@
 //! Mean error as a function of the number of calibration presses.
 
-use super::{BOUND, Drawn, PAPER_MM, legend, look, methods, methods_and_bound};
+use super::{BOUND, FigureFile, PAPER_MM, legend, look, methods, methods_and_bound};
 use crate::methods::budget::{BUDGET, PRESS_S};
-use crate::methods::{Method, MethodRow, MethodTrial, NoiseReference, rows_of};
-use palpate_report::chart::{ChartAxis, Figure, Mark, Panel, Scale};
+use crate::methods::{MethodRow, MethodTrial, NoiseReference, StudiedMethod, rows_of};
+use palpate_report::chart::{AxisScale, ChartAxis, Figure, Mark, Panel};
 
 /// Draws both scenes side by side.
-pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
+pub fn budget_figures(found: &[MethodRow]) -> Vec<FigureFile> {
     let specimens = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0) / specimens.max(1);
     let figure = Figure {
@@ -32,7 +32,7 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<Drawn> {
 }
 
 /// Draws one panel of recorded presses.
-pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<Drawn> {
+pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<FigureFile> {
     let draws = found.iter().map(|row| row.calibrations).max().unwrap_or(0);
     let has_bound = found.iter().any(|row| row.location_bound_mm.is_some());
     let figure = Figure {
@@ -65,7 +65,7 @@ fn panel(scene: &str, told: &str, level_mm: Option<f64>, found: &[MethodRow]) ->
     let has_minutes = of(first).any(|row| row.minutes.is_some());
     let x = ChartAxis {
         label: if has_minutes { "presses, and minutes below" } else { "presses" }.to_owned(),
-        scale: Scale::LogAt(ticks),
+        scale: AxisScale::LogAt(ticks),
         range: (ends.0.min(ends.1) / 1.15, ends.1 * 1.15),
     };
     let rows = || found.iter().filter(|row| row.scene == scene);
@@ -76,7 +76,7 @@ fn panel(scene: &str, told: &str, level_mm: Option<f64>, found: &[MethodRow]) ->
     marks.extend(level_mm.map(|level_mm| Mark::Level(level_mm, String::new())));
     let bound = of(first).filter_map(|row| Some((row.value, row.location_bound_mm?)));
     marks.push(Mark::Curve(BOUND, bound.collect()));
-    marks.extend(Method::names().map(|solver| {
+    marks.extend(StudiedMethod::names().map(|solver| {
         Mark::Curve(look(solver), of(solver).filter_map(|row| Some((row.value, row.mean_mm()?))).collect())
     }));
     Panel { x, y, marks }

@@ -1,14 +1,14 @@
 //! Stated coverage compared with measured coverage: for each condition, a panel of locations and a panel of forces.
 
 use super::failures::{COLUMNS, axis, curve};
-use super::{Drawn, look, methods};
+use super::{FigureFile, look, methods};
 use crate::methods::conditions::{CONDITIONS, Harm, MEANINGS};
 use crate::methods::{FoundCoverage, MethodRow, NoiseReference, STATED_PERCENT};
-use palpate_report::chart::{ChartAxis, Figure, Grid, Line, Look, Mark, Panel};
+use palpate_report::chart::{ChartAxis, Figure, Grid, LineStyle, Look, Mark, Panel};
 use palpate_solver::{BEST, SOLVERS};
 
 /// Draws one figure for each scene.
-pub fn coverage_figures(found: &[MethodRow]) -> Vec<Drawn> {
+pub fn coverage_figures(found: &[MethodRow]) -> Vec<FigureFile> {
     NoiseReference::ALL.map(|noise| (format!("coverage-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }
 
@@ -59,7 +59,7 @@ fn panel(
         };
         let look = look(solver);
         marks.push(Mark::Curve(look, of(0)));
-        marks.push(Mark::Curve(Look::line(look.hue, Line::Dashed), of(1)));
+        marks.push(Mark::Curve(Look::line(look.hue, LineStyle::Dashed), of(1)));
     }
     Panel { x: axis(harm, labelled), y: ChartAxis::linear(label, (0.0, 103.0)), marks }
 }

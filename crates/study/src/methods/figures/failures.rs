@@ -1,8 +1,8 @@
 //! Failures of methods: for each condition, a panel of errors and a panel of silent failures.
 
-use super::{BOUND, Drawn, look, methods_and_bound};
-use crate::methods::conditions::{CONDITIONS, Harm, MEANINGS, Spread};
-use crate::methods::{Method, MethodRow, NoiseReference, rows_of};
+use super::{BOUND, FigureFile, look, methods_and_bound};
+use crate::methods::conditions::{CONDITIONS, Harm, MEANINGS, ValueAxis};
+use crate::methods::{MethodRow, NoiseReference, StudiedMethod, rows_of};
 use palpate_report::chart::{ChartAxis, Figure, Grid, Mark, Panel};
 use palpate_solver::{LOCATION_REFERENCE_MM, SOLVERS};
 
@@ -12,7 +12,7 @@ pub(super) const COLUMNS: usize = 4;
 const LEAST_PERCENT: f64 = 5.0;
 
 /// Draws one figure for each scene.
-pub fn failure_figures(found: &[MethodRow]) -> Vec<Drawn> {
+pub fn failure_figures(found: &[MethodRow]) -> Vec<FigureFile> {
     NoiseReference::ALL.map(|noise| (format!("failures-{}.svg", noise.name()), figure(noise, found).svg())).to_vec()
 }
 
@@ -48,7 +48,8 @@ fn errors(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
     let bound = curve(harm, noise, SOLVERS[0], found, |row| row.location_bound_mm.filter(is_inside));
     marks.push(Mark::Curve(BOUND, bound));
     marks.extend(
-        Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, MethodRow::mean_mm))),
+        StudiedMethod::names()
+            .map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, MethodRow::mean_mm))),
     );
     Panel { x: axis(harm, false), y, marks }
 }
@@ -57,7 +58,8 @@ fn silent(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
     let percent = |row: &MethodRow| row.wrong_unflagged.map(|share| 100.0 * share);
     let rows = found.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let most = rows.filter_map(percent).fold(LEAST_PERCENT, f64::max);
-    let marks = Method::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, percent)));
+    let marks =
+        StudiedMethod::names().map(|solver| Mark::Curve(look(solver), curve(harm, noise, solver, found, percent)));
     Panel {
         x: axis(harm, true),
         y: ChartAxis::linear("wrong, not flagged, %", (0.0, 1.05 * most)),
@@ -85,9 +87,9 @@ pub(super) fn axis(harm: &Harm, labelled: bool) -> ChartAxis {
     let ends = harm.values.iter().fold((f64::MAX, f64::MIN), |(l, m), value| (l.min(*value), m.max(*value)));
     let room = 0.04 * (ends.1 - ends.0);
     match harm.spread {
-        Spread::Linear => ChartAxis::linear(label, (ends.0 - room, ends.1 + room)),
-        Spread::Log => ChartAxis::log(label, [], (ends.0 / 1.12, ends.1 * 1.12)),
-        Spread::Words(words) => {
+        ValueAxis::Linear => ChartAxis::linear(label, (ends.0 - room, ends.1 + room)),
+        ValueAxis::Log => ChartAxis::log(label, [], (ends.0 / 1.12, ends.1 * 1.12)),
+        ValueAxis::Words(words) => {
             let names = words.iter().map(|word| (*word).to_owned()).collect();
             ChartAxis { label: label.to_owned(), ..ChartAxis::rows(names) }
         }

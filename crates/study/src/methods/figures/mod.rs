@@ -10,8 +10,8 @@ pub use coverage::coverage_figures;
 pub use failures::failure_figures;
 pub use speed_accuracy::speed_accuracy_figures;
 
-use super::trial::{CRAMER_RAO, Method, MethodRow};
-use palpate_report::chart::{Hue, Line, Look, Shape};
+use super::trial::{CRAMER_RAO, MethodRow, StudiedMethod};
+use palpate_report::chart::{Hue, LineStyle, Look, Shape};
 use palpate_report::paper;
 use palpate_solver::BEST;
 
@@ -19,7 +19,7 @@ use palpate_solver::BEST;
 const PAPER_MM: f64 = paper::LOCATION_ERROR_MM;
 
 /// A figure: the name of its file and the SVG.
-pub(super) type Drawn = (String, String);
+pub(super) type FigureFile = (String, String);
 
 /// Look of a method. Similar methods have similar colours. The automatic choice is a thin line over the chosen method.
 fn look(solver: &str) -> Look {
@@ -31,18 +31,18 @@ fn look(solver: &str) -> Look {
         "gaussian-process" => (Hue::Brown, Shape::Triangle),
         "pattern-map" => (Hue::Green, Shape::Diamond),
         "blend" => (Hue::Brown, Shape::Circle),
-        BEST => return Look::line(Hue::Ink, Line::Dashed),
+        BEST => return Look::line(Hue::Ink, LineStyle::Dashed),
         _ => (Hue::Grey, Shape::Cross),
     };
-    Look { hue, shape: Some(shape), filled: !matches!(solver, "pearson-lsq"), line: Line::Solid }
+    Look { hue, shape: Some(shape), filled: !matches!(solver, "pearson-lsq"), line: LineStyle::Solid }
 }
 
 /// Line style of the bound.
-const BOUND: Look = Look::line(Hue::Grey, Line::Solid);
+const BOUND: Look = Look::line(Hue::Grey, LineStyle::Solid);
 
 /// Look and name of every method.
 fn methods() -> impl Iterator<Item = (Look, String)> {
-    Method::names().map(|name| (look(name), name.to_owned()))
+    StudiedMethod::names().map(|name| (look(name), name.to_owned()))
 }
 
 /// Look and name of every method and of the bound.

@@ -1,13 +1,13 @@
 //! Mean error as a function of the time of a solve.
 
-use super::{Drawn, legend, look, methods, told_bound};
+use super::{FigureFile, legend, look, methods, told_bound};
 use crate::methods::trial::CRAMER_RAO;
 use crate::methods::{MethodRow, MethodTrial};
-use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, Line, Look, Mark, Panel};
+use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel};
 use palpate_solver::BEST;
 
 /// Draws one panel for each trial.
-pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Vec<Drawn> {
+pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Vec<FigureFile> {
     let presses = found.iter().map(|row| row.calibration_presses).max().unwrap_or(0);
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0);
     let panel = |trial: &MethodTrial| {
@@ -58,7 +58,7 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
         rows.iter().filter(|row| row.pareto == Some(true)).filter_map(|row| point(row)).collect();
     front.sort_by(|a, b| a.0.total_cmp(&b.0));
     front.dedup();
-    marks.push(Mark::Curve(Look::line(Hue::Grey, Line::Dashed), front.clone()));
+    marks.push(Mark::Curve(Look::line(Hue::Grey, LineStyle::Dashed), front.clone()));
     for row in rows {
         let Some(point) = point(row) else { continue };
         if row.solver == BEST {
@@ -68,7 +68,7 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
             marks.push(Mark::Words(point, (right_px, 4.0), anchor, "best".to_owned()));
             continue;
         }
-        let look = Look { line: Line::None, ..look(row.solver) };
+        let look = Look { line: LineStyle::None, ..look(row.solver) };
         let strokes = ends(row).map(|(from, to)| ((point.0, from), (point.0, to)));
         marks.push(Mark::Strokes(look.hue, strokes.into_iter().collect()));
         marks.push(Mark::Curve(look, vec![point]));

@@ -12,11 +12,11 @@ async fn exchange(wire: &mut Wire, sent: &str, answered: &str) {
 }
 
 /// Returns a homed controller on the wire: its scene and three sockets.
-async fn wired() -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
+async fn wired() -> (Shared<Scene>, [Wire; 3], Shared<XpsEmulator>) {
     wired_on(scene()).await
 }
 
-async fn wired_on(scene: Scene) -> (Shared<Scene>, [Wire; 3], Shared<Xps>) {
+async fn wired_on(scene: Scene) -> (Shared<Scene>, [Wire; 3], Shared<XpsEmulator>) {
     let xps = shared(xps(&scene));
     let (scene, origin) = (shared(scene), Instant::now());
     let mut wires = [0; 3].map(|_| Wire::to(xps.clone(), scene.clone(), origin));
