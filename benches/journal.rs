@@ -95,5 +95,5 @@ fn contact(press: u64) -> RecordedContact {
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kb = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().trim_end_matches(" kB").parse().ok());
-    kb.map_or("isn't told by this system".to_owned(), |kb: u64| format!("{:.0} MB", kb as f64 / 1024.0))
+    kb.map_or("isn't known on this system".to_owned(), |kb: u64| format!("{:.0} MB", kb as f64 / 1024.0))
 }

@@ -63,9 +63,9 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
-    let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(walk(errand, &mut Silent));
-    assert!(ending.status() == Status::Complete, "{:?}", ending.told());
+    let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let ending = runtime.block_on(walk(job, &mut Silent));
+    assert!(ending.status() == Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).expect("the tables");
     Cost {
         wall: began.elapsed(),

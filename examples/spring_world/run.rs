@@ -48,13 +48,13 @@ pub(crate) fn carry_out(task: Task) -> Result<String, String> {
         .keep
         .clone()
         .unwrap_or_else(|| std::env::temp_dir().join(format!("spring-world-{}-{}", std::process::id(), task.seed)));
-    let told = made_in(&task, faults, &folder)
+    let text = made_in(&task, faults, &folder)
         .map_err(|error| format!("{} in {}: {error}", task.palpate.display(), folder.display()));
     if task.keep.is_none() {
         // what is left of a scratch folder harms nobody
         let _ = fs::remove_dir_all(&folder);
     }
-    told
+    text
 }
 
 fn made_in(task: &Task, faults: Vec<Fault>, folder: &Path) -> io::Result<String> {

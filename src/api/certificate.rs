@@ -62,7 +62,7 @@ pub fn certificate(options: &CertificateOptions, note: Note<'_>) -> Result<Certi
     // the one that programs read first: the page says the same
     write(&xml, &certificate.xml())?;
     write(&html, &certificate.html())?;
-    Ok(Certified { summary: certificate.told(), verdict: judged.verdict(), html, xml })
+    Ok(Certified { summary: certificate.text(), verdict: judged.verdict(), html, xml })
 }
 
 fn with_ending(out: &Path, ending: &str) -> PathBuf {

@@ -44,8 +44,8 @@ impl ColumnsOptions {
             let help = format!(
                 "write a columns file with [{table}] and {name} = ... below it: `palpate init DIR --from tables` writes one to begin with"
             );
-            let told = "the short form of --columns names columns only: factors and offsets need a columns file";
-            return Err(Failure::usage(miette::miette!(help = help, "{key}: {told}")));
+            let words = "the short form of --columns names columns only: factors and offsets need a columns file";
+            return Err(Failure::usage(miette::miette!(help = help, "{key}: {words}")));
         }
         let (name, text) = match is_short {
             true => ("--columns".to_owned(), Mapping::text_of(given)),

@@ -165,7 +165,7 @@ impl Failure {
             (Some(Halt::Record(_)), None) => Some("the stage is parked".to_owned()),
             _ => None,
         };
-        let stage: Vec<String> = parked.into_iter().chain(remaining.told()).collect();
+        let stage: Vec<String> = parked.into_iter().chain(remaining.text()).collect();
         let stage = (!stage.is_empty()).then(|| stage.join("; "));
         let (halt, unparked) = match (halt, unparked) {
             (Some(halt), unparked) => (halt, unparked),
@@ -198,7 +198,7 @@ impl fmt::Display for Failure {
         self.before.iter().try_for_each(|before| writeln!(f, "{before}"))?;
         match self.report.downcast_ref::<Problems>() {
             Some(problems) => {
-                problems.told().try_for_each(|(line, help)| writeln!(f, "{line}{}", helped(help)))?;
+                problems.text().try_for_each(|(line, help)| writeln!(f, "{line}{}", helped(help)))?;
                 write!(f, "{problems}; nothing was done")
             }
             None => f.write_str(&plain(&self.report)),

@@ -44,8 +44,8 @@ impl FigureFiles {
             self.put(&svg, &drawn.figure.saved())?;
             self.put(&csv, &drawn.numbers.csv())?;
         }
-        let told = counted(self.figures.len(), "figure");
-        Ok(format!("{}: {told}, each as SVG and CSV\n", self.folder.display()))
+        let text = counted(self.figures.len(), "figure");
+        Ok(format!("{}: {text}, each as SVG and CSV\n", self.folder.display()))
     }
 
     fn put(&self, path: &Path, text: &str) -> Result<(), Failure> {

@@ -108,6 +108,6 @@ fn note_forces(model: &Model, note: Note<'_>) {
 /// Notes each unit of a calibration that is excluded.
 pub(crate) fn note_left_out(path: &Path, fitted: &Fitted, note: Note<'_>) {
     for Broken { unit, fault } in fitted.broken() {
-        note(&format!("{}: output {} {}, excluded", path.display(), unit + 1, fault.told()));
+        note(&format!("{}: output {} {}, excluded", path.display(), unit + 1, fault.text()));
     }
 }

@@ -41,9 +41,9 @@ impl HoldoutOptions {
             [by, share] => (by, share),
             _ => return Err(Failure::usage(miette::miette!("--holdout: expected two words, such as places 20%"))),
         };
-        let refused = |told: String| {
+        let refused = |text: String| {
             let help = "write for example --holdout places 20%";
-            Failure::usage(miette::miette!(help = help, "--holdout {by} {share}: {told}"))
+            Failure::usage(miette::miette!(help = help, "--holdout {by} {share}: {text}"))
         };
         let by = match by.as_str() {
             "places" => HeldOutBy::Places,

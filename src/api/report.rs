@@ -118,7 +118,7 @@ fn one(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) ->
         note(&format!("note: {} has no presses{}", run.path.display(), newer.unwrap_or_default()));
     }
     let (subject, judged) = judged(runs, options.same_sensor, &options.accept, note)?;
-    let verdict = judged.verdict().map_or("no verdict", SensorVerdict::told);
+    let verdict = judged.verdict().map_or("no verdict", SensorVerdict::text);
     let decisive = judged.decisive();
     let errors = decisive.map_or(", not evaluated".to_owned(), |evaluation| {
         let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
@@ -171,12 +171,12 @@ fn compare(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>
     let compared = Compared::all(&runs, &options.solver);
     let counted_as = |verdict: Option<SensorVerdict>| compared.iter().filter(|run| run.verdict() == verdict).count();
     let each = [Some(SensorVerdict::Accepted), Some(SensorVerdict::NotAccepted), Some(SensorVerdict::NotDecided), None];
-    let told: String = each
+    let text: String = each
         .into_iter()
         .filter(|verdict| counted_as(*verdict) > 0)
-        .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", SensorVerdict::told)))
+        .map(|verdict| format!(", {} {}", counted_as(verdict), verdict.map_or("without a rule", SensorVerdict::text)))
         .collect();
-    let summary = format!("{} compared{told}", counted(compared.len(), "run"));
+    let summary = format!("{} compared{text}", counted(compared.len(), "run"));
     let verdicts: Vec<Option<SensorVerdict>> = compared.iter().map(Compared::verdict).collect();
     let result = json!({ "runs": options.runs, "verdicts": verdicts });
     Ok(ReportPage::new(options, comparison(&compared, &options.solver), summary, result))

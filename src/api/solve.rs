@@ -77,8 +77,8 @@ pub fn solve(
 ) -> Result<(), Failure> {
     let SolveOptions { input, json, keep_going, quiet, .. } = *options;
     let of = Readings::new(SOURCE, model.validity().units, input.map(Into::into), options.method.mapping()?);
-    let reasons_are_told = !(quiet || json || keep_going);
-    let stream = AnswerStream { source: SOURCE, keep_going, reasons_are_told, note, is_refused: |_| false };
+    let with_reasons = !(quiet || json || keep_going);
+    let stream = AnswerStream { source: SOURCE, keep_going, with_reasons, note, is_refused: |_| false };
     let solutions = Solutions::new(contacts, json, keep_going, model.forces_are_known());
     let mut solutions = solutions.of_methods(model.fitted());
     let mut answers = Answers::new(of, Session::new(model));

@@ -18,7 +18,7 @@ pub(crate) struct AnswerStream<'a> {
     /// Whether an invalid line is answered with its problem. Otherwise it ends the stream.
     pub keep_going: bool,
     /// Whether each reason of a reading without an answer is printed once.
-    pub reasons_are_told: bool,
+    pub with_reasons: bool,
     /// Receives what an answer has no column for.
     pub note: Note<'a>,
     /// Whether a line isn't for this program, so that the stream ends without an answer.
@@ -58,7 +58,7 @@ impl AnswerStream<'_> {
             }
         };
         solutions.flush()?;
-        if is_empty && end.is_ok() && self.reasons_are_told {
+        if is_empty && end.is_ok() && self.with_reasons {
             (self.note)(&format!("{}: no reading", self.source));
         }
         Ok(end)
@@ -68,14 +68,14 @@ impl AnswerStream<'_> {
     fn remark(&self, answer: &LineAnswer<'_>, reasons: &mut HashSet<String>) {
         let note = |text: &str| (self.note)(&format!("{}, line {}: {text}", self.source, answer.reading.line));
         if let Err(why) = &answer.solved
-            && self.reasons_are_told
+            && self.with_reasons
             && reasons.len() < REASONS_MAX
             && reasons.insert(why.to_string())
         {
             note(&format!("unsolved, {why} (reported once)"));
         }
         for Broken { unit, fault } in answer.broken {
-            note(&format!("output {} {}, excluded from here on", unit + 1, fault.told()));
+            note(&format!("output {} {}, excluded from here on", unit + 1, fault.text()));
         }
         if answer.is_out_of_date {
             note(

@@ -56,7 +56,7 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
     tell(&format!("{}\n", fitted_to(&adapted.model)))?;
     note_left_out(&old.path, adapted.model.fitted(), &note);
     let is_relative = old.is_relative || new.is_relative;
-    output.text(&told(&adapted, is_relative))?;
+    output.text(&text(&adapted, is_relative))?;
     let NewPressErrors { presses, before, after } = adapted.held_out;
     let errors = |errors: MeanErrors| {
         let force_n = (!is_relative).then_some(errors.force_n);
@@ -73,7 +73,7 @@ pub(super) fn adapt(args: &AdaptArgs) -> Result<ExitCode, Failure> {
 }
 
 /// Describes the change of the sensor, and the errors at the new presses. Without forces, force errors are omitted.
-fn told(adapted: &Adapted, is_relative: bool) -> String {
+fn text(adapted: &Adapted, is_relative: bool) -> String {
     let Adapted { change, extent, held_out: NewPressErrors { presses, before, after }, .. } = adapted;
     let errors = |errors: &MeanErrors| match is_relative {
         true => format!("{:.3} mm", errors.location_mm),

@@ -135,12 +135,12 @@ fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     };
     let has_test = test_n > 0.0;
     if let Some(judgement) = recipe.rule().map(|rule| foreseen(rule, plan, &truths)) {
-        let is_told =
+        let is_reported =
             |check: &&LimitCheck| check.verdict != SensorVerdict::Accepted && (has_test || !check.kind.is_of_test());
         let of_checks = judgement
             .checks
             .iter()
-            .filter(is_told)
+            .filter(is_reported)
             .filter_map(|check| Some(format!("{}: {}", check.kind.full_name(check.reach), check.reason.as_ref()?)));
         let reasons = judgement.reasons.iter().filter(|_| has_test).cloned().chain(of_checks);
         notes.extend(reasons.map(|reason| format!("this plan can't give a verdict: {reason}")));
@@ -319,8 +319,8 @@ fn heights_mm(plan: &Plan, rig: &RigSpec) -> f64 {
 
 /// Describes the effect of the load cell's stated error on the largest set force.
 fn distance(plan: &Plan, rig: &RigSpec) -> String {
-    let told = |true_n: f64| format!(": with the\n  load cell's stated error up to {true_n:.3} N");
-    true_n(plan, rig).map_or_else(String::new, told)
+    let text = |true_n: f64| format!(": with the\n  load cell's stated error up to {true_n:.3} N");
+    true_n(plan, rig).map_or_else(String::new, text)
 }
 
 /// Returns the largest set force plus the load cell's stated error, N; `None` if the load cell states no error.

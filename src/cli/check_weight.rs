@@ -50,14 +50,14 @@ pub(super) struct Concluded {
     /// For a person.
     pub text: String,
     /// For a program.
-    pub told: WeightTold,
+    pub json: WeightJson,
     /// Why the load cell can't be trusted.
     pub failure: Option<Failure>,
 }
 
 /// What `--json` prints of a check.
 #[derive(Serialize)]
-pub(super) struct WeightTold {
+pub(super) struct WeightJson {
     weight_n: f64,
     weight_u_n: f64,
     pull: bool,
@@ -81,22 +81,22 @@ impl WeightArgs {
         let is_borne = weight_n > 0.0 && weight_n <= limit_n;
         if !is_borne {
             let help = "use a lighter weight; nothing was moved";
-            let told = miette::miette!(
+            let text = miette::miette!(
                 help = help,
                 "--check-weight-n is {weight_n} N; it must be above 0 and at most the rig's force limit of {limit_n} N"
             );
-            return Err(Failure::usage(told));
+            return Err(Failure::usage(text));
         }
         let (u_n, most_n) = (self.check_weight_u_n.unwrap_or(UNSTATED_SHARE * weight_n), U_SHARE_MOST * weight_n);
         let is_known = u_n > 0.0 && u_n <= most_n;
         if !is_known {
             let help = "use a weight with a smaller uncertainty; nothing was moved";
-            let told = miette::miette!(
+            let text = miette::miette!(
                 help = help,
                 "--check-weight-u-n is {u_n} N; it must be above 0 and at most {most_n} N, {} % of the weight",
                 100.0 * U_SHARE_MOST
             );
-            return Err(Failure::usage(told));
+            return Err(Failure::usage(text));
         }
         Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull }))
     }
@@ -150,9 +150,9 @@ pub(super) fn concluded(
     }
     let written = format!("written: `check` of [load_cell] in {}", file.display());
     let text = format!("{}\n{}\n", described(&check, judged, adjusted_before), unwritten.unwrap_or(&written));
-    let told = told(&check, judged, weighed, unwritten.is_none());
+    let json = json(&check, judged, weighed, unwritten.is_none());
     let failure = if check.adjusted { None } else { failure(&check, judged, check.is_sound(certificate)) };
-    Ok(Concluded { text, told, failure })
+    Ok(Concluded { text, json, failure })
 }
 
 /// Describes the result of a weight for a person.
@@ -184,7 +184,7 @@ fn described(check: &WeightCheck, judged: WeightResult, adjusted_before: Option<
 }
 
 /// Returns the result of a weight for a program.
-fn told(check: &WeightCheck, judged: WeightResult, weighed: &WeightMeasurement, written: bool) -> WeightTold {
+fn json(check: &WeightCheck, judged: WeightResult, weighed: &WeightMeasurement, written: bool) -> WeightJson {
     let (verdict, cause) = match judged.verdict {
         _ if check.adjusted => ("adjusted", None),
         LoadCellVerdict::Verified => ("verified", None),
@@ -192,7 +192,7 @@ fn told(check: &WeightCheck, judged: WeightResult, weighed: &WeightMeasurement, 
         LoadCellVerdict::WrongSign => ("wrong-sign", None),
         LoadCellVerdict::Fault(cause) => ("fault", cause),
     };
-    WeightTold {
+    WeightJson {
         weight_n: check.weight_n,
         weight_u_n: check.weight_u_n,
         pull: check.pull,
@@ -212,32 +212,32 @@ fn told(check: &WeightCheck, judged: WeightResult, weighed: &WeightMeasurement, 
 /// present gain.
 fn failure(check: &WeightCheck, judged: WeightResult, is_sound: bool) -> Option<Failure> {
     let WeightCheck { gain, weight_n, pull, .. } = check;
-    let (told, help) = match judged.verdict {
+    let (text, help) = match judged.verdict {
         LoadCellVerdict::Verified => return None,
         LoadCellVerdict::Off => {
             let (off_percent, explained_percent) = (100.0 * judged.off, 100.0 * judged.explained);
-            let told =
+            let text =
                 format!("its gain is off by {off_percent:+.2} %, but the uncertainty is only {explained_percent:.2} %");
             let help = if is_sound {
                 "readings are no longer adjusted: the cell is correct without it. Was it repaired?"
             } else {
                 "add --adjust, or repair the cell and check it again"
             };
-            (told, help.to_owned())
+            (text, help.to_owned())
         }
         LoadCellVerdict::WrongSign => {
             let (acted, read, other) =
                 if *pull { ("pulled", "positive", "--push") } else { ("pressed", "negative", "--pull") };
-            let told =
+            let text =
                 format!("its sign is wrong. The weight {acted}, but the cell read {read} ({gain:.3} of the weight)");
             (
-                told,
+                text,
                 format!("swap the cell's signal wires or set its sign; if the weight acted the other way, add {other}"),
             )
         }
         LoadCellVerdict::Fault(cause) => {
             let most_percent = 100.0 * GAIN_OFF_MOST;
-            let told = format!(
+            let text = format!(
                 "it read {gain:.4} of the weight. An error over {most_percent} % is a fault and isn't adjusted"
             );
             let help = match cause {
@@ -247,12 +247,12 @@ fn failure(check: &WeightCheck, judged: WeightResult, is_sound: bool) -> Option<
                         .to_owned()
                 }
             };
-            (told, help)
+            (text, help)
         }
     };
     let until = if is_sound { "" } else { ". Until then palpate refuses to run on this rig" };
     let help = format!("{help}{until}");
-    Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {told}")))
+    Some(Failure::untrusted(miette::miette!(help = help, "checking the load cell with {weight_n} N: {text}")))
 }
 
 /// Returns the rig's text with the check. Everything else, including comments, is unchanged.

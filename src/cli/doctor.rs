@@ -1,6 +1,6 @@
 //! `palpate doctor`.
 
-use super::check_weight::{WeightArgs, WeightTold, ask, concluded};
+use super::check_weight::{WeightArgs, WeightJson, ask, concluded};
 use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
 use super::signals::{First, heed};
@@ -88,7 +88,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
     let advice = advice(&found, &spec);
     let text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
-    args.output.print(&text, &json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.told)))?;
+    args.output.print(&text, &json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.json)))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
     match (failed, found.air, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
@@ -139,7 +139,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new", "", 100.0 * fresh_share);
         if let Some(hum) = zero.hum {
-            let _ = writeln!(text, "{:<11}{}", "", hum_told(&hum));
+            let _ = writeln!(text, "{:<11}{}", "", hum_text(&hum));
         }
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
@@ -180,7 +180,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
 }
 
 /// Describes the mains hum, and the part of it that means leave.
-fn hum_told(hum: &Hum) -> String {
+fn hum_text(hum: &Hum) -> String {
     let (hz, amplitude_mn) = (hum.hz, 1000.0 * hum.amplitude_n);
     match hum.whole_s {
         Some(whole_s) => {
@@ -259,8 +259,8 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
     if let (Some(reaction), Some(approach_mm_s)) = (&found.reaction, found.approach_mm_s)
         && approach_mm_s < SLOW_MM_S
     {
-        let told = "the approach is slow";
-        advice.push(format!("{told}: {approach_mm_s:.2} mm/s. {}", slowest_part(reaction)));
+        let text = "the approach is slow";
+        advice.push(format!("{text}: {approach_mm_s:.2} mm/s. {}", slowest_part(reaction)));
     }
     advice
 }
@@ -320,7 +320,7 @@ struct DoctorJson<'a> {
     reaction_worst_ms: Option<f64>,
     approach_mm_s: Option<f64>,
     advice: &'a [String],
-    check_weight: Option<&'a WeightTold>,
+    check_weight: Option<&'a WeightJson>,
     measures_force: Option<bool>,
 }
 
@@ -332,7 +332,7 @@ struct ExaminedDevice<'a> {
     exchange_ms: Vec<f64>,
 }
 
-fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightTold>) -> DoctorJson<'a> {
+fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightJson>) -> DoctorJson<'a> {
     let ms = |seconds: &[f64]| seconds.iter().map(|s| (1e6 * s).round() / 1e3).collect::<Vec<_>>();
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| ExaminedDevice {
         role,

@@ -160,9 +160,9 @@ fn into_lake(folder: &Path, args: &ExportArgs) -> Result<ExitCode, Failure> {
                 run.display()
             )),
         }
-        let told = lake.publish(staged).map_err(failed)?;
-        args.output.text(&format!("{}: {told}\n", run.display()))?;
-        added.push(json!({ "run": run, "result": told.to_string() }));
+        let words = lake.publish(staged).map_err(failed)?;
+        args.output.text(&format!("{}: {words}\n", run.display()))?;
+        added.push(json!({ "run": run, "result": words.to_string() }));
     }
     args.output.object(&json!({ "lake": folder, "runs": added }))?;
     Ok(ExitCode::SUCCESS)

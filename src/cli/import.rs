@@ -122,14 +122,14 @@ fn file_name(path: &str) -> String {
 fn check_outputs(tables: &[(Presses, Phase)], mapping: &Mapping) -> Result<(), Failure> {
     let (first, outputs) = (&tables[0].0.source, tables[0].0.channels);
     if let Some((other, _)) = tables.iter().find(|(table, _)| table.channels != outputs) {
-        let told = format!("{first} has {outputs} outputs, {} has {}", other.source, other.channels);
-        return Err(Failure::usage(miette::miette!(help = "import tables of one sensor together", "{told}")));
+        let text = format!("{first} has {outputs} outputs, {} has {}", other.source, other.channels);
+        return Err(Failure::usage(miette::miette!(help = "import tables of one sensor together", "{text}")));
     }
     match &mapping.array {
         Some((layout, _)) if layout.len() != outputs => {
-            let told = format!("{first} has {outputs} outputs, but `array` of the columns file has {}", layout.len());
+            let text = format!("{first} has {outputs} outputs, but `array` of the columns file has {}", layout.len());
             let help = "correct grid, places_mm or channels_per_unit, or name the columns in `outputs`";
-            Err(Failure::usage(miette::miette!(help = help, "{told}")))
+            Err(Failure::usage(miette::miette!(help = help, "{text}")))
         }
         _ => Ok(()),
     }

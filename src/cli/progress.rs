@@ -39,7 +39,7 @@ pub(super) struct Progress<'a> {
     phase: Option<Phase>,
     done: u64,
     planned: u64,
-    percent_told: u64,
+    percent_printed: u64,
     shown: Arc<Mutex<BarState>>,
     at_pause: Box<dyn Fn() + 'a>,
     warned: Option<&'a RefCell<BTreeSet<String>>>,
@@ -84,7 +84,7 @@ impl<'a> Progress<'a> {
             phase: None,
             done,
             planned,
-            percent_told: 0,
+            percent_printed: 0,
             shown,
             at_pause,
             warned: None,
@@ -172,12 +172,12 @@ impl Listener for Progress<'_> {
         if self.json {
             let lines: String = contact.levels.iter().flat_map(|press| [press.to_json(), "\n".to_owned()]).collect();
             // what nobody can read doesn't stop a run: the record is on disk
-            let told = summary::print(&lines);
-            self.unheard = self.unheard.take().or(told.err());
+            let text = summary::print(&lines);
+            self.unheard = self.unheard.take().or(text.err());
         }
         let tenth = self.done * 10 / self.planned.max(1) * 10;
-        if !self.on_terminal && tenth > self.percent_told {
-            self.percent_told = tenth;
+        if !self.on_terminal && tenth > self.percent_printed {
+            self.percent_printed = tenth;
             self.line(&format!("{tenth:>3} %: {} of {} presses", self.done, self.planned));
         }
     }

@@ -176,7 +176,7 @@ impl Service {
         let readings = Readings::new(peer, self.fits.model().validity().units, None, Mapping::default());
         let mut answers = Answers::new(readings, Session::sharing(self.fits.clone()));
         let how =
-            AnswerStream { source: peer, keep_going: true, reasons_are_told: false, note: &note, is_refused: is_http };
+            AnswerStream { source: peer, keep_going: true, with_reasons: false, note: &note, is_refused: is_http };
         let model = self.fits.model();
         let solutions = Solutions::new(stream, self.json, true, model.forces_are_known());
         let mut solutions = solutions.of_methods(model.fitted());
@@ -258,23 +258,23 @@ mod tests {
             (listener.accept().unwrap().0, far)
         };
         let (mut clients, now) = (Clients::new(2, MINUTE), Instant::now());
-        let told = |mut near: &TcpStream| near.write_all(b"silent\n").unwrap();
+        let words = |mut near: &TcpStream| near.write_all(b"silent\n").unwrap();
         let [(first, mut first_far), (second, _second_far), (third, _far)] = [connected(), connected(), connected()];
-        clients.admit(first, now, told).unwrap();
-        let (number, second) = clients.admit(second, now, told).unwrap();
+        clients.admit(first, now, words).unwrap();
+        let (number, second) = clients.admit(second, now, words).unwrap();
         // both were silent for less than a minute
-        let third = clients.admit(third, now + MINUTE - Duration::from_secs(1), told).unwrap_err();
+        let third = clients.admit(third, now + MINUTE - Duration::from_secs(1), words).unwrap_err();
         *lock(&second.heard) = now + Duration::from_secs(50);
-        clients.admit(third, now + MINUTE, told).unwrap();
+        clients.admit(third, now + MINUTE, words).unwrap();
         let mut text = String::new();
         first_far.read_to_string(&mut text).unwrap();
         assert_eq!(text, "silent\n", "then it is closed");
         assert!(clients.served.contains_key(&number) && clients.served.len() == 2);
         // nobody is silent for long enough now
-        clients.admit(connected().0, now + MINUTE, told).unwrap_err();
+        clients.admit(connected().0, now + MINUTE, words).unwrap_err();
         clients.served.clear();
-        clients.admit(connected().0, now, told).unwrap();
-        clients.admit(connected().0, now + 100 * MINUTE, told).unwrap();
+        clients.admit(connected().0, now, words).unwrap();
+        clients.admit(connected().0, now + 100 * MINUTE, words).unwrap();
         assert_eq!(clients.served.len(), 2, "as long as there is room, nobody is closed");
     }
 }

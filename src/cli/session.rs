@@ -61,7 +61,7 @@ pub(super) fn carry_out(begun: &mut OpenedRun, args: &SessionArgs) -> Result<Exi
         serial: serial.clone(),
         runs: vec![folder.path().display().to_string()],
         status: ending.status(),
-        reasons: ending.told().into_iter().collect(),
+        reasons: ending.text().into_iter().collect(),
         minutes: ending.t_s / 60.0,
         ..Ended::default()
     };

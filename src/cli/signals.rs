@@ -43,7 +43,7 @@ pub(super) enum First {
 ///
 /// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
 /// any two instants would be its largest cost.
-pub(super) fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, Failure> {
+pub(super) fn heed(first: First, text: Option<&'static str>) -> Result<Cancel, Failure> {
     let cancel = Cancel::default();
     let asked = cancel.clone();
     let runtime = Builder::new_current_thread().enable_io().build().into_diagnostic().map_err(Failure::usage)?;
@@ -59,7 +59,7 @@ pub(super) fn heed(first: First, told: Option<&'static str>) -> Result<Cancel, F
                 say(&format!("\nfinishing this press, then {}; Ctrl-C again stops immediately", then()));
             } else {
                 asked.ask();
-                told.into_iter().for_each(|told| say(&format!("\n{told}")));
+                text.into_iter().for_each(|text| say(&format!("\n{text}")));
             }
         }
     };

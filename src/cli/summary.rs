@@ -111,9 +111,9 @@ pub(super) fn duration(seconds: f64) -> String {
 }
 
 /// A word, and beside it a text over as many lines of 80 columns as it needs.
-pub(super) fn beside(word: &str, columns: usize, told: &str) -> String {
+pub(super) fn beside(word: &str, columns: usize, text: &str) -> String {
     let (first, others) = (format!("{word:<columns$}"), " ".repeat(columns));
-    textwrap::fill(told, textwrap::Options::new(80).initial_indent(&first).subsequent_indent(&others)) + "\n"
+    textwrap::fill(text, textwrap::Options::new(80).initial_indent(&first).subsequent_indent(&others)) + "\n"
 }
 
 /// Writes to standard output; a reader that has seen enough (`| head`) is no error.

@@ -231,8 +231,9 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
         }
     }
     // the best is one of them once more
-    let is_told = |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
-    let each = || (0..evaluations.len()).filter(|index| !is_told(*index)).map(|index| evaluations[index]);
+    let is_reported =
+        |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
+    let each = || (0..evaluations.len()).filter(|index| !is_reported(*index)).map(|index| evaluations[index]);
     for Evaluation { solver, unsolved, .. } in each() {
         if let Some(first) = unsolved.first() {
             let _ = writeln!(
@@ -265,13 +266,13 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
 
 /// Returns the number of presses with a verdict other than ok, and the verdicts, if there are any.
 fn doubted(verdicts: Verdicts) -> Option<String> {
-    let told: Vec<String> = verdicts
+    let text: Vec<String> = verdicts
         .doubts()
         .into_iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, word)| format!("{count} {word}"))
         .collect();
-    (!told.is_empty()).then(|| told.join(", "))
+    (!text.is_empty()).then(|| text.join(", "))
 }
 
 #[cfg(test)]

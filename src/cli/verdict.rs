@@ -23,7 +23,7 @@ pub(super) fn head(judgement: &Judgement) -> String {
     let afterwards = judgement.judged_afterwards_by.as_ref().map(|file| format!(", judged afterwards by {file}"));
     format!(
         "{}: {} rule, method {}, {} calibration and {} test presses{}",
-        judgement.verdict.told().to_uppercase(),
+        judgement.verdict.text().to_uppercase(),
         judgement.rule,
         judgement.method,
         judgement.calibration_presses,

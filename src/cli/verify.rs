@@ -95,8 +95,8 @@ fn check_certificate(run: &Path, certificate: &Path) -> Result<String, Failure> 
     if !stated.contains(&sha256.as_str()) {
         let help =
             "the run was continued or changed after the certificate was written, or the certificate is of another run";
-        let told = format!("{file} doesn't match the journal of {}", run.display());
-        return Err(Failure::not_accepted(miette::miette!(help = help, "{told}: its SHA-256 is {sha256}")));
+        let words = format!("{file} doesn't match the journal of {}", run.display());
+        return Err(Failure::not_accepted(miette::miette!(help = help, "{words}: its SHA-256 is {sha256}")));
     }
     let others = match stated.len() - 1 {
         0 => String::new(),

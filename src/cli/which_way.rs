@@ -57,12 +57,12 @@ impl WhichWay for Person {
             HomeSearch::Toward => format!("z now homes toward the specimen, and then moves {way_mm} mm away from it."),
             HomeSearch::Never => format!("z now moves {way_mm} mm away from the specimen."),
         };
-        let told = format!(
+        let text = format!(
             "\n{identity} at {link} moves for the first time with this `frame.down`.\n\
              {way} Watch it.\n\
              If z is already at that end and can't move, answer no, move it a few mm by hand and start again.\n"
         );
-        tell(&told).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
+        tell(&text).map_err(|_| "the terminal is closed: nothing was moved".to_owned())
     }
 
     fn confirm(&self, stage: &Identity, down: Down, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
@@ -80,21 +80,21 @@ impl WhichWay for Person {
         if self.absent.is_clear {
             return Ok(());
         }
-        let told = format!(
+        let text = format!(
             "\n{identity} at {link} homes z toward the specimen.\n\
              Take the indenter off, or the specimen away, unless z misses it there.\n\
              Is nothing in the way of z to its end on that side? [y/N] "
         );
-        confirmed(&told, is_cancelled, "z may not search for home toward the specimen: nothing was moved")
+        confirmed(&text, is_cancelled, "z may not search for home toward the specimen: nothing was moved")
     }
 
     fn confirm_back(&self, is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
         if self.absent.is_clear {
             return Ok(());
         }
-        let told =
+        let text =
             "\nz is home, and away from the specimen. Put back what you took away.\nIs it all in its place? [y/N] ";
-        confirmed(told, is_cancelled, "indenter or specimen isn't in its place: put it back, then start again")
+        confirmed(text, is_cancelled, "indenter or specimen isn't in its place: put it back, then start again")
     }
 
     fn confirm_zero(&self, stage: &Identity, at_mm: [f64; 3], is_cancelled: &dyn Fn() -> bool) -> Result<(), String> {
@@ -103,12 +103,12 @@ impl WhichWay for Person {
         if self.absent.at_zero {
             return Ok(());
         }
-        let told = format!(
+        let text = format!(
             "\n{identity} at {link} has no switches. Only this program's limits stop it.\n\
              It counts x {x_mm:.3}, y {y_mm:.3}, z {z_mm:.3} mm here.\n\
              Is the stage at this position of the rig's `travel_mm` and `frame`? [y/N] "
         );
-        confirmed(&told, is_cancelled, "the stage isn't at its zero: bring it there, then start again")
+        confirmed(&text, is_cancelled, "the stage isn't at its zero: bring it there, then start again")
     }
 }
 

@@ -11,7 +11,7 @@ use palpate_drivers::modbus::{Function, ModbusClient, Profile, Transport};
 use palpate_drivers::process::answer_in;
 use palpate_drivers::xps::parse_answer;
 use palpate_drivers::{AnyStage, Esp301};
-use palpate_link::device::{Reins, Stage};
+use palpate_link::device::{MotionOrders, Stage};
 use palpate_link::wire::Connector;
 use palpate_run::rig;
 use palpate_sim::emulator::{INBOX_MOST, Instrument};
@@ -270,7 +270,7 @@ fn no_message_upsets_a_parser() {
         *input.lock().expect("no panic") = bytes.to_vec();
         runtime.block_on(async {
             let mut stage = AnyStage::Esp301(Esp301::new(answered(input.clone()), "fuzz".into()));
-            black_box(stage.position_mm(Axis::Z, &Reins::default()).await.is_ok());
+            black_box(stage.position_mm(Axis::Z, &MotionOrders::default()).await.is_ok());
         });
     });
     for (name, map, transport, seeds) in

@@ -144,12 +144,16 @@ fn journals() {
                 assert_eq!(again, sound, "records after its torn tail was cut off");
             }
             Err(error) => {
-                let told = error.to_string();
-                let says_why = told.contains("at byte ") || told.contains(": a journal of format ");
-                assert!(told.starts_with(&path.display().to_string()) && says_why, "{told}");
-                if let Some((_, rest)) = told.split_once("at byte ") {
+                let output = error.to_string();
+                let says_why = output.contains("at byte ") || output.contains(": a journal of format ");
+                assert!(output.starts_with(&path.display().to_string()) && says_why, "{output}");
+                if let Some((_, rest)) = output.split_once("at byte ") {
                     let at = input.split_inclusive(|&byte| byte == b'\n').take(sound).map(<[u8]>::len).sum::<usize>();
-                    assert_eq!(rest.split(' ').next(), Some(at.to_string().as_str()), "{told}, after {sound} records");
+                    assert_eq!(
+                        rest.split(' ').next(),
+                        Some(at.to_string().as_str()),
+                        "{output}, after {sound} records"
+                    );
                 }
                 assert_eq!(fs::read(path).expect("a file"), input, "a damaged journal was touched");
             }
@@ -169,11 +173,11 @@ fn manifests() {
         }
         Err(error) => {
             refused += 1;
-            let told = error.to_string();
-            let rest = told.strip_prefix(&path.display().to_string()).unwrap_or_else(|| panic!("{told}"));
+            let output = error.to_string();
+            let rest = output.strip_prefix(&path.display().to_string()).unwrap_or_else(|| panic!("{output}"));
             let line = rest.strip_prefix(':').and_then(|rest| rest.split(':').next()?.parse::<usize>().ok());
             let is_text = std::str::from_utf8(input).is_ok();
-            assert!(!is_text || line.is_some_and(|line| line <= lines(input)), "no such place: {told:?}");
+            assert!(!is_text || line.is_some_and(|line| line <= lines(input)), "no such place: {output:?}");
         }
     });
     assert!(sound > 0 && refused > 0, "{sound} read, {refused} refused");
@@ -196,13 +200,13 @@ fn check_plan(plan: &Plan, spec: &RigSpec) {
 
 /// Each problem is one line, without anything that a terminal would act on, at a place within the text.
 fn check_problems(problems: Problems, text: &str) {
-    let told = problems.lines();
-    assert!(!told.is_empty(), "refused without a reason");
+    let output = problems.lines();
+    assert!(!output.is_empty(), "refused without a reason");
     let mut widths: Vec<usize> = text.split('\n').map(|line| line.chars().count()).collect();
     if text.is_empty() || text.len() > palpate_document::TEXT_MAX_BYTES {
         widths = vec![0];
     }
-    for line in &told {
+    for line in &output {
         let mut parts = line.splitn(4, ':');
         let mut part = || parts.next().unwrap_or_default();
         assert_eq!(part(), FILE, "{line}");
@@ -235,16 +239,16 @@ fn check_table(table: Result<Presses, TableError>, path: &Path, input: &[u8]) {
 }
 
 /// A message that names a file and a line of it, and on which a terminal doesn't act.
-fn check_line(told: &str, file: &str, input: &[u8]) {
-    check_line_of(told, file, lines(input));
+fn check_line(output: &str, file: &str, input: &[u8]) {
+    check_line_of(output, file, lines(input));
 }
 
 /// The same of so many lines.
-fn check_line_of(told: &str, file: &str, lines: usize) {
-    let line = told.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
+fn check_line_of(output: &str, file: &str, lines: usize) {
+    let line = output.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
     let line = line.and_then(|rest| rest.split([',', ':']).next()).and_then(|line| line.parse::<usize>().ok());
-    assert!(line.is_some_and(|line| (1..=lines).contains(&line)), "{told:?} of {lines} lines");
-    assert!(!told.contains(char::is_control), "control characters in {told:?}");
+    assert!(line.is_some_and(|line| (1..=lines).contains(&line)), "{output:?} of {lines} lines");
+    assert!(!output.contains(char::is_control), "control characters in {output:?}");
 }
 
 /// How many lines there can be, whatever ends them.

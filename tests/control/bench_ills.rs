@@ -53,7 +53,7 @@ struct Figures {
     peak_n: f64,
 }
 
-fn figures(name: &'static str, told: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
+fn figures(name: &'static str, output: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
     let seeds = campaign::size(1, 1) as u64;
     let recipe = bench_recipe(seeds);
     let mut spec = bench(name);
@@ -61,13 +61,13 @@ fn figures(name: &'static str, told: &str, ill: impl Fn(&mut RigSpec)) -> Figure
     let seeds: Vec<u64> = (1..=seeds).collect();
     let walks = in_parallel(&seeds, |seed| {
         let walked = walked(&spec, &plan(&spec, &recipe, *seed));
-        assert!(walked.ending.halt.is_none(), "{name}, {told}: {:?}", walked.ending.told());
+        assert!(walked.ending.halt.is_none(), "{name}, {output}: {:?}", walked.ending.text());
         walked
     });
-    figures_of(name, told, &walks)
+    figures_of(name, output, &walks)
 }
 
-fn figures_of(name: &str, told: &str, walks: &[Walked]) -> Figures {
+fn figures_of(name: &str, output: &str, walks: &[Walked]) -> Figures {
     let contacts = walks.iter().flat_map(|walked| walked.ledger.contacts());
     let (mut set, mut recorded, mut peak_n) = (Vec::new(), Vec::new(), f64::NEG_INFINITY);
     for contact in contacts.filter(|contact| contact.levels[0].is_of(Phase::Calibration)) {
@@ -82,7 +82,7 @@ fn figures_of(name: &str, told: &str, walks: &[Walked]) -> Figures {
     };
     let found = Figures { set_p95_n: p95(&mut set), recorded_p95_n: p95(&mut recorded), peak_n };
     println!(
-        "{name}, {told}: {} presses, true less set {:.2} mN (95 %), true less recorded {:.2} mN (95 %), peak {:+.1} mN",
+        "{name}, {output}: {} presses, true less set {:.2} mN (95 %), true less recorded {:.2} mN (95 %), peak {:+.1} mN",
         set.len(),
         1e3 * found.set_p95_n,
         1e3 * found.recorded_p95_n,
@@ -96,10 +96,10 @@ fn a_zero_that_drifts_or_wanders_and_hum_are_counted_off() {
     for (name, _) in benches() {
         let nominal = figures(name, "nominal", |_| {});
         assert!(nominal.recorded_p95_n <= RECORDED_N, "{name}: {} N", nominal.recorded_p95_n);
-        for (told, ill) in ILLS {
-            let found = figures(name, told, ill);
-            assert!(found.set_p95_n <= nominal.set_p95_n + WORSE_N, "{name}, {told}: {} N", found.set_p95_n);
-            assert!(found.recorded_p95_n <= RECORDED_N, "{name}, {told}: {} N", found.recorded_p95_n);
+        for (output, ill) in ILLS {
+            let found = figures(name, output, ill);
+            assert!(found.set_p95_n <= nominal.set_p95_n + WORSE_N, "{name}, {output}: {} N", found.set_p95_n);
+            assert!(found.recorded_p95_n <= RECORDED_N, "{name}, {output}: {} N", found.recorded_p95_n);
         }
     }
 }
@@ -125,7 +125,7 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
             cell(&mut spec).drift_n_s = drift_n / nominal[0].ending.t_s;
             let drifted = [walked(&spec, &plan(&spec, &recipe, 1))];
             let Walked { ending, ledger, .. } = &drifted[0];
-            assert!(ending.halt.is_none(), "{name}, {drift_n} N: {:?}", ending.told());
+            assert!(ending.halt.is_none(), "{name}, {drift_n} N: {:?}", ending.text());
             let is_zero = |record: &&Record| matches!(record, Record::Zero { .. });
             let zeros = ledger.records().iter().filter(is_zero).count();
             assert!(zeros >= 3, "{name}, {drift_n} N: {zeros} zeros");
@@ -154,16 +154,16 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
         ("5 mN in 25 s", |spec| cell(spec).wander = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
     ];
     for (name, _) in benches() {
-        for (told, ill) in ills {
+        for (output, ill) in ills {
             let mut spec = bench(name);
             spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
             ill(&mut spec);
             for seed in 1..=5 {
                 let Walked { ending, ledger, .. } = &walked(&spec, &plan(&spec, recipe, seed));
-                assert!(ending.halt.is_none(), "{name}, {told}, seed {seed}: {:?}", ending.told());
+                assert!(ending.halt.is_none(), "{name}, {output}, seed {seed}: {:?}", ending.text());
                 for contact in ledger.contacts() {
                     let off_n = contact.truth[0].force_true_n - contact.levels[0].force_n.unwrap();
-                    assert!(off_n.abs() <= 0.003, "{name}, {told}, seed {seed}: {off_n} N");
+                    assert!(off_n.abs() <= 0.003, "{name}, {output}, seed {seed}: {off_n} N");
                 }
             }
         }

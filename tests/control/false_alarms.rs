@@ -83,7 +83,7 @@ const PRESSED: [Pressed; 12] = [
 struct Calibration {
     seed: u64,
     pressed: Pressed,
-    told: String,
+    text: String,
     spec: RigSpec,
     recipe: String,
 }
@@ -100,14 +100,14 @@ impl Calibration {
             spec.limits.depth_mm = SOFT_DEPTH_MM; // where the tip's support gives way it goes deeper
         }
         let recipe = recipe(pressed, &mut rng);
-        let told = format!("calibration {seed}: {bench}, {pressed:?}, {with}");
-        Calibration { seed, pressed, told, spec, recipe }
+        let output = format!("calibration {seed}: {bench}, {pressed:?}, {with}");
+        Calibration { seed, pressed, text: output, spec, recipe }
     }
 
     fn walked(&self) -> Outcome {
         let Walked { ending, ledger, .. } = walked(&self.spec, &plan(&self.spec, &self.recipe, self.seed));
         let presses = ledger.contacts().count();
-        let alarm = ending.told().map(|why| format!("{}, after {presses} presses: {why}", self.told));
+        let alarm = ending.text().map(|why| format!("{}, after {presses} presses: {why}", self.text));
         Outcome { presses, alarm, shares: shares(&self.spec, &ledger) }
     }
 }
@@ -144,9 +144,9 @@ fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut RandomStream) -> 
     // the first is a drift: in the hours of the paper's protocol it leaves the range of the cell
     let first = usize::from(pressed == Pressed::Paper);
     match ILLS.get(rng.random_range(first..ILLS.len() + 2)) {
-        Some((told, ill)) => {
+        Some((output, ill)) => {
             ill(spec);
-            (*told).to_owned()
+            (*output).to_owned()
         }
         None => {
             all(spec);
@@ -300,16 +300,16 @@ fn a_sound_calibration_raises_no_alarm_and_comes_near_none() {
     let mut tables: BTreeMap<&str, (Share, &str)> = BTreeMap::new();
     for (calibration, outcome) in calibrations.iter().zip(&outcomes) {
         for (rule, share) in &outcome.shares {
-            let (largest, told) = tables.entry(rule).or_default();
+            let (largest, output) = tables.entry(rule).or_default();
             let compared = largest.compared + share.compared;
             if share.largest >= largest.largest {
-                (*largest, *told) = (*share, &calibration.told);
+                (*largest, *output) = (*share, &calibration.text);
             }
             largest.compared = compared;
             let is_far = share.largest <= SHARE_MOST;
             if !is_far {
                 let Share { largest, press, .. } = share;
-                broken.push(format!("{}: {rule}: {largest:.2} of the limit, press {press}", calibration.told));
+                broken.push(format!("{}: {rule}: {largest:.2} of the limit, press {press}", calibration.text));
             }
         }
     }
@@ -318,8 +318,8 @@ fn a_sound_calibration_raises_no_alarm_and_comes_near_none() {
     let mut kinds: BTreeMap<String, usize> = BTreeMap::new();
     calibrations.iter().for_each(|c| *kinds.entry(format!("{:?}", c.pressed)).or_default() += 1);
     println!("{} calibrations, {presses} presses, {alarms} alarms: {kinds:?}", calibrations.len());
-    for (rule, (Share { largest, press, compared }, told)) in &tables {
-        println!("{rule}: at most {largest:.2} of the limit in {compared}, press {press} of {told}");
+    for (rule, (Share { largest, press, compared }, output)) in &tables {
+        println!("{rule}: at most {largest:.2} of the limit in {compared}, press {press} of {output}");
     }
     must_be_none(&broken);
 }

@@ -86,12 +86,12 @@ impl Figures {
             (over_n <= bars.over_n, "force over the set one"),
             (!timed || median_s / BOUND_S <= bars.ratio, "time a press"),
         ];
-        rules.into_iter().filter(|(holds, _)| !holds).map(|(_, told)| told.to_owned()).collect()
+        rules.into_iter().filter(|(holds, _)| !holds).map(|(_, output)| output.to_owned()).collect()
     }
 
-    fn print(&self, told: &str) {
+    fn print(&self, output: &str) {
         println!(
-            "{told}: {} presses, off by {:.1} mN (95 %), {:.1} mN (most), {:+.1} mN over, {:.3} s = {:.2} x the bound",
+            "{output}: {} presses, off by {:.1} mN (95 %), {:.1} mN (most), {:+.1} mN over, {:.3} s = {:.2} x the bound",
             self.count,
             1e3 * self.p95_n,
             1e3 * self.most_n,
@@ -132,9 +132,9 @@ impl Calibration {
         }
         let text = text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", self.strategy.name()), 1);
         let walked = walked(&spec, &plan(&spec, &text, self.seed));
-        let told = format!("{}, {} N, {}, seed {}", self.bench, self.noise_n, self.strategy.name(), self.seed);
-        assert!(walked.ending.halt.is_none(), "{told}: {:?}", walked.ending.told());
-        assert!(walked.truth.is_within(&spec), "{told}: {:?}", walked.truth);
+        let output = format!("{}, {} N, {}, seed {}", self.bench, self.noise_n, self.strategy.name(), self.seed);
+        assert!(walked.ending.halt.is_none(), "{output}: {:?}", walked.ending.text());
+        assert!(walked.truth.is_within(&spec), "{output}: {:?}", walked.truth);
         walked
     }
 }
@@ -184,18 +184,18 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
         after.print(&format!("{bench}, map, the paper's points after a calibration"));
         let alone = Figures::of(&those(NOISE_N, false, true), Phase::Test);
         alone.print(&format!("{bench}, map, the paper's points alone"));
-        let mut must = |holds: bool, told: &str| {
+        let mut must = |holds: bool, text: &str| {
             if !holds {
-                missed.push(format!("{bench}: {told}"));
+                missed.push(format!("{bench}: {text}"));
             }
         };
         // presses farther apart take longer
         must(campaign::is_quick() || raster.median_s / BOUND_S <= bars.ratio, "time a press");
-        for (points, told) in [(after, "points after a calibration"), (alone, "points alone")] {
-            must(points.p95_n <= POINTS_P95_N && points.over_n <= POINTS_OVER_N, told);
+        for (points, output) in [(after, "points after a calibration"), (alone, "points alone")] {
+            must(points.p95_n <= POINTS_P95_N && points.over_n <= POINTS_OVER_N, output);
         }
-        for (figures, bars, told) in [(nominal, bars, "map"), (noisier, noisier_bars, "10 mN of noise")] {
-            missed.extend(figures.missed(&bars, false).iter().map(|what| format!("{bench}, {told}: {what}")));
+        for (figures, bars, output) in [(nominal, bars, "map"), (noisier, noisier_bars, "10 mN of noise")] {
+            missed.extend(figures.missed(&bars, false).iter().map(|what| format!("{bench}, {output}: {what}")));
         }
     }
     must_be_none(&missed);
@@ -217,9 +217,9 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
             };
             let walks = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), Calibration::walked);
             let figures = Figures::of(&walks.iter().collect::<Vec<_>>(), Phase::Calibration);
-            let told = format!("{bench}, {}", strategy.name());
-            figures.print(&told);
-            missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{told}: {what}")));
+            let output = format!("{bench}, {}", strategy.name());
+            figures.print(&output);
+            missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{output}: {what}")));
         }
     }
     must_be_none(&missed);

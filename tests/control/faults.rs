@@ -68,7 +68,7 @@ struct Outcome {
     faults: Vec<SceneFault>,
     worst: Worst,
     end: &'static str,
-    told: Option<String>,
+    text: Option<String>,
     virtual_s: f64,
     longer_s: f64,
     ready_s: f64,
@@ -145,7 +145,7 @@ impl Case {
             faults: spec.scene.faults.clone(),
             worst: *truth,
             end: end_of(ending),
-            told: ending.told(),
+            text: ending.text(),
             virtual_s: *virtual_s,
             longer_s: virtual_s - sound.virtual_s,
             ready_s: sound.ready_s,
@@ -195,7 +195,7 @@ fn run_all(cases: &[Case]) -> Vec<Outcome> {
     let sounds = in_parallel(&sound_cases, |case| {
         let spec = case.spec();
         let Walked { ending, ready_s, virtual_s, .. } = walked(&spec, &case.plan(&spec));
-        assert!(ending.halt.is_none() && ending.unparked.is_none(), "{}: {:?}", case.key(), ending.told());
+        assert!(ending.halt.is_none() && ending.unparked.is_none(), "{}: {:?}", case.key(), ending.text());
         Sound { ready_s, virtual_s }
     });
     let sounds: BTreeMap<String, Sound> = keys.into_iter().zip(sounds).collect();
@@ -268,15 +268,15 @@ fn report(outcomes: &[Outcome]) -> Vec<String> {
                 let key = format!("{} at {} mm/s", o.case.bench, o.case.speed_mm_s);
                 speeds.entry(key).or_default().join(o.worst);
             }
-            let told = |(key, w): (&String, &Worst)| {
+            let output = |(key, w): (&String, &Worst)| {
                 format!("{key}: {:.2} N, {:.2} mm, slid {}", w.force_n, w.depth_mm, w.slid_mm)
             };
-            println!("    faster than is safe there: {}", speeds.iter().map(told).collect::<Vec<_>>().join("; "));
+            println!("    faster than is safe there: {}", speeds.iter().map(output).collect::<Vec<_>>().join("; "));
         }
-        broken.extend(judged.iter().filter(|o| !o.worst.is_within(&o.case.spec())).map(|o| o.told()));
+        broken.extend(judged.iter().filter(|o| !o.worst.is_within(&o.case.spec())).map(|o| o.text()));
         // whatever the speed, a hard contact is no deeper and nothing slides
         let deep = |o: &&&&Outcome| o.worst.depth_mm > limits.depth_mm || o.worst.slid_mm > 0.0;
-        broken.extend(printed.iter().filter(deep).map(|o| o.told()));
+        broken.extend(printed.iter().filter(deep).map(|o| o.text()));
     }
     broken
 }
@@ -358,7 +358,7 @@ impl Outcome {
         }
     }
 
-    fn told(&self) -> String {
+    fn text(&self) -> String {
         let faults = self.faults.iter().map(|fault| format!("{} from {:.3} s", name(fault.kind), fault.from_s));
         let Outcome { case, worst, .. } = self;
         let Worst { force_n, depth_mm, slid_mm } = worst;
@@ -368,7 +368,7 @@ impl Outcome {
             case.key(),
             case.seed,
             self.virtual_s,
-            self.told.as_deref().unwrap_or("the plan was done"),
+            self.text.as_deref().unwrap_or("the plan was done"),
         )
     }
 }
@@ -388,8 +388,8 @@ fn no_fault_costs_a_limit_and_each_is_noticed_by_what_it_is() {
     }
     println!("-- all");
     let broken = report(&all);
-    let long: Vec<String> = all.iter().filter(|o| o.longer_s > LONGER_S).map(Outcome::told).collect();
-    let unfitting: Vec<String> = all.iter().filter(|o| !o.is_fitting()).map(Outcome::told).collect();
+    let long: Vec<String> = all.iter().filter(|o| o.longer_s > LONGER_S).map(Outcome::text).collect();
+    let unfitting: Vec<String> = all.iter().filter(|o| !o.is_fitting()).map(Outcome::text).collect();
     must_be_none(&[broken, long, unfitting].concat());
 }
 
@@ -423,5 +423,5 @@ fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
     println!("at the depth limit the nominal curve bears {at_limit_n:.3} N to a sudden load");
     report(&outcomes);
     let deep = outcomes.iter().filter(|o| o.worst.depth_mm > spec.limits.depth_mm || o.worst.slid_mm > 0.0);
-    must_be_none(&deep.map(Outcome::told).collect::<Vec<_>>());
+    must_be_none(&deep.map(Outcome::text).collect::<Vec<_>>());
 }

@@ -58,18 +58,18 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
         spec.scene.faults = fault.into_iter().map(|kind| SceneFault { kind, from_s, value: None }).collect();
         let walked = walked_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
         let end = end_of(&walked.ending);
-        let told = format!("{name}, {strategy:?}, {fault:?} at {from_s:.2} s, off by {off_mm:+.2} mm: {end}");
+        let output = format!("{name}, {strategy:?}, {fault:?} at {from_s:.2} s, off by {off_mm:+.2} mm: {end}");
         let worst_n = walked.truth.force_n.max(walked.orphaned.force_n);
         let most_n = spec.limits.force_n + PEAK_N;
         let mut broken = Vec::new();
         if worst_n > most_n || worst_n.is_nan() {
-            broken.push(format!("{told}: {worst_n:.3} N"));
+            broken.push(format!("{output}: {worst_n:.3} N"));
         }
         if fault.is_none() && off_mm < -1.0 && end != "surface-elsewhere" {
-            broken.push(format!("{told}: a surface that is nearer isn't named"));
+            broken.push(format!("{output}: a surface that is nearer isn't named"));
         }
         if fault.is_none() && off_mm > 1.0 && end != "no-contact" {
-            broken.push(format!("{told}: a surface that is farther isn't named"));
+            broken.push(format!("{output}: a surface that is farther isn't named"));
         }
         (worst_n, broken)
     });
@@ -112,11 +112,11 @@ fn something_hard_in_the_way_bears_what_the_speed_of_the_approach_makes_of_it() 
             let of_it = || seen.iter().filter(|(speed, name, ..)| *speed == speed_mm_s && *name == bench);
             let alive_n = of_it().map(|(_, _, alive_n, _)| *alive_n).fold(0.0, f64::max);
             let dead_n = of_it().map(|(.., dead_n)| *dead_n).fold(0.0, f64::max);
-            let told = format!("{bench}, {HARD_N_MM} N/mm in the way at {speed_mm_s} mm/s: {alive_n:.2} N");
-            println!("{told}; had the program died at the worst moment {dead_n:.0} N");
+            let output = format!("{bench}, {HARD_N_MM} N/mm in the way at {speed_mm_s} mm/s: {alive_n:.2} N");
+            println!("{output}; had the program died at the worst moment {dead_n:.0} N");
             // and no less than what it takes to be noticed
             if !(0.03..=most_n).contains(&alive_n) {
-                broken.push(told);
+                broken.push(output);
             }
         }
     }

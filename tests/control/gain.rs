@@ -54,14 +54,14 @@ fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_kn
     for (name, _) in benches() {
         for (u_share, most_n) in [WELL_KNOWN, BADLY_KNOWN] {
             let seeds: Vec<u64> = (1..=seeds()).collect();
-            let told = in_parallel(&seeds, |&seed| {
+            let output = in_parallel(&seeds, |&seed| {
                 let mut spec = with_gain(name, 1.01);
                 let check = checked(&spec, u_share, seed, true);
                 let u = check.standard_uncertainty();
                 assert!((check.gain - 1.01).abs() <= 1.02 * u_share + 4.0 * check.gain_sd, "{name}: {check:?}");
                 spec.load_cell.check = Some(check.clone());
                 let walked = walked(&spec, &plan(&spec, &recipe(), seed));
-                assert!(walked.ending.halt.is_none(), "{name}: {:?}", walked.ending.told());
+                assert!(walked.ending.halt.is_none(), "{name}: {:?}", walked.ending.text());
                 let contacts = walked.ledger.contacts().filter(|contact| contact.levels[0].is_of(Phase::Calibration));
                 let off_n = |set_n: f64, true_n: f64| (true_n - set_n).abs();
                 let mut errors_n: Vec<f64> = contacts
@@ -70,7 +70,7 @@ fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_kn
                 errors_n.sort_by(f64::total_cmp);
                 (errors_n[(errors_n.len() as f64 * 0.95).ceil() as usize - 1], errors_n.len(), check.gain, u)
             });
-            for (seed, (p95_n, presses, gain, u)) in seeds.iter().zip(told) {
+            for (seed, (p95_n, presses, gain, u)) in seeds.iter().zip(output) {
                 println!(
                     "{name}, weight known within {} %, seed {seed}: gain {gain:.5} (u {u:.5}), {presses} presses, true less set \
                      {:.2} mN (95 %)",

@@ -253,7 +253,7 @@ fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
     let mut messages = 0;
     let mut all = Worst::default();
     for ((setup, seed), Walked { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&walks) {
-        assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.told());
+        assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.text());
         assert!(orphaned.force_n >= truth.force_n - PEAK_N, "{setup:?}: {truth:?}, {orphaned:?}");
         assert!(orphaned.is_within(&setup.spec()), "{setup:?}, seed {seed}: {orphaned:?}");
         all.join(*orphaned);
@@ -278,7 +278,7 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
     for setup in setups(&[25.0]) {
         let sound = |checks| {
             let (sound, commands) = Setup { checks, ..setup }.struck(Mishap::None, 0);
-            assert!(sound.ending.halt.is_none(), "{setup:?}: {:?}", sound.ending.told());
+            assert!(sound.ending.halt.is_none(), "{setup:?}: {:?}", sound.ending.text());
             commands
         };
         let commands = Commands { planned: sound("none"), all: sound(setup.checks) };
@@ -300,9 +300,11 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
         *row.ends.entry(end).or_default() += 1;
         let may_be_missed = mishap.may_be_missed(*at, *commands);
         if end == "-" && !may_be_missed || !walked.truth.is_within(&setup.spec()) || walked.virtual_s > LONGEST_S {
-            let told = walked.ending.told();
-            broken
-                .push(format!("{setup:?} {mishap:?} at {at}: {:?}, {:.0} s, {told:?}", walked.truth, walked.virtual_s));
+            let output = walked.ending.text();
+            broken.push(format!(
+                "{setup:?} {mishap:?} at {at}: {:?}, {:.0} s, {output:?}",
+                walked.truth, walked.virtual_s
+            ));
         }
     }
     for (mishap, Row { runs, worst, longest_s, ends }) in rows {

@@ -40,7 +40,7 @@ struct Draw {
 
 /// What a press has been told so far.
 #[derive(Clone, Copy, Debug)]
-struct Told {
+struct Printed {
     z_mm: f64,
     force_n: f64,
     age_s: f64,
@@ -49,10 +49,10 @@ struct Told {
     surface_mm: f64,
 }
 
-impl Told {
-    fn at(z_mm: f64) -> Told {
+impl Printed {
+    fn at(z_mm: f64) -> Printed {
         let surface_mm = f64::NEG_INFINITY;
-        Told { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
+        Printed { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
     }
 
     /// Takes in where the press has the surface, if it says.
@@ -174,7 +174,7 @@ fn garbage(rng: &mut RandomStream) -> f64 {
 
 /// What of the permit's promise a motion breaks, for what the press was told. Nothing of the loop's own is asked but where it
 /// takes the surface to be once it has touched it.
-fn broken_promise(draw: &Draw, told: &Told, granted: &Permitted) -> Option<&'static str> {
+fn broken_promise(draw: &Draw, output: &Printed, granted: &Permitted) -> Option<&'static str> {
     let Draw { context, reaction_s, .. } = draw;
     let (limits, z_mm, speed_mm_s) = (&context.limits, granted.z_mm(), granted.speed_mm_s());
     if !z_mm.is_finite() {
@@ -184,21 +184,21 @@ fn broken_promise(draw: &Draw, told: &Told, granted: &Permitted) -> Option<&'sta
     if !is_a_speed {
         return Some("a speed isn't one of this stage");
     }
-    if z_mm <= told.z_mm + ROUNDING {
+    if z_mm <= output.z_mm + ROUNDING {
         return None; // away, or no way at all
     }
-    let force_n = told.force_n;
+    let force_n = output.force_n;
     // a stage with steps may end deeper, and may stand deeper than it says
     let z_mm = z_mm + context.permit.steps().reserve_mm();
-    let at_most_n = force_n + limits.stiffness_n_mm * (z_mm - told.z_mm.max(told.surface_mm));
+    let at_most_n = force_n + limits.stiffness_n_mm * (z_mm - output.z_mm.max(output.surface_mm));
     let (room_n, a) = (limits.force_n - context.zero.detect_n(), context.timing.acceleration_mm_s2);
     let fastest_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, *reaction_s, a);
     // asked for what must hold, so that a NaN breaks it
     let rules = [
         ("I1: the force", at_most_n <= limits.force_n + ROUNDING),
-        ("I2: the depth", z_mm <= told.surface_mm + limits.depth_mm + ROUNDING),
+        ("I2: the depth", z_mm <= output.surface_mm + limits.depth_mm + ROUNDING),
         ("I3: the speed", speed_mm_s <= fastest_mm_s + ROUNDING),
-        ("I4: the age of the force", told.age_s <= FRESH_S),
+        ("I4: the age of the force", output.age_s <= FRESH_S),
     ];
     rules.into_iter().find(|(_, holds)| !holds).map(|(rule, _)| rule)
 }
@@ -277,7 +277,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let sigma_n = draw.context.zero.sigma_n;
     let stops_anywhere = rng.random_bool(0.3);
     let start_mm = draw.context.clear_mm;
-    let mut told = Told::at(start_mm);
+    let mut output = Printed::at(start_mm);
     let mut event = LoopEvent::Begin {
         z_mm: start_mm,
         air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS, age_s: 0.0 },
@@ -285,8 +285,8 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
     for _ in 0..most_commands(&draw.task) {
-        told.now_s += 0.05;
-        let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
+        output.now_s += 0.05;
+        let command = draw.press.next(event, Moment { now_s: output.now_s, age_s: output.age_s });
         steps += 1;
         if is_out_of_turn(&command) {
             broken.push("an answer is out of turn");
@@ -294,37 +294,37 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
         let mut noise_n = |readings: u32| rng.random_range(-2.9..2.9) * draw.context.zero.sigma_mean_n(readings);
         event = match &command {
             LoopCommand::Average(readings) => {
-                told.force_n = specimen.force_n(told.z_mm) + noise_n(*readings);
-                LoopEvent::Averaged { force_n: told.force_n }
+                output.force_n = specimen.force_n(output.z_mm) + noise_n(*readings);
+                LoopEvent::Averaged { force_n: output.force_n }
             }
             LoopCommand::Sample(_) => {
-                told.force_n = specimen.force_n(told.z_mm) + noise_n(16);
-                LoopEvent::Sampled { force_n: told.force_n }
+                output.force_n = specimen.force_n(output.z_mm) + noise_n(16);
+                LoopEvent::Sampled { force_n: output.force_n }
             }
             LoopCommand::Dwell(seconds) => {
                 broken.extend(broken_wait(*seconds));
-                told.now_s += seconds;
+                output.now_s += seconds;
                 LoopEvent::Dwelt
             }
             LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
-                told.note_surface(&draw);
-                broken.extend(broken_promise(&draw, &told, granted));
-                if granted.z_mm() > told.z_mm {
+                output.note_surface(&draw);
+                broken.extend(broken_promise(&draw, &output, granted));
+                if granted.z_mm() > output.z_mm {
                     let beyond_mm = if steps_of_z.is_fine() { 0.0 } else { steps_of_z.in_position_mm(Axis::Z) };
                     let deepest_mm = granted.z_mm() + beyond_mm;
-                    let end_n = if deepest_mm > told.z_mm { specimen.force_n(deepest_mm) } else { 0.0 };
+                    let end_n = if deepest_mm > output.z_mm { specimen.force_n(deepest_mm) } else { 0.0 };
                     broken.extend((end_n > limits.force_n + ROUNDING).then_some("the force of an end point"));
                     let over_mm = deepest_mm - specimen.surface_mm - limits.depth_mm;
                     deepest = deepest.max(over_mm);
                 }
-                let (from_mm, way_mm) = (told.z_mm, granted.z_mm() - told.z_mm);
+                let (from_mm, way_mm) = (output.z_mm, granted.z_mm() - output.z_mm);
                 let until = if stops_anywhere { rng.random_range(0..=20) } else { 20 };
                 let mut at_mm = granted.z_mm();
                 for tick in 0..=until {
                     at_mm = from_mm + way_mm * f64::from(tick) / 20.0;
-                    told.now_s += way_mm.abs() / granted.speed_mm_s() / 20.0;
+                    output.now_s += way_mm.abs() / granted.speed_mm_s() / 20.0;
                     let force_n = specimen.force_n(at_mm) + rng.random_range(-2.9..2.9) * sigma_n;
-                    let steer = draw.press.see(force_n, told.now_s);
+                    let steer = draw.press.see(force_n, output.now_s);
                     steps += 1;
                     broken.extend(broken_steer(granted, steer));
                     if steer == Steer::Stop && matches!(command, LoopCommand::Move(_)) {
@@ -332,8 +332,8 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
                     }
                 }
                 // it ends on the nearest of its own steps, and reads them back
-                told.z_mm = at_mm + off.random_range(-0.5..0.5) * steps_of_z.along(Axis::Z);
-                LoopEvent::Moved { z_mm: told.z_mm }
+                output.z_mm = at_mm + off.random_range(-0.5..0.5) * steps_of_z.along(Axis::Z);
+                LoopEvent::Moved { z_mm: output.z_mm }
             }
             LoopCommand::Done | LoopCommand::Trip(_) => {
                 return (steps, Driven { seed, end: command, over_mm: deepest, broken });
@@ -344,10 +344,10 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
 }
 
 /// Drives one press with answers that fit in kind, mostly, and say anything. How many steps it took.
-fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
+fn drive_with_garbage(seed: u64) -> (u64, Draw, Printed, Vec<&'static str>) {
     let mut rng = stream(seed, 0, "garbage");
     let mut draw = draw(seed, &mut rng, false);
-    let mut told = Told::at(f64::NAN);
+    let mut output = Printed::at(f64::NAN);
     // most of what it says is as a specimen would have it, or it would not come far
     let specimen = Specimen::under(&draw, &mut rng);
     let sane = 1.0 - rng.random_range(0.0..0.4f64).powi(2);
@@ -366,11 +366,11 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
     let mut event = begin(&mut rng, &draw);
     for _ in 0..most_commands(&draw.task) {
         if let LoopEvent::Begin { z_mm, .. } = event {
-            told.z_mm = z_mm;
+            output.z_mm = z_mm;
         }
-        told.now_s += rng.random_range(0.0..1.0);
-        told.age_s = if rng.random_bool(0.995) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
-        let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: told.age_s });
+        output.now_s += rng.random_range(0.0..1.0);
+        output.age_s = if rng.random_bool(0.995) { rng.random_range(0.0..0.2) } else { garbage(&mut rng) };
+        let command = draw.press.next(event, Moment { now_s: output.now_s, age_s: output.age_s });
         steps += 1;
         let fits = before.as_ref().map_or(matches!(event, LoopEvent::Begin { .. }), |before| answers(before, &event));
         if !fits && !matches!(command, LoopCommand::Trip(_)) {
@@ -379,44 +379,44 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Told, Vec<&'static str>) {
         let mut value = |sane_value: f64| if rng.random_bool(sane) { sane_value } else { garbage(&mut rng) };
         event = match &command {
             LoopCommand::Average(_) => {
-                told.force_n = value(specimen.force_n(told.z_mm));
-                LoopEvent::Averaged { force_n: told.force_n }
+                output.force_n = value(specimen.force_n(output.z_mm));
+                LoopEvent::Averaged { force_n: output.force_n }
             }
             LoopCommand::Sample(_) => {
-                told.force_n = value(specimen.force_n(told.z_mm));
-                LoopEvent::Sampled { force_n: told.force_n }
+                output.force_n = value(specimen.force_n(output.z_mm));
+                LoopEvent::Sampled { force_n: output.force_n }
             }
             LoopCommand::Dwell(seconds) => {
                 broken.extend(broken_wait(*seconds));
                 LoopEvent::Dwelt
             }
             LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
-                told.note_surface(&draw);
-                broken.extend(broken_promise(&draw, &told, granted));
+                output.note_surface(&draw);
+                broken.extend(broken_promise(&draw, &output, granted));
                 for _ in 0..3 {
                     let sound = rng.random_bool(0.99);
-                    let force_n = if sound { specimen.force_n(told.z_mm) } else { garbage(&mut rng) };
-                    broken.extend(broken_steer(granted, draw.press.see(force_n, told.now_s)));
+                    let force_n = if sound { specimen.force_n(output.z_mm) } else { garbage(&mut rng) };
+                    broken.extend(broken_steer(granted, draw.press.see(force_n, output.now_s)));
                     steps += 1;
                 }
-                told.z_mm = if rng.random_bool(sane) {
+                output.z_mm = if rng.random_bool(sane) {
                     let share = if rng.random_bool(0.5) { 1.0 } else { rng.random_range(0.0..=1.0) };
-                    told.z_mm + (granted.z_mm() - told.z_mm) * share
+                    output.z_mm + (granted.z_mm() - output.z_mm) * share
                 } else {
                     garbage(&mut rng)
                 };
-                LoopEvent::Moved { z_mm: told.z_mm }
+                LoopEvent::Moved { z_mm: output.z_mm }
             }
-            LoopCommand::Done | LoopCommand::Trip(_) => return (steps, draw, told, broken),
+            LoopCommand::Done | LoopCommand::Trip(_) => return (steps, draw, output, broken),
         };
         before = Some(command);
         if rng.random_bool(0.005) {
             event = [
                 begin(&mut rng, &draw),
-                LoopEvent::Averaged { force_n: told.force_n },
-                LoopEvent::Moved { z_mm: told.z_mm },
+                LoopEvent::Averaged { force_n: output.force_n },
+                LoopEvent::Moved { z_mm: output.z_mm },
                 LoopEvent::Dwelt,
-                LoopEvent::Sampled { force_n: told.force_n },
+                LoopEvent::Sampled { force_n: output.force_n },
             ][rng.random_range(0..5)];
         }
     }
@@ -454,8 +454,8 @@ fn must_be_none<'a>(presses: impl Iterator<Item = (u64, &'a Vec<&'static str>)>)
             counts.entry(what).or_insert((0, seed)).0 += 1;
         }
     }
-    let told = counts.iter().map(|(what, (count, seed))| format!("{what}: {count} times, first in seed {seed}"));
-    assert!(counts.is_empty(), "{}", told.collect::<Vec<_>>().join("; "));
+    let output = counts.iter().map(|(what, (count, seed))| format!("{what}: {count} times, first in seed {seed}"));
+    assert!(counts.is_empty(), "{}", output.collect::<Vec<_>>().join("; "));
 }
 
 #[test]
@@ -473,12 +473,12 @@ fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_l
     must_be_none(ends.iter().map(|driven| (driven.seed, &driven.broken)));
     let deep: Vec<&Driven> = ends.iter().filter(|driven| driven.over_mm > 0.0).collect();
     let worst = deep.iter().max_by(|a, b| a.over_mm.total_cmp(&b.over_mm));
-    let told = worst.map(|worst| format!("the worst by {:.3} mm, seed {}", worst.over_mm, worst.seed));
-    assert!(deep.is_empty(), "{} end points of {} presses below the depth limit, {told:?}", deep.len(), ends.len());
+    let output = worst.map(|worst| format!("the worst by {:.3} mm, seed {}", worst.over_mm, worst.seed));
+    assert!(deep.is_empty(), "{} end points of {} presses below the depth limit, {output:?}", deep.len(), ends.len());
 }
 
 #[test]
-fn whatever_it_is_told_a_press_ends_and_no_end_point_breaks_the_promise() {
+fn whatever_it_is_reported_a_press_ends_and_no_end_point_breaks_the_promise() {
     let (steps, ends) = until_enough(|seed| {
         let (steps, _, _, broken) = drive_with_garbage(seed);
         (steps, (seed, broken))
@@ -490,7 +490,7 @@ fn whatever_it_is_told_a_press_ends_and_no_end_point_breaks_the_promise() {
 #[test]
 fn a_press_that_is_over_moves_nothing_any_more() {
     for seed in 0..steps_wanted() / 1000 {
-        let (_, mut draw, told, _) = drive_with_garbage(seed);
+        let (_, mut draw, output, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
         let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS, age_s: 0.0 };
         for event in [
@@ -500,8 +500,8 @@ fn a_press_that_is_over_moves_nothing_any_more() {
             LoopEvent::Sampled { force_n },
             LoopEvent::Begin { z_mm, air },
         ] {
-            draw.press.see(force_n, told.now_s);
-            let command = draw.press.next(event, Moment { now_s: told.now_s, age_s: 0.0 });
+            draw.press.see(force_n, output.now_s);
+            let command = draw.press.next(event, Moment { now_s: output.now_s, age_s: 0.0 });
             if let LoopCommand::Move(granted) | LoopCommand::Depart(granted) = command {
                 assert!(granted.z_mm() <= z_mm + ROUNDING, "seed {seed}: it is over, and {event:?} has it {granted:?}");
             }

@@ -49,7 +49,7 @@ fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stoo
     for strategy in Strategy::ALL {
         let spec = printer();
         let walked = walked(&spec, &seven_by_seven(&spec, strategy, 1));
-        assert!(walked.ending.halt.is_none(), "{strategy:?}: {:?}", walked.ending.told());
+        assert!(walked.ending.halt.is_none(), "{strategy:?}: {:?}", walked.ending.text());
         let rows: Vec<_> = walked.ledger.contacts().collect();
         let (mut worst_n, mut presses) = (0.0f64, 0);
         for contact in &rows {

@@ -50,7 +50,7 @@ impl Heard {
     }
 
     /// What the stage is told at once is one piece of the stream.
-    fn told(&mut self, piece: &[u8], stop: &[u8], motion: &[u8]) {
+    fn text(&mut self, piece: &[u8], stop: &[u8], motion: &[u8]) {
         let has = |word: &[u8]| piece.windows(word.len()).any(|window| window == word);
         if has(stop) {
             self.stopped = true;
@@ -126,9 +126,9 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
     run_virtually(async {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
         let (mut ledger, mut begin) = (Memory::default(), Begin(None));
-        let errand = RunJob { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(spec.open(1).expect("drivers"), errand, &mut begin).await;
-        assert!(ending.halt.is_none(), "{:?}", ending.told());
+        let job = RunJob { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(spec.open(1).expect("drivers"), job, &mut begin).await;
+        assert!(ending.halt.is_none(), "{:?}", ending.text());
         let last_s = ledger.contacts().last().expect("a press").levels[0].t_s.expect("a time");
         (begin.0.expect("presses") - origin).as_secs_f64()..last_s
     })
@@ -159,9 +159,9 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         rig.instruments.stage = spec.stage_on(&to_stage);
         rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
-        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, errand, &mut Begin(None)).await;
-        assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.told());
+        let job = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, job, &mut Begin(None)).await;
+        assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.text());
         let heard = std::mem::take(&mut *heard.lock().unwrap());
         (heard, origin)
     })
@@ -206,7 +206,7 @@ async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<H
             biased;
             Ok(count @ 1..) = near.read(&mut there) => {
                 if let Tap::Stage([stop, motion]) = tap {
-                    heard.lock().unwrap().told(&there[..count], stop, motion);
+                    heard.lock().unwrap().text(&there[..count], stop, motion);
                 }
                 let _ = far.write_all(&there[..count]).await;
             }

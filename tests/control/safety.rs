@@ -64,9 +64,9 @@ fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
                 spec.limits.stiffness_n_mm = declared;
                 (scene.contact, scene.relaxation) = (contact, relaxation.clone());
             });
-            let told = format!("specimen {i}, seed {seed}");
+            let output = format!("specimen {i}, seed {seed}");
             let text = recipe("[[-5, 5], [4, -3]]", &format!("force_n = {force_n:?}"));
-            Bench::new(spec, &text, seed).must_complete(&told);
+            Bench::new(spec, &text, seed).must_complete(&output);
         }
     }
 }
@@ -81,8 +81,8 @@ fn a_load_cell_that_is_slow_is_waited_for() {
                 spec.limits.stiffness_n_mm = 1.98;
                 scene.contact = linear(1.8);
             });
-            let told = format!("{conversions_hz} Hz, seed {seed}");
-            Bench::new(spec, &recipe("[[-5, 5], [4, -3]]", "force_n = 2.0"), seed).must_complete(&told);
+            let output = format!("{conversions_hz} Hz, seed {seed}");
+            Bench::new(spec, &recipe("[[-5, 5], [4, -3]]", "force_n = 2.0"), seed).must_complete(&output);
         }
     }
 }
@@ -105,7 +105,7 @@ fn a_noisy_load_cell_doesnt_cost_force() {
         });
         let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
         let walked = bench.walk(None);
-        assert_eq!(walked.ending.status(), Status::Complete, "seed {seed}: {:?}", walked.ending.told());
+        assert_eq!(walked.ending.status(), Status::Complete, "seed {seed}: {:?}", walked.ending.text());
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
         // the tolerance, and what a window's mean of 20 readings is known to: 2.5 sd of 4.5 mN
@@ -155,17 +155,17 @@ fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
     let rows: Vec<(u64, u64)> = (0..2).flat_map(|press| (0..5).map(move |level| (press, level))).collect();
     let mut stopped_at = 0;
     while stopped_at < whole {
-        let told = format!("stop at reading {stopped_at} of {whole}");
+        let output = format!("stop at reading {stopped_at} of {whole}");
         let mut bench = Bench::new(rig_with(|_, _| {}), &text, 9);
         let walked = bench.walk(Some(stopped_at));
-        assert!(matches!(walked.ending.halt, Some(Halt::Cancelled)), "{told}: {:?}", walked.ending.told());
-        bench.assert_parked(&walked, &told);
-        assert_eq!(walked.ending.status(), Status::Stopped, "{told}");
-        assert!(walked.readings <= stopped_at + 1, "{told}: {} readings", walked.readings);
+        assert!(matches!(walked.ending.halt, Some(Halt::Cancelled)), "{output}: {:?}", walked.ending.text());
+        bench.assert_parked(&walked, &output);
+        assert_eq!(walked.ending.status(), Status::Stopped, "{output}");
+        assert!(walked.readings <= stopped_at + 1, "{output}: {} readings", walked.readings);
         bench.folder.finish(walked.ending.end(String::new(), 0.0)).unwrap();
-        bench.must_complete(&told);
+        bench.must_complete(&output);
         bench.folder.rebuild().unwrap();
-        assert_eq!(bench.rows_on_disk(), rows, "{told}");
+        assert_eq!(bench.rows_on_disk(), rows, "{output}");
         stopped_at += campaign::every(331, 83) as u32;
     }
 }

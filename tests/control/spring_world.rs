@@ -77,8 +77,8 @@ fn one() {
     let _ = fs::remove_dir_all(&kept);
     let line = World::built().run(&draw, Some(&kept));
     let verdict = Verdict::of(&line);
-    println!("{line}\n{}\n{}", verdict.told(), kept.display());
-    assert!(verdict.falls.is_empty(), "{}", verdict.told());
+    println!("{line}\n{}\n{}", verdict.text(), kept.display());
+    assert!(verdict.falls.is_empty(), "{}", verdict.text());
 }
 
 #[test]

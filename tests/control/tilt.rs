@@ -99,9 +99,9 @@ fn align_gives_the_tilt_in_the_frame_of_a_specimen_that_lies_turned() {
 fn align_refuses_a_specimen_that_is_not_level_enough() {
     let refused = found(&tilted_rig(false, 0.0, tilt(5.5, 200.0)), 1);
     let Err(error @ AlignError::Tilted { .. }) = refused else { panic!("{refused:?}") };
-    let told = error.to_string();
-    assert!(told.starts_with("the surface is tilted by 5.") && told.contains("shim the specimen"), "{told}");
-    assert!(told.contains("deeper toward 200 degrees") || told.contains("deeper toward 199 degrees"), "{told}");
+    let output = error.to_string();
+    assert!(output.starts_with("the surface is tilted by 5.") && output.contains("shim the specimen"), "{output}");
+    assert!(output.contains("deeper toward 200 degrees") || output.contains("deeper toward 199 degrees"), "{output}");
 }
 
 /// Mean errors of what was recorded, and the means of what was: forces, and the depths gained from the first
@@ -116,7 +116,7 @@ struct Recorded {
 
 fn recorded(spec: &RigSpec, plan: &Plan) -> Recorded {
     let walked = walked(spec, plan);
-    assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.told());
+    assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.text());
     let (mut sum, mut levels, mut contacts) = (Recorded::default(), 0.0, 0.0);
     for contact in walked.ledger.contacts() {
         for (row, truth) in contact.levels.iter().zip(&contact.truth) {
@@ -229,7 +229,7 @@ fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, state
     });
     let Seen { commands, under_n } = *seen.lock().expect("one thread");
     prop_assert_eq!((under_n, walked.truth.slid_mm), (0.0, 0.0));
-    prop_assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.told());
+    prop_assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.text());
     prop_assert!(commands >= 5, "{} commands", commands);
     prop_assert!(walked.truth.is_within(&spec), "{:?}", walked.truth);
     Ok(())

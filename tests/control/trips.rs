@@ -45,7 +45,7 @@ fn a_surface_beyond_the_declared_uncertainty_is_not_pressed_beyond_the_limit() {
         });
         let mut bench = Bench::new(spec, &recipe("[[-5, -5]]", "force_n = 2.0"), seed);
         let walked = bench.walk(None);
-        assert!(walked.ending.unparked.is_none(), "seed {seed}: {:?}", walked.ending.told());
+        assert!(walked.ending.unparked.is_none(), "seed {seed}: {:?}", walked.ending.text());
         assert!(walked.shown_most_n <= 2.0 + COUNT_N, "seed {seed}: {} N", walked.shown_most_n);
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
@@ -65,9 +65,9 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
             scene.relaxation.clear();
             truthful(scene);
         });
-        let told = format!("{conversions_hz} Hz");
+        let output = format!("{conversions_hz} Hz");
         Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.9"), 2)
-            .must_trip(&[SafetyRule::OverForce, SafetyRule::HardContact], &told);
+            .must_trip(&[SafetyRule::OverForce, SafetyRule::HardContact], &output);
     }
 }
 

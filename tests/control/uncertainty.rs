@@ -63,16 +63,16 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
             let share = covered as f64 / rigs as f64;
             // of a share of 95.4 %, chance alone shows so much in as many rigs, 3 sd
             let chance = 3.0 * (0.954f64 * 0.046 / rigs as f64).sqrt();
-            let told = format!(
+            let output = format!(
                 "{} rigs, {}, {force_n} N: k = 2 covers {:.1} %",
                 rigs,
                 if by_class { "a class of 0.5 % of 2 N" } else { "U of 1 % of the force" },
                 100.0 * share
             );
-            println!("{told}");
+            println!("{output}");
             let (least, most) = if by_class { (0.95, 1.0) } else { (0.94, 0.97) };
             if share < least - chance || share > most + chance {
-                broken.push(told);
+                broken.push(output);
             }
         }
     }

@@ -88,7 +88,7 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         let walked = walked_with(&spec, &plan(&spec, RECIPE, nth), Deaths::Ignored, &swap);
         let end = end_of(&walked.ending);
         let zeroed = walked.ready_s > 0.0;
-        let told = format!(
+        let output = format!(
             "{name}, {wrong:?}, surface {from_end_mm:+.2} mm from the end: {end}, {:.3} N",
             walked.truth.force_n
         );
@@ -96,13 +96,13 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         // an XPS homes its group whole: x and y move before anything shows that z is in contact
         let slid = walked.truth.slid_mm > 0.0 && name != "bench-fast";
         if walked.truth.force_n > real.limits.force_n + PEAK_N || slid {
-            broken.push(told.clone());
+            broken.push(output.clone());
         }
         if zeroed {
-            broken.push(format!("{told}: a zero was taken"));
+            broken.push(format!("{output}: a zero was taken"));
         }
         if wrong == Wrong::DownDeadCell && (end != "outputs-moved" || walked.truth.depth_mm > FELT_MM) {
-            broken.push(format!("{told}, {:.3} mm deep", walked.truth.depth_mm));
+            broken.push(format!("{output}, {:.3} mm deep", walked.truth.depth_mm));
         }
         (wrong, end, walked.truth.force_n, broken)
     });
@@ -179,8 +179,8 @@ fn a_stage_that_does_not_stop_is_reported_with_the_emergency_stop() {
         rig.stage.replace(Arc::new(Mutex::new(Unstoppable(stage))));
     };
     let walked = walked_with(&spec, &plan(&spec, RECIPE, 1), Deaths::Ignored, &swap);
-    assert_eq!(end_of(&walked.ending), "not-stopped", "{:?}", walked.ending.told());
-    let told = walked.ending.told().expect("a reason");
-    assert!(told.contains("the stage does not stop: press the emergency stop"), "{told}");
-    assert!(!told.contains("has stopped"), "{told}");
+    assert_eq!(end_of(&walked.ending), "not-stopped", "{:?}", walked.ending.text());
+    let output = walked.ending.text().expect("a reason");
+    assert!(output.contains("the stage does not stop: press the emergency stop"), "{output}");
+    assert!(!output.contains("has stopped"), "{output}");
 }

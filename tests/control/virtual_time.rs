@@ -40,10 +40,10 @@ fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
     let Ok(mut plan) = palpate_data::recipe::Plan::new(&recipe, &spec.ground(), 3) else { return Vec::new() };
     plan.entries.truncate(campaign::size(QUICK, plan.entries.len().min(120)));
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
-    let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+    let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
     let mut deaf = Deaf;
-    let walk = walk(errand, &mut deaf);
+    let walk = walk(job, &mut deaf);
     let ending = if ours { run_virtually(walk) } else { in_tokios_virtual_time(walk) };
-    let told = [format!("{:?} {} s", ending.told(), ending.t_s)].into_iter();
-    told.chain(memory.contacts().map(|contact: &RecordedContact| format!("{contact:?}"))).collect()
+    let output = [format!("{:?} {} s", ending.text(), ending.t_s)].into_iter();
+    output.chain(memory.contacts().map(|contact: &RecordedContact| format!("{contact:?}"))).collect()
 }

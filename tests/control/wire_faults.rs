@@ -114,7 +114,7 @@ struct Case {
     wrong: Wrong,
     spec: RigSpec,
     plan: Plan,
-    told: String,
+    text: String,
     /// When the fault strikes: before the first press or not, and at which fraction of that time.
     is_early: bool,
     onset: f64,
@@ -135,7 +135,7 @@ struct Outcome {
     /// Rows without a flag that are off by too much, and the most.
     off: usize,
     off_most: f64,
-    told: Option<String>,
+    text: Option<String>,
     /// Why the same run without a fault isn't sound.
     unsound: Option<String>,
 }
@@ -161,19 +161,19 @@ impl Case {
         let text = recipe(strategy, force_n, &mut rng);
         let plan = plan(&spec, &text, seed);
         let curve = if is_straight { "straight" } else { "curved" };
-        let told = format!(
+        let output = format!(
             "{bench} at {} mm/s, {}, {force_n:.3} N, {share:.2} of the declared stiffness, {curve}",
             spec.stage.speed_mm_s,
             strategy.name()
         );
         let (is_early, onset) = (rng.random_bool(EARLY), rng.random_range(0.0..1.0));
-        Case { seed, kind, wrong, spec, plan, told, is_early, onset }
+        Case { seed, kind, wrong, spec, plan, text: output, is_early, onset }
     }
 
     fn run(seed: u64) -> Outcome {
         let case = Case::new(seed);
         let sound = walked(&case.spec, &case.plan);
-        let unsound = sound.ending.told();
+        let unsound = sound.ending.text();
         let (begin_s, end_s) =
             if case.is_early { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s.max(sound.ready_s)) };
         let from_s = begin_s + case.onset * (end_s - begin_s);
@@ -209,7 +209,7 @@ impl Case {
             remaining: ending.remaining,
             off: offs.iter().filter(|off| **off > OFF_MOST).count(),
             off_most: offs.iter().copied().fold(0.0, f64::max),
-            told: ending.told(),
+            text: ending.text(),
             unsound,
             case,
         }
@@ -316,7 +316,7 @@ impl Outcome {
         rules.into_iter().filter(|(is_broken, _)| *is_broken).map(|(_, what)| what).collect()
     }
 
-    fn told(&self) -> String {
+    fn text(&self) -> String {
         let Outcome { case, from_s, learned, force_n, most_n: [most_n, _], left_n, remaining, off, off_most, .. } =
             self;
         format!(
@@ -325,9 +325,9 @@ impl Outcome {
             case.seed,
             self.broken().join(", "),
             case.wrong,
-            case.told,
+            case.text,
             100.0 * off_most,
-            self.told.as_deref().unwrap_or("the plan was done"),
+            self.text.as_deref().unwrap_or("the plan was done"),
             self.unsound.as_deref().map_or(String::new(), |why| format!("; without a fault: {why}")),
         )
     }
@@ -368,7 +368,7 @@ fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
     let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).map(|nth| 1 + step * nth).collect();
     let outcomes = in_parallel(&seeds, |seed| Case::run(*seed));
     report(&outcomes);
-    let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(Outcome::told);
+    let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(Outcome::text);
     must_be_none(&broken.collect::<Vec<_>>());
 }
 
@@ -376,7 +376,7 @@ fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
 fn a_load_cell_that_fails_near_the_limit_keeps_the_wanted_bound() {
     let outcomes = in_parallel(&NEAR_LIMIT, |seed| Case::run(*seed));
     let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
-    must_be_none(&broken.map(Outcome::told).collect::<Vec<_>>());
+    must_be_none(&broken.map(Outcome::text).collect::<Vec<_>>());
 }
 
 #[test]
@@ -384,5 +384,5 @@ fn a_specimen_that_rises_is_left_or_its_force_is_reported() {
     let outcomes = in_parallel(&RISEN, |seed| Case::run(*seed));
     assert!(outcomes.iter().all(|outcome| matches!(outcome.case.wrong, Wrong::Risen(_))));
     let is_broken = |o: &&Outcome| o.end == "-" || o.is_left() || o.force_n > o.most_n[1];
-    must_be_none(&outcomes.iter().filter(is_broken).map(Outcome::told).collect::<Vec<_>>());
+    must_be_none(&outcomes.iter().filter(is_broken).map(Outcome::text).collect::<Vec<_>>());
 }

@@ -91,14 +91,14 @@ struct Outcome {
 
 impl Outcome {
     /// Judges a wrong value by what happened on the line while it was asked for.
-    fn judge(&mut self, subject: Subject, altered: bool, stray: bool, told: impl FnOnce() -> String) {
+    fn judge(&mut self, subject: Subject, altered: bool, stray: bool, output: impl FnOnce() -> String) {
         self.values += 1;
         if altered && !subject.has_check_sum() {
             self.altered += 1;
         } else if stray && !subject.numbers_answers() {
             self.stray += 1;
         } else {
-            self.broken.push(told());
+            self.broken.push(output());
         }
     }
 
@@ -160,8 +160,8 @@ static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 fn note_panics() {
     panic::set_hook(Box::new(|panic| {
-        let told = format!("{panic}");
-        PANICS.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(told);
+        let output = format!("{panic}");
+        PANICS.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(output);
     }));
 }
 
@@ -178,7 +178,7 @@ fn campaign(runs: u64, bad: bool) {
     let mut rows: BTreeMap<Subject, (usize, Outcome)> = BTreeMap::new();
     let mut broken = Vec::new();
     for ((subject, seed), outcome) in jobs.iter().zip(in_parallel(&jobs, |&(subject, seed)| run(subject, seed, bad))) {
-        broken.extend(outcome.broken.iter().map(|told| format!("{subject:?}, seed {seed}: {told}")));
+        broken.extend(outcome.broken.iter().map(|output| format!("{subject:?}, seed {seed}: {output}")));
         let row = rows.entry(*subject).or_default();
         row.0 += 1;
         row.1.join(outcome);
@@ -206,13 +206,13 @@ fn campaign(runs: u64, bad: bool) {
     }
     drop(panic::take_hook());
     let panics = std::mem::take(&mut *PANICS.lock().expect("the hook doesn't panic"));
-    let told: Vec<&String> = panics.iter().chain(&broken).take(SHOWN_MOST).collect();
-    assert!(told.is_empty(), "{} panics, {} broken: {told:#?}", panics.len(), broken.len());
+    let output: Vec<&String> = panics.iter().chain(&broken).take(SHOWN_MOST).collect();
+    assert!(output.is_empty(), "{} panics, {} broken: {output:#?}", panics.len(), broken.len());
     assert!(unseen.is_empty(), "more is falsified unseen than can be: {unseen:?}");
 }
 
 #[test]
-fn nothing_that_can_be_told_from_the_truth_is_taken_for_it() {
+fn nothing_that_can_be_distinguished_from_the_truth_is_taken_for_it() {
     if ran_alone("bad_line::nothing_that_can_be_told_from_the_truth_is_taken_for_it") {
         return;
     }

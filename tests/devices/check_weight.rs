@@ -28,13 +28,13 @@ fn words(text: &str) -> String {
 #[test]
 fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
     let bench = bench(0.0, "");
-    let told = bench.palpate_ends(0, DOCTOR);
+    let output = bench.palpate_ends(0, DOCTOR);
     for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take the weight off (3 of 3)"] {
-        assert!(told.err.contains(asked), "{}", told.err);
+        assert!(output.err.contains(asked), "{}", output.err);
     }
-    assert!(told.out.contains("verified: ") && told.out.contains("no problems found"), "{}", told.out);
-    assert!(told.out.ends_with("written: `check` of [load_cell] in rig.toml\n"), "{}", told.out);
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert!(output.out.contains("verified: ") && output.out.contains("no problems found"), "{}", output.out);
+    assert!(output.out.ends_with("written: `check` of [load_cell] in rig.toml\n"), "{}", output.out);
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     let written = bench.read("rig.toml");
     let others: Vec<&str> = written.lines().filter(|line| !line.starts_with("check = ")).collect();
     assert_eq!(others, rig(0.0, "").lines().collect::<Vec<_>>());
@@ -45,9 +45,9 @@ fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
 #[test]
 fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_recorded() {
     let bench = bench(1.0, "");
-    let told = bench.palpate_ends(4, DOCTOR);
-    assert!(words(&told.err).contains("its gain is off by +1.0"), "{}", told.err);
-    assert!(words(&told.err).contains("add --adjust"), "{}", told.err);
+    let output = bench.palpate_ends(4, DOCTOR);
+    assert!(words(&output.err).contains("its gain is off by +1.0"), "{}", output.err);
+    assert!(words(&output.err).contains("add --adjust"), "{}", output.err);
     let err = words(&run(&bench, 4));
     assert!(
         err.contains("safety trip: gain-off: 1.0") && err.contains("`palpate doctor --check-weight-n N --adjust`"),
@@ -56,8 +56,8 @@ fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_reco
     assert!(!bench.path("run").exists(), "nothing is made of a run that is refused");
     bench.palpate_ends(4, "doctor rig.toml");
     bench.palpate_ends(4, "align rig.toml");
-    let told = bench.palpate_ends(0, &format!("{DOCTOR} --adjust"));
-    assert!(told.out.contains("adjusted: readings are divided by 1.0"), "{}", told.out);
+    let output = bench.palpate_ends(0, &format!("{DOCTOR} --adjust"));
+    assert!(output.out.contains("adjusted: readings are divided by 1.0"), "{}", output.out);
     assert!(bench.read("rig.toml").contains("adjusted = true }"), "{}", bench.read("rig.toml"));
     let divided = "its readings are divided by 1.0";
     let err = run(&bench, 0);
@@ -68,24 +68,28 @@ fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_reco
     }
     // a check of the adjusted cell changes nothing
     let before = bench.read("rig.toml");
-    let told = bench.palpate_ends(0, DOCTOR);
-    assert!(told.out.contains("verified: ") && told.out.ends_with("the rig's `check` is unchanged\n"), "{}", told.out);
+    let output = bench.palpate_ends(0, DOCTOR);
+    assert!(
+        output.out.contains("verified: ") && output.out.ends_with("the rig's `check` is unchanged\n"),
+        "{}",
+        output.out
+    );
     assert_eq!(bench.read("rig.toml"), before);
 }
 
 #[test]
-fn a_cell_that_changed_since_it_was_adjusted_for_is_told() {
+fn a_cell_that_changed_since_it_was_adjusted_for_is_reported() {
     let adjusted = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.02, gain_sd = 0.0002, times = 3, date = \
                     \"2026-05-04\", adjusted = true }\n";
     let bench = bench(3.0, adjusted);
-    let told = bench.palpate_ends(4, DOCTOR);
-    assert!(told.out.contains("(adjusted by 1.02)"), "{}", told.out);
+    let output = bench.palpate_ends(4, DOCTOR);
+    assert!(output.out.contains("(adjusted by 1.02)"), "{}", output.out);
     assert!(words(&run(&bench, 4)).contains("gain-off"));
 }
 
 #[test]
 fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
-    for (gain_error_percent, told) in [
+    for (gain_error_percent, output) in [
         (-50.0, "it read 0.5"),
         (25.0, "isn't adjusted help: check that the transmitter's range matches the cell's rating plate"),
         (-200.0, "its sign is wrong. The weight pressed, but the cell read negative"),
@@ -94,7 +98,7 @@ fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
     ] {
         let bench = bench(gain_error_percent, CERTIFICATE);
         let err = words(&bench.palpate_ends(4, &format!("{DOCTOR} --adjust")).err);
-        assert!(err.contains(told), "{gain_error_percent}: {err}");
+        assert!(err.contains(output), "{gain_error_percent}: {err}");
         assert!(!bench.read("rig.toml").contains("adjusted"), "{gain_error_percent}");
         assert!(words(&run(&bench, 4)).contains("gain-off"), "{gain_error_percent}");
     }
@@ -105,9 +109,9 @@ fn a_weight_that_hangs_pulls() {
     let pulled = bench(0.0, "").palpate_ends(0, &format!("{DOCTOR} --pull"));
     assert!(pulled.err.contains("hang the weight from the tip (0.5 N, 1 of 3)"), "{}", pulled.err);
     let bench = bench(-200.0, "");
-    let told = bench.palpate_ends(4, &format!("{DOCTOR} --pull --json"));
-    assert!(words(&told.err).contains("The weight pulled, but the cell read positive"), "{}", told.err);
-    let found = &told.json_lines()[0]["check_weight"];
+    let output = bench.palpate_ends(4, &format!("{DOCTOR} --pull --json"));
+    assert!(words(&output.err).contains("The weight pulled, but the cell read positive"), "{}", output.err);
+    let found = &output.json_lines()[0]["check_weight"];
     assert_eq!((found["verdict"].as_str(), found["pull"].as_bool()), (Some("wrong-sign"), Some(true)), "{found}");
     assert!((found["gain"].as_f64().unwrap() + 1.0).abs() < 0.005, "{found}");
 }
@@ -115,15 +119,15 @@ fn a_weight_that_hangs_pulls() {
 #[test]
 fn a_weight_that_nobody_notices_is_waited_for_a_minute() {
     let bench = bench(-99.0, "");
-    let told = bench.palpate_ends(4, DOCTOR);
-    assert!(words(&told.err).contains("safety trip: no-weight: 0.00"), "{}", told.err);
+    let output = bench.palpate_ends(4, DOCTOR);
+    assert!(words(&output.err).contains("safety trip: no-weight: 0.00"), "{}", output.err);
     assert_eq!(bench.read("rig.toml"), rig(-99.0, ""));
 }
 
 #[test]
 fn a_weight_is_refused_before_anything_moves() {
     let bench = bench(0.0, "");
-    for (args, told) in [
+    for (args, output) in [
         (
             "--check-weight-n 2.5",
             "--check-weight-n is 2.5 N; it must be above 0 and at most the rig's force limit of 2 N",
@@ -138,7 +142,7 @@ fn a_weight_is_refused_before_anything_moves() {
         ("--check-weight-n 0.5 --push --pull", "'--push' cannot be used with '--pull'"),
     ] {
         let err = words(&bench.palpate_ends(2, &format!("doctor rig.toml {args}")).err);
-        assert!(err.contains(told), "{args}: {err}");
+        assert!(err.contains(output), "{args}: {err}");
     }
 }
 
@@ -146,11 +150,11 @@ fn a_weight_is_refused_before_anything_moves() {
 fn a_simulated_gain_is_not_written_to_a_real_rig() {
     let esp301 = shipped_text("rigs/esp301.toml");
     let bench = Bench::with([("rig.toml", esp301.as_str())]);
-    let told = bench.palpate_ends(0, &format!("{DOCTOR} --simulate"));
+    let output = bench.palpate_ends(0, &format!("{DOCTOR} --simulate"));
     assert!(
-        told.out.ends_with("not written: the gain of a simulated load cell doesn't apply to a real one\n"),
+        output.out.ends_with("not written: the gain of a simulated load cell doesn't apply to a real one\n"),
         "{}",
-        told.out
+        output.out
     );
     assert_eq!(bench.read("rig.toml"), esp301);
 }

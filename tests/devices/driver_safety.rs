@@ -4,7 +4,7 @@
 use palpate_core::quantity::{Axis, Down, Steps};
 use palpate_drivers::Esp301;
 use palpate_drivers::modbus::{ModbusLoadCell, Profile, Transport};
-use palpate_link::device::{HomeSearch, LoadCell as _, Reins, Stage, StageUse};
+use palpate_link::device::{HomeSearch, LoadCell as _, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use palpate_run::rig::{RigSpec, SimulatedRig};
@@ -98,16 +98,16 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
     run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &Reins::default()).await.unwrap();
-        bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &Reins::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 10.0, &MotionOrders::default()).await.unwrap();
+        bench.driver.follow(&[Axis::Z], Duration::from_secs(2), &MotionOrders::default()).await.unwrap();
         bench.command("1PA3");
         sleep(Duration::from_secs(2)).await;
         bench.command("1MF");
         assert!(bench.at_mm(Axis::Z) < -0.9, "pressing");
         let watch = sideways_in_contact(bench.scene.clone(), bench.origin, 0.3);
         // whether it homes x after a retreat of its own or refuses to go on is its choice
-        let never = Reins::default();
+        let never = MotionOrders::default();
         let moved = tokio::select! {
             biased;
             moved = watch => moved,
@@ -123,10 +123,10 @@ fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
     run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
-        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
-        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &Reins::default()).await.unwrap();
-        made_ready(&mut bench.driver, &bench.usage, &Reins::default()).await.unwrap();
-        let here_mm = bench.driver.position_mm(Axis::Z, &Reins::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
+        bench.driver.begin(&[(Axis::Z, -1.0)], 1.0, &MotionOrders::default()).await.unwrap();
+        made_ready(&mut bench.driver, &bench.usage, &MotionOrders::default()).await.unwrap();
+        let here_mm = bench.driver.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap();
         sleep(Duration::from_secs(1)).await;
         assert!((bench.at_mm(Axis::Z) - here_mm).abs() < 0.001, "from {here_mm} mm to {} mm", bench.at_mm(Axis::Z));
     });
@@ -164,7 +164,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
                     sleep(Duration::from_millis(2)).await;
                 }
             };
-            let never = Reins::default();
+            let never = MotionOrders::default();
             tokio::select! {
                 biased;
                 () = deepest => {}
@@ -207,8 +207,8 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
                 far.write_all(answer).await.unwrap();
             }
         });
-        assert_eq!(driver.follow(&[Axis::Z], Duration::ZERO, &Reins::default()).await.unwrap(), [-0.4321]);
-        assert_eq!(driver.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -0.4321);
+        assert_eq!(driver.follow(&[Axis::Z], Duration::ZERO, &MotionOrders::default()).await.unwrap(), [-0.4321]);
+        assert_eq!(driver.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -0.4321);
     });
 }
 
@@ -216,7 +216,7 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
 fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
     run_virtually(async {
         let stopped_s = Arc::new(Mutex::new(None));
-        let (told, began) = (stopped_s.clone(), Instant::now());
+        let (output, began) = (stopped_s.clone(), Instant::now());
         let mut driver = scripted(move |mut far| async move {
             let mut garbled = false;
             while let Some(line) = line_from(&mut far).await {
@@ -231,7 +231,7 @@ fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
                         b"ESP301 Version 1.1.1 16/01/14\r\n"
                     }
                     "ST" => {
-                        *told.lock().unwrap() = Some(began.elapsed().as_secs_f64());
+                        *output.lock().unwrap() = Some(began.elapsed().as_secs_f64());
                         b""
                     }
                     _ => b"",
@@ -239,12 +239,12 @@ fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
                 far.write_all(answer).await.unwrap();
             }
         });
-        let reins = Reins::default();
+        let orders = MotionOrders::default();
         let ask_for_it = async {
             sleep(Duration::from_millis(30)).await;
-            reins.stop();
+            orders.stop();
         };
-        let (followed, ()) = tokio::join!(driver.follow(&[Axis::Z], Duration::ZERO, &reins), ask_for_it);
+        let (followed, ()) = tokio::join!(driver.follow(&[Axis::Z], Duration::ZERO, &orders), ask_for_it);
         followed.unwrap();
         let stopped_s = stopped_s.lock().unwrap().expect("ST was sent");
         assert!(stopped_s < 0.05, "asked for at 0.03 s, sent at {stopped_s} s");

@@ -54,13 +54,13 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
         String::from_utf8_lossy(&z).trim().parse::<f64>().expect("a position")
     };
     let stands_mm = z_mm();
-    let told = bench.palpate_ends(2, "run press.toml --rig rig.toml --out unconfirmed");
-    assert!(told.running().contains("nothing was moved. Run `palpate doctor` at a terminal once"), "{}", told.err);
+    let output = bench.palpate_ends(2, "run press.toml --rig rig.toml --out unconfirmed");
+    assert!(output.running().contains("nothing was moved. Run `palpate doctor` at a terminal once"), "{}", output.err);
     assert_eq!((z_mm(), &bench.manifest("unconfirmed")["presses_done"]), (stands_mm, &0.into()), "nothing moves");
-    let told = Live::start(bench.command("run press.toml --rig rig.toml --out run --json --confirmed down"));
-    let told = told.end_within(PRESSED);
-    assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
-    assert_eq!(told.json_lines().len(), 1);
+    let output = Live::start(bench.command("run press.toml --rig rig.toml --out run --json --confirmed down"));
+    let output = output.end_within(PRESSED);
+    assert_eq!(output.code, Some(0), "{}\n{}", output.out, output.err);
+    assert_eq!(output.json_lines().len(), 1);
     let manifest = bench.manifest("run");
     assert_eq!((&manifest["status"], &manifest["simulated"]), (&"complete".into(), &false.into()));
     let link = |device: usize| manifest["devices"][device]["link"].as_str().unwrap_or_default().to_owned();
@@ -71,21 +71,21 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
 
     // stopped in contact, as the middle unit feels; the stage itself says where it stands then
     let live = Live::start(bench.command("run held.toml --rig rig.toml --out stopped --json --confirmed down"));
-    live.until_told("from press 1");
+    live.until_printed("from press 1");
     let began = Instant::now();
     while registers(&array, 8) < 0.5 {
         assert!(began.elapsed() < PRESSED, "no contact yet");
     }
     live.signal("TERM"); // a Ctrl-C would wait for the end of the press
-    let told = live.end();
-    assert_eq!(told.code, Some(130), "{}\n{}", told.out, told.err);
+    let output = live.end();
+    assert_eq!(output.code, Some(130), "{}\n{}", output.out, output.err);
     assert_eq!(bench.manifest("stopped")["status"], "stopped");
     let z_mm = z_mm();
     assert!(z_mm > 9.3, "parked above the highest the surface may be, not at {z_mm} mm");
 
     emulators.signal("TERM");
-    let told = emulators.end();
-    assert_eq!((told.code, told.out.as_str(), told.err.as_str()), (Some(0), "", ""));
+    let output = emulators.end();
+    assert_eq!((output.code, output.out.as_str(), output.err.as_str()), (Some(0), "", ""));
 }
 
 #[test]

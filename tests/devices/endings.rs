@@ -3,7 +3,7 @@
 //!
 //! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
 
-use palpate_testing::{Bench, Live, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Live, Printed, SMALL, exchanged, shipped_text};
 use std::fs;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -176,9 +176,9 @@ fn since_s(first: SystemTime, second: SystemTime) -> f64 {
 }
 
 /// Ends a program, and says how long that took from some moment.
-fn ended(live: Live, from: SystemTime) -> (Told, f64) {
-    let told = live.end();
-    (told, since_s(from, SystemTime::now()))
+fn ended(live: Live, from: SystemTime) -> (Printed, f64) {
+    let output = live.end();
+    (output, since_s(from, SystemTime::now()))
 }
 
 fn assert_within(what: &str, s: f64, least_s: f64, most_s: f64) {
@@ -189,16 +189,16 @@ fn assert_within(what: &str, s: f64, least_s: f64, most_s: f64) {
 #[test]
 fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
     let scripts = Scripts::that_homes_toward();
-    let told = Live::start(scripts.bench.command("doctor rig.toml --confirmed down")).end();
-    let said = told.running();
+    let output = Live::start(scripts.bench.command("doctor rig.toml --confirmed down")).end();
+    let said = output.running();
     let expected = "homes z toward the specimen, it isn't confirmed that nothing is in the way, and there is no terminal to ask \
                     at: nothing was moved. Take the indenter off or the specimen away, then add --confirmed clear";
     assert!(said.contains(expected), "{said}");
     assert!(!scripts.bench.has("stage.prepared"), "it was prepared");
-    let told = Live::start(scripts.bench.command("withdraw rig.toml --confirmed down")).end();
+    let output = Live::start(scripts.bench.command("withdraw rig.toml --confirmed down")).end();
     let expected = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. Bring z \
                     away from the specimen by hand";
-    assert!(told.running().contains(expected), "{}", told.err);
+    assert!(output.running().contains(expected), "{}", output.err);
     assert!(!scripts.bench.has("stage.prepared"), "it was prepared");
     Live::start(scripts.bench.command("doctor rig.toml --confirmed down --confirmed clear")).end();
     assert!(scripts.bench.has("stage.toward"), "it was not sent home");
@@ -207,9 +207,9 @@ fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
 #[test]
 fn programs_that_heed_the_end_of_their_input_get_no_signal() {
     let scripts = Scripts::new("late", "well", "well");
-    let (told, _) = ended(scripts.doctor(), SystemTime::now());
+    let (output, _) = ended(scripts.doctor(), SystemTime::now());
     // outputs that are all alike are no fault of a doctor's visit; nothing shows that the load cell measures force
-    assert_eq!(told.code, Some(1), "{}{}", told.out, told.err);
+    assert_eq!(output.code, Some(1), "{}{}", output.out, output.err);
     assert!(scripts.bench.has("stage.rest"), "it was ended before its device was at rest, or by its last word");
     assert_within("at rest after the end of its input", scripts.between_s("stage.eof", "stage.rest"), 0.7, TERM_S);
     assert_within("the others' ends", scripts.between_s("stage.eof", "array.eof").abs(), 0.0, TERM_S);
@@ -219,12 +219,12 @@ fn programs_that_heed_the_end_of_their_input_get_no_signal() {
 #[test]
 fn a_program_that_ignores_the_end_of_its_input_is_asked_to_end_and_then_killed() {
     let scripts = Scripts::new("well", "deaf", "well");
-    let (told, end_s) = {
+    let (output, end_s) = {
         let live = scripts.doctor();
         scripts.until("load_cell.eof");
         ended(live, scripts.at("load_cell.eof"))
     };
-    assert_eq!(told.code, Some(1), "{}{}", told.out, told.err);
+    assert_eq!(output.code, Some(1), "{}{}", output.out, output.err);
     assert_within("SIGTERM", scripts.between_s("load_cell.eof", "load_cell.term"), TERM_S, TERM_S + BUSY_S);
     assert_within("the end", end_s, TERM_S, TERM_S + BUSY_S);
     scripts.assert_all_ended();
@@ -234,8 +234,8 @@ fn a_program_that_ignores_the_end_of_its_input_is_asked_to_end_and_then_killed()
     scripts.until("stage.hung");
     let asked = SystemTime::now();
     live.signal("TERM");
-    let (told, end_s) = ended(live, asked);
-    assert_eq!(told.code, Some(130), "{}", told.err);
+    let (output, end_s) = ended(live, asked);
+    assert_eq!(output.code, Some(130), "{}", output.err);
     let whole_s = STOPPED_S + TERM_S + KILL_S;
     assert_within("the end of who ignores SIGTERM too", end_s, whole_s, whole_s + BUSY_S);
     scripts.assert_all_ended();
@@ -249,9 +249,9 @@ fn a_stage_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
         scripts.until("stage.hung");
         let asked = SystemTime::now();
         live.signal(signal);
-        let (told, end_s) = ended(live, asked);
-        assert_eq!(told.code, Some(130), "{manner}, {signal}: {}", told.err);
-        assert!(told.err.contains("stopping") && !told.err.contains("finished first"), "{}", told.err);
+        let (output, end_s) = ended(live, asked);
+        assert_eq!(output.code, Some(130), "{manner}, {signal}: {}", output.err);
+        assert!(output.err.contains("stopping") && !output.err.contains("finished first"), "{}", output.err);
         let least_s = if manner == "hung" { STOPPED_S + TERM_S } else { STOPPED_S };
         assert_within(&format!("{manner}, {signal}"), end_s, least_s, least_s + BUSY_S);
         if manner == "mute" {
@@ -274,8 +274,8 @@ fn a_reader_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
         scripts.until(&format!("{role}.hung"));
         let asked = SystemTime::now();
         live.signal("INT");
-        let (told, end_s) = ended(live, asked);
-        assert_eq!(told.code, Some(130), "{role}: {}", told.err);
+        let (output, end_s) = ended(live, asked);
+        assert_eq!(output.code, Some(130), "{role}: {}", output.err);
         assert_within(&format!("the end, {role}"), end_s, 0.0, BUSY_S);
         scripts.assert_all_ended();
     }
@@ -286,20 +286,20 @@ fn what_a_program_that_died_has_started_ends_too() {
     let scripts = Scripts::new("dead", "well", "well");
     let live = scripts.run();
     scripts.until("stage.hung");
-    let (told, end_s) = ended(live, scripts.at("stage.hung"));
-    assert_eq!(told.code, Some(3), "{}", told.err);
+    let (output, end_s) = ended(live, scripts.at("stage.hung"));
+    assert_eq!(output.code, Some(3), "{}", output.err);
     assert_within("the end after the program's", end_s, TERM_S, TERM_S + BUSY_S);
     scripts.assert_all_ended();
 }
 
 #[test]
-fn a_program_that_floods_is_told_and_ended() {
+fn a_program_that_floods_is_reported_and_ended() {
     let scripts = Scripts::new("flooding", "well", "well");
     let live = scripts.run();
     scripts.until("stage.hung");
-    let (told, end_s) = ended(live, scripts.at("stage.hung"));
-    assert_eq!(told.code, Some(3), "{}", told.err);
-    assert!(told.running().contains("it answered \"64 lines\", expected one JSON object"), "{}", told.err);
+    let (output, end_s) = ended(live, scripts.at("stage.hung"));
+    assert_eq!(output.code, Some(3), "{}", output.err);
+    assert!(output.running().contains("it answered \"64 lines\", expected one JSON object"), "{}", output.err);
     assert_within("the end after the flood began", end_s, TERM_S, TERM_S + BUSY_S);
     scripts.assert_all_ended();
 }
@@ -309,9 +309,9 @@ fn a_load_cell_that_hangs_in_a_motion_stops_it_and_ends_the_run_long_before_an_a
     let scripts = Scripts::new("slow", "watching", "well");
     let live = scripts.run();
     scripts.until("load_cell.hung");
-    let (told, end_s) = ended(live, scripts.at("load_cell.hung"));
-    assert_eq!(told.code, Some(3), "{}", told.err);
-    assert!(told.running().contains("while reading the force: no answer to \"read\""), "{}", told.err);
+    let (output, end_s) = ended(live, scripts.at("load_cell.hung"));
+    assert_eq!(output.code, Some(3), "{}", output.err);
+    assert!(output.running().contains("while reading the force: no answer to \"read\""), "{}", output.err);
     assert_within("the stop after the last reading", scripts.between_s("load_cell.hung", "stage.stopped"), 0.25, 1.5);
     assert_within("the end after the last reading", end_s, 0.5, 1.9);
     scripts.assert_all_ended();

@@ -226,10 +226,10 @@ fn a_profile_of_ones_own_is_not_simulated() {
     let rig = shipped_text("rigs/matrix.toml").replace("velostat-16", "mine.toml");
     let mine = include_str!("../../profiles/lines/velostat-16.toml");
     let bench = Bench::with([("rig.toml", &*rig), ("mine.toml", mine)]);
-    let told = bench.palpate_ends(2, "run calibrate --rig rig.toml --simulate");
+    let output = bench.palpate_ends(2, "run calibrate --rig rig.toml --simulate");
     assert!(
-        told.running().contains("a line profile of your own can't be simulated, because nothing else knows"),
+        output.running().contains("a line profile of your own can't be simulated, because nothing else knows"),
         "{}",
-        told.err
+        output.err
     );
 }

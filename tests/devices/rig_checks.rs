@@ -14,17 +14,17 @@ const MOUNTING: &str = "mounting = { x_mm = 0.6, y_mm = -0.4, z_mm = 0.1, rotati
 fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
-        let told = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
-        let (_, advice) = told.out.split_once("\nto do\n").expect("advice");
+        let output = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
+        let (_, advice) = output.out.split_once("\nto do\n").expect("advice");
         // these set the speed of their search for home themselves
         let homes_itself = ["paper", "xps", "grbl"].contains(&rig);
         let homes = usize::from(homes_itself && advice.contains("- stage: it homes at"));
         let items = advice.lines().filter(|line| line.starts_with("- ")).count();
-        assert!(advice.contains(NEITHER) && items == 1 + homes, "{rig}: {}", told.out);
+        assert!(advice.contains(NEITHER) && items == 1 + homes, "{rig}: {}", output.out);
         for expected in ["stage", "load_cell", "array", "noise of a reading", "fastest safe approach:"] {
-            assert!(told.out.contains(expected), "{rig}: no {expected:?} in\n{}", told.out);
+            assert!(output.out.contains(expected), "{rig}: no {expected:?} in\n{}", output.out);
         }
-        let widest = told.out.lines().map(|line| line.chars().count()).max();
+        let widest = output.out.lines().map(|line| line.chars().count()).max();
         assert!(widest <= Some(80), "{rig}: {widest:?} columns");
     }
 }
@@ -33,8 +33,12 @@ fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() 
 fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
-        let told = Bench::new().palpate_ends(0, &format!("withdraw {} --simulate", file.display()));
-        assert!(told.out.contains("away from the specimen; the load cell was read on the way"), "{rig}: {}", told.out);
+        let output = Bench::new().palpate_ends(0, &format!("withdraw {} --simulate", file.display()));
+        assert!(
+            output.out.contains("away from the specimen; the load cell was read on the way"),
+            "{rig}: {}",
+            output.out
+        );
     }
 }
 
@@ -42,8 +46,8 @@ fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
 fn a_load_cell_that_says_nothing_of_use_holds_up_no_withdrawal() {
     for kind in ["stale", "stuck", "no-sensor"] {
         let rig = shipped_text("rigs/sim.toml") + &format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 0.0\n");
-        let told = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "withdraw rig.toml");
-        assert!(told.out.contains("away from the specimen"), "{kind}: {}", told.out);
+        let output = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "withdraw rig.toml");
+        assert!(output.out.contains("away from the specimen"), "{kind}: {}", output.out);
     }
 }
 
@@ -52,18 +56,22 @@ fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
     let said = exchanged(&rig, "conversions_hz = 200.0", "conversions_hz = 200.0\nair_n = [-0.1, 0.1]");
     let bench = Bench::with([("rig.toml", rig.as_str()), ("said.toml", said.as_str()), ("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "doctor rig.toml");
-    assert!(told.out.contains("`air_n = [-0.1, 0.7]`"), "{}", told.out);
-    let told = bench.palpate_ends(4, "doctor said.toml");
-    assert!(told.running().contains("zero-outside: 0.3"), "{}", told.err);
-    let told = bench.palpate_ends(4, "run r.toml --rig said.toml --out run");
-    assert!(told.running().contains("limit 0.1000 N; check whether something touches the indenter"), "{}", told.err);
+    let output = bench.palpate_ends(0, "doctor rig.toml");
+    assert!(output.out.contains("`air_n = [-0.1, 0.7]`"), "{}", output.out);
+    let output = bench.palpate_ends(4, "doctor said.toml");
+    assert!(output.running().contains("zero-outside: 0.3"), "{}", output.err);
+    let output = bench.palpate_ends(4, "run r.toml --rig said.toml --out run");
+    assert!(
+        output.running().contains("limit 0.1000 N; check whether something touches the indenter"),
+        "{}",
+        output.err
+    );
 }
 
 #[test]
 fn the_doctor_measures_what_a_run_reckons_with() {
-    let told = Bench::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
-    let found = &told.json_lines()[0];
+    let output = Bench::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
+    let found = &output.json_lines()[0];
     let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key}: {found}"));
     assert!((number("noise_n") - 0.003).abs() < 0.0005 && number("zero_n").abs() < 0.001, "{found}");
     // conversion 5 ms, half as much again as the longest exchanges of 20 and 10 ms, servo 10 ms
@@ -76,26 +84,30 @@ fn the_doctor_measures_what_a_run_reckons_with() {
 #[test]
 fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_same() {
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
-    let told = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
-    let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
+    let output = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
+    let said = output.out.split_whitespace().collect::<Vec<_>>().join(" ");
     for expected in [
         "is over 2 % of the force limit: a run won't start",
         "in air. This is subtracted, but check whether it is preloaded",
     ] {
-        assert!(said.contains(expected), "no {expected:?} in\n{}", told.out);
+        assert!(said.contains(expected), "no {expected:?} in\n{}", output.out);
     }
     let slow = exchanged(&shipped_text("rigs/sim.toml"), "speed_mm_s = 10.0 ", "speed_mm_s = 100.0 ");
-    let told = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
-    assert!(told.running().contains("reaches at most 25 mm/s, less than the rig's speed_mm_s of 100"), "{}", told.err);
-    assert!(told.out.contains("stage      fails: see below") && told.out.contains("LabJack T7"), "{}", told.out);
+    let output = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
+    assert!(
+        output.running().contains("reaches at most 25 mm/s, less than the rig's speed_mm_s of 100"),
+        "{}",
+        output.err
+    );
+    assert!(output.out.contains("stage      fails: see below") && output.out.contains("LabJack T7"), "{}", output.out);
 }
 
 #[test]
 fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     let rig = shipped_text("rigs/sim.toml") + MOUNTING;
     let bench = Bench::with([("rig.toml", rig.as_str())]);
-    let told = bench.palpate_ends(0, "align rig.toml");
-    assert!(told.out.ends_with("written: [frame] of rig.toml\n"), "{}", told.out);
+    let output = bench.palpate_ends(0, "align rig.toml");
+    assert!(output.out.ends_with("written: [frame] of rig.toml\n"), "{}", output.out);
     let written = bench.read("rig.toml");
     let of =
         |key: &str| written.lines().find(|line| line.starts_with(key)).unwrap_or_else(|| panic!("no {key}")).to_owned();
@@ -115,9 +127,9 @@ fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     let tilt = numbers(&of("tilt_mm_per_mm"));
     assert!(tilt.len() == 2 && tilt[0].hypot(tilt[1]) < 1e-3, "{tilt:?}");
     assert!(
-        of("tilt_mm_per_mm").contains("# aligned, +-") && told.out.contains("um sideways over the surface"),
+        of("tilt_mm_per_mm").contains("# aligned, +-") && output.out.contains("um sideways over the surface"),
         "{}",
-        told.out
+        output.out
     );
     let others = |text: &str| -> Vec<String> {
         let own = ["surface_mm", "origin_mm", "u_origin_mm", "rotation_deg", "tilt_mm_per_mm"];
@@ -138,20 +150,20 @@ fn sloped(per_x: f64) -> String {
 fn a_tilt_is_aligned_stated_by_check_and_refused_above_five_degrees() {
     let (sloped_rig, steep_rig) = (sloped(-0.05), sloped(0.1));
     let bench = Bench::with([("rig.toml", sloped_rig.as_str()), ("steep.toml", &steep_rig), ("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "align rig.toml");
-    assert!(told.out.contains("tilt      2.8") && told.out.contains("travels 5"), "{}", told.out);
-    let told = bench.palpate_ends(0, "check r.toml --rig rig.toml");
+    let output = bench.palpate_ends(0, "align rig.toml");
+    assert!(output.out.contains("tilt      2.8") && output.out.contains("travels 5"), "{}", output.out);
+    let output = bench.palpate_ends(0, "check r.toml --rig rig.toml");
     for expected in
         ["tilted by 2.8", "deeper toward 1", "um sideways per mm of depth", "mm of height over the pressed area"]
     {
-        assert!(told.out.contains(expected), "no {expected:?} in\n{}", told.out);
+        assert!(output.out.contains(expected), "no {expected:?} in\n{}", output.out);
     }
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     let level = bench.palpate_ends(0, &format!("check r.toml --rig {}", shipped("rigs/sim.toml").display()));
     assert!(!level.out.contains("tilted"), "{}", level.out);
 
-    let told = bench.palpate_ends(1, "align steep.toml");
-    let said = told.running();
+    let output = bench.palpate_ends(1, "align steep.toml");
+    let said = output.running();
     assert!(said.contains("tilted by 5.7") && said.contains("shim the specimen"), "{said}");
     assert_eq!(bench.read("steep.toml"), steep_rig);
 }
@@ -164,11 +176,11 @@ fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
         ("sim.toml", &shipped_text("rigs/sim.toml")),
         ("real.toml", &shipped_text("rigs/esp301.toml")),
     ]);
-    let told = bench.palpate_ends(1, "align swapped.toml");
-    assert!(told.running().contains("can't locate the array"), "{}", told.err);
+    let output = bench.palpate_ends(1, "align swapped.toml");
+    assert!(output.running().contains("can't locate the array"), "{}", output.err);
     assert!(bench.palpate_ends(0, "align sim.toml --dry-run").out.ends_with("not written (--dry-run)\n"));
-    let told = bench.palpate_ends(0, "align real.toml --simulate");
-    assert!(told.out.ends_with("not written (a simulated frame doesn't apply to a real rig)\n"), "{}", told.out);
+    let output = bench.palpate_ends(0, "align real.toml --simulate");
+    assert!(output.out.ends_with("not written (a simulated frame doesn't apply to a real rig)\n"), "{}", output.out);
     for (file, rig) in [("swapped.toml", &swapped), ("sim.toml", &shipped_text("rigs/sim.toml"))] {
         assert_eq!(&bench.read(file), rig);
     }
@@ -184,13 +196,13 @@ fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with
     );
     let marlin = exchanged(&shipped_text("rigs/grbl.toml"), "\"grbl\"", "\"marlin\"");
     let bench = Bench::with([("mixed.toml", mixed.as_str()), ("marlin.toml", &marlin)]);
-    let told = bench.palpate_ends(2, "doctor mixed.toml");
-    assert!(told.running().contains("some links are simulated and others are real"), "{}", told.err);
-    let told = bench.palpate_ends(2, "doctor marlin.toml");
+    let output = bench.palpate_ends(2, "doctor mixed.toml");
+    assert!(output.running().contains("some links are simulated and others are real"), "{}", output.err);
+    let output = bench.palpate_ends(2, "doctor marlin.toml");
     assert!(
-        told.running().contains("Marlin can't control a force: it reports where a motion will end"),
+        output.running().contains("Marlin can't control a force: it reports where a motion will end"),
         "{}",
-        told.err
+        output.err
     );
 }
 
@@ -214,9 +226,9 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
         ),
     ] {
         let bench = Bench::with([("rig.toml", with(command).as_str())]);
-        let told = bench.palpate_ends(3, "doctor rig.toml --confirmed down");
-        let told = told.running();
-        assert!(parts.iter().all(|part| told.contains(part)) && !told.contains("cable"), "{command}: {told}");
+        let output = bench.palpate_ends(3, "doctor rig.toml --confirmed down");
+        let output = output.running();
+        assert!(parts.iter().all(|part| output.contains(part)) && !output.contains("cable"), "{command}: {output}");
     }
 }
 
@@ -224,8 +236,8 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
 fn emulate_names_what_has_no_socket_and_refuses_a_port_for_it() {
     let rig = shipped("rigs/paper.toml");
     let bench = Bench::new();
-    let told = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));
-    assert!(told.running().contains("daqmx has no socket"), "{}", told.err);
-    let told = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));
-    assert!(told.running().contains("there is no device with this name"), "{}", told.err);
+    let output = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));
+    assert!(output.running().contains("daqmx has no socket"), "{}", output.err);
+    let output = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));
+    assert!(output.running().contains("there is no device with this name"), "{}", output.err);
 }

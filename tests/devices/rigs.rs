@@ -4,7 +4,7 @@
 use palpate_core::quantity::{ArrayLayout, Axis, Place};
 use palpate_data::dataset::Recorded;
 use palpate_data::dataset::evaluate::Trial;
-use palpate_link::device::{DeviceProblem, Instruments, Reins, Stage};
+use palpate_link::device::{DeviceProblem, Instruments, MotionOrders, Stage};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{FaultKind, SceneFault};
@@ -121,22 +121,22 @@ fn x_and_y_of_an_xps_are_homed_only_with_z_away_also_if_z_is_in_contact_and_home
         xps_in_groups()[1].clone() + "\n[scene]" + shipped_text("rigs/paper.toml").split_once("[scene]").unwrap().1;
     let spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
     run_virtually(async {
-        let reins = Reins::default();
+        let orders = MotionOrders::default();
         let simulated = spec.emulators(1).expect("emulators");
         let (scene, origin) = (simulated.scene.clone(), Instant::now());
         let truth = || scene.lock().expect("sound").take_truth(origin.elapsed().as_secs_f64());
         let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } =
             spec.open_on(simulated).expect("drivers");
         stage.identify(&stage_use).await.expect("a stage");
-        assert!(stage.home_z(&stage_use, &reins).await.expect("z at home"), "z has its own group");
+        assert!(stage.home_z(&stage_use, &orders).await.expect("z at home"), "z has its own group");
         // the surface is at -5 mm
-        stage.begin(&[(Axis::Z, -6.0)], 5.0, &reins).await.expect("a motion");
-        stage.follow(&[Axis::Z], Duration::from_secs(3), &reins).await.expect("its end");
+        stage.begin(&[(Axis::Z, -6.0)], 5.0, &orders).await.expect("a motion");
+        stage.follow(&[Axis::Z], Duration::from_secs(3), &orders).await.expect("its end");
         let before = truth();
         assert!(before.force_peak_n > 0.3, "{before:?}");
-        stage.home(&stage_use, &reins).await.expect("all at home");
+        stage.home(&stage_use, &orders).await.expect("all at home");
         assert_eq!(truth().slid_mm, 0.0, "it slid over the specimen");
-        let z_mm = stage.position_mm(Axis::Z, &reins).await.expect("z");
+        let z_mm = stage.position_mm(Axis::Z, &orders).await.expect("z");
         assert!((z_mm - 12.5).abs() < 0.01, "{z_mm} mm");
     });
 }
@@ -156,26 +156,26 @@ fn guard_ends_a_motion(rig: &str) {
     let leap_s = 20.0;
     spec.scene.faults.push(SceneFault { kind: FaultKind::DriftedZero, from_s: leap_s, value: Some(5.0) });
     run_virtually(async {
-        let (began, reins) = (Instant::now(), Reins::default());
+        let (began, orders) = (Instant::now(), MotionOrders::default());
         let OpenRig { instruments: Instruments { mut stage, .. }, stage_use, .. } = spec.open(1).expect("drivers");
-        made_ready(&mut stage, &stage_use, &reins).await.expect("a stage");
+        made_ready(&mut stage, &stage_use, &orders).await.expect("a stage");
         stage.guard(Some(2.05)).await.expect("a guard");
         sleep_until(began + Duration::from_secs_f64(leap_s - 1.0)).await;
         // alone in its group, z is away from where x and y were homed; with them, it is at its home
-        let from_mm = stage.position_mm(Axis::Z, &reins).await.expect("a place");
-        stage.begin(&[(Axis::Z, 10.0)], 2.0, &reins).await.expect("a motion");
+        let from_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
+        stage.begin(&[(Axis::Z, 10.0)], 2.0, &orders).await.expect("a motion");
         let begun_s = began.elapsed().as_secs_f64();
-        let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &reins).await.expect_err("it was ended");
+        let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &orders).await.expect_err("it was ended");
         assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n: 2.05 }), "{error}");
         // under way for less than a second at 2 mm/s: what it loses at the start, 0.02 mm, it takes to brake
         let ran_mm = 2.0 * (leap_s - begun_s);
-        let at_mm = stage.position_mm(Axis::Z, &reins).await.expect("a place");
+        let at_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
         let went_mm = (at_mm - from_mm).abs();
         assert!((0.0..0.15).contains(&(went_mm - ran_mm)), "z went {went_mm} mm, {ran_mm} mm when the force came");
         // it has done its duty: the way out is free
         stage.guard(None).await.expect("none any more");
-        stage.begin(&[(Axis::Z, 10.0)], 10.0, &reins).await.expect("the way out");
-        let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &reins).await.expect("the way out");
+        stage.begin(&[(Axis::Z, 10.0)], 10.0, &orders).await.expect("the way out");
+        let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &orders).await.expect("the way out");
         assert!((places_mm[0] - 10.0).abs() < 0.001, "{places_mm:?}");
     });
 }
@@ -191,8 +191,8 @@ fn every_shipped_map_of_a_load_cell_fits_its_emulator() {
     ] {
         let rig = exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""));
         let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
-        let told = bench.palpate_ends(0, "doctor rig.toml --json").json_lines().remove(0);
-        let identity = told["devices"][1]["identity"]["identity"].as_str().expect("a name");
+        let output = bench.palpate_ends(0, "doctor rig.toml --json").json_lines().remove(0);
+        let identity = output["devices"][1]["identity"]["identity"].as_str().expect("a name");
         assert!(identity.starts_with(name), "{map}: {identity}");
         bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
         assert_eq!(

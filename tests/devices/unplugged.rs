@@ -138,7 +138,7 @@ impl Sound {
         let mut plan = plan(&spec, &RECIPE.replace("STRATEGY", setup.strategy.name()), 1);
         plan.entries.truncate(if setup.strategy == Strategy::Map { TEACHES + PRESSES } else { PRESSES });
         let walked = Kept::new(&spec, &plan).walk(&spec, &plan, None);
-        assert_eq!(walked.ending.status(), Status::Complete, "{setup:?}: {:?}", walked.ending.told());
+        assert_eq!(walked.ending.status(), Status::Complete, "{setup:?}: {:?}", walked.ending.text());
         assert_eq!(walked.contacts.len(), plan.entries.len(), "{setup:?}");
         for phase in Phase::ALL {
             // each press ends above the place of the next: a run's first travels alone, which of a map's teaches
@@ -184,7 +184,7 @@ impl Sound {
             kept = kept.reopen(spec);
             let resumed = kept.walk(spec, plan, None);
             if resumed.ending.status() != Status::Complete {
-                wrong.push(format!("resumed, it ended {:?}", resumed.ending.told()));
+                wrong.push(format!("resumed, it ended {:?}", resumed.ending.text()));
             }
             if !resumed.worst.is_within(spec) {
                 wrong.push(format!("resumed: {:?}", resumed.worst));
@@ -201,7 +201,7 @@ impl Sound {
         let Fate { device, at, .. } = case.fate;
         let Walked { ending, worst, z_mm, at_rest, .. } = walked;
         let mut wrong = Vec::new();
-        let mut check = |right: bool, told: String| wrong.extend((!right).then_some(told));
+        let mut check = |right: bool, text: String| wrong.extend((!right).then_some(text));
         check(walked.phases.get(at) == Some(&Some(case.phase)), "it struck in another phase".to_owned());
         check(walked.virtual_s < self.walked.virtual_s + LONGER_S, format!("it took {:.0} s", walked.virtual_s));
         check(worst.is_within(&self.spec), format!("{worst:?}"));
@@ -209,16 +209,16 @@ impl Sound {
         check(self.walked.contacts.starts_with(&walked.contacts), "what was recorded is another".to_owned());
         let must_park = device != SceneDevice::Stage || ending.unparked.is_none();
         let parked = *z_mm <= self.spec.clear_mm() + PARKED_MM;
-        check(!must_park || parked, format!("it isn't parked: z is {z_mm} mm, {:?}", ending.told()));
-        check(device == SceneDevice::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.told()));
+        check(!must_park || parked, format!("it isn't parked: z is {z_mm} mm, {:?}", ending.text()));
+        check(device == SceneDevice::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.text()));
         match &ending.halt {
             None => check(walked.contacts.len() == self.plan.entries.len(), "it ended too soon".to_owned()),
             Some(_) => {
                 let failed = matches!(ending.status(), Status::Failed | Status::Tripped);
                 check(failed, format!("{:?}", ending.status()));
-                let told = ending.told().unwrap_or_default();
+                let output = ending.text().unwrap_or_default();
                 // what is said of parking names the stage in any case
-                let halted = told.split("; the stage could not be parked").next().unwrap_or_default();
+                let halted = output.split("; the stage could not be parked").next().unwrap_or_default();
                 let shared = self.devices().len() < SceneDevice::ALL.len();
                 let names: &[&str] = match device {
                     SceneDevice::Stage if shared => &["stage", "load cell"],
@@ -226,7 +226,7 @@ impl Sound {
                     SceneDevice::LoadCell => &["load cell"],
                     SceneDevice::Array => &["array"],
                 };
-                check(names.iter().any(|name| halted.contains(name)), format!("it says {told:?}"));
+                check(names.iter().any(|name| halted.contains(name)), format!("it says {output:?}"));
             }
         }
         wrong

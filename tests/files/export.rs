@@ -77,8 +77,8 @@ fn nothing_is_overwritten_and_several_runs_share_a_folder() {
         ("export runs/a --lake runs", "runs isn't a lake of palpate, and isn't an empty folder"),
         ("export runs/a --lake kept.npz", "kept.npz isn't a lake of palpate, and isn't an empty folder"),
     ] {
-        let told = bench.palpate_ends(2, words);
-        assert!(told.running().contains(expected), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, words);
+        assert!(output.running().contains(expected), "{words}: {}", output.err);
     }
     assert_eq!(bench.read("kept.npz"), "kept");
     bench.palpate_ends(0, "export runs/a runs/b --format mat --out both");

@@ -53,8 +53,8 @@ fn a_table_of_any_format_gives_the_presses_of_its_csv() {
         bench.palpate_ends(0, &format!("fit {file} {SHORT} --solver pearson --out {out}"));
     }
     let evaluated = |table: &str| {
-        let told = bench.palpate_ends(0, &format!("evaluate {table} {table} {SHORT} --solver pearson --json"));
-        let mut value: serde_json::Value = serde_json::from_str(&told.out).unwrap();
+        let output = bench.palpate_ends(0, &format!("evaluate {table} {table} {SHORT} --solver pearson --json"));
+        let mut value: serde_json::Value = serde_json::from_str(&output.out).unwrap();
         value.as_object_mut().unwrap().remove("ns_per_solve");
         value
     };
@@ -81,8 +81,8 @@ fn what_is_wrong_is_named_with_sheet_row_and_column() {
         ("import text.xlsx", "text.xlsx: not a workbook that can be read"),
         ("import none.xlsx", "none.xlsx: can't be read"),
     ] {
-        let told = bench.palpate_ends(2, &format!("{words} {SHORT}"));
-        assert!(told.running().contains(expected), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, &format!("{words} {SHORT}"));
+        assert!(output.running().contains(expected), "{words}: {}", output.err);
         assert!(!bench.has("runs"), "{words}");
     }
 }

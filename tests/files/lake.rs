@@ -49,16 +49,16 @@ fn the_queries_of_the_book_find_something() {
     let python = Python::with("import duckdb");
     let page = shipped("docs/how-to/files.md");
     let words = ["queries".into(), bench.path("").into_os_string(), page.into_os_string()];
-    let told = said(python.script("lake.py", words));
-    let found: Vec<(usize, usize)> = told
+    let output = said(python.script("lake.py", words));
+    let found: Vec<(usize, usize)> = output
         .lines()
         .map(|line| line.split(' ').take(2).map(|count| count.parse().unwrap()).collect::<Vec<usize>>())
         .map(|counts| (counts[0], counts[1]))
         .collect();
-    assert_eq!(found.len(), 5, "{told}");
-    assert!(found.iter().all(|(rows, _)| *rows > 0), "{told}");
+    assert_eq!(found.len(), 5, "{output}");
+    assert!(found.iter().all(|(rows, _)| *rows > 0), "{output}");
     // the force's uncertainty isn't known without a certificate of the load cell
-    assert!(found.iter().filter(|(_, whole)| *whole > 0).count() >= 4, "{told}");
+    assert!(found.iter().filter(|(_, whole)| *whole > 0).count() >= 4, "{output}");
 }
 
 #[test]

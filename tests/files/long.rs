@@ -14,8 +14,8 @@ fn a_long_run_is_in_the_lake_whole() {
     let mut lake = Lake::open(&place).unwrap();
     let staged = lake.stage(&run).unwrap();
     assert_eq!(visible(&place), [], "nothing is seen before it is published");
-    let told = lake.publish(staged).unwrap();
-    assert!(told.starts_with(&format!("{PRESSES} presses at ")), "{told}");
+    let output = lake.publish(staged).unwrap();
+    assert!(output.starts_with(&format!("{PRESSES} presses at ")), "{output}");
     let rows: Vec<i64> = visible(&place).into_iter().map(|(_, rows)| rows).collect();
     assert_eq!(rows, [PRESSES as i64]);
 }

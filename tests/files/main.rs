@@ -40,8 +40,8 @@ random = { count = 20, x_mm = [-5.0, 5.0], y_mm = [-5.0, 5.0], force_n = [0.8, 1
 fn bench<'a>(runs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
     let bench = Bench::with([("every.toml", RECIPE)]);
     for (seed, (run, labels)) in runs.into_iter().enumerate() {
-        let told = bench.palpate(&format!("run every.toml --out {run} --seed {} {labels}", seed + 1));
-        assert!(matches!(told.code, Some(0 | 1)), "{}\n{}", told.out, told.err);
+        let output = bench.palpate(&format!("run every.toml --out {run} --seed {} {labels}", seed + 1));
+        assert!(matches!(output.code, Some(0 | 1)), "{}\n{}", output.out, output.err);
     }
     bench
 }

@@ -16,9 +16,9 @@ fn a_tier_is_quick_or_full_or_a_multiple_of_full() {
         assert_eq!(Tier::parse(value), Ok(expected), "{value:?}");
     }
     for value in ["", "all", "0", "-1", "nan", "inf", "full "] {
-        let told = Tier::parse(Some(value)).expect_err(value);
+        let output = Tier::parse(Some(value)).expect_err(value);
         for part in ["PALPATE_TESTS", value, "`quick`", "`full`", "`0.2`"] {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(output.contains(part), "{part}: {output}");
         }
     }
 }

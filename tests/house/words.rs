@@ -77,9 +77,9 @@ fn listed_words_are_in_no_string_and_no_doc() {
 #[test]
 fn the_scanner_reads_strings_and_docs_and_no_code() {
     let source = r##"//! One.
-let told = 'x'; /// Two `told` three.
-// told
-const A: &str = "four {told} \"five\""; const B: char = '"'; fn f<'a>() { r#"six "seven""#; }
+let tells = 'x'; /// Two `tells` three.
+// tells
+const A: &str = "four {output} \"five\""; const B: char = '"'; fn f<'a>() { r#"six "seven""#; }
 "##;
     let read: Vec<(usize, String)> = texts(source).map(|text| (text.line, plain(&text.text, text.is_doc))).collect();
     let words = [(1, "one"), (2, "two three"), (4, "four five"), (4, "six seven")];

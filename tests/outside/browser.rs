@@ -223,8 +223,8 @@ impl Browser {
         fs::write(&watched, format!("{}<script>{LOOK}</script>{}", &text[..end], &text[end..])).expect("a page");
         let name = watched.file_name().expect("a name").to_string_lossy();
         let frame = format!(
-            "<!DOCTYPE html><body style=\"margin:0\"><script>addEventListener('message', (told) => {{\
-             const pre = document.createElement('pre'); pre.id = 'looked'; pre.textContent = told.data;\
+            "<!DOCTYPE html><body style=\"margin:0\"><script>addEventListener('message', (event) => {{\
+             const pre = document.createElement('pre'); pre.id = 'looked'; pre.textContent = event.data;\
              document.body.append(pre); }})</script>\
              <iframe src=\"{name}\" style=\"border:0;width:{width}px;height:2000px\"></iframe></body>"
         );

@@ -46,7 +46,7 @@ fn acquisition(library: DaqmxLibrary, inputs: Vec<Inputs>) -> Acquisition {
 
 fn refused(result: Result<(), DeviceError>) -> String {
     match result.expect_err("an error").problem {
-        DeviceProblem::Refused(told) => told.trim_start_matches("it reports: ").to_owned(),
+        DeviceProblem::Refused(output) => output.trim_start_matches("it reports: ").to_owned(),
         other => panic!("{other}"),
     }
 }
@@ -123,7 +123,7 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
 
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
-async fn what_the_library_refuses_is_told_in_its_own_words() {
+async fn what_the_library_refuses_is_reported_in_its_own_words() {
     let bench = Bench::new();
     let path = stub(&bench, &[]);
     let mut unknown = acquisition(load(&path).expect("the library"), vec![inputs("Dev7/ai0", 1)]);
@@ -169,8 +169,8 @@ fn doctor_meets_a_rigs_own_library() {
         rig = exchanged(&rig, from, to);
     }
     bench.write("rig.toml", &rig);
-    let told = bench.palpate_ends(3, "doctor rig.toml");
-    assert!(told.running().contains("error -200220: Device identifier is invalid."), "{}", told.err);
+    let output = bench.palpate_ends(3, "doctor rig.toml");
+    assert!(output.running().contains("error -200220: Device identifier is invalid."), "{}", output.err);
 }
 
 #[test]
@@ -183,8 +183,8 @@ fn nidaqmx_python_reads_the_same_numbers_of_the_same_stub() {
     let path = stub(&bench, &[]);
     let mut command = python.script("nidaqmx_stub.py", [&path]);
     command.env("LD_LIBRARY_PATH", path.parent().expect("a folder"));
-    let told = said(command);
+    let output = said(command);
     let scans = "[[2.0, 3.0, 4.0], [2.001, 3.001, 4.001], [2.002, 3.002, 4.002]]";
     let text = |error: &'static str| error.split_once(": ").expect("a code and a text").1;
-    assert_eq!(told, format!("{scans}\n{}\n{}\n", text(UNKNOWN_DEVICE), text(OVERRUN)));
+    assert_eq!(output, format!("{scans}\n{}\n{}\n", text(UNKNOWN_DEVICE), text(OVERRUN)));
 }

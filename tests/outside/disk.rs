@@ -7,7 +7,7 @@
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts};
 use palpate_testing::rows::{self, json, kept, numbered};
-use palpate_testing::{Bench, Told, campaign, shared_library, shipped_text};
+use palpate_testing::{Bench, Printed, campaign, shared_library, shipped_text};
 use rustix::process::geteuid;
 use serde_json::Value;
 use std::fs::{self, Permissions};
@@ -119,7 +119,7 @@ fn assert_flushed(session: &str, calls: &[String], least: usize) {
 }
 
 #[test]
-fn a_folder_that_may_not_be_written_is_told_and_left_alone() {
+fn a_folder_that_may_not_be_written_is_reported_and_left_alone() {
     let bench = bench(&half_done());
     let locked = |path: &str, mode: u32| {
         fs::set_permissions(bench.path(path), Permissions::from_mode(mode)).expect("permissions can be set");
@@ -127,9 +127,9 @@ fn a_folder_that_may_not_be_written_is_told_and_left_alone() {
     locked(RUN, 0o555);
     let before = bench.bytes(RUN);
     let refused = |words: &str| {
-        let told = ends_without_privileges(&bench, RECORD, words);
-        assert!(told.running().contains("Permission denied"), "{}", told.err);
-        assert_eq!(told.out, "", "nothing is acknowledged");
+        let output = ends_without_privileges(&bench, RECORD, words);
+        assert!(output.running().contains("Permission denied"), "{}", output.err);
+        assert_eq!(output.out, "", "nothing is acknowledged");
     };
     refused(&format!("resume {RUN} --json"));
     assert!(bench.bytes(RUN) == before, "the run folder is as it was");
@@ -155,7 +155,7 @@ const NOBODY: u32 = 65534;
 
 /// Runs the program as somebody who may not write everywhere: as this user, or where that is root, as nobody, who owns the bench
 /// then and has a copy of the program there.
-fn ends_without_privileges(bench: &Bench, code: i32, words: &str) -> Told {
+fn ends_without_privileges(bench: &Bench, code: i32, words: &str) -> Printed {
     let mut command = bench.command(words);
     if geteuid().is_root() {
         let program = bench.path("palpate");
@@ -168,9 +168,9 @@ fn ends_without_privileges(bench: &Bench, code: i32, words: &str) -> Told {
         others.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
         command = others;
     }
-    let told: Told = command.output().expect("the program starts").into();
-    assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
-    told
+    let printed: Printed = command.output().expect("the program starts").into();
+    assert_eq!(printed.code, Some(code), "palpate {words}\n{}\n{}", printed.out, printed.err);
+    printed
 }
 
 /// Makes nobody the owner of a folder and of all that is in it.
@@ -234,11 +234,11 @@ fn assert_every_call_may_fail(test: &str, start: &Start) {
         let first = failed;
         for call in (1..).step_by(every) {
             assert!(call < CALLS_MOST, "{test}: it doesn't end");
-            let Some((name, told, bench)) = fail(&library, start, mode, *errno, call) else { break };
-            let judged = judge(&bench, start, &told, &name).and_then(|()| tidy(&bench, &files, mode));
+            let Some((name, output, bench)) = fail(&library, start, mode, *errno, call) else { break };
+            let judged = judge(&bench, start, &output, &name).and_then(|()| tidy(&bench, &files, mode));
             failed += 1;
-            let told = |problem: String| format!("{mode} {errno}, call {call} ({name}): {problem}");
-            violations.extend(judged.err().map(told));
+            let output = |problem: String| format!("{mode} {errno}, call {call} ({name}): {problem}");
+            violations.extend(judged.err().map(output));
         }
         assert!(failed > first, "{test}: no call failed, {mode}: is the library loaded?");
     }
@@ -248,27 +248,27 @@ fn assert_every_call_may_fail(test: &str, start: &Start) {
 
 /// One session in which a call fails: which call it was on which file, what was said, and what it left; none if the session
 /// has no such call.
-fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> Option<(String, Told, Bench)> {
-    let (calls, told, bench) = session(library, start, mode, errno, call);
-    Some((calls.into_iter().next()?, told, bench))
+fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> Option<(String, Printed, Bench)> {
+    let (calls, output, bench) = session(library, start, mode, errno, call);
+    Some((calls.into_iter().next()?, output, bench))
 }
 
 /// The calls of a session in which none fails.
 fn calls(library: &Path, start: &Start) -> Vec<String> {
-    let (calls, told, _) = session(library, start, "look", 0, 0);
-    assert_eq!(told.code, Some(DONE), "{}", told.err);
+    let (calls, output, _) = session(library, start, "look", 0, 0);
+    assert_eq!(output.code, Some(DONE), "{}", output.err);
     calls
 }
 
 /// One session with the library: the calls that it noted, each with its file, what was said, and what it left.
-fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> (Vec<String>, Told, Bench) {
+fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> (Vec<String>, Printed, Bench) {
     let bench = bench(start);
     let log = bench.path("failed.log");
     let mut command = bench.command(&start.words);
     command.env("LD_PRELOAD", library).env("FAILING_BELOW", bench.path(DISK).canonicalize().expect("a folder"));
     command.env("FAILING_CALL", call.to_string()).env("FAILING_ERRNO", errno.to_string());
     command.env("FAILING_MODE", mode).env("FAILING_LOG", &log);
-    let told = command.output().expect("the program starts").into();
+    let printed = command.output().expect("the program starts").into();
     let noted = |line: &str| {
         let (name, path) = line.rsplit_once(' ').expect("a call and its path");
         // the folders above are the test's own
@@ -276,12 +276,12 @@ fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -
     };
     // there is none where no call was noted
     let calls = fs::read_to_string(log).unwrap_or_default().lines().map(noted).collect();
-    (calls, told, bench)
+    (calls, printed, bench)
 }
 
 /// Whether a session in which a call failed told of it as it must, and can be gone on with.
-fn judge(bench: &Bench, start: &Start, told: &Told, name: &str) -> Result<(), String> {
-    let Told { code, out, err } = told;
+fn judge(bench: &Bench, start: &Start, output: &Printed, name: &str) -> Result<(), String> {
+    let Printed { code, out, err } = output;
     ensure(!err.contains("panicked"), || format!("it panicked: {err}"))?;
     ensure(!err.contains("could not be parked"), || format!("the stage wasn't parked: {err}"))?;
     let there = bench.has(RUN);
@@ -309,7 +309,7 @@ fn judge(bench: &Bench, start: &Start, told: &Told, name: &str) -> Result<(), St
     let manifest = bench.manifest(RUN);
     ensure(manifest["status"] == "complete", || format!("the manifest says {}", manifest["status"]))?;
     // what was said is looked at last: what is lost weighs more
-    ensure(fits, || format!("exit code {code:?}: {}", told.running()))?;
+    ensure(fits, || format!("exit code {code:?}: {}", output.running()))?;
     ensure(is_complete || !err.contains("complete: "), || "it says `complete`, which the manifest doesn't".to_owned())?;
     ensure(!err.contains("restore the journal"), || "it says that a sound journal is damaged".to_owned())
 }
@@ -321,8 +321,8 @@ fn tidy(bench: &Bench, files: &[String], mode: &str) -> Result<(), String> {
     ensure(matches!(mode, "from" | "torn") || beside == ["run"], || format!("beside the run are {beside:?}"))
 }
 
-fn ensure(holds: bool, told: impl FnOnce() -> String) -> Result<(), String> {
-    if holds { Ok(()) } else { Err(told()) }
+fn ensure(holds: bool, output: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(output()) }
 }
 
 /// The library that makes calls fail.

@@ -49,8 +49,8 @@ fn presses_with_spikes_are_solved_as_well_as_by_boosted_trees() {
         let random: Vec<Place> = (0..600).map(|_| Place::new(along(), along())).collect();
         let [calibration, test] = [table(&mut skin, &grid, seed), table(&mut skin, &random, seed + 10)];
         let bench = Bench::with([("calibration.csv", &*calibration), ("test.csv", &test)]);
-        let told = bench.palpate_ends(0, "evaluate --calibration calibration.csv --test test.csv --json");
-        let row: Value = serde_json::from_str(told.out.lines().next().expect("a row")).expect("JSON");
+        let output = bench.palpate_ends(0, "evaluate --calibration calibration.csv --test test.csv --json");
+        let row: Value = serde_json::from_str(output.out.lines().next().expect("a row")).expect("JSON");
         let own = row["location_error_mm"]["mean"].as_f64().expect("a mean");
         let words = [bench.path("calibration.csv"), bench.path("test.csv")];
         let trees: f64 = said(python.script("boosted_trees.py", words)).trim().parse().expect("a number");

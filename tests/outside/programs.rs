@@ -33,8 +33,8 @@ fn pymeasure_drives_the_esp301_over_tcp() {
 fn newportxps_drives_the_xps() {
     let python = Python::with("import newportxps");
     let served = Served::new(&shipped_text("rigs/paper.toml"), "");
-    let told = said(python.script("newport_xps.py", served.host_and_port("stage")));
-    assert!(told.lines().last().is_some_and(|line| line.starts_with("y stopped at ")), "{told}");
+    let output = said(python.script("newport_xps.py", served.host_and_port("stage")));
+    assert!(output.lines().last().is_some_and(|line| line.starts_with("y stopped at ")), "{output}");
 }
 
 #[test]
@@ -44,8 +44,8 @@ fn newports_own_driver_drives_the_xps() {
         "import importlib.util as u, numpy; assert u.find_spec('pymodaq_plugins_newport'), 'it is not there'";
     let python = Python::with(statement);
     let served = Served::new(&shipped_text("rigs/paper.toml"), "");
-    let told = said(python.script("vendor_xps.py", served.host_and_port("stage")));
-    assert_eq!(told, "x at 1.250 mm\n");
+    let output = said(python.script("vendor_xps.py", served.host_and_port("stage")));
+    assert_eq!(output, "x at 1.250 mm\n");
 }
 
 #[test]
@@ -112,8 +112,8 @@ fn mbpoll_asks_the_transmitter_over_a_serial_line() {
 fn grbl_streamer_drives_the_grbl() {
     let python = Python::with("import grbl_streamer");
     let served = Served::new(&shipped_text("rigs/grbl.toml"), "");
-    let told = said(python.script("grbl.py", [served.address("stage")]));
-    assert!(told.starts_with("x at "), "{told}");
+    let output = said(python.script("grbl.py", [served.address("stage")]));
+    assert!(output.starts_with("x at "), "{output}");
 }
 
 #[test]
@@ -125,12 +125,12 @@ fn the_examples_are_devices_of_a_rig() {
     let output = command.output().expect("the program starts");
     // nothing has shown that the load cell measures force
     assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
-    let told: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    let identity = |device: usize| told["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();
+    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let identity = |device: usize| printed["devices"][device]["identity"]["identity"].as_str().unwrap_or_default();
     for (device, name) in ["stage", "load cell", "array"].iter().enumerate() {
-        assert!(identity(device).contains(name), "{told}");
+        assert!(identity(device).contains(name), "{printed}");
     }
-    assert!(told["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{told}");
+    assert!(printed["noise_n"].as_f64().is_some_and(|noise_n| noise_n > 0.0), "{printed}");
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn mbpoll(words: &str, device: &str) -> Result<Vec<String>, String> {
     Ok(values.lines().filter_map(value).collect())
 }
 
-fn refuses(answer: Result<Vec<String>, String>, told: &str) {
+fn refuses(answer: Result<Vec<String>, String>, output: &str) {
     let error = answer.expect_err("an exception");
-    assert!(error.contains(told), "{error}");
+    assert!(error.contains(output), "{error}");
 }

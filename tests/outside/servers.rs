@@ -44,8 +44,8 @@ fn a_served_device_that_isnt_what_the_map_says_is_refused() {
     let python = Python::with("import pymodbus");
     let server = Live::start(python.script("modbus_server.py", ["tcp", "swapped"]));
     let bench = bench(&stage(), "labjack-t7", &format!("tcp://{}", server.line().expect("its address")));
-    let told = bench.palpate_ends(3, "doctor rig.toml --json --confirmed down");
-    let error = told.json_lines()[0]["devices"][1]["error"].as_str().unwrap_or_default().to_owned();
+    let output = bench.palpate_ends(3, "doctor rig.toml --json --confirmed down");
+    let error = output.json_lines()[0]["devices"][1]["error"].as_str().unwrap_or_default().to_owned();
     assert!(error.contains("PRODUCT_ID"), "{error}");
 }
 
@@ -70,18 +70,18 @@ fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
 
 /// What doctor finds: three devices, and the served force in its place.
 fn examined(served: &Served, driver: &str, load_cell: &str) {
-    let told = bench(served, driver, load_cell).palpate_ends(1, "doctor rig.toml --json --confirmed down");
-    let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
-    let identity = |device: usize, key: &str| told["devices"][device]["identity"][key].as_str().unwrap_or_default();
-    assert!(identity(0, "identity").contains("ESP301 Version"), "{told}");
+    let output = bench(served, driver, load_cell).palpate_ends(1, "doctor rig.toml --json --confirmed down");
+    let output: Value = serde_json::from_str(&output.out).expect("one JSON object");
+    let identity = |device: usize, key: &str| output["devices"][device]["identity"][key].as_str().unwrap_or_default();
+    assert!(identity(0, "identity").contains("ESP301 Version"), "{output}");
     let name = match driver {
         "labjack-t7" => "LabJack T7",
         "generic-rs485" => "generic RS485 load-cell transmitter",
         _ => "swapped transmitter",
     };
-    assert!(identity(1, "identity").contains(name), "{told}");
+    assert!(identity(1, "identity").contains(name), "{output}");
     assert_eq!(identity(1, "link"), load_cell);
-    let number = |key: &str| told[key].as_f64().unwrap_or(f64::NAN);
-    assert!((number("zero_n") - FORCE_N).abs() < SPREAD_N, "{driver}: {told}");
-    assert!((0.1 * SPREAD_N..SPREAD_N).contains(&number("noise_n")), "{driver}: {told}");
+    let number = |key: &str| output[key].as_f64().unwrap_or(f64::NAN);
+    assert!((number("zero_n") - FORCE_N).abs() < SPREAD_N, "{driver}: {output}");
+    assert!((0.1 * SPREAD_N..SPREAD_N).contains(&number("noise_n")), "{driver}: {output}");
 }

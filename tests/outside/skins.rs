@@ -28,11 +28,11 @@ fn anyskin_and_reskin_sensor_read_our_board() {
         let python = Python::with(&format!("import {module}"));
         let simulated = rig("sim").replace("serial:///dev/ttyUSB0?baud=921600", "sim");
         let served = Served::new(&simulated.replace("serial:///dev/ttyUSB1?baud=115200", "sim"), "");
-        let told = said(python.script("skin_client.py", [package, served.address("array")]));
-        let means = told.lines().find_map(|line| line.strip_prefix("means ")).expect("means");
+        let output = said(python.script("skin_client.py", [package, served.address("array")]));
+        let means = output.lines().find_map(|line| line.strip_prefix("means ")).expect("means");
         let means: Vec<f64> = means.split(' ').map(|mean| mean.parse().expect("a number")).collect();
-        assert_eq!(means.len(), 15, "{told}");
-        assert!(means.iter().all(|mean| (mean - REST_MICROTESLA).abs() < 1.0), "in air: {told}");
+        assert_eq!(means.len(), 15, "{output}");
+        assert!(means.iter().all(|mean| (mean - REST_MICROTESLA).abs() < 1.0), "in air: {output}");
     }
 }
 
@@ -51,8 +51,8 @@ fn our_driver_reads_a_stand_in_of_their_board() {
         text = exchanged(&text, from, &to);
     }
     let bench = Bench::with([("rig.toml", text.as_str())]);
-    let told = bench.palpate_ends(1, "doctor rig.toml --json --confirmed down");
-    let told: Value = serde_json::from_str(&told.out).expect("one JSON object");
-    let identity = told["devices"][2]["identity"]["identity"].as_str().unwrap_or_default();
-    assert_eq!(identity, "ReSkin or AnySkin, 5 chips, 15 outputs", "{told}");
+    let output = bench.palpate_ends(1, "doctor rig.toml --json --confirmed down");
+    let output: Value = serde_json::from_str(&output.out).expect("one JSON object");
+    let identity = output["devices"][2]["identity"]["identity"].as_str().unwrap_or_default();
+    assert_eq!(identity, "ReSkin or AnySkin, 5 chips, 15 outputs", "{output}");
 }

@@ -78,9 +78,9 @@ fn a_small_study_leaves_rows_and_is_the_same_twice_but_for_its_times() {
         assert_eq!(again.rows, SMALLEST.rows, "the same twice");
         return;
     }
-    let told = bench.palpate_ends(0, "study ablation --quick --out a --json");
-    assert_eq!(bench.read("a/rows.ndjson"), told.out);
-    check_rows(&told.json_lines(), 3);
+    let output = bench.palpate_ends(0, "study ablation --quick --out a --json");
+    assert_eq!(bench.read("a/rows.ndjson"), output.out);
+    check_rows(&output.json_lines(), 3);
 
     let again = bench.palpate_ends(0, "study ablation --quick --out b");
     is_narrow(&again.out);
@@ -205,7 +205,7 @@ fn no_shipped_scene_carries_a_term_that_nothing_needs() {
 }
 
 #[test]
-fn a_scene_with_more_than_is_needed_is_told_of() {
+fn a_scene_with_more_than_is_needed_is_reported_of() {
     let scene = |text: &str| unjustified(&text.parse().expect("TOML"));
     assert_eq!(scene("indenter = { radius_mm = 0.5 }\ntaxel_noise = { repeatability_percent = [1.0] }"), ["indenter"]);
     assert_eq!(

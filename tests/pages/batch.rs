@@ -38,7 +38,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
     let events = write(&bench.path("june"), &MONTH, &shipped_text("rigs/batch.toml"));
     fs::create_dir_all(bench.path("june/runs/S-00003")).expect("a folder");
     bench.write("june/runs/S-00003/report.html", "a page");
-    let told = bench.palpate_ends(0, "batch report june").out;
+    let output = bench.palpate_ends(0, "batch report june").out;
     let page = bench.read("june/report.html");
     let numbers = numbers(&page);
 
@@ -53,7 +53,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
     assert_eq!((numbers["attempts"], numbers["references"]), (120.0, 12.0));
     let alarms = events.iter().filter(|event| matches!(event, BatchEvent::Alarm(_))).count();
     assert_eq!((numbers["alarms.bench"], numbers["alarms.batch"]), (alarms as f64, 0.0));
-    assert!(told.contains(&format!("{accepted} of 120 sensors accepted")), "{told}");
+    assert!(output.contains(&format!("{accepted} of 120 sensors accepted")), "{output}");
 
     for ended in &results {
         assert_eq!(numbers[&format!("{}.minutes", ended.serial)], ended.minutes);
@@ -116,8 +116,8 @@ fn batches_are_compared_side_by_side() {
     let june = write(&bench.path("june"), &MONTH, &rig);
     let july = Drawn { name: "july", sensors: 60, drift: 0.0, seed: 2, ..MONTH };
     write(&bench.path("july"), &july, &rig);
-    let told = bench.palpate_ends(0, "batch report --compare june july").out;
-    assert!(told.starts_with("2 batches compared"), "{told}");
+    let output = bench.palpate_ends(0, "batch report --compare june july").out;
+    assert!(output.starts_with("2 batches compared"), "{output}");
     let page = bench.read("comparison.html");
     let numbers = numbers(&page);
     let results = results(&june);
@@ -139,8 +139,8 @@ fn a_page_replaces_only_a_page_and_needs_a_batch() {
     bench.write("mine.html", "mine");
     bench.palpate_ends(2, "batch report plain --out mine.html");
     assert_eq!(bench.read("mine.html"), "mine");
-    let told = bench.palpate_ends(2, "batch report nowhere").err;
-    assert!(told.contains("is not a batch folder"), "{told}");
+    let output = bench.palpate_ends(2, "batch report nowhere").err;
+    assert!(output.contains("is not a batch folder"), "{output}");
 }
 
 #[test]
@@ -150,11 +150,11 @@ fn five_thousand_sensors_have_a_page_that_can_be_used() {
     let sensors = campaign::size(1000, 5000);
     let year = Drawn { name: "year", sensors, drift: 0.0, ..MONTH };
     write(&bench.path("year"), &year, &shipped_text("rigs/batch.toml"));
-    let told = bench.palpate_ends(0, "batch report year").out;
+    let output = bench.palpate_ends(0, "batch report year").out;
     let page = bench.read("year/report.html");
     let size_mb = page.len() as f64 / 1e6;
     println!("{sensors} sensors: {size_mb} MB");
-    assert!(size_mb < LARGEST_MB * sensors as f64 / 5000.0, "{size_mb} MB: {told}");
+    assert!(size_mb < LARGEST_MB * sensors as f64 / 5000.0, "{size_mb} MB: {output}");
     let before = page.find("<details").expect("closed tables");
     assert!(before < page.len() / 4, "{before} of {} bytes are seen at once", page.len());
     assert!(bench.palpate_ends(0, "batch status year").out.contains(&format!("{sensors} sensors")));

@@ -6,9 +6,9 @@ use palpate_testing::exchanged;
 #[test]
 fn a_certificate_says_whose_it_is_and_what_it_rests_on() {
     let bench = bench();
-    let told = bench.palpate_ends(0, "certificate run --with c.toml").out;
-    assert!(told.starts_with("certificate LAB-2026-0042 of sensor A-7: accepted, "), "{told}");
-    assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
+    let output = bench.palpate_ends(0, "certificate run --with c.toml").out;
+    assert!(output.starts_with("certificate LAB-2026-0042 of sensor A-7: accepted, "), "{output}");
+    assert!(output.lines().all(|line| line.chars().count() <= 80), "{output}");
     let html = bench.read("run/certificate.html");
     for part in [
         "D&lt;1&gt;&amp;co",
@@ -46,16 +46,16 @@ fn a_certificate_rests_on_its_journals() {
     let bench = bench();
     bench.palpate_ends(0, "certificate run --with c.toml");
     for file in ["run/certificate.xml", "run/certificate.html"] {
-        let told = bench.palpate_ends(0, &format!("verify run --certificate {file}")).out;
-        assert!(told.contains(&format!("{file} states the SHA-256 of this journal\n")), "{told}");
+        let output = bench.palpate_ends(0, &format!("verify run --certificate {file}")).out;
+        assert!(output.contains(&format!("{file} states the SHA-256 of this journal\n")), "{output}");
     }
     bench.palpate_ends(0, "run r.toml --rig rig.toml --out other --seed 2 --sensor A-8");
-    let told = bench.palpate_ends(1, "verify other --certificate run/certificate.xml").running();
-    assert!(told.contains("doesn't match the journal of other"), "{told}");
+    let output = bench.palpate_ends(1, "verify other --certificate run/certificate.xml").running();
+    assert!(output.contains("doesn't match the journal of other"), "{output}");
     bench.write("hash.xml", &format!("<!-- {} -->", bench.manifest("run")["seed"]));
     bench.palpate_ends(2, "verify run --certificate hash.xml");
-    let told = bench.palpate_ends(2, "verify run --certificate rig.toml").running();
-    assert!(told.contains("states no SHA-256 of a journal"), "{told}");
+    let output = bench.palpate_ends(2, "verify run --certificate rig.toml").running();
+    assert!(output.contains("states no SHA-256 of a journal"), "{output}");
 }
 
 #[test]
@@ -64,23 +64,23 @@ fn what_no_run_knows_must_be_given_and_nothing_is_written_without_it() {
     let given = bench.read("c.toml");
     let refused = |text: &str, runs: &str| {
         bench.write("other.toml", text);
-        let told = bench.palpate_ends(2, &format!("certificate {runs} --with other.toml --out out")).running();
-        assert!(!bench.has("out.html") && !bench.has("out.xml"), "{told}");
-        told
+        let output = bench.palpate_ends(2, &format!("certificate {runs} --with other.toml --out out")).running();
+        assert!(!bench.has("out.html") && !bench.has("out.xml"), "{output}");
+        output
     };
-    let told = refused(&exchanged(&given, "country = \"DK\"", "country = \"Denmark\""), "run");
-    assert!(told.contains("expected two upper-case letters"), "{told}");
-    let told = refused(&given.replace("[procedure]", "[procedur]"), "run");
-    assert!(told.contains("unknown key `procedur`") && told.contains("did you mean `procedure`?"), "{told}");
+    let output = refused(&exchanged(&given, "country = \"DK\"", "country = \"Denmark\""), "run");
+    assert!(output.contains("expected two upper-case letters"), "{output}");
+    let output = refused(&given.replace("[procedure]", "[procedur]"), "run");
+    assert!(output.contains("unknown key `procedur`") && output.contains("did you mean `procedure`?"), "{output}");
     let without =
         given.split("[[responsible]]").next().unwrap().to_owned() + "[item]" + given.split("[item]").nth(1).unwrap();
     assert!(refused(&without, "run").contains("`responsible` is missing"));
     bench.palpate_ends(0, "run r.toml --rig rig.toml --out unnamed");
     assert!(refused(&given, "unnamed").contains("unnamed has no sensor ID"));
     bench.write("out.xml", "mine");
-    let told = bench.palpate_ends(2, "certificate run --with c.toml --out out").running();
+    let output = bench.palpate_ends(2, "certificate run --with c.toml --out out").running();
     assert!(
-        told.contains("out.xml already exists") && bench.read("out.xml") == "mine" && !bench.has("out.html"),
-        "{told}"
+        output.contains("out.xml already exists") && bench.read("out.xml") == "mine" && !bench.has("out.html"),
+        "{output}"
     );
 }

@@ -2,13 +2,13 @@
 //! array goes through the same.
 
 use palpate_run::rig::SIM_RIG;
-use palpate_testing::{Bench, Told};
+use palpate_testing::{Bench, Printed};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// The claims' rows by name.
-fn claims(told: &Told) -> BTreeMap<String, Value> {
-    let claims = told.json_lines().into_iter().filter(|row| row["part"] == "claim");
+fn claims(output: &Printed) -> BTreeMap<String, Value> {
+    let claims = output.json_lines().into_iter().filter(|row| row["part"] == "claim");
     claims.map(|row| (row["claim"].as_str().expect("a claim has a name").to_owned(), row)).collect()
 }
 
@@ -21,8 +21,8 @@ fn near(row: &Value, key: &str, golden: f64, within: f64) {
 #[test]
 fn each_claim_has_its_verdict_and_its_golden_numbers() {
     let bench = Bench::new();
-    let told = bench.palpate_ends(0, "study curves --json");
-    let claims = claims(&told);
+    let output = bench.palpate_ends(0, "study curves --json");
+    let claims = claims(&output);
     let verdicts: Vec<(&str, &str)> =
         claims.iter().map(|(name, row)| (name.as_str(), row["verdict"].as_str().unwrap_or_default())).collect();
     let (holds, bounded, fails) = ("holds", "holds with a bound", "fails");
@@ -156,10 +156,10 @@ fn the_points_of_the_curves_are_the_golden_ones() {
 #[test]
 fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
     let bench = Bench::new();
-    let told = bench.palpate_ends(0, "study curves");
-    is_narrow(&told.out);
-    assert_eq!(told.out.matches("fails").count(), 3, "{}", told.out);
-    assert!(told.out.ends_with("figures and rows: study-curves\n"), "{}", told.out);
+    let output = bench.palpate_ends(0, "study curves");
+    is_narrow(&output.out);
+    assert_eq!(output.out.matches("fails").count(), 3, "{}", output.out);
+    assert!(output.out.ends_with("figures and rows: study-curves\n"), "{}", output.out);
     bench.palpate_ends(0, "study curves --out again");
     assert_eq!(bench.bytes("study-curves"), bench.bytes("again"));
     for (name, curves) in [("figure-3", 1), ("figure-4a", 14), ("figure-4b", 10), ("figure-5", 6)] {
@@ -172,8 +172,8 @@ fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
 #[test]
 fn the_papers_array_as_a_design_is_the_papers() {
     let bench = Bench::with([("rig.toml", SIM_RIG)]);
-    let told = bench.palpate_ends(0, "study curves --rig rig.toml --out a --json");
-    let array = &told.json_lines()[0];
+    let output = bench.palpate_ends(0, "study curves --rig rig.toml --out a --json");
+    let array = &output.json_lines()[0];
     assert_eq!((array["units"].as_u64(), array["row_units"].as_u64()), (Some(9), Some(3)));
     assert_eq!((&array["enough_units"], &array["near_enough"]), (&false.into(), &true.into()));
     near(array, "spacing", 0.9, 1e-12);
@@ -210,8 +210,8 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
         .replace("taxel_noise", "# taxel_noise")
         .replace("hysteresis", "# hysteresis");
     let bench = Bench::with([("rig.toml", layered.as_str())]);
-    let told = bench.palpate_ends(0, "study curves --rig rig.toml --out a --area-mm -5 5 -4 4 --json");
-    let array = &told.json_lines()[0];
+    let output = bench.palpate_ends(0, "study curves --rig rig.toml --out a --area-mm -5 5 -4 4 --json");
+    let array = &output.json_lines()[0];
     assert_eq!((array["units"].as_u64(), array["row_units"].as_u64()), (Some(6), Some(3)));
     near(array, "pitch_mm", 10f64.sqrt(), 1e-12);
     near(array, "depth_mm", 4.0, 0.0);
@@ -225,8 +225,8 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
     assert!(said.contains("the rig states no noise") && said.contains("bonded layer of 4 mm"), "{said}");
 
     // a depth that is given takes the elastomer's place
-    let told = bench.palpate_ends(0, "study curves --rig rig.toml --depth-mm 2.5 --out c --json");
-    let array = &told.json_lines()[0];
+    let output = bench.palpate_ends(0, "study curves --rig rig.toml --depth-mm 2.5 --out c --json");
+    let array = &output.json_lines()[0];
     near(array, "depth_mm", 2.5, 0.0);
     assert!(array["bonded_poisson_ratio"].is_null(), "{array}");
 }
@@ -245,7 +245,7 @@ fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
         ("twice.toml", twice),
         ("bad.toml", &SIM_RIG.replace("pitch_mm = 4.5", "pitch_mm = -4.5")),
     ]);
-    for (words, told) in [
+    for (words, output) in [
         ("--rig real.toml", "the depth of the units is unknown"),
         ("--rig bare.toml", "--depth-mm"),
         ("--rig one.toml --depth-mm 5", "the array has one unit"),
@@ -260,11 +260,11 @@ fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
         ("--seed 1", "--seed"),
     ] {
         let refusal = bench.palpate_ends(2, &format!("study curves {words}"));
-        assert!(refusal.err.contains(told), "{words}: {}", refusal.err);
+        assert!(refusal.err.contains(output), "{words}: {}", refusal.err);
         assert!(!bench.has("study-curves"), "{words}");
     }
-    let told = bench.palpate_ends(0, "study curves --rig real.toml --depth-mm 5 --json");
-    assert_eq!(told.json_lines()[0]["noise_is_assumed"], true, "the scene of a rig without one isn't its own");
+    let output = bench.palpate_ends(0, "study curves --rig real.toml --depth-mm 5 --json");
+    assert_eq!(output.json_lines()[0]["noise_is_assumed"], true, "the scene of a rig without one isn't its own");
 }
 
 #[test]

@@ -32,8 +32,8 @@ fn bench() -> Bench {
 #[test]
 fn every_figure_is_saved_with_its_numbers() {
     let bench = bench();
-    let told = bench.palpate_ends(0, "report all --figures figures").out;
-    assert!(told.ends_with("\nfigures: 14 figures, each as SVG and CSV\n"), "{told}");
+    let output = bench.palpate_ends(0, "report all --figures figures").out;
+    assert!(output.ends_with("\nfigures: 14 figures, each as SVG and CSV\n"), "{output}");
     let page = bench.read("all/report.html");
     assert_eq!(page.matches("<svg ").count(), 14);
     let files = bench.bytes("figures");
@@ -106,8 +106,8 @@ fn a_file_that_is_not_ours_stays() {
         let bench = bench();
         std::fs::create_dir(bench.path("figures")).expect("a folder");
         bench.write(&format!("figures/{name}"), text);
-        let told = bench.palpate_ends(2, "report all --figures figures").running();
-        assert!(told.contains(&format!("{name} already exists")) && told.contains("another --figures"), "{told}");
+        let output = bench.palpate_ends(2, "report all --figures figures").running();
+        assert!(output.contains(&format!("{name} already exists")) && output.contains("another --figures"), "{output}");
         assert_eq!(bench.read(&format!("figures/{name}")), text);
         let files: Vec<String> = bench.bytes("figures").into_iter().map(|(name, _)| name).collect();
         assert_eq!(files, [name], "nothing is written beside it");
@@ -124,8 +124,8 @@ fn a_comparison_names_sensors_and_days_and_is_saved_too() {
     let bench = bench();
     bench.palpate_ends(0, "run all.toml --out s2 --seed 2 --sensor A-2");
     bench.palpate_ends(0, "run all.toml --out s3 --seed 3");
-    let told = bench.palpate_ends(0, "report --compare all s2 s3 --figures figures").out;
-    assert!(told.ends_with("\nfigures: 3 figures, each as SVG and CSV\n"), "{told}");
+    let output = bench.palpate_ends(0, "report --compare all s2 s3 --figures figures").out;
+    assert!(output.ends_with("\nfigures: 3 figures, each as SVG and CSV\n"), "{output}");
     let page = bench.read("comparison.html");
     let day = bench.manifest("s2")["sessions"][0]["started"].as_str().expect("a time")[..10].to_owned();
     let figures: Vec<&str> = figures(&page);

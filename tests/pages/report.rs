@@ -1,7 +1,7 @@
 //! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
 
 use palpate_testing::interrupted::sealed;
-use palpate_testing::{Bench, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Printed, exchanged, shipped_text};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -44,13 +44,13 @@ fn bench() -> Bench {
 #[test]
 fn every_number_of_a_page_is_that_of_evaluate() {
     let bench = bench();
-    let told = bench.palpate_ends(0, "report all");
-    assert!(told.out.starts_with("all: accepted, ") && told.out.contains("all/report.html: "), "{}", told.out);
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, "report all");
+    assert!(output.out.starts_with("all: accepted, ") && output.out.contains("all/report.html: "), "{}", output.out);
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     let page = bench.read("all/report.html");
     let shown = numbers(&page);
     for (key, value, words) in data(&page) {
-        assert!(is_told(value, &words), "{key} is {value}, and a person reads {words}");
+        assert!(is_reported(value, &words), "{key} is {value}, and a person reads {words}");
     }
     has_the_runs_characteristics(&bench, &page);
     for (name, solver) in [("pearson", "pearson"), ("best", "best")] {
@@ -151,14 +151,14 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
     let page = bench.read("page.html");
     assert_eq!(figures(&page).len(), 14);
     assert!(page.contains("Sensor A-7") && page.contains("A&lt;7&gt;&amp;co") && !page.contains("A<7>"));
-    let told = bench.palpate_ends(2, "report all test --same-sensor --out other.html").running();
-    assert!(told.contains("all and test both have test presses"), "{told}");
+    let output = bench.palpate_ends(2, "report all test --same-sensor --out other.html").running();
+    assert!(output.contains("all and test both have test presses"), "{output}");
     let four = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 2, columns = 2");
     let four = four.lines().filter(|line| !line.contains("_percent")).collect::<Vec<_>>().join("\n");
     bench.write("four.toml", &four);
     bench.palpate("run one.toml --rig four.toml --out four");
-    let told = bench.palpate_ends(2, "report calibrate four --same-sensor --out other.html").running();
-    assert!(told.contains("calibrate has 9 units, four has 4"), "{told}");
+    let output = bench.palpate_ends(2, "report calibrate four --same-sensor --out other.html").running();
+    assert!(output.contains("calibrate has 9 units, four has 4"), "{output}");
     assert!(!bench.has("other.html"));
 }
 
@@ -172,8 +172,8 @@ fn a_part_of_a_run_has_the_page_of_that_part() {
     ] {
         bench.write("one.toml", &recipe(&steps));
         bench.palpate_ends(0, &format!("run one.toml --out {name}"));
-        let told = bench.palpate_ends(0, &format!("report {name}"));
-        assert!(told.out.contains("not evaluated"), "{}", told.out);
+        let output = bench.palpate_ends(0, &format!("report {name}"));
+        assert!(output.out.contains("not evaluated"), "{}", output.out);
         let page = bench.read(&format!("{name}/report.html"));
         assert!(page.contains(has) && !page.contains(lacks) && page.contains("No verdict"), "{name}");
         assert!(figures(&page).into_iter().all(has_data), "{name}");
@@ -181,14 +181,14 @@ fn a_part_of_a_run_has_the_page_of_that_part() {
 }
 
 #[test]
-fn what_broke_off_is_told_first() {
+fn what_broke_off_is_reported_first() {
     let bench = Bench::with([
         ("soft.toml", exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2").as_str()),
         ("all.toml", &recipe(&[CALIBRATE, TEST])),
     ]);
     bench.palpate_ends(4, "run all.toml --rig soft.toml --out tripped");
-    let told = bench.palpate_ends(0, "report tripped");
-    assert!(told.out.contains("not evaluated"), "{}", told.out);
+    let output = bench.palpate_ends(0, "report tripped");
+    assert!(output.out.contains("not evaluated"), "{}", output.out);
     let page = bench.read("tripped/report.html");
     let rule = bench.manifest("tripped")["trip"]["rule"].as_str().unwrap().to_owned();
     assert!(page.contains("tripped is tripped: 0 of 93 presses") && page.contains(&rule), "{rule}");
@@ -200,9 +200,9 @@ fn a_sensors_name_can_be_printed() {
     let bench = Bench::with([("one.toml", recipe(&[TEST]).as_str())]);
     // a look-alike of another ID would be another sensor: IDs follow the rule of a batch
     for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(65), "A\u{200b}-7", "\u{410}-7", "A<7>&co"] {
-        let told = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
-        assert_eq!(told.status.code(), Some(2), "{name:?}");
-        assert!(String::from_utf8_lossy(&told.stderr).contains("expected 1 to 64 letters, digits,"), "{name:?}");
+        let printed = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
+        assert_eq!(printed.status.code(), Some(2), "{name:?}");
+        assert!(String::from_utf8_lossy(&printed.stderr).contains("expected 1 to 64 letters, digits,"), "{name:?}");
         assert!(!bench.has("one"));
     }
 }
@@ -235,11 +235,11 @@ fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
         ("verify run", ""),
         ("resume run", ""),
     ] {
-        let told = bench.palpate(words);
+        let output = bench.palpate(words);
         let is_shown = |text: &[u8]| !text.contains(&0x1b) && !text.contains(&0x07);
-        assert!(is_shown(told.out.as_bytes()) && is_shown(told.err.as_bytes()), "{words}: {told:?}");
+        assert!(is_shown(output.out.as_bytes()) && is_shown(output.err.as_bytes()), "{words}: {output:?}");
         if !file.is_empty() {
-            assert_eq!(told.code.map(|code| code < 2), Some(true), "{words}: {}", told.err);
+            assert_eq!(output.code.map(|code| code < 2), Some(true), "{words}: {}", output.err);
             let bytes = std::fs::read(bench.path(file)).expect("a file");
             // the model of a sensor file isn't text, its head is
             let lines = if file == "s.palpate" { 2 } else { usize::MAX };
@@ -254,13 +254,13 @@ fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
 fn only_a_page_of_ours_is_replaced() {
     let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
     bench.palpate_ends(0, "run one.toml --out one");
-    let told = bench.palpate_ends(2, "report one --out mine.html").running();
-    assert!(told.contains("mine.html already exists"), "{told}");
+    let output = bench.palpate_ends(2, "report one --out mine.html").running();
+    assert!(output.contains("mine.html already exists"), "{output}");
     assert_eq!(bench.read("mine.html"), "text");
     bench.palpate_ends(0, "report one --out pages/one.html");
     bench.palpate_ends(0, "report one --out pages/one.html");
-    let told = bench.palpate_ends(2, "report nowhere").running();
-    assert!(told.contains("nowhere doesn't exist"), "{told}");
+    let output = bench.palpate_ends(2, "report nowhere").running();
+    assert!(output.contains("nowhere doesn't exist"), "{output}");
     bench.palpate_ends(2, "report one --solver physics"); // of a comparison only
     let files: Vec<String> = bench.bytes("pages").into_iter().map(|(name, _)| name).collect();
     assert_eq!(files, ["one.html"]);
@@ -274,8 +274,8 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
     }
     bench.write("one.toml", &recipe(&[CHARACTERISE]));
     bench.palpate_ends(0, "run one.toml --out part");
-    let told = bench.palpate_ends(0, "report --compare all s2 s3 part").out;
-    assert!(told.starts_with("4 runs compared, 3 accepted, 1 without a rule\n"), "{told}");
+    let output = bench.palpate_ends(0, "report --compare all s2 s3 part").out;
+    assert!(output.starts_with("4 runs compared, 3 accepted, 1 without a rule\n"), "{output}");
     let page = bench.read("comparison.html");
     let shown = numbers(&page);
     for (index, run) in ["all", "s2", "s3"].into_iter().enumerate() {
@@ -295,8 +295,8 @@ fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
     assert!(page.contains("part isn't evaluated: ") && page.contains("A-3"));
     assert_eq!(figures(&page).len(), 3);
     assert!(figures(&page).into_iter().all(has_data));
-    let told = bench.palpate_ends(0, "report --compare all s2 --solver physics --out b.html").out;
-    assert!(told.starts_with("2 runs compared, 2 accepted\n"), "{told}");
+    let output = bench.palpate_ends(0, "report --compare all s2 --solver physics --out b.html").out;
+    assert!(output.starts_with("2 runs compared, 2 accepted\n"), "{output}");
 }
 
 /// Steps at places of a list.
@@ -321,9 +321,9 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
         assert!(!figures(&page).is_empty(), "{name}");
         // the panels of a line are too flat for more than a number each
         for figure in figures(&page).into_iter().filter(|_| name != "line") {
-            let told: Vec<&str> =
+            let output: Vec<&str> =
                 figure.split("class=\"end\"").skip(1).map(|rest| rest.split("</").next().unwrap()).collect();
-            let [first, second, ..] = told.as_slice() else { panic!("{name}: an axis without numbers in {figure}") };
+            let [first, second, ..] = output.as_slice() else { panic!("{name}: an axis without numbers in {figure}") };
             assert_ne!(number_of(first), number_of(second), "{name}: {figure}");
         }
     }
@@ -343,7 +343,7 @@ fn number_of(element: &str) -> &str {
 }
 
 #[test]
-fn what_units_read_of_many_forces_is_told_a_newton() {
+fn what_units_read_of_many_forces_is_reported_a_newton() {
     let random = "
 [[step]]
 phase = \"calibration\"
@@ -379,9 +379,9 @@ fn a_run_is_called_by_its_folder_wherever_one_stands() {
     let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
     bench.palpate_ends(0, "run one.toml --out one");
     let mut command = bench.command("report .");
-    let told: Told = command.current_dir(bench.path("one")).output().expect("the program starts").into();
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    assert!(told.out.starts_with("one: no verdict, not evaluated"), "{}", told.out);
+    let printed: Printed = command.current_dir(bench.path("one")).output().expect("the program starts").into();
+    assert_eq!(printed.code, Some(0), "{}", printed.err);
+    assert!(printed.out.starts_with("one: no verdict, not evaluated"), "{}", printed.out);
     assert!(bench.read("one/report.html").contains("<h1>one</h1>"));
 }
 
@@ -391,8 +391,8 @@ fn what_is_no_file_is_not_read_and_a_link_stays_one() {
     let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
     bench.palpate_ends(0, "run one.toml --out one");
     // such a device gives zeros for ever
-    let told = bench.palpate_ends(2, "report one --out /dev/zero").running();
-    assert!(told.contains("/dev/zero already exists"), "{told}");
+    let output = bench.palpate_ends(2, "report one --out /dev/zero").running();
+    assert!(output.contains("/dev/zero already exists"), "{output}");
     bench.palpate_ends(0, "report one --out page.html");
     std::os::unix::fs::symlink("page.html", bench.path("link.html")).unwrap();
     bench.palpate_ends(0, "report one --out link.html");
@@ -400,9 +400,12 @@ fn what_is_no_file_is_not_read_and_a_link_stays_one() {
     // a text that quotes a page is none
     bench.write("quoting.txt", &format!("notes: {}", bench.read("page.html")));
     bench.palpate_ends(2, "report one --out quoting.txt");
-    let told = bench.palpate_ends(5, "report one --out file/page.html").running();
-    assert!(told.contains("writing the page file/page.html: ") && told.contains("choose another --out"), "{told}");
-    assert!(!told.contains("resume"), "{told}");
+    let output = bench.palpate_ends(5, "report one --out file/page.html").running();
+    assert!(
+        output.contains("writing the page file/page.html: ") && output.contains("choose another --out"),
+        "{output}"
+    );
+    assert!(!output.contains("resume"), "{output}");
     bench.write(".page.html.new", "mine");
     bench.palpate_ends(0, "report one --out page.html");
     assert_eq!(bench.read(".page.html.new"), "mine");
@@ -421,8 +424,8 @@ fn a_comparison_says_why_a_run_is_not_evaluated() {
     let page = bench.read("comparison.html");
     let reason = "1 calibration press at 1 place; a calibration needs at least 2 different places";
     assert!(page.contains(&format!("lone isn't evaluated: lone: {reason}")));
-    let told = bench.palpate_ends(0, "report --compare all").out;
-    assert!(told.starts_with("1 run compared, 1 accepted\n"), "{told}");
+    let output = bench.palpate_ends(0, "report --compare all").out;
+    assert!(output.starts_with("1 run compared, 1 accepted\n"), "{output}");
     assert!(bench.read("comparison.html").contains("<h1>1 run side by side</h1>"));
 }
 
@@ -435,13 +438,13 @@ fn a_page_rests_on_the_journal_and_what_was_changed_beside_it_is_reported() {
     bench.write("all/presses.csv", &exchanged(&presses, ",calibration,-4,-4,1,", ",calibration,-4,-4,2,"));
     let rig = bench.read("all/rig.toml");
     bench.write("all/rig.toml", &exchanged(&rig, "pitch_mm = 4.5", "pitch_mm = 4.0"));
-    let told = bench.palpate_ends(0, "report all");
-    assert!(told.err.contains("warning: all: presses.csv differs from the journal"), "{}", told.err);
-    assert!(told.err.contains("warning: all: rig.toml has changed since it was written"), "{}", told.err);
+    let output = bench.palpate_ends(0, "report all");
+    assert!(output.err.contains("warning: all: presses.csv differs from the journal"), "{}", output.err);
+    assert!(output.err.contains("warning: all: rig.toml has changed since it was written"), "{}", output.err);
     assert_eq!(bench.read("all/report.html"), page);
     std::fs::remove_file(bench.path("all/rig.toml")).unwrap();
-    let told = bench.palpate_ends(0, "report all");
-    assert!(told.err.contains("warning: all: rig.toml is missing"), "{}", told.err);
+    let output = bench.palpate_ends(0, "report all");
+    assert!(output.err.contains("warning: all: rig.toml is missing"), "{}", output.err);
     assert_eq!(bench.read("all/report.html"), page);
     bench.palpate_ends(0, "rebuild all");
     assert_eq!((bench.read("all/rig.toml"), bench.read("all/presses.csv")), (rig, presses));
@@ -460,8 +463,8 @@ fn only_what_is_alike_is_joined_and_compared() {
     bench.write("narrow.toml", &rig);
     bench.write("one.toml", &recipe(&[CHARACTERISE]));
     bench.palpate_ends(0, "run one.toml --rig narrow.toml --out narrow");
-    let told = bench.palpate_ends(2, "report other narrow --same-sensor --out page.html").running();
-    assert!(told.contains("other has 9 units, narrow has 9 at other places"), "{told}");
+    let output = bench.palpate_ends(2, "report other narrow --same-sensor --out page.html").running();
+    assert!(output.contains("other has 9 units, narrow has 9 at other places"), "{output}");
 }
 
 /// What stands in the page's `data` elements that have a key.
@@ -484,7 +487,7 @@ fn data(page: &str) -> impl Iterator<Item = (String, f64, String)> {
 }
 
 /// Whether what a person reads is the value, rounded; a share is read as %.
-fn is_told(value: f64, words: &str) -> bool {
+fn is_reported(value: f64, words: &str) -> bool {
     let (number, unit) = words.split_once(' ').unwrap_or((words, ""));
     let digits = number.split_once('.').map_or(0, |(_, digits)| digits.len());
     format!("{:.digits$}", if unit.starts_with('%') { 100.0 * value } else { value }) == number

@@ -130,9 +130,9 @@ fn texts(figure: &str) -> Vec<(f64, f64, &str)> {
     };
     let all = figure.split("<text ").skip(1);
     all.filter_map(|rest| {
-        let (element, told) = rest.split_once('>')?;
+        let (element, output) = rest.split_once('>')?;
         let (x, y) = text(element)?;
-        Some((x, y, told.split("</").next()?))
+        Some((x, y, output.split("</").next()?))
     })
     .collect()
 }

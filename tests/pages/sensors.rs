@@ -30,9 +30,12 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
         // `all` takes long, and has the lines of all methods for a few presses too: see below
         let solvers: &[&str] = if campaign::is_quick() { &[quick] } else { &["best", "all"] };
         for solver in solvers {
-            let told = bench.palpate_ends(0, &format!("evaluate {skin} --solver {solver}")).out;
-            assert!(!told.contains("paper") && !told.contains("0.46 mm") && !told.contains("Table 1"), "{told}");
-            is_narrow(&told);
+            let output = bench.palpate_ends(0, &format!("evaluate {skin} --solver {solver}")).out;
+            assert!(
+                !output.contains("paper") && !output.contains("0.46 mm") && !output.contains("Table 1"),
+                "{output}"
+            );
+            is_narrow(&output);
         }
     }
 }
@@ -40,9 +43,9 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
 #[test]
 fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
     let bench = Bench::new();
-    let told = bench.palpate_ends(0, "run paper").out;
-    assert!(told.contains("location error, mean       0.46 mm"), "{told}");
-    is_shown_in_the_book(&told);
+    let output = bench.palpate_ends(0, "run paper").out;
+    assert!(output.contains("location error, mean       0.46 mm"), "{output}");
+    is_shown_in_the_book(&output);
     bench.palpate_ends(0, "report runs/paper");
     let page = bench.read("runs/paper/report.html");
     for cited in
@@ -53,23 +56,23 @@ fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
     assert!(page.contains("doi:10.3390/s18020351") && page.contains("<th scope=\"col\">paper</th>"));
     assert_eq!(page.matches("<th scope=\"col\">paper</th>").count(), 4, "errors, two repeatabilities, hysteresis");
     if campaign::is_quick() {
-        let told = bench.palpate_ends(0, "evaluate runs/paper").out;
-        assert!(told.lines().next().is_some_and(|header| header.trim_start().starts_with("paper ")), "{told}");
+        let output = bench.palpate_ends(0, "evaluate runs/paper").out;
+        assert!(output.lines().next().is_some_and(|header| header.trim_start().starts_with("paper ")), "{output}");
     } else {
-        let told = bench.palpate_ends(0, "evaluate runs/paper --solver all").out;
-        assert!(told.contains("\npaper "), "{told}");
+        let output = bench.palpate_ends(0, "evaluate runs/paper --solver all").out;
+        assert!(output.contains("\npaper "), "{output}");
     }
 }
 
 /// The picture of the README and the tutorial show what a run prints, except for its duration.
-fn is_shown_in_the_book(told: &str) {
+fn is_shown_in_the_book(output: &str) {
     let book = |path: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(path);
         fs::read_to_string(path).expect("a page of the book")
     };
     let (picture, tutorial) = (book("pictures/run.svg"), book("tutorials/simulation.md"));
-    assert!(told.lines().count() <= 20, "{told}");
-    for line in told.lines().filter(|line| !line.starts_with("time: ") && !line.is_empty()) {
+    assert!(output.lines().count() <= 20, "{output}");
+    for line in output.lines().filter(|line| !line.starts_with("time: ") && !line.is_empty()) {
         assert!(picture.contains(&format!(">{line}</text>")), "docs/pictures/make PROGRAM run.svg: {line}");
         assert!(tutorial.contains(&format!("\n{line}\n")), "the tutorial lacks {line}");
     }
@@ -79,8 +82,11 @@ fn is_shown_in_the_book(told: &str) {
 fn a_line_for_each_method_stands_without_the_paper_for_another_protocol() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out small");
-    let told = bench.palpate_ends(0, "evaluate small --solver all").out;
-    assert!(told.contains("\npearson ") && told.contains("\nextra-trees ") && !told.contains("paper"), "{told}");
+    let output = bench.palpate_ends(0, "evaluate small --solver all").out;
+    assert!(
+        output.contains("\npearson ") && output.contains("\nextra-trees ") && !output.contains("paper"),
+        "{output}"
+    );
 }
 
 /// The same array by nearly the same protocol, and another array by the same.
@@ -105,8 +111,8 @@ fn whatever_differs_from_the_papers_protocol_stands_alone() {
         assert!(recipe != short || *rig != shipped_text("rigs/sim.toml"), "{name} differs in nothing");
         bench.write("recipe.toml", &recipe);
         bench.write("rig.toml", rig);
-        let told = bench.palpate(&format!("run recipe.toml --rig rig.toml --out {name}")).out;
-        assert!(told.contains("location error, mean") && !told.contains("0.46 mm"), "{name}: {told}");
+        let output = bench.palpate(&format!("run recipe.toml --rig rig.toml --out {name}")).out;
+        assert!(output.contains("location error, mean") && !output.contains("0.46 mm"), "{name}: {output}");
         bench.palpate(&format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
         assert!(!page.to_lowercase().contains("paper"), "{name}");

@@ -13,9 +13,9 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
         return one_scene_leaves_rows_and_figures_and_is_the_same_twice();
     }
     let bench = Bench::new();
-    let told = bench.palpate_ends(0, "study control --quick --out a --json");
-    let rows = told.json_lines();
-    assert_eq!(bench.read("a/rows.ndjson"), told.out);
+    let output = bench.palpate_ends(0, "study control --quick --out a --json");
+    let rows = output.json_lines();
+    assert_eq!(bench.read("a/rows.ndjson"), output.out);
 
     let text = |row: &Value, key: &str| row[key].as_str().unwrap_or_default().to_owned();
     let of = |part: &str| rows.iter().filter(|row| row["part"] == part).cloned().collect::<Vec<_>>();
@@ -38,8 +38,8 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
         is_well_formed(name, std::str::from_utf8(bytes).expect("an SVG is text"));
     }
 
-    let told = bench.palpate_ends(0, "study control --quick --out b");
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, "study control --quick --out b");
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }
 
@@ -120,8 +120,8 @@ fn check_condition(row: &Value) {
 #[test]
 fn a_folder_that_is_there_is_not_touched() {
     let bench = Bench::with([("mine", "text")]);
-    let told = bench.palpate_ends(2, "study control --quick --out mine");
-    assert!(told.running().contains("mine already exists"), "{}", told.err);
+    let output = bench.palpate_ends(2, "study control --quick --out mine");
+    assert!(output.running().contains("mine already exists"), "{}", output.err);
     assert_eq!(bench.read("mine"), "text");
 }
 
@@ -192,14 +192,14 @@ fn a_run_and_two_tables_are_studied_for_what_they_are() {
     assert!(rows.iter().all(|row| row["bound"] == "cramer-rao" && row["calibration_presses"] == 81), "{rows:?}");
     assert!(rows.iter().all(|row| row["force_error_n"].is_object()), "by the load cell");
 
-    for (words, told) in [
+    for (words, output) in [
         ("nowhere", "nowhere"),
         ("--calibration grid.csv", "--test"),
         ("small --calibration grid.csv --test test.csv", "cannot be used with"),
         ("--calibration grid.csv --test other.csv", "has 1"),
     ] {
         let refusal = bench.palpate_ends(2, &format!("study speed-accuracy {words} --out c"));
-        assert!(refusal.err.contains(told), "{words}: {}", refusal.err);
+        assert!(refusal.err.contains(output), "{words}: {}", refusal.err);
         assert!(!bench.has("c"), "{words}");
     }
 }
@@ -294,8 +294,8 @@ fn every_study_has_help_and_leaves_a_folder_alone() {
         for option in ["--out", "--json", "--quick", "--seed"] {
             assert!(help.contains(option), "{help}");
         }
-        let told = bench.palpate_ends(2, &format!("study {study} --quick --out mine"));
-        assert!(told.err.contains("already exists"), "{}", told.err);
+        let output = bench.palpate_ends(2, &format!("study {study} --quick --out mine"));
+        assert!(output.err.contains("already exists"), "{}", output.err);
     }
     assert_eq!(bench.read("mine"), "text");
 }

@@ -102,13 +102,13 @@ fn a_specimen_of_the_study_is_the_run_of_its_seed() {
     let solvers = [("pearson", &outcome.papers), ("best", &outcome.best)];
     let tried = if campaign::is_quick() { 1 } else { solvers.len() };
     for (solver, of_study) in solvers.into_iter().take(tried) {
-        let told = bench.palpate_ends(0, &format!("evaluate run --json --solver {solver}")).json_lines();
+        let output = bench.palpate_ends(0, &format!("evaluate run --json --solver {solver}")).json_lines();
         for (key, expected) in
             [("location_error_mm", Some(of_study.location_error_mm)), ("force_error_n", of_study.force_error_n)]
         {
             let expected = expected.expect("errors");
             for (part, expected) in [("mean", expected.mean), ("p95", expected.p95), ("max", expected.max)] {
-                let found = told[0][key][part].as_f64().expect("a number");
+                let found = output[0][key][part].as_f64().expect("a number");
                 assert!((found - expected).abs() < 1e-12, "{solver}: {key} {part} {found}, in the study {expected}");
             }
         }
@@ -150,8 +150,8 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
     let bench = Bench::new();
     let rows = bench.palpate_ends(0, "study validation --quick --json --seed 7 --out a").json_lines();
     check_rows(&rows, &[7, 8]);
-    let told = bench.palpate_ends(0, "study validation --quick --seed 7 --out b");
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, "study validation --quick --seed 7 --out b");
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }
 

@@ -1,6 +1,6 @@
 //! The first steps of a new user: `demo`, `init`, schemas, completions and man pages.
 
-use palpate_testing::{Bench, SMALL, Told, shipped, shipped_text};
+use palpate_testing::{Bench, Printed, SMALL, shipped, shipped_text};
 
 #[cfg(target_os = "linux")]
 #[test]
@@ -11,22 +11,22 @@ fn demo_runs_the_papers_recipe_and_opens_its_page() {
     let bench = Bench::with([("paper", SMALL), ("xdg-open", "#!/bin/sh\necho \"$@\" > opened\nexit 3\n")]);
     fs::set_permissions(bench.path("xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
     let path = format!("{}:{}", bench.path(".").display(), std::env::var("PATH").unwrap());
-    let told = Told::from(bench.command("demo").env("PATH", path).output().unwrap());
-    assert_eq!(told.code, Some(0), "{}\n{}", told.out, told.err);
+    let printed = Printed::from(bench.command("demo").env("PATH", path).output().unwrap());
+    assert_eq!(printed.code, Some(0), "{}\n{}", printed.out, printed.err);
     for part in ["\ncomplete: 770 of 770 presses, runs/paper\n", "\nACCEPTED", "runs/paper/report.html: "] {
-        assert!(told.out.contains(part), "{part}: {}", told.out);
+        assert!(printed.out.contains(part), "{part}: {}", printed.out);
     }
-    assert!(told.out.lines().count() <= 20 && !told.out.contains("palpate report"), "{}", told.out);
+    assert!(printed.out.lines().count() <= 20 && !printed.out.contains("palpate report"), "{}", printed.out);
     assert!(bench.read("runs/paper/report.html").starts_with("<!DOCTYPE html>"));
     assert_eq!(bench.read("opened"), "runs/paper/report.html\n");
-    assert!(told.running().contains("note: the page wasn't opened: xdg-open: exit status: 3"), "{}", told.err);
+    assert!(printed.running().contains("note: the page wasn't opened: xdg-open: exit status: 3"), "{}", printed.err);
 }
 
 #[test]
 fn demo_overwrites_nothing() {
     let bench = Bench::with([("mine", "")]);
-    let told = bench.palpate_ends(2, "demo --out mine --no-open");
-    assert!(told.running().contains("mine already exists"), "{}", told.err);
+    let output = bench.palpate_ends(2, "demo --out mine --no-open");
+    assert!(output.running().contains("mine already exists"), "{}", output.err);
 }
 
 const SENSORS: [(&str, &str); 4] =
@@ -36,10 +36,13 @@ const SENSORS: [(&str, &str); 4] =
 fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
     for (sensor, simulate) in SENSORS {
         let bench = Bench::new();
-        let told = bench.palpate_ends(0, &format!("init mine --from {sensor}")).out;
+        let output = bench.palpate_ends(0, &format!("init mine --from {sensor}")).out;
         let check = format!("check recipe.toml{simulate}");
-        assert!(told.contains(&format!("  palpate {check}\n")) && told.contains(&format!("runs/{sensor}\n")), "{told}");
-        assert!(told.lines().all(|line| line.chars().count() <= 80), "{told}");
+        assert!(
+            output.contains(&format!("  palpate {check}\n")) && output.contains(&format!("runs/{sensor}\n")),
+            "{output}"
+        );
+        assert!(output.lines().all(|line| line.chars().count() <= 80), "{output}");
         let checked = bench.palpate_ends(0, &check.replace("recipe.toml", "mine/recipe.toml"));
         assert!(checked.err.is_empty(), "{}", checked.err);
         for file in ["recipe", "rig"] {
@@ -57,15 +60,15 @@ fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
 fn the_commands_that_init_prints_work_to_their_end() {
     for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != "paper") {
         let bench = Bench::new();
-        let told = bench.palpate_ends(0, &format!("init . --from {sensor}")).out;
+        let output = bench.palpate_ends(0, &format!("init . --from {sensor}")).out;
         let recipe = bench.read("recipe.toml");
         bench.write(
             "recipe.toml",
             &recipe.replace("spacing_mm = 0.5", "spacing_mm = 3.0").replace("count = 50", "count = 5"),
         );
-        for command in told.lines().filter_map(|line| line.strip_prefix("  palpate ")) {
-            let told = bench.palpate(command);
-            assert!(matches!(told.code, Some(0 | 1)), "{sensor}: palpate {command}\n{}\n{}", told.out, told.err);
+        for command in output.lines().filter_map(|line| line.strip_prefix("  palpate ")) {
+            let output = bench.palpate(command);
+            assert!(matches!(output.code, Some(0 | 1)), "{sensor}: palpate {command}\n{}\n{}", output.out, output.err);
         }
         assert!(bench.has(&format!("runs/{sensor}/report.html")), "{sensor}");
     }
@@ -79,14 +82,14 @@ fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it
     let wide = rig.replace(axes, "x = [-12.5, 12.5], y = [-24.5, -5.0], z = [-24.5, -0.5]");
     let bench = Bench::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
-        let told = bench.palpate_ends(2, &format!("{words} calibrate --rig rig.toml --simulate")).running();
+        let output = bench.palpate_ends(2, &format!("{words} calibrate --rig rig.toml --simulate")).running();
         let parts = [
             "`travel_mm.x` is [-12.5, 12.5], but x of a simulated GRBL ends at -0.5 mm: write x = [-25.5, -0.5], and move \
              `frame.origin_mm.x` by -13 mm",
             "`travel_mm.y` is [-24.5, -5], but y of a simulated GRBL ends at -0.5 mm, where it homes: write y = [-24.5, -0.5]",
         ];
-        parts.iter().for_each(|part| assert!(told.contains(part), "{part}\n{told}"));
-        assert!(!told.contains("$130") && !told.contains("travel_mm.z") && !bench.has("runs"), "{told}");
+        parts.iter().for_each(|part| assert!(output.contains(part), "{part}\n{output}"));
+        assert!(!output.contains("$130") && !output.contains("travel_mm.z") && !bench.has("runs"), "{output}");
     }
     let suggested = wide.replace("x = [-12.5, 12.5], y = [-24.5, -5.0]", "x = [-25.5, -0.5], y = [-24.5, -0.5]");
     bench.write("rig.toml", &suggested);
@@ -102,11 +105,11 @@ fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it
 #[test]
 fn init_overwrites_nothing() {
     let bench = Bench::with([("rig.toml", "mine")]);
-    let told = bench.palpate_ends(2, "init");
+    let output = bench.palpate_ends(2, "init");
     assert!(
-        told.running().contains("rig.toml exists already") && told.running().contains("palpate init DIR"),
+        output.running().contains("rig.toml exists already") && output.running().contains("palpate init DIR"),
         "{}",
-        told.err
+        output.err
     );
     assert_eq!(bench.read("rig.toml"), "mine");
     assert!(!bench.has("recipe.toml"));
@@ -136,14 +139,14 @@ fn each_command_has_a_man_page() {
 #[test]
 fn an_unknown_command_is_refused_with_the_known_ones() {
     let bench = Bench::new();
-    let told = bench.palpate_ends(2, "calibrate paper");
-    assert!(told.err.contains("calibrate is a recipe: palpate run calibrate"), "{}", told.err);
+    let output = bench.palpate_ends(2, "calibrate paper");
+    assert!(output.err.contains("calibrate is a recipe: palpate run calibrate"), "{}", output.err);
     for (words, known) in
         [("frobnicate", "\ncommands: demo, check, run,"), ("study frob", "\ncommands: control, speed-accuracy,")]
     {
-        let told = bench.palpate_ends(2, words);
-        assert!(told.err.contains(known), "{}", told.err);
-        assert!(told.err.lines().all(|line| line.len() <= 80), "{}", told.err);
+        let output = bench.palpate_ends(2, words);
+        assert!(output.err.contains(known), "{}", output.err);
+        assert!(output.err.lines().all(|line| line.len() <= 80), "{}", output.err);
     }
 }
 
@@ -152,9 +155,9 @@ fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
     let wide = shipped_text("rigs/process.toml").replace("z = [-12.5, 12.5]", "z = [-40.0, 12.5]");
     let bench = Bench::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
-        let told = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
+        let output = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
         let said = "z of a simulated stage goes from -12.5 to 12.5 mm, and `stage.travel_mm.z` has -40 to 12.5";
-        assert!(told.running().contains(said), "{}", told.err);
+        assert!(output.running().contains(said), "{}", output.err);
         assert!(!bench.has("runs"));
     }
 }
@@ -162,11 +165,11 @@ fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
 #[test]
 fn a_missing_table_is_reported_with_its_keys() {
     let bench = Bench::with([("rig.toml", "[stage]\ndriver = \"esp301\"\n")]);
-    let told = bench.palpate_ends(2, "check recipes/paper.toml --rig rig.toml");
+    let output = bench.palpate_ends(2, "check recipes/paper.toml --rig rig.toml");
     for part in [
         "`frame` is missing: a table with `surface_mm`, `down`",
         "`array` is missing: a table with `driver`, `grid` or `places_mm`",
     ] {
-        assert!(told.running().contains(part), "{}", told.err);
+        assert!(output.running().contains(part), "{}", output.err);
     }
 }

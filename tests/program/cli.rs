@@ -35,9 +35,13 @@ fn version_and_manifest_name_the_commit_that_the_program_is_built_from() {
 #[test]
 fn check_prints_the_plan_and_leaves_nothing_behind() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "check r.toml --seed 3");
-    assert!(told.out.starts_with("rig sim.toml: simulated, named by the recipe\nplan small, seed 3\n"), "{}", told.out);
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, "check r.toml --seed 3");
+    assert!(
+        output.out.starts_with("rig sim.toml: simulated, named by the recipe\nplan small, seed 3\n"),
+        "{}",
+        output.out
+    );
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
     assert!(!bench.has("runs"));
 }
 
@@ -67,17 +71,17 @@ fn check_warns_of_what_is_probably_not_meant() {
         ("slow.toml", "warning: a press takes over 100 s: `hold_s` and `sample_s` are in seconds"),
         ("no-test.toml", "warning: the recipe has an acceptance rule, but no step with `phase = \"test\"`"),
     ] {
-        let told = bench.palpate_ends(0, &format!("check {recipe}"));
-        assert!(told.running().contains(expected), "{}", told.err);
+        let output = bench.palpate_ends(0, &format!("check {recipe}"));
+        assert!(output.running().contains(expected), "{}", output.err);
     }
 }
 
 #[test]
 fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "run r.toml --json --out run");
+    let output = bench.palpate_ends(0, "run r.toml --json --out run");
     let (header, rows) = bench.table("run/presses.csv");
-    let objects = told.json_lines();
+    let objects = output.json_lines();
     assert_eq!((objects.len(), rows.len()), (SMALL_ROWS, SMALL_ROWS));
     for (object, row) in objects.iter().zip(&rows) {
         let object = object.as_object().expect("an object");
@@ -90,19 +94,19 @@ fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() 
             }
         }
     }
-    assert!(told.err.contains("complete: 7 of 7 presses, run"), "the summary goes to standard error: {}", told.err);
+    assert!(output.err.contains("complete: 7 of 7 presses, run"), "the summary goes to standard error: {}", output.err);
 }
 
 #[test]
 fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "run r.toml --out run --full --seed 5 --sensor A-017");
+    let output = bench.palpate_ends(0, "run r.toml --out run --full --seed 5 --sensor A-017");
     let names: Vec<String> = bench.bytes("run").into_iter().map(|(name, _)| name).collect();
     let tables = ["calibration_matrix.csv", "characteristics.csv", "presses.csv", "scene.csv", "test_matrix.csv"];
     for name in tables.iter().chain(&["journal.log", "manifest.json", "recipe.toml", "rig.toml"]) {
         assert!(names.iter().any(|there| there == name), "{name} isn't in {names:?}");
     }
-    assert!(tables.iter().all(|table| told.out.contains(table)), "the summary names the tables: {}", told.out);
+    assert!(tables.iter().all(|table| output.out.contains(table)), "the summary names the tables: {}", output.out);
     assert!(names.iter().all(|name| !name.starts_with('.')), "no drafts are left: {names:?}");
 
     let manifest = bench.manifest("run");
@@ -165,8 +169,8 @@ fn a_complete_run_is_left_alone_by_resume() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let before = bench.bytes("run");
-    let told = bench.palpate_ends(0, "resume run");
-    assert!(told.err.contains("run is complete: nothing to do"), "{told:?}");
+    let output = bench.palpate_ends(0, "resume run");
+    assert!(output.err.contains("run is complete: nothing to do"), "{output:?}");
     assert_eq!(bench.bytes("run"), before);
 }
 
@@ -175,8 +179,8 @@ fn a_run_goes_under_the_first_free_name() {
     let bench = Bench::with([("r.toml", SMALL)]);
     for expected in ["runs/small", "runs/small-2", "runs/small-3"] {
         assert!(!bench.has(expected));
-        let told = bench.palpate_ends(0, "run r.toml");
-        assert!(told.out.contains(&format!("complete: 7 of 7 presses, {expected}\n")), "{}", told.out);
+        let output = bench.palpate_ends(0, "run r.toml");
+        assert!(output.out.contains(&format!("complete: 7 of 7 presses, {expected}\n")), "{}", output.out);
         assert_eq!(bench.manifest(expected)["status"], "complete");
     }
 }
@@ -184,10 +188,10 @@ fn a_run_goes_under_the_first_free_name() {
 #[test]
 fn progress_without_a_terminal_is_plain_lines() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate_ends(0, "run r.toml");
-    assert!(!told.err.contains(['\u{1b}', '\r']) && !told.out.contains(['\u{1b}', '\r']), "{told:?}");
+    let output = bench.palpate_ends(0, "run r.toml");
+    assert!(!output.err.contains(['\u{1b}', '\r']) && !output.out.contains(['\u{1b}', '\r']), "{output:?}");
     for expected in ["characterisation: from press 1 of 7", "calibration: from press 2 of 7", "100 %: 7 of 7 presses"] {
-        assert!(told.err.contains(expected), "{expected:?} isn't in\n{}", told.err);
+        assert!(output.err.contains(expected), "{expected:?} isn't in\n{}", output.err);
     }
 }
 
@@ -195,13 +199,13 @@ fn progress_without_a_terminal_is_plain_lines() {
 fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
     let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsq\"]\n";
     let bench = Bench::with([("r.toml", text.as_str())]);
-    let told = bench.palpate("run r.toml --out run");
+    let output = bench.palpate("run r.toml --out run");
     let alone = bench.palpate("evaluate run --solver pearson");
-    assert_eq!(told.code, alone.code);
+    assert_eq!(output.code, alone.code);
     for expected in ["pearson-lsq", "location error, mean", "virtual time", "run\n", "hysteresis"] {
-        assert!(told.out.contains(expected), "{expected:?} isn't in\n{}", told.out);
+        assert!(output.out.contains(expected), "{expected:?} isn't in\n{}", output.out);
     }
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
-    let told = Bench::with([("r.toml", text.as_str())]).palpate("run r.toml --json");
-    assert_eq!(told.json_lines().len(), SMALL_ROWS, "nothing but rows on standard output");
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
+    let output = Bench::with([("r.toml", text.as_str())]).palpate("run r.toml --json");
+    assert_eq!(output.json_lines().len(), SMALL_ROWS, "nothing but rows on standard output");
 }

@@ -39,8 +39,8 @@ fn the_example_can_be_evaluated_and_solved_at_once() {
     let [calibration, test] = ["calibration", "test"].map(|name| shipped(&format!("data/example/{name}.csv")));
     let bench = Bench::new();
     let (calibration, readings) = (calibration.display().to_string(), test.display().to_string());
-    let told = bench.palpate_ends(0, &format!("evaluate --calibration {calibration} --test {readings} --json"));
-    assert_eq!(told.json_lines()[0]["points"], 60);
+    let printed = bench.palpate_ends(0, &format!("evaluate --calibration {calibration} --test {readings} --json"));
+    assert_eq!(printed.json_lines()[0]["points"], 60);
     let file = std::fs::File::open(test).expect("the table of tests");
     let solved = bench.command(&format!("solve --calibration {calibration}")).stdin(file).output().expect("it starts");
     assert!(solved.status.success(), "{}", String::from_utf8_lossy(&solved.stderr));

@@ -1,6 +1,6 @@
 //! Tables of other programs: imported as runs, or read as they are with `--columns`.
 
-use palpate_testing::{Bench, Told, shipped, shipped_text};
+use palpate_testing::{Bench, Printed, shipped, shipped_text};
 use serde_json::Value;
 use std::fs::File;
 
@@ -65,8 +65,8 @@ fn bench() -> Bench {
 
 /// The evaluation, without its time.
 fn evaluated(bench: &Bench, words: &str) -> Value {
-    let told = bench.palpate_ends(0, &format!("evaluate {words} --solver pearson-lsq --json")).out;
-    let mut value: Value = serde_json::from_str(&told).unwrap();
+    let output = bench.palpate_ends(0, &format!("evaluate {words} --solver pearson-lsq --json")).out;
+    let mut value: Value = serde_json::from_str(&output).unwrap();
     value.as_object_mut().unwrap().remove("ns_per_solve");
     value
 }
@@ -81,9 +81,9 @@ fn every_way_to_the_same_presses_gives_the_same_errors() {
     assert_eq!(evaluated(&bench, &format!("grid.csv random.csv {SHORT}")), own);
     bench.palpate_ends(0, &format!("import grid.csv --test random.csv {SHORT}"));
     assert_eq!(evaluated(&bench, "runs/grid"), own);
-    let told = bench.palpate_ends(0, "import kalib.csv --test probe.csv --columns columns.toml --sensor A-017");
+    let output = bench.palpate_ends(0, "import kalib.csv --test probe.csv --columns columns.toml --sensor A-017");
     assert_eq!(
-        told.out.lines().next().unwrap(),
+        output.out.lines().next().unwrap(),
         format!(
             "runs/kalib: {} presses of 9 outputs imported",
             rows("data/example/calibration.csv").len() + rows("data/example/test.csv").len()
@@ -94,7 +94,7 @@ fn every_way_to_the_same_presses_gives_the_same_errors() {
         "note: kalib.csv: 3 rows excluded: a cell is blank or has no value (first: line",
         "column `Fz`)",
     ] {
-        assert!(told.err.contains(note), "{note}: {}", told.err);
+        assert!(output.err.contains(note), "{note}: {}", output.err);
     }
     let number = |value: &Value| value["location_error_mm"]["mean"].as_f64().unwrap();
     let imported = evaluated(&bench, "runs/kalib");
@@ -125,8 +125,8 @@ fn an_imported_run_says_so_in_its_first_record_on_its_page_and_on_its_certificat
     {
         bench.palpate_ends(0, command);
     }
-    let told = bench.palpate_ends(2, "resume runs/kalib");
-    assert!(told.running().contains("runs/kalib was imported, not measured"), "{}", told.err);
+    let output = bench.palpate_ends(2, "resume runs/kalib");
+    assert!(output.running().contains("runs/kalib was imported, not measured"), "{}", output.err);
 }
 
 #[test]
@@ -155,35 +155,36 @@ fn what_can_not_be_imported_leaves_nothing() {
         ("import grid.csv --columns x_mm=X,y_mm=Y,outputs=ch0-ch8", "`outputs` is \"ch0-ch8\", which names one column"),
         ("import kalib.csv --test grid.csv --columns columns.toml", "column `X [um]` is missing"),
     ] {
-        let told = bench.palpate_ends(2, words);
-        assert!(told.running().contains(expected), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, words);
+        assert!(output.running().contains(expected), "{words}: {}", output.err);
         assert!(!bench.has("runs"), "{words}");
     }
-    let told = bench.palpate_ends(0, "import n.csv --test mn.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
+    let output =
+        bench.palpate_ends(0, "import n.csv --test mn.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
     assert!(
-        told.running().contains("warning: force_n up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
+        output.running().contains("warning: force_n up to 950 in mn.csv, and up to 0.95 in n.csv: both must be in N"),
         "{}",
-        told.err
+        output.err
     );
     let two = [Bench::path(&bench, "own.csv"), shipped("data/example/test.csv")].map(|path| path.display().to_string());
     bench.write("own.csv", &shipped_text("data/example/calibration.csv"));
-    let told = bench.palpate_ends(0, &format!("evaluate {} {} --solver pearson", two[1], two[0]));
-    assert!(told.running().contains("their column `phase` states the opposite"), "{}", told.err);
+    let output = bench.palpate_ends(0, &format!("evaluate {} {} --solver pearson", two[1], two[0]));
+    assert!(output.running().contains("their column `phase` states the opposite"), "{}", output.err);
     bench.write("um.csv", "X,Y,Fz,ch0,ch1\n-900,0,1,2,1\n900,10,1,2,2\n");
     bench.write("um.toml", "x_mm = \"X\"\ny_mm = \"Y\"\nforce_n = \"Fz\"\noutputs = \"ch0..ch1\"\narray = { places_mm = [[0.0, 0.0], [9.0, 1.0]] }\n");
-    let told = bench.palpate_ends(0, "import um.csv --columns um.toml");
-    assert!(told.err.contains("warning: the presses are over 1800 mm, but the array is 9 mm wide"), "{}", told.err);
+    let output = bench.palpate_ends(0, "import um.csv --columns um.toml");
+    assert!(output.err.contains("warning: the presses are over 1800 mm, but the array is 9 mm wide"), "{}", output.err);
     bench.write("pulled.csv", "X,Y,Fz,ch0,ch1\n0,0,-0.9,2,1\n1,0,-0.95,2,2\n");
-    let told = bench.palpate_ends(2, "import pulled.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
-    assert!(told.running().contains("pulled.csv: all forces are negative"), "{}", told.err);
+    let output = bench.palpate_ends(2, "import pulled.csv --columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch1");
+    assert!(output.running().contains("pulled.csv: all forces are negative"), "{}", output.err);
     bench.write("far.toml", "x_mm = \"X\"\ny_mm = \"Y\"\nforce_n = \"Fz\"\noutputs = \"ch0..ch1\"\narray = { places_mm = [[9.0, 0.0], [9.0, 1.0]] }\n");
-    let told = bench.palpate_ends(0, "import n.csv --columns far.toml");
-    assert!(told.running().contains("warning: 2 of 2 units are outside the area of the presses"), "{}", told.err);
-    let told = bench.palpate_ends(2, "certificate runs/n --with certificate.toml");
-    assert!(told.running().contains("has no sensor ID"), "{}", told.err);
+    let output = bench.palpate_ends(0, "import n.csv --columns far.toml");
+    assert!(output.running().contains("warning: 2 of 2 units are outside the area of the presses"), "{}", output.err);
+    let output = bench.palpate_ends(2, "certificate runs/n --with certificate.toml");
+    assert!(output.running().contains("has no sensor ID"), "{}", output.err);
     bench.palpate_ends(0, &format!("import grid.csv --test random.csv {SHORT} --sensor A-017 --out undated"));
-    let told = bench.palpate_ends(2, "certificate undated --with certificate.toml");
-    assert!(told.running().contains("doesn't state the day of the measurement"), "{}", told.err);
+    let output = bench.palpate_ends(2, "certificate undated --with certificate.toml");
+    assert!(output.running().contains("doesn't state the day of the measurement"), "{}", output.err);
 }
 
 #[test]
@@ -194,9 +195,9 @@ fn readings_have_the_columns_of_the_tables() {
     let solved = |model: &str, columns: &str, input: &str| {
         bench.write("input", input);
         let mut command = bench.command(&format!("solve --model {model} {columns} --quiet"));
-        let told: Told = command.stdin(File::open(bench.path("input")).unwrap()).output().unwrap().into();
-        assert_eq!(told.code, Some(0), "{}", told.err);
-        told.out
+        let printed: Printed = command.stdin(File::open(bench.path("input")).unwrap()).output().unwrap().into();
+        assert_eq!(printed.code, Some(0), "{}", printed.err);
+        printed.out
     };
     let expected = solved("other.palpate", SHORT, &short("data/example/test.csv"));
     let row = |text: String| {

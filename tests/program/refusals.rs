@@ -2,7 +2,7 @@
 //! and no run folder.
 
 use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, Twin};
-use palpate_testing::{Bench, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Printed, SMALL, exchanged, shipped_text};
 
 const RIG: &str = "rigs/sim.toml";
 
@@ -11,12 +11,12 @@ fn a_suggestion_never_changes_what_the_data_mean() {
     for (phase, suggested) in [("validation", None), ("tset", Some("test")), ("calibratoin", Some("calibration"))] {
         let recipe = exchanged(SMALL, "phase = \"calibration\"", &format!("phase = \"{phase}\""));
         let bench = Bench::with([("r.toml", recipe.as_str())]);
-        let told = bench.palpate_ends(2, "check r.toml");
-        let told = told.running();
-        assert!(told.contains("expected one of characterisation, calibration, test") || suggested.is_some());
+        let output = bench.palpate_ends(2, "check r.toml");
+        let output = output.running();
+        assert!(output.contains("expected one of characterisation, calibration, test") || suggested.is_some());
         match suggested {
-            Some(word) => assert!(told.contains(&format!("did you mean `{word}`?")), "{told}"),
-            None => assert!(!told.contains("did you mean"), "{told}"),
+            Some(word) => assert!(output.contains(&format!("did you mean `{word}`?")), "{output}"),
+            None => assert!(!output.contains("did you mean"), "{output}"),
         }
     }
 }
@@ -33,27 +33,27 @@ fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
 
 #[test]
 fn the_recipe_that_has_the_failure_twins_is_itself_in_order() {
-    let told = Bench::with([("r.toml", SMALL)]).palpate_ends(0, "check r.toml");
-    assert!(told.out.contains("plan small, seed 1") && told.err.is_empty(), "{told:?}");
+    let output = Bench::with([("r.toml", SMALL)]).palpate_ends(0, "check r.toml");
+    assert!(output.out.contains("plan small, seed 1") && output.err.is_empty(), "{output:?}");
 }
 
 #[test]
-fn several_problems_are_told_at_once_in_the_order_of_their_lines() {
+fn several_problems_are_reported_at_once_in_the_order_of_their_lines() {
     let text = exchanged(&exchanged(SMALL, "to_n = 2.0", "to_n = \"2 N\""), "spacing_mm = 4.0", "spacing_mm = 0.7");
     let bench = Bench::with([("r.toml", exchanged(&text, "count = 2", "count = 2.5").as_str())]);
     let places = ["r.toml:10:22", "r.toml:14:63", "r.toml:19:20"];
-    let told = assert_refused(&bench, "run r.toml", &places);
-    assert!(places.map(|place| told.err.find(place)).is_sorted(), "{}", told.err);
+    let output = assert_refused(&bench, "run r.toml", &places);
+    assert!(places.map(|place| output.err.find(place)).is_sorted(), "{}", output.err);
 }
 
 #[test]
-fn a_misspelt_place_of_a_step_is_told_with_its_nearest_spelling() {
+fn a_misspelt_place_of_a_step_is_reported_with_its_nearest_spelling() {
     let bench = Bench::with([("r.toml", exchanged(SMALL, "units = [5]", "unit = [5]").as_str())]);
     assert_refused(&bench, "run r.toml", &["unknown key `unit` in `step`", "r.toml:9:1", "did you mean `units`?"]);
 }
 
 #[test]
-fn a_recipe_that_is_not_there_or_not_text_is_told_by_its_name() {
+fn a_recipe_that_is_not_there_or_not_text_is_reported_by_its_name() {
     let bench = Bench::new();
     assert_refused(&bench, "run none.toml", &["none.toml", "give an existing file"]);
     assert_refused(&bench, "check none.toml", &["none.toml", "give an existing file"]);
@@ -141,26 +141,26 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
 }
 
 /// It ends with 2 and says each part; nothing has come into being on the bench.
-fn assert_refused(bench: &Bench, words: &str, parts: &[&str]) -> Told {
-    let told = bench.palpate(words);
-    let running = told.running();
-    assert_eq!(told.code, Some(2), "palpate {words}\n{}\n{}", told.out, told.err);
+fn assert_refused(bench: &Bench, words: &str, parts: &[&str]) -> Printed {
+    let output = bench.palpate(words);
+    let running = output.running();
+    assert_eq!(output.code, Some(2), "palpate {words}\n{}\n{}", output.out, output.err);
     for part in parts {
-        assert!(running.contains(part), "palpate {words} doesn't say {part:?}:\n{}", told.err);
+        assert!(running.contains(part), "palpate {words} doesn't say {part:?}:\n{}", output.err);
     }
     let is_rig = |line: &str| line.starts_with("rig ");
-    assert!(told.out.lines().all(is_rig), "palpate {words} says on standard output: {}", told.out);
+    assert!(output.out.lines().all(is_rig), "palpate {words} says on standard output: {}", output.out);
     assert!(!bench.has("runs") && !bench.has("there"), "palpate {words} left a folder");
-    told
+    output
 }
 
 #[test]
-fn a_folder_that_cant_be_made_is_told_before_anything_is_pressed() {
+fn a_folder_that_cant_be_made_is_reported_before_anything_is_pressed() {
     let bench = Bench::with([("r.toml", SMALL)]);
-    let told = bench.palpate("run r.toml --out /proc/none/run");
-    assert_eq!(told.code, Some(5), "{}", told.err);
-    assert!(told.running().contains("nothing was pressed: choose another --out"), "{}", told.err);
-    assert!(!told.running().contains("resume"), "{}", told.err);
+    let output = bench.palpate("run r.toml --out /proc/none/run");
+    assert_eq!(output.code, Some(5), "{}", output.err);
+    assert!(output.running().contains("nothing was pressed: choose another --out"), "{}", output.err);
+    assert!(!output.running().contains("resume"), "{}", output.err);
 }
 
 #[test]
@@ -176,12 +176,12 @@ fn a_mistake_in_a_file_that_a_rig_names_keeps_its_suggestion() {
 fn an_invalid_force_of_random_is_the_only_problem_of_its_step() {
     let text = exchanged(SMALL, "force_n = [0.5, 1.0]", "force_n = [0.0, 1.0]");
     let bench = Bench::with([("r.toml", text.as_str())]);
-    let told = assert_refused(&bench, "check r.toml", &["`force_n` is 0, must be over 0", "one problem"]);
-    assert!(!told.err.contains("this step has no force"), "{}", told.err);
+    let output = assert_refused(&bench, "check r.toml", &["`force_n` is 0, must be over 0", "one problem"]);
+    assert!(!output.err.contains("this step has no force"), "{}", output.err);
 }
 
 #[test]
-fn a_number_for_all_units_is_told_how_many_it_needs() {
+fn a_number_for_all_units_is_reported_how_many_it_needs() {
     let rig = shipped_text(RIG);
     let start = rig.find("repeatability_percent = [").expect("a list");
     let end = start + rig[start..].find(']').expect("its end") + 1;
@@ -197,16 +197,16 @@ fn a_million_presses_are_refused_by_a_limit_that_can_be_raised_by_its_name() {
     let text = format!("name = \"million\"\nrig = \"sim\"\n[[step]]\nphase = \"test\"\n{step}\n");
     let bench = Bench::with([("r.toml", text.as_str())]);
     for words in ["check r.toml", "run r.toml --out run"] {
-        let told = bench.palpate_ends(2, words);
+        let output = bench.palpate_ends(2, words);
         assert!(
-            told.err.contains("r.toml:5:") && told.running().contains("1000000 presses, but at most 100000"),
+            output.err.contains("r.toml:5:") && output.running().contains("1000000 presses, but at most 100000"),
             "{}",
-            told.err
+            output.err
         );
-        assert!(told.running().contains("--presses-max 1000000"), "{}", told.err);
+        assert!(output.running().contains("--presses-max 1000000"), "{}", output.err);
     }
     assert!(!bench.has("run"));
-    let told = bench.palpate_ends(0, "check r.toml --presses-max 1000000");
-    assert!(told.out.contains("1000000"), "{}", told.out);
+    let output = bench.palpate_ends(0, "check r.toml --presses-max 1000000");
+    assert!(output.out.contains("1000000"), "{}", output.out);
     bench.palpate_ends(2, "check r.toml --presses-max 10000001");
 }

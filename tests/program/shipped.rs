@@ -12,29 +12,29 @@ fn every_recipe_can_be_run_on_every_rig() {
     let bench = Bench::new();
     for recipe in &recipes {
         for rig in &rigs {
-            let told = bench.palpate_ends(0, &format!("check {recipe} --rig {rig}"));
-            assert!(told.out.contains("largest force") && told.err.is_empty(), "{recipe} on {rig}: {told:?}");
+            let output = bench.palpate_ends(0, &format!("check {recipe} --rig {rig}"));
+            assert!(output.out.contains("largest force") && output.err.is_empty(), "{recipe} on {rig}: {output:?}");
         }
     }
 }
 
 #[test]
 fn a_plan_is_described_in_presses_levels_force_and_time() {
-    let told = Bench::new().palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display()));
-    let rows: Vec<Vec<&str>> = told.out.lines().map(|line| line.split_whitespace().collect()).collect();
+    let output = Bench::new().palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display()));
+    let rows: Vec<Vec<&str>> = output.out.lines().map(|line| line.split_whitespace().collect()).collect();
     for expected in [["characterisation", "45", "405"], ["calibration", "625", "625"], ["test", "100", "100"]] {
-        assert!(rows.iter().any(|row| row.starts_with(&expected)), "{expected:?} isn't in\n{}", told.out);
+        assert!(rows.iter().any(|row| row.starts_with(&expected)), "{expected:?} isn't in\n{}", output.out);
     }
     for expected in ["together 770 1130", "largest force 2 N, limit 2 N", "travel -12.5 to 12.5 mm"] {
-        assert!(rows.iter().any(|row| row.join(" ").contains(expected)), "{expected:?} isn't in\n{}", told.out);
+        assert!(rows.iter().any(|row| row.join(" ").contains(expected)), "{expected:?} isn't in\n{}", output.out);
     }
 }
 
 #[test]
 fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
     let described = |more: &str| {
-        let told = Bench::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
-        told.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
+        let output = Bench::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
+        output.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
     };
     let (mapped, guarded) = (described(""), described("--strategy guarded"));
     let has = |lines: &[String], start: &str| lines.iter().any(|line| line.starts_with(start));
@@ -163,8 +163,8 @@ fn shipped_files_are_found_by_name_from_any_folder_and_a_file_of_the_user_wins()
 
     bench.write("paper", SMALL);
     assert!(bench.palpate_ends(0, "check paper").out != by_path, "the file named paper is read");
-    let told = bench.palpate_ends(2, "check papr").running();
-    assert!(told.contains("give an existing file or a shipped one: paper, calibrate,"), "{told}");
+    let output = bench.palpate_ends(2, "check papr").running();
+    assert!(output.contains("give an existing file or a shipped one: paper, calibrate,"), "{output}");
 }
 
 #[test]
@@ -172,7 +172,7 @@ fn the_batch_recipe_rejects_a_sensor_with_a_clipped_unit_whose_errors_are_small(
     let rig =
         shipped_text("rigs/batch.toml") + "\n[[scene.taxel_fault]]\nunit = 5\nkind = \"clipped\"\nreading = 0.3\n";
     let bench = Bench::with([("clipped.toml", rig.as_str())]);
-    let told = bench.palpate_ends(1, "run batch --rig clipped.toml --seed 45 --evaluate recipe").out;
-    assert!(told.contains("NOT ACCEPTED") && told.contains("broken channels 1 exceeds the limit 0"), "{told}");
-    assert!(told.contains("and 2 within their limits"), "{told}");
+    let output = bench.palpate_ends(1, "run batch --rig clipped.toml --seed 45 --evaluate recipe").out;
+    assert!(output.contains("NOT ACCEPTED") && output.contains("broken channels 1 exceeds the limit 0"), "{output}");
+    assert!(output.contains("and 2 within their limits"), "{output}");
 }

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use palpate_testing::terminal::{Terminal, spawned, wait};
-use palpate_testing::{Bench, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Printed, SMALL, exchanged, shipped_text};
 
 /// File that the programs of the real rig leave: a real device was opened.
 const OPENED: &str = "opened";
@@ -81,7 +81,7 @@ impl Layout {
 }
 
 /// Runs the program, with a person at a terminal or with nobody.
-fn run(bench: &Bench, words: &str, person: Person, is_asked: bool) -> Told {
+fn run(bench: &Bench, words: &str, person: Person, is_asked: bool) -> Printed {
     let mut command = bench.command(&format!("run {words} --out out"));
     if person == Person::Nobody {
         return command.output().expect("the program starts").into();
@@ -95,7 +95,7 @@ fn run(bench: &Bench, words: &str, person: Person, is_asked: bool) -> Told {
         terminal.line(if person == Person::Agrees { "y" } else { "n" });
     }
     out += &terminal.until_end();
-    Told { code: wait(child), err: out.clone(), out }
+    Printed { code: wait(child), err: out.clone(), out }
 }
 
 #[test]
@@ -106,26 +106,26 @@ fn no_real_stage_moves_without_the_option_or_a_person_who_confirms() {
                 let bench = layout.bench(is_real);
                 let is_real = is_real && layout.is_of_own();
                 let is_asked = is_real && layout.first != Some("named by --rig");
-                let told = run(&bench, layout.words, person, is_asked);
-                let case = format!("run {}, {} {is_real} {person:?}: {told:?}", layout.words, layout.rig);
-                let has = |part: &str| told.running().contains(part);
+                let output = run(&bench, layout.words, person, is_asked);
+                let case = format!("run {}, {} {is_real} {person:?}: {output:?}", layout.words, layout.rig);
+                let has = |part: &str| output.running().contains(part);
                 let may_move = is_real && (!is_asked || person == Person::Agrees);
                 assert_eq!(bench.has(OPENED), may_move, "{case}");
                 let Some(first) = layout.first else {
                     assert!(
-                        told.code == Some(2) && has("--rig RIG") && has("rig.toml") && has("rig = \"RIG\""),
+                        output.code == Some(2) && has("--rig RIG") && has("rig.toml") && has("rig = \"RIG\""),
                         "{case}"
                     );
                     continue;
                 };
                 let kind = if is_real { "real" } else { "simulated" };
-                let line = told.out.lines().next().unwrap_or_default().trim_end();
+                let line = output.out.lines().next().unwrap_or_default().trim_end();
                 assert!(line.starts_with("rig ") && line.ends_with(&format!(": {kind}, {first}")), "{case}");
                 match (is_real, may_move) {
-                    (false, _) => assert!(matches!(told.code, Some(0 | 1)) && bench.has("out/presses.csv"), "{case}"),
-                    (true, true) => assert_eq!(told.code, Some(3), "{case}"),
+                    (false, _) => assert!(matches!(output.code, Some(0 | 1)) && bench.has("out/presses.csv"), "{case}"),
+                    (true, true) => assert_eq!(output.code, Some(3), "{case}"),
                     (true, false) => {
-                        assert!(told.code == Some(2) && has("nothing was moved") && has("--rig"), "{case}")
+                        assert!(output.code == Some(2) && has("nothing was moved") && has("--rig"), "{case}")
                     }
                 }
                 assert!(may_move || !is_real || !bench.has("out"), "{case}");
@@ -161,8 +161,8 @@ fn a_recipe_in_the_folder_of_its_run_is_refused() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out one");
     for words in ["run one/recipe.toml", "run one/recipe.toml --rig sim", "check one/recipe.toml"] {
-        let told = bench.palpate_ends(2, words).running();
-        assert!(told.contains("palpate resume one") && told.contains("copy the recipe"), "{told}");
+        let output = bench.palpate_ends(2, words).running();
+        assert!(output.contains("palpate resume one") && output.contains("copy the recipe"), "{output}");
     }
     assert!(!bench.has("runs"));
 }
@@ -174,9 +174,9 @@ fn a_recipe_of_a_batch_has_the_rig_of_the_batch() {
     for (key, is_same) in [("a.toml", true), ("sim", true), ("printer", false)] {
         let recipe = exchanged(&shipped(), "name =", &format!("rig = \"{key}\"\nname ="));
         let bench = Bench::with([("batch.toml", batch), ("a.toml", sim.as_str()), ("r.toml", recipe.as_str())]);
-        let told = bench.palpate_ends(if is_same { 0 } else { 2 }, "batch check batch.toml");
+        let output = bench.palpate_ends(if is_same { 0 } else { 2 }, "batch check batch.toml");
         let said = "r.toml: `rig` is printer.toml, but the rig of the batch is a.toml";
-        assert_eq!(told.running().contains(said), !is_same, "{told:?}");
-        assert!(!is_same || told.out.starts_with("rig a.toml: simulated, named by the batch\n"), "{told:?}");
+        assert_eq!(output.running().contains(said), !is_same, "{output:?}");
+        assert!(!is_same || output.out.starts_with("rig a.toml: simulated, named by the batch\n"), "{output:?}");
     }
 }

@@ -80,11 +80,11 @@ fn a_rig_that_was_changed_is_refused_by_key_and_nothing_is_changed() {
         }
         bench.write("run/rig.toml", &rig.to_string());
         let before = bench.bytes("run");
-        let told = bench.palpate("resume run");
-        assert_eq!(told.code, Some(2), "{}: {}", listed.path, told.err);
+        let output = bench.palpate("resume run");
+        assert_eq!(output.code, Some(2), "{}: {}", listed.path, output.err);
         let name = listed.path.split('.').collect::<Vec<_>>();
-        let is_named = told.running().contains(name[name.len() - 1]);
-        assert!(is_named && told.running().contains("the run began with"), "{}: {}", listed.path, told.err);
+        let is_named = output.running().contains(name[name.len() - 1]);
+        assert!(is_named && output.running().contains("the run began with"), "{}: {}", listed.path, output.err);
         assert!(bench.bytes("run") == before, "{} changed something", listed.path);
         changed += 1;
     }
@@ -99,8 +99,12 @@ fn a_tighter_limit_is_taken_recorded_and_both_texts_stay() {
     let began = bench.read("run/rig.toml");
     let tighter = began.replacen("stiffness_n_mm = 2.0", "stiffness_n_mm = 2.5", 1);
     bench.write("run/rig.toml", &tighter);
-    let told = bench.palpate_ends(0, "resume run");
-    assert!(told.err.contains("rig: `limits.stiffness_n_mm` is 2.5 (it was 2.0 when the run began)"), "{}", told.err);
+    let output = bench.palpate_ends(0, "resume run");
+    assert!(
+        output.err.contains("rig: `limits.stiffness_n_mm` is 2.5 (it was 2.0 when the run began)"),
+        "{}",
+        output.err
+    );
     assert_eq!(bench.read("run/rig-1.toml"), began);
     assert_eq!(bench.read("run/rig.toml"), tighter);
     let change = &bench.manifest("run")["sessions"][1]["changes"][0];
@@ -110,8 +114,8 @@ fn a_tighter_limit_is_taken_recorded_and_both_texts_stay() {
     for (from, to) in [("stiffness_n_mm = 2.0", "stiffness_n_mm = 1.0"), ("depth_mm = 1.6", "depth_mm = 3.2")] {
         let bench = killed();
         bench.write("run/rig.toml", &bench.read("run/rig.toml").replacen(from, to, 1));
-        let told = bench.palpate_ends(2, "resume run");
-        assert!(told.running().contains("the run began with"), "{}", told.err);
+        let output = bench.palpate_ends(2, "resume run");
+        assert!(output.running().contains("the run began with"), "{}", output.err);
     }
 }
 
@@ -120,8 +124,8 @@ fn another_rig_file_gives_the_links_and_a_lost_one_comes_from_the_journal() {
     let bench = killed();
     let began = bench.read("run/rig.toml");
     bench.write("elsewhere.toml", &began.replacen("depth_mm = 1.6", "depth_mm = 1.5", 1));
-    let told = bench.palpate_ends(0, "resume run --rig elsewhere.toml");
-    assert!(told.err.contains("`limits.depth_mm` is 1.5"), "{}", told.err);
+    let output = bench.palpate_ends(0, "resume run --rig elsewhere.toml");
+    assert!(output.err.contains("`limits.depth_mm` is 1.5"), "{}", output.err);
     assert_eq!((bench.read("run/rig-1.toml"), bench.read("run/rig.toml")), (began, bench.read("elsewhere.toml")));
 
     let bench = killed();
@@ -138,8 +142,8 @@ fn simulated_links_do_not_become_real() {
     let bench = killed();
     let began = bench.read("run/rig.toml");
     bench.write("run/rig.toml", &began.replace("link = \"sim\"", "link = \"tcp://127.0.0.1:1\""));
-    let told = bench.palpate_ends(2, "resume run");
+    let output = bench.palpate_ends(2, "resume run");
     for key in ["stage.link", "load_cell.link", "array.link"] {
-        assert!(told.running().contains(&format!("`{key}` is \"tcp://127.0.0.1:1\"")), "{}", told.err);
+        assert!(output.running().contains(&format!("`{key}` is \"tcp://127.0.0.1:1\"")), "{}", output.err);
     }
 }

@@ -42,8 +42,8 @@ impl Listener for Stopping<'_> {
 fn walked(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
     let cancel = Cancel::default();
     run_virtually(async {
-        let errand = RunJob { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
-        walk(errand, &mut Stopping { cancel: &cancel, left: presses }).await
+        let job = RunJob { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
+        walk(job, &mut Stopping { cancel: &cancel, left: presses }).await
     })
 }
 
@@ -67,7 +67,7 @@ fn order(memory: &Memory) -> Vec<Option<u64>> {
 fn whole(spec: &RigSpec, plan: &Plan) -> Memory {
     let mut memory = Memory::default();
     let ending = walked(spec, plan, &mut memory, usize::MAX);
-    assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+    assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     memory
 }
 
@@ -159,18 +159,18 @@ fn a_load_cell_or_a_sensor_that_has_changed_leaves_nothing_decided() {
     {
         assert_ne!(*world, rig);
         let bench = Bench::with([("r.toml", TINY)]);
-        let told = bench.palpate_ends(0, "run r.toml --out run");
-        assert!(told.out.contains("check at the end: outputs for each newton"), "{}", told.out);
+        let output = bench.palpate_ends(0, "run r.toml --out run");
+        assert!(output.out.contains("check at the end: outputs for each newton"), "{}", output.out);
         cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
         change_the_world(&bench, "run", world);
-        let told = bench.palpate_ends(1, "resume run");
-        let said = told.out.split_whitespace().collect::<Vec<_>>().join(" ");
+        let output = bench.palpate_ends(1, "resume run");
+        let said = output.out.split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(said.contains("check failed at the end: ") && said.contains(what), "{said}");
         assert!(said.contains("presses from 1 on are doubtful") && said.contains("NOT DECIDED"), "{said}");
         assert_eq!(bench.manifest("run")["status"], "complete");
         assert_eq!(bench.manifest("run")["presses_done"], TINY_PRESSES);
-        let told = bench.palpate_ends(1, "evaluate run");
-        assert!(told.out.contains("NOT DECIDED") && told.err.contains("check failed at the end"), "{}", told.err);
+        let output = bench.palpate_ends(1, "evaluate run");
+        assert!(output.out.contains("NOT DECIDED") && output.err.contains("check failed at the end"), "{}", output.err);
         bench.palpate_ends(0, "verify run");
     }
 }
@@ -182,8 +182,8 @@ fn a_recipe_without_checks_makes_none_and_check_counts_them() {
     assert!(bench.palpate_ends(0, "check r.toml").out.contains("and 1 check at the end, at (0, 0) mm\n"));
     assert!(!bench.palpate_ends(0, "check none.toml").out.contains("check at the end"));
     bench.palpate_ends(0, "run r.toml --out run");
-    let told = bench.palpate_ends(0, "run none.toml --out none");
-    assert!(!told.out.contains("check"), "{}", told.out);
+    let output = bench.palpate_ends(0, "run none.toml --out none");
+    assert!(!output.out.contains("check"), "{}", output.out);
     for table in ["presses.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"] {
         assert_eq!(bench.read(&format!("run/{table}")), bench.read(&format!("none/{table}")), "{table}");
     }
@@ -196,8 +196,8 @@ fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
     let check = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0, gain_sd = 0.0002, times = 3, date = \"2026-05-04\" }";
     let rig = shipped_text("rigs/sim.toml").replacen("lag_ms = 0.0", &format!("{check}\nlag_ms = 0.0"), 1);
     let bench = Bench::with([("r.toml", TINY), ("rig.toml", &rig)]);
-    let told = bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
-    assert!(told.out.contains("the load cell was not checked after the run"), "{}", told.out);
+    let output = bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
+    assert!(output.out.contains("the load cell was not checked after the run"), "{}", output.out);
     assert_eq!(bench.manifest("run")["cell_unchecked"], true);
     bench.palpate_ends(0, "run r.toml --out other");
     assert!(bench.manifest("other").get("cell_unchecked").is_none());
@@ -234,10 +234,10 @@ fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever
         let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
         let (mut memory, cancel) = (Memory::default(), Cancel::default());
         let ending = run_virtually(async {
-            let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-            walk(errand, &mut person).await
+            let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+            walk(job, &mut person).await
         });
-        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         assert_eq!(ending.cell.map(|cell| cell.problem().is_some()), found, "{gain}, {pressed_n}: {:?}", ending.cell);
         assert_eq!(person.asked.len(), if found.is_some() { 6 } else { 1 }, "{:?}", person.asked);
     }

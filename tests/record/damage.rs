@@ -3,7 +3,7 @@
 use palpate_core::quantity::stream;
 use palpate_testing::interrupted::sealed;
 use palpate_testing::rows::json;
-use palpate_testing::{Bench, LONG, SMALL, Told, campaign, shipped_text};
+use palpate_testing::{Bench, LONG, Printed, SMALL, campaign, shipped_text};
 use rand::RngExt;
 use std::fs::{self, File};
 
@@ -29,14 +29,15 @@ fn answers(bench: &Bench) -> (Vec<String>, Vec<String>) {
     let mut warnings = Vec::new();
     let answer = |words: &&str| {
         let mut command = bench.command(words);
-        let told = command.stdin(File::open(bench.path("readings.csv")).expect("readings")).output().expect("a start");
-        let err = String::from_utf8(told.stderr).expect("UTF-8");
+        let printed =
+            command.stdin(File::open(bench.path("readings.csv")).expect("readings")).output().expect("a start");
+        let err = String::from_utf8(printed.stderr).expect("UTF-8");
         warnings.push(err.lines().filter(|line| line.starts_with("warning: ")).collect::<Vec<_>>().join("\n"));
         let page = if words.starts_with("report") { bench.read("page.html") } else { String::new() };
-        let out = String::from_utf8(told.stdout).expect("UTF-8");
+        let out = String::from_utf8(printed.stdout).expect("UTF-8");
         // how long a solve takes is measured each time
         let out = out.split("\"ns_per_solve\"").next().unwrap_or_default().to_owned();
-        format!("{:?}\n{out}\n{page}", told.status.code())
+        format!("{:?}\n{out}\n{page}", printed.status.code())
     };
     (READERS.iter().map(answer).collect(), warnings)
 }
@@ -76,18 +77,18 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
         bench.palpate_ends(0, &format!("run r.toml --out {run}"));
     }
     let words = "evaluate --calibration run/presses.csv --test again/presses.csv --solver pearson --json";
-    let told = bench.palpate_ends(0, words);
-    let answer = |told: &Told| {
-        let mut answer = told.json_lines().remove(0);
+    let output = bench.palpate_ends(0, words);
+    let answer = |output: &Printed| {
+        let mut answer = output.json_lines().remove(0);
         // how long a solve takes is measured each time
         answer.as_object_mut().expect("an object").remove("ns_per_solve").expect("a time");
         answer
     };
-    let error_mm = |told: &Told| answer(told)["location_error_mm"]["mean"].as_f64().expect("a mean");
+    let error_mm = |output: &Printed| answer(output)["location_error_mm"]["mean"].as_f64().expect("a mean");
     let notes = "note: run/presses.csv: its 4 rows of phase `calibration` are used, of 6\n\
                  note: again/presses.csv: its 2 rows of phase `test` are used, of 6\n";
-    assert_eq!(told.err, notes);
-    assert_eq!(answer(&bench.palpate_ends(0, words)), answer(&told), "the same table, the same answer");
+    assert_eq!(output.err, notes);
+    assert_eq!(answer(&bench.palpate_ends(0, words)), answer(&output), "the same table, the same answer");
     // every place of the calibration is elsewhere, so the one that answers is too
     let table = bench.read("run/presses.csv");
     let moved: String = table
@@ -100,9 +101,9 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
     bench.write("run/presses.csv", &moved);
     let moved = bench.palpate_ends(0, words);
     assert!(moved.err.starts_with("warning: run/presses.csv differs from the journal; it is read as it is"));
-    assert_ne!(answer(&moved), answer(&told), "the table counts");
-    println!("location error {} mm, {} mm where the table has a place elsewhere", error_mm(&told), error_mm(&moved));
-    assert!((error_mm(&moved) - error_mm(&told)).abs() > 0.01, "a place that is 1 mm off changes the answer");
+    assert_ne!(answer(&moved), answer(&output), "the table counts");
+    println!("location error {} mm, {} mm where the table has a place elsewhere", error_mm(&output), error_mm(&moved));
+    assert!((error_mm(&moved) - error_mm(&output)).abs() > 0.01, "a place that is 1 mm off changes the answer");
 }
 
 #[test]
@@ -119,8 +120,8 @@ fn a_complete_run_whose_journal_was_cut_is_damaged_and_left_alone() {
         let verified = bench.palpate("verify run");
         assert_eq!(verified.code, Some(1), "cut at {cut}: {}{}", verified.out, verified.err);
         for command in ["rebuild run", "resume run"] {
-            let told = bench.palpate(command);
-            assert_eq!(told.code, Some(2), "{command}, cut at {cut}: {}{}", told.out, told.err);
+            let output = bench.palpate(command);
+            assert_eq!(output.code, Some(2), "{command}, cut at {cut}: {}{}", output.out, output.err);
             assert!(bench.bytes("run") == before, "{command}, cut at {cut}, changed something");
         }
     }
@@ -154,14 +155,14 @@ fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
     bench.palpate_ends(1, "verify run");
     bench.palpate_ends(0, "rebuild run --accept-loss");
     assert_eq!(bench.manifest("run")["presses_done"], 1);
-    let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("presses were lost, accepted "), "{}", told.out);
+    let output = bench.palpate_ends(0, "verify run");
+    assert!(output.out.contains("presses were lost, accepted "), "{}", output.out);
     assert!(bench.read("run/journal.log").contains("presses.csv holds presses 1 to 6"), "it is recorded");
     bench.palpate_ends(0, "resume run");
     assert_eq!(bench.manifest("run")["status"], "complete");
     assert_eq!(bench.column("run/presses.csv", "out_5"), bench.column("again/presses.csv", "out_5"));
-    let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("presses were lost"), "{}", told.out);
+    let output = bench.palpate_ends(0, "verify run");
+    assert!(output.out.contains("presses were lost"), "{}", output.out);
 }
 
 #[test]
@@ -186,9 +187,9 @@ fn a_journal_of_another_format_is_refused_by_name() {
         let rest: String = journal.lines().skip(1).map(|line| format!("{line}\n")).collect();
         bench.write("run/journal.log", &format!("{first}\n{rest}"));
         for words in ["verify run", "rebuild run", "resume run", "evaluate run", "report run"] {
-            let told = bench.palpate_ends(2, words);
+            let output = bench.palpate_ends(2, words);
             let expected = format!("run/journal.log: a journal of format {found}; this program reads format 2");
-            assert!(told.running().contains(&expected), "{words}: {}", told.err);
+            assert!(output.running().contains(&expected), "{words}: {}", output.err);
         }
     }
 }
@@ -272,23 +273,23 @@ mod links {
                         }
                     }
                     for words in WRITERS {
-                        let told = bench.palpate(words);
+                        let output = bench.palpate(words);
                         let outside: Vec<_> = bench.bytes("outside");
                         let expected =
                             if kind == "dangling link" { vec![] } else { vec![("file".to_owned(), was.clone())] };
-                        assert!(outside == expected, "{words} changed what {kind} {name} leads to\n{}", told.err);
+                        assert!(outside == expected, "{words} changed what {kind} {name} leads to\n{}", output.err);
                         let rebuilt = name.trim_start_matches('.').trim_end_matches(".new");
-                        let is_refused = told.code == Some(2);
+                        let is_refused = output.code == Some(2);
                         let is_met = words == "rebuild run" && REBUILT.contains(&rebuilt);
-                        assert!(is_refused || !is_met, "{words}, {kind} {name}, isn't refused: {}", told.err);
-                        if told.code != Some(0) {
+                        assert!(is_refused || !is_met, "{words}, {kind} {name}, isn't refused: {}", output.err);
+                        if output.code != Some(0) {
                             refusals += 1;
-                            let is_named = told.running().contains(name.as_str())
+                            let is_named = output.running().contains(name.as_str())
                                 // a journal that is nowhere makes no run
-                                || (name == "journal.log" && told.running().contains("journal.log"))
+                                || (name == "journal.log" && output.running().contains("journal.log"))
                                 // what is missing because it is planted elsewhere
-                                || told.running().contains("presses are missing");
-                            assert!(is_named, "{words}, {kind} {name}: {}", told.err);
+                                || output.running().contains("presses are missing");
+                            assert!(is_named, "{words}, {kind} {name}: {}", output.err);
                         }
                     }
                 }
@@ -303,8 +304,8 @@ mod links {
         fs::rename(bench.path("run"), bench.path("elsewhere")).expect("a folder");
         symlink(bench.path("elsewhere"), bench.path("run")).expect("a link");
         for words in ["verify run", "rebuild run", "resume run", "evaluate run --solver pearson", "report run"] {
-            let told = bench.palpate(words);
-            assert!(matches!(told.code, Some(0 | 1)) && !told.err.contains("link"), "{words}: {}", told.err);
+            let output = bench.palpate(words);
+            assert!(matches!(output.code, Some(0 | 1)) && !output.err.contains("link"), "{words}: {}", output.err);
         }
     }
 }

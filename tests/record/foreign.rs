@@ -53,15 +53,17 @@ fn is_refused_until_accepted(bench: &Bench, differences: &[&str]) {
     let before = bench.bytes("one");
     let expected = "one/journal.log: the journal isn't the one that manifest.json describes: ";
     for (words, written) in READERS.into_iter().chain([("rebuild one", ""), ("rebuild one --accept-loss", "")]) {
-        let told = bench.palpate_ends(2, words);
-        assert!(told.running().contains(expected), "{words}: {}", told.err);
-        differences.iter().for_each(|it| assert!(told.running().contains(it), "{words}: no {it:?} in {}", told.err));
-        assert!(!told.err.contains("presses.csv"), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, words);
+        assert!(output.running().contains(expected), "{words}: {}", output.err);
+        differences
+            .iter()
+            .for_each(|it| assert!(output.running().contains(it), "{words}: no {it:?} in {}", output.err));
+        assert!(!output.err.contains("presses.csv"), "{words}: {}", output.err);
         assert!(written.is_empty() || !bench.has(written), "{words} wrote {written}");
-        assert!(told.out.is_empty(), "{words}: {}", told.out);
+        assert!(output.out.is_empty(), "{words}: {}", output.out);
     }
-    let told = bench.palpate_ends(1, "verify one");
-    assert!(told.running().contains(expected), "{}", told.err);
+    let output = bench.palpate_ends(1, "verify one");
+    assert!(output.running().contains(expected), "{}", output.err);
     assert!(bench.bytes("one") == before, "nothing is changed");
 
     bench.palpate_ends(0, "rebuild one --accept-journal");
@@ -73,12 +75,12 @@ fn is_refused_until_accepted(bench: &Bench, differences: &[&str]) {
 
 fn answers_again(bench: &Bench) {
     for (words, written) in READERS.into_iter().filter(|(words, _)| !words.starts_with("certificate")) {
-        let told = bench.palpate_ends(0, words);
-        assert!(!told.err.contains("warning"), "{words}: {}", told.err);
+        let output = bench.palpate_ends(0, words);
+        assert!(!output.err.contains("warning"), "{words}: {}", output.err);
         assert!(written.is_empty() || bench.has(written), "{words}");
     }
-    let told = bench.palpate_ends(0, "verify one");
-    assert!(told.out.contains("its journal was exchanged, accepted 2"), "{}", told.out);
+    let output = bench.palpate_ends(0, "verify one");
+    assert!(output.out.contains("its journal was exchanged, accepted 2"), "{}", output.out);
 }
 
 #[test]
@@ -108,8 +110,8 @@ fn a_journal_that_was_edited_with_its_checksums_is_refused_until_it_is_accepted(
     let json = line.splitn(3, ' ').nth(2).expect("a record");
     let (before, after) = (format!("{line}\n"), exchanged(json, "\"force_set_n\":1.0", "\"force_set_n\":2.0"));
     bench.write("third/journal.log", &journal.replacen(&before, &(sealed(number as u64, &after) + "\n"), 1));
-    let told = bench.palpate_ends(2, "evaluate third");
-    assert!(told.running().contains("describes: its SHA-256 differs"), "{}", told.err);
+    let output = bench.palpate_ends(2, "evaluate third");
+    assert!(output.running().contains("describes: its SHA-256 differs"), "{}", output.err);
 }
 
 #[test]
@@ -135,7 +137,7 @@ fn a_run_that_is_not_complete_goes_on_only_with_its_own_journal() {
         bench.palpate_ends(0, "run other.toml --rig rig.toml --out other --sensor S-1");
         cut_to_lines(&bench, "other", lines_before_contacts(&bench, "other") + 2);
         bench.write("other/journal.log", &own);
-        let told = bench.palpate_ends(2, "resume other");
-        assert!(told.running().contains(&format!("another text of {text}")), "{}", told.err);
+        let output = bench.palpate_ends(2, "resume other");
+        assert!(output.running().contains(&format!("another text of {text}")), "{}", output.err);
     }
 }

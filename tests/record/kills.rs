@@ -196,28 +196,28 @@ impl Course {
     }
 
     /// Finishes what is left and looks at all of it.
-    fn assert_finished(&self, bench: &Bench, acknowledged: &[Value], told: &str) -> Tally {
+    fn assert_finished(&self, bench: &Bench, acknowledged: &[Value], output: &str) -> Tally {
         let before: Vec<(u64, u64)> = journalled(bench).iter().flat_map(rows_of).collect();
         let ended = bench.palpate_ends(0, &self.words(bench, None));
         let made: Vec<Value> = ended.json_lines();
         let (plan, table) = (self.plan(), rows::table(bench, "run"));
-        assert_eq!(numbered(&table), plan, "{told}: each row of the plan once and in its order");
+        assert_eq!(numbered(&table), plan, "{output}: each row of the plan once and in its order");
         let manifest = bench.manifest("run");
         let presses = STAIRCASES as usize + plan.len() - (STAIRCASES * LEVELS) as usize;
-        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &presses.into()), "{told}");
+        assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &presses.into()), "{output}");
         let names = |files: &[(String, Vec<u8>)]| files.iter().map(|(name, _)| name.clone()).collect::<Vec<_>>();
-        assert_eq!(names(&bench.bytes("run")), names(&self.whole), "{told}: drafts of tables are gone");
+        assert_eq!(names(&bench.bytes("run")), names(&self.whole), "{output}: drafts of tables are gone");
         let contacts = journalled(bench);
-        assert_eq!(contacts.len(), presses, "{told}: the journal has a press twice, or lacks one");
+        assert_eq!(contacts.len(), presses, "{output}: the journal has a press twice, or lacks one");
         let mut all: Vec<(u64, u64)> = before.into_iter().chain(numbered(&made)).collect();
         all.sort_unstable();
-        assert_eq!(all, plan, "{told}: what was there and what was made since");
+        assert_eq!(all, plan, "{output}: what was there and what was made since");
         let others = if self.forgets { self.others(bench) } else { Vec::new() };
         let Kept { lost, changed, first } = rows::kept(&[acknowledged, &made].concat(), &table);
         let (was, is) = (numbered(acknowledged), numbered(&made));
         let again = was.iter().enumerate().filter(|(n, row)| is.contains(row) || was[..*n].contains(row)).count();
         let other = others.len();
-        let first = first.or(others.into_iter().next()).map(|first| format!("{told}: {first}"));
+        let first = first.or(others.into_iter().next()).map(|first| format!("{output}: {first}"));
         let acknowledged = rows::presses(acknowledged);
         Tally { acknowledged, lost, changed, again, other, first, ..Tally::default() }
     }

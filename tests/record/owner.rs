@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use palpate_testing::served::Served;
-use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Live, Printed, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 use std::fs;
 use std::io;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -40,51 +40,55 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
     fs::create_dir(bench.path("tmp")).expect("a folder");
 
     let owner = Live::start(in_own_folder(&bench, "run held.toml --rig rig.toml --out held --confirmed down"));
-    owner.until_told(": from press 1");
+    owner.until_printed(": from press 1");
     let used = [stage.connections(), array.connections()];
     for words in ["run held.toml --rig rig.toml --out second", "doctor rig.toml --json", "align rig.toml"] {
-        let told = refused(&bench, words);
+        let printed = refused(&bench, words);
         let expected = format!("stage: while opening its link: tcp://{} is in use by another palpate", stage.address());
-        assert!(told.running().contains(&expected), "{words}: {}", told.err);
-        assert!(told.running().contains(&format!("(process {}): end it, or wait for it", owner.id())), "{}", told.err);
+        assert!(printed.running().contains(&expected), "{words}: {}", printed.err);
+        assert!(
+            printed.running().contains(&format!("(process {}): end it, or wait for it", owner.id())),
+            "{}",
+            printed.err
+        );
     }
-    let told = refused(&bench, "doctor other.toml");
+    let printed = refused(&bench, "doctor other.toml");
     let expected = format!("array: while opening its link: tcp://{} is in use by", array.address());
-    assert!(told.running().contains(&expected), "one link of three is enough: {}", told.err);
+    assert!(printed.running().contains(&expected), "one link of three is enough: {}", printed.err);
     assert_eq!([stage.connections(), array.connections()], used, "nothing reaches the devices");
     assert_eq!(bench.manifest("second")["status"], "failed");
 
     owner.signal("KILL");
     assert_eq!(owner.end().code, None);
-    let told: Told =
+    let printed: Printed =
         in_own_folder(&bench, "doctor rig.toml --confirmed down").output().expect("the program starts").into();
     // the devices are free; nothing has shown that the load cell measures force
-    assert_eq!(told.code, Some(1), "{}\n{}", told.out, told.err);
+    assert_eq!(printed.code, Some(1), "{}\n{}", printed.out, printed.err);
 }
 
 #[test]
 fn without_a_temporary_folder_a_real_rig_is_refused_and_a_simulated_one_runs() {
     let bench = Bench::with([("r.toml", SMALL), ("rig.toml", shipped_text("rigs/xps.toml").as_str())]);
     // there is no folder tmp
-    let told = refused(&bench, "run r.toml --rig rig.toml --out real");
-    let running = told.running();
-    assert!(running.contains("set TMPDIR to use another folder"), "{}", told.err);
-    let told: Told = in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let printed = refused(&bench, "run r.toml --rig rig.toml --out real");
+    let running = printed.running();
+    assert!(running.contains("set TMPDIR to use another folder"), "{}", printed.err);
+    let printed: Printed = in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
+    assert_eq!(printed.code, Some(0), "{}", printed.err);
 }
 
 #[test]
 fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
     let bench = Bench::with([("held.toml", HELD)]);
     let begun = Live::start(bench.command(&format!("run held.toml --out run {PACE}")));
-    begun.until_told(": from press 1");
+    begun.until_printed(": from press 1");
     begun.signal("TERM");
     assert_eq!(begun.end().code, Some(130));
     let writer = Live::start(bench.command(&format!("resume run {PACE}")));
-    writer.until_told(": from press 1");
+    writer.until_printed(": from press 1");
     let before = bench.read("run/journal.log");
-    let told = bench.palpate_ends(2, "resume run");
-    assert!(told.running().contains("is being written by another program"), "{}", told.err);
+    let output = bench.palpate_ends(2, "resume run");
+    assert!(output.running().contains("is being written by another program"), "{}", output.err);
     // the writer holds its press, and records nothing meanwhile
     assert_eq!(bench.read("run/journal.log"), before, "the other one writes nothing");
     writer.signal("KILL");
@@ -99,10 +103,10 @@ fn simulated_rigs_run_side_by_side() {
     fs::create_dir(bench.path("tmp")).expect("a folder");
     let words = |n: usize| format!("run r.toml --out run-{n} {PACE}");
     let runs: Vec<Live> = (0..SIDE_BY_SIDE).map(|n| Live::start(in_own_folder(&bench, &words(n)))).collect();
-    runs.iter().for_each(|run| run.until_told(": from press 1"));
+    runs.iter().for_each(|run| run.until_printed(": from press 1"));
     for (n, run) in runs.into_iter().enumerate() {
-        let told = run.end();
-        assert_eq!(told.code, Some(0), "{}", told.err);
+        let output = run.end();
+        assert_eq!(output.code, Some(0), "{}", output.err);
         assert_eq!(bench.manifest(&format!("run-{n}"))["presses_done"], SMALL_PRESSES);
     }
     assert_eq!(fs::read_dir(bench.path("tmp")).expect("a folder").count(), 0, "what is simulated isn't locked");
@@ -116,10 +120,10 @@ fn in_own_folder(bench: &Bench, words: &str) -> Command {
 }
 
 /// It ends as one whose device can't be had.
-fn refused(bench: &Bench, words: &str) -> Told {
-    let told: Told = in_own_folder(bench, words).output().expect("the program starts").into();
-    assert_eq!(told.code, Some(3), "{words}\n{}\n{}", told.out, told.err);
-    told
+fn refused(bench: &Bench, words: &str) -> Printed {
+    let printed: Printed = in_own_folder(bench, words).output().expect("the program starts").into();
+    assert_eq!(printed.code, Some(3), "{words}\n{}\n{}", printed.out, printed.err);
+    printed
 }
 
 /// A way to a server on which is counted who comes.

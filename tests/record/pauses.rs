@@ -65,8 +65,8 @@ impl Listener for Restless {
 fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
     let cancel = listener.cancel.clone();
     run_virtually(async {
-        let errand = RunJob { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
-        walk(errand, listener).await
+        let job = RunJob { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
+        walk(job, listener).await
     })
 }
 
@@ -91,7 +91,7 @@ fn a_rest_is_not_cut_short_by_pauses_however_many() {
     for pauses in [0, 1, 3] {
         let (mut memory, mut person) = (Memory::default(), Restless::new(pauses, usize::MAX));
         let ending = walked(&spec, &plan, &mut memory, &mut person);
-        assert_eq!((ending.status(), person.paused), (Status::Complete, pauses), "{:?}", ending.told());
+        assert_eq!((ending.status(), person.paused), (Status::Complete, pauses), "{:?}", ending.text());
         let gaps_s = gaps_s(&memory);
         assert!(gaps_s.len() == 2 && gaps_s.iter().all(|&gap_s| gap_s >= REST_S), "{pauses} pauses: {gaps_s:?}");
     }
@@ -105,7 +105,7 @@ fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
     assert_eq!(walked(&spec, &plan, &mut memory, &mut person).status(), Status::Stopped);
     let mut person = Restless::new(2, usize::MAX);
     let ending = walked(&spec, &plan, &mut memory, &mut person);
-    assert_eq!((ending.status(), person.paused), (Status::Complete, 2), "{:?}", ending.told());
+    assert_eq!((ending.status(), person.paused), (Status::Complete, 2), "{:?}", ending.text());
     assert!(memory.records().iter().any(|record| matches!(record, Record::Retouch(Retouch { .. }))));
     let gaps_s = gaps_s(&memory);
     assert!(gaps_s.len() == 2 && gaps_s.iter().all(|&gap_s| gap_s >= REST_S), "{gaps_s:?}");
@@ -118,7 +118,7 @@ fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
     person.cancel.pause();
     let ending = walked(&spec, &plan, &mut memory, &mut person);
-    assert_eq!((ending.status(), person.paused), (Status::Complete, 1), "{:?}", ending.told());
+    assert_eq!((ending.status(), person.paused), (Status::Complete, 1), "{:?}", ending.text());
     let first = memory.records().iter().position(|record| record.contact().is_some()).expect("a contact");
     let zeros = memory.records()[..first].iter().filter(|record| matches!(record, Record::Zero { .. })).count();
     assert_eq!(zeros, 2, "before the first press, and after the pause");
@@ -152,10 +152,10 @@ fn a_run_that_pauses_is_parked_meanwhile() {
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let z_mm = || z_mm(&spec, &scene, began);
         let (mut memory, rig) = (Memory::default(), spec.open_on(rig).expect("drivers"));
-        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
         let mut person = Looking { cancel: &cancel, z_mm: &z_mm, stood_mm: Vec::new() };
-        let ending = walk_on(rig, errand, &mut person).await;
-        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        let ending = walk_on(rig, job, &mut person).await;
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         person.stood_mm
     });
     let parked_mm = spec.clear_mm() + PARKED_MM;
@@ -164,18 +164,22 @@ fn a_run_that_pauses_is_parked_meanwhile() {
 }
 
 #[test]
-fn a_trip_is_told_before_the_stage_is_parked() {
+fn a_trip_is_reported_before_the_stage_is_parked() {
     let mut spec = bench("bench-fast");
     spec.scene.faults.push(SceneFault { kind: FaultKind::NoContact, from_s: 0.0, value: None });
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
     let ending = walked(&spec, &plan, &mut memory, &mut person);
     assert_eq!(ending.status(), Status::Tripped);
-    let told_s = memory.records().iter().find_map(|record| match record {
+    let stated_s = memory.records().iter().find_map(|record| match record {
         Record::Trip { t_s, .. } => Some(*t_s),
         _ => None,
     });
-    assert!(told_s.is_some_and(|told_s| told_s + 0.01 < ending.t_s), "told at {told_s:?}, parked at {}", ending.t_s);
+    assert!(
+        stated_s.is_some_and(|stated_s| stated_s + 0.01 < ending.t_s),
+        "reported at {stated_s:?}, parked at {}",
+        ending.t_s
+    );
 }
 
 /// A ledger that takes no contact, as on a full disk.
@@ -211,11 +215,11 @@ fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, errand, &mut person).await;
+        let job = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, job, &mut person).await;
         (ending, z_mm(&spec, &scene, began))
     });
-    assert!(matches!(ending.halt, Some(Halt::Record(_))) && ending.unparked.is_none(), "{:?}", ending.told());
+    assert!(matches!(ending.halt, Some(Halt::Record(_))) && ending.unparked.is_none(), "{:?}", ending.text());
     assert_eq!(person.made, 0, "nothing is acknowledged");
     assert!(z_mm <= spec.clear_mm() + PARKED_MM, "parked, and not at {z_mm} mm");
 }

@@ -16,13 +16,13 @@ fn whole() -> Bench {
 #[test]
 fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
     let bench = whole();
-    let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("files unchanged") && !told.out.contains("isn't complete"), "{}", told.out);
+    let output = bench.palpate_ends(0, "verify run");
+    assert!(output.out.contains("files unchanged") && !output.out.contains("isn't complete"), "{}", output.out);
     let before = bench.bytes("run");
     for name in VIEWS {
         let path = format!("run/{name}");
         let text = bench.read(&path);
-        for (changed, told_as) in [
+        for (changed, described_as) in [
             (text.replacen('1', "2", 1), name),
             (text[..text.len() / 2].to_owned(), name),
             (text.clone() + "\n", name),
@@ -32,8 +32,8 @@ fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
                 continue; // JSON may end in as many line ends as it likes
             }
             bench.write(&path, &changed);
-            let told = bench.palpate_ends(1, "verify run");
-            assert!(told.running().contains(told_as), "{name}: {}", told.err);
+            let output = bench.palpate_ends(1, "verify run");
+            assert!(output.running().contains(described_as), "{name}: {}", output.err);
             bench.palpate_ends(0, "rebuild run");
             assert!(bench.bytes("run") == before, "{name} is made anew as it was");
         }
@@ -48,8 +48,8 @@ fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
         let text = bench.read(&path);
         bench.write(&path, &(text.clone() + "# of another hand\n"));
         for _ in 0..2 {
-            let told = bench.palpate_ends(1, "verify run");
-            assert!(told.running().contains(&format!("{name} has")), "{}", told.err);
+            let output = bench.palpate_ends(1, "verify run");
+            assert!(output.running().contains(&format!("{name} has")), "{}", output.err);
             bench.palpate_ends(0, "rebuild run");
         }
         bench.write(&path, &text);
@@ -65,12 +65,12 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     let files = manifest.find("\n  \"files\": [").expect("files");
     bench.write("run/manifest.json", &(manifest[..files].to_owned() + "\n  \"files\": []\n}\n"));
     bench.write("run/presses.csv", &presses.replacen("0,0", "0,1", 1));
-    let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("has no SHA-256 of presses.csv"), "{}", told.err);
-    assert!(told.running().contains("presses.csv differs from the journal"), "{}", told.err);
+    let output = bench.palpate_ends(1, "verify run");
+    assert!(output.running().contains("has no SHA-256 of presses.csv"), "{}", output.err);
+    assert!(output.running().contains("presses.csv differs from the journal"), "{}", output.err);
     // a complete run whose table was lost is made whole by whoever goes on with it
-    let told = bench.palpate_ends(0, "resume run");
-    assert!(told.err.contains("its tables were regenerated"), "{}", told.err);
+    let output = bench.palpate_ends(0, "resume run");
+    assert!(output.err.contains("its tables were regenerated"), "{}", output.err);
     assert_eq!(bench.read("run/presses.csv"), presses);
     // a table of another run is no table of this one
     std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
@@ -79,8 +79,8 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
     bench.write("simple.toml", &simple);
     bench.palpate_ends(0, "run simple.toml --out simple");
     std::fs::copy(bench.path("run/test_matrix.csv"), bench.path("simple/test_matrix.csv")).expect("a copy");
-    let told = bench.palpate_ends(1, "verify simple");
-    assert!(told.running().contains("test_matrix.csv differs from the journal"), "{}", told.err);
+    let output = bench.palpate_ends(1, "verify simple");
+    assert!(output.running().contains("test_matrix.csv differs from the journal"), "{}", output.err);
     bench.palpate_ends(0, "rebuild simple");
     assert!(!bench.has("simple/test_matrix.csv"));
     bench.palpate_ends(0, "verify simple");
@@ -93,8 +93,8 @@ fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
         (bench.read("run/journal.log"), bench.read("run/recipe.toml"), bench.read("run/rig.toml"));
     cut_to_lines(&bench, "run", journal.lines().count() - 2);
     bench.write("run/recipe.toml", &exchanged(&recipe, "force_n = 1.0", "force_n = 0.9"));
-    let told = bench.palpate_ends(2, "resume run");
-    assert!(told.running().contains("recipe.toml has changed since the start of the run"), "{}", told.err);
+    let output = bench.palpate_ends(2, "resume run");
+    assert!(output.running().contains("recipe.toml has changed since the start of the run"), "{}", output.err);
     bench.write("run/recipe.toml", &recipe);
     bench.write("run/rig.toml", &(rig + "# on another port now\n"));
     bench.palpate_ends(0, "resume run");
@@ -110,21 +110,21 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
     let journal = bench.read("run/journal.log");
     bench.write("run/journal.log", &journal.replacen("\"force_n\":0", "\"force_n\":1", 1));
     for words in ["verify run", "rebuild run", "resume run"] {
-        let told = bench.palpate(words);
-        assert!(told.running().contains("is damaged: the checksum is wrong"), "{words}: {}", told.err);
-        assert_eq!(told.code, Some(if words == "verify run" { 1 } else { 2 }), "{words}");
+        let output = bench.palpate(words);
+        assert!(output.running().contains("is damaged: the checksum is wrong"), "{words}: {}", output.err);
+        assert_eq!(output.code, Some(if words == "verify run" { 1 } else { 2 }), "{words}");
     }
     bench.write("run/journal.log", &journal);
     cut_to_lines(&bench, "run", journal.lines().count() - 1);
-    let told = bench.palpate_ends(0, "verify run");
-    assert!(told.out.contains("the run isn't complete"), "{}", told.out);
+    let output = bench.palpate_ends(0, "verify run");
+    assert!(output.out.contains("the run isn't complete"), "{}", output.out);
     bench.palpate_ends(0, "resume run");
     bench.palpate_ends(0, "verify run");
     assert_eq!(bench.manifest("run")["sessions"].as_array().map(Vec::len), Some(2), "who went on is kept");
 }
 
 #[test]
-fn a_clock_that_is_set_back_changes_nothing_but_what_is_told() {
+fn a_clock_that_is_set_back_changes_nothing_but_what_is_reported() {
     let bench = whole();
     let whole = bench.read("run/presses.csv");
     // as a power cut before the last press would have left it, begun in a time to come
@@ -152,8 +152,12 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     bench.write("secret.txt", "not of this run");
     let manifest = bench.read("run/manifest.json");
     bench.write("run/manifest.json", &exchanged(&manifest, "\"presses.csv\"", "\"../secret.txt\""));
-    let told = bench.palpate_ends(1, "verify run");
-    assert!(told.running().contains("\"../secret.txt\" is not a valid name of a file in a run folder"), "{}", told.err);
+    let output = bench.palpate_ends(1, "verify run");
+    assert!(
+        output.running().contains("\"../secret.txt\" is not a valid name of a file in a run folder"),
+        "{}",
+        output.err
+    );
     // nor are the names of texts in a journal
     let journal = bench.read("run/journal.log");
     let lines: Vec<&str> = journal.lines().collect();
@@ -167,9 +171,9 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
         bench.write("run/manifest.json", &manifest);
         bench.palpate_ends(0, "rebuild run");
         cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
-        let told = bench.palpate("resume run");
-        assert!(told.running().contains("is not a valid name of a file in a run folder"), "{}", told.err);
-        assert_eq!(told.code, Some(2), "{}", told.err);
+        let output = bench.palpate("resume run");
+        assert!(output.running().contains("is not a valid name of a file in a run folder"), "{}", output.err);
+        assert_eq!(output.code, Some(2), "{}", output.err);
     }
     // and those of the texts themselves
     let nth = lines.iter().position(|line| line.contains(" {\"text\":{\"name\":\"rig.toml\"")).expect("the rig");
@@ -179,8 +183,8 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     let text: Vec<&str> = lines[..nth].iter().copied().chain([changed.as_str()]).chain(rest).collect();
     for words in ["resume run", "rebuild run"] {
         cut_back(&bench, "run", (text.join("\n") + "\n").as_bytes());
-        let told = bench.palpate_ends(2, words);
-        assert!(told.running().contains("is not a valid name of a file in a run folder"), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, words);
+        assert!(output.running().contains("is not a valid name of a file in a run folder"), "{words}: {}", output.err);
     }
     assert_eq!(bench.read("secret.txt"), "not of this run");
     bench.write("run/journal.log", &journal);
@@ -188,10 +192,10 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     // a register map lies beside its rig, and nowhere else
     let rig = bench.read("run/rig.toml");
     bench.write("climbing.toml", &exchanged(&rig, "\"labjack-t7\"", "\"../map.toml\""));
-    let told = bench.palpate_ends(2, "run r.toml --rig climbing.toml --out climbed");
-    assert!(told.running().contains("there is no register map \"../map.toml\""), "{}", told.err);
+    let output = bench.palpate_ends(2, "run r.toml --rig climbing.toml --out climbed");
+    assert!(output.running().contains("there is no register map \"../map.toml\""), "{}", output.err);
     bench.write("named.toml", &exchanged(SMALL, "name = \"small\"", "name = \"../small\""));
-    let told = bench.palpate_ends(2, "run named.toml");
-    assert!(told.running().contains("which isn't a valid folder name"), "{}", told.err);
+    let output = bench.palpate_ends(2, "run named.toml");
+    assert!(output.running().contains("which isn't a valid folder name"), "{}", output.err);
     assert!(!bench.has("climbed") && !bench.has("runs"));
 }

@@ -56,8 +56,8 @@ fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
         let rig = spec.emulators(plan.seed).expect("emulators");
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, errand, &mut meddler).await;
+        let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+        let ending = walk_on(rig, job, &mut meddler).await;
         let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
         (ending, spec.frame.z_from_stage(z_mm))
     });
@@ -81,8 +81,8 @@ fn replace_by(run: &Path, content: &[u8]) {
 
 /// No press after the meddling is acknowledged, and both errors say what happened.
 fn ends_for(walked: &Walked, what: &str) {
-    let told = walked.ending.told().expect("it ended early");
-    assert!(told.contains("journal.log") && told.contains(what), "{told}");
+    let output = walked.ending.text().expect("it ended early");
+    assert!(output.contains("journal.log") && output.contains(what), "{output}");
     assert_eq!((walked.ending.status(), walked.acknowledged), (Status::Failed, BEFORE));
     let unfinished = walked.finished.as_ref().expect_err("nothing more is written").to_string();
     assert!(unfinished.contains(what), "{unfinished}");
@@ -131,7 +131,7 @@ fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
             assert!(second.contains("is being written by another program"), "{second}");
         }
     });
-    assert_eq!(walked.ending.status(), Status::Complete, "{:?}", walked.ending.told());
+    assert_eq!(walked.ending.status(), Status::Complete, "{:?}", walked.ending.text());
     walked.finished.expect("it ends as any other");
     assert_eq!(contacts(&walked.home.path("run/journal.log")), walked.acknowledged);
     assert_eq!(walked.acknowledged, SMALL_PRESSES as usize);
@@ -161,16 +161,21 @@ fn the_program_names_the_journal_and_what_to_do_and_ends_with_5() {
     let start = |name: &str| Live::start(bench.command(&format!("run held.toml --json --pace 10 --out {name}")));
     let runs: Vec<Live> = cases.iter().map(|(name, ..)| start(name)).collect();
     for ((name, meddle, _), run) in cases.iter().zip(&runs) {
-        run.until_told(": from press 1");
+        run.until_printed(": from press 1");
         meddle(bench.path(name));
     }
     for ((name, _, what), run) in cases.into_iter().zip(runs) {
-        let told = run.end();
-        assert_eq!((told.code, told.out.as_str()), (Some(5), ""), "{name}: nothing is acknowledged\n{}", told.err);
-        let err = told.running();
+        let output = run.end();
+        assert_eq!(
+            (output.code, output.out.as_str()),
+            (Some(5), ""),
+            "{name}: nothing is acknowledged\n{}",
+            output.err
+        );
+        let err = output.running();
         let expected = [&format!("{name}/journal.log"), what, "the stage is parked", "palpate resume"];
-        expected.iter().for_each(|words| assert!(err.contains(*words), "{name}: no {words:?} in {}", told.err));
-        assert!(!err.contains("stored in the journal"), "{name}: {}", told.err);
+        expected.iter().for_each(|words| assert!(err.contains(*words), "{name}: no {words:?} in {}", output.err));
+        assert!(!err.contains("stored in the journal"), "{name}: {}", output.err);
     }
     // as it was moved, the run goes on
     bench.palpate_ends(0, "resume elsewhere");

@@ -52,9 +52,9 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     let plan = Plan::new(&recipe::parse("r.toml", SMALL).expect("a recipe"), &spec.ground(), 1).expect("a plan");
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let mut walk_on = |expected: &[_]| {
-        let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-        let ending = run_virtually(walk(errand, &mut Silent));
-        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+        let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
+        let ending = run_virtually(walk(job, &mut Silent));
+        assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         assert_eq!(memory.records()[..records.len()], *expected);
         assert_eq!(memory.contacts().count(), SMALL_PRESSES as usize);
     };
@@ -69,25 +69,25 @@ fn a_run_of_a_removed_method_is_resumed_and_evaluated_with_the_others() {
     let named = format!("{SMALL}\n[evaluate]\nsolvers = [\"whitened\", \"pearson\"]\n");
     change_text(&bench, "run", "recipe.toml", &named);
     cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 3);
-    let told = bench.palpate_ends(0, "resume run --evaluate recipe");
+    let output = bench.palpate_ends(0, "resume run --evaluate recipe");
     let removed = "whitened was removed from palpate";
-    assert_eq!(told.running().matches(removed).count(), 1, "{}", told.err);
-    assert!(told.out.contains("pearson") && !told.out.contains("whitened"), "{}", told.out);
+    assert_eq!(output.running().matches(removed).count(), 1, "{}", output.err);
+    assert!(output.out.contains("pearson") && !output.out.contains("whitened"), "{}", output.out);
     for words in ["evaluate run --solver pearson", "report run", "verify run"] {
-        let told = bench.palpate_ends(0, words);
-        assert_eq!(told.running().contains(removed), !words.starts_with("verify"), "{words}: {}", told.err);
+        let output = bench.palpate_ends(0, words);
+        assert_eq!(output.running().contains(removed), !words.starts_with("verify"), "{words}: {}", output.err);
     }
     bench.write("new.toml", &named);
-    let told = bench.palpate_ends(2, "check new.toml --rig sim");
-    assert!(told.running().contains("`solvers` has \"whitened\", expected some of"), "{}", told.err);
+    let output = bench.palpate_ends(2, "check new.toml --rig sim");
+    assert!(output.running().contains("`solvers` has \"whitened\", expected some of"), "{}", output.err);
 }
 
 #[test]
 fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 2.0"); // 1 staircase, 9 and 2 plain presses
     let bench = Bench::with([("r.toml", recipe.as_str())]);
-    let told = bench.palpate_ends(0, "run r.toml --out run --strategy map");
-    assert!(told.err.contains("teach: from press 1 of 17"), "{}", told.err);
+    let output = bench.palpate_ends(0, "run r.toml --out run --strategy map");
+    assert!(output.err.contains("teach: from press 1 of 17"), "{}", output.err);
     assert_eq!(bench.manifest("run")["strategy"], "map");
     assert_eq!(bench.manifest("run")["presses_done"], 17);
     let whole = bench.read("run/presses.csv");
@@ -97,8 +97,8 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
 
     // as a power cut after the presses that teach would have left it
     cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 5);
-    let told = bench.palpate_ends(0, "resume run");
-    assert!(told.err.contains("characterisation: from press 6 of 17"), "{}", told.err);
+    let output = bench.palpate_ends(0, "resume run");
+    assert!(output.err.contains("characterisation: from press 6 of 17"), "{}", output.err);
     assert_eq!(bench.manifest("run")["presses_done"], 17);
     let cells = |text: &str| text.lines().map(|line| line.split(',').take(6).collect::<String>()).collect::<Vec<_>>();
     assert_eq!(cells(&bench.read("run/presses.csv")), cells(&whole), "the same plan");
@@ -120,8 +120,8 @@ fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
     bench.palpate_ends(0, "resume run");
     cut_to_lines(&bench, "run", bench.read("run/journal.log").lines().count() - 2);
     change_the_world(&bench, "run", &offset(0.42));
-    let told = bench.palpate_ends(4, "resume run");
-    assert!(told.running().contains("zero-drifted: 0.42"), "{}", told.err);
+    let output = bench.palpate_ends(4, "resume run");
+    assert!(output.running().contains("zero-drifted: 0.42"), "{}", output.err);
     assert_eq!(bench.manifest("run")["status"], "tripped");
     // the old cell back, and a person's word
     change_the_world(&bench, "run", &rig);
@@ -139,17 +139,17 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
         let moved = exchanged(&rig, "[scene]", &format!("[scene]\nmounting = {{ z_mm = {moved_mm} }}\n"));
         change_the_world(&bench, "run", &moved);
         if goes_on {
-            let told = bench.palpate_ends(0, "resume run");
-            assert!(told.err.matches("touched again at ").count() == 3, "three of four places: {}", told.err);
+            let output = bench.palpate_ends(0, "resume run");
+            assert!(output.err.matches("touched again at ").count() == 3, "three of four places: {}", output.err);
             continue;
         }
-        let told = bench.palpate_ends(4, "resume run");
+        let output = bench.palpate_ends(4, "resume run");
         assert!(
-            told.running().contains("surface-moved: ") && told.running().contains("limit 0.0500 mm"),
+            output.running().contains("surface-moved: ") && output.running().contains("limit 0.0500 mm"),
             "{}",
-            told.err
+            output.err
         );
-        assert!(told.running().contains("check whether the specimen or the rig has moved"), "{}", told.err);
+        assert!(output.running().contains("check whether the specimen or the rig has moved"), "{}", output.err);
         // put back, it goes on when a person says so
         change_the_world(&bench, "run", &rig);
         bench.palpate_ends(2, "resume run");
@@ -170,9 +170,9 @@ fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_show
         let began = bench.read("run/rig.toml");
         let moved = exchanged(&began, "[scene]", &format!("[scene]\nmounting = {{ x_mm = {shift_mm} }}\n"));
         change_the_world(&bench, "run", &moved);
-        let told = bench.palpate_ends(if goes_on { 0 } else { 4 }, "resume run");
-        assert_eq!(told.running().contains("zero-shifted: 0."), !goes_on, "{shift_mm}: {}", told.err);
-        assert_eq!(told.err.matches("touched again at ").count(), 3, "{}", told.err);
+        let output = bench.palpate_ends(if goes_on { 0 } else { 4 }, "resume run");
+        assert_eq!(output.running().contains("zero-shifted: 0."), !goes_on, "{shift_mm}: {}", output.err);
+        assert_eq!(output.err.matches("touched again at ").count(), 3, "{}", output.err);
     }
 }
 
@@ -181,9 +181,9 @@ fn a_run_does_not_go_on_with_another_device() {
     let bench = half_done();
     let rig = bench.read("run/rig.toml");
     change_the_world(&bench, "run", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
-    let told = bench.palpate_ends(3, "resume run");
+    let output = bench.palpate_ends(3, "resume run");
     let expected = "load_cell: while identifying it, to continue the run: it was \"generic RS485";
-    assert!(told.running().contains(expected), "{}", told.err);
+    assert!(output.running().contains(expected), "{}", output.err);
     assert_eq!(bench.manifest("run")["status"], "failed");
     change_the_world(&bench, "run", &rig);
     bench.palpate_ends(0, "resume run");
@@ -195,9 +195,9 @@ fn a_run_does_not_go_on_with_another_device() {
     let json = devices.splitn(3, ' ').nth(2).expect("a record");
     let others = sealed(nth as u64, &exchanged(json, "\"ESP301", "\"another ESP301"));
     bench.write("run/journal.log", &exchanged(&journal, devices, &others));
-    let told = bench.palpate_ends(3, "resume run");
+    let output = bench.palpate_ends(3, "resume run");
     let expected = "stage: while identifying it, to continue the run: it was \"another ESP301";
-    assert!(told.running().contains(expected), "{}", told.err);
+    assert!(output.running().contains(expected), "{}", output.err);
 }
 
 /// A run that a power cut ended after a staircase and three points of its grid.
@@ -250,7 +250,7 @@ fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> V
 
 #[cfg(unix)]
 mod interrupted {
-    use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
+    use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Printed};
     use serde_json::Value;
 
     /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
@@ -261,9 +261,9 @@ mod interrupted {
         // before the first press; in the second staircase; among the points of the grid
         for rows in [0, 5, 13] {
             let bench = Bench::with([("r.toml", LONG)]);
-            let (seen, told) = interrupted(&bench, RUN, rows, "INT");
-            assert_eq!(told.code, Some(130), "{}", told.err);
-            assert!(told.err.contains("stopped: ") && !told.err.contains("could not be parked"), "{}", told.err);
+            let (seen, output) = interrupted(&bench, RUN, rows, "INT");
+            assert_eq!(output.code, Some(130), "{}", output.err);
+            assert!(output.err.contains("stopped: ") && !output.err.contains("could not be parked"), "{}", output.err);
             let manifest = bench.manifest("run");
             assert_eq!(manifest["status"], "stopped");
             assert_eq!(manifest["presses_done"], presses(&seen), "after {rows} rows");
@@ -277,8 +277,8 @@ mod interrupted {
     fn a_run_that_is_killed_has_every_acknowledged_row_and_is_finished_by_resume() {
         for rows in [0, 1, 5, 7, 12] {
             let bench = Bench::with([("r.toml", LONG)]);
-            let (seen, told) = interrupted(&bench, RUN, rows, "KILL");
-            assert_eq!(told.code, None);
+            let (seen, output) = interrupted(&bench, RUN, rows, "KILL");
+            assert_eq!(output.code, None);
             assert_eq!(bench.manifest("run")["status"], "stopped", "what it is if nobody says otherwise");
             assert_finished_by_resume(&bench, &seen);
         }
@@ -297,20 +297,20 @@ mod interrupted {
 
     /// Starts the program, sends it a signal when so many rows were acknowledged (0: when the first press begins), and
     /// gives all that were.
-    fn interrupted(bench: &Bench, words: &str, rows: usize, signal: &str) -> (Vec<Value>, Told) {
+    fn interrupted(bench: &Bench, words: &str, rows: usize, signal: &str) -> (Vec<Value>, Printed) {
         let live = Live::start(bench.command(words));
-        live.until_told(": from press ");
+        live.until_printed(": from press ");
         let mut seen: Vec<Value> = (0..rows).map(|_| json(&live.line().expect("another row"))).collect();
         live.signal(signal);
-        let told = live.end();
-        seen.extend(told.out.lines().map(json));
-        (seen, told)
+        let output = live.end();
+        seen.extend(output.out.lines().map(json));
+        (seen, output)
     }
 
     /// Resumes to the end: each row of the plan once, in its order, those that were acknowledged as they were.
     fn assert_finished_by_resume(bench: &Bench, acknowledged: &[Value]) {
-        let told = bench.palpate_ends(0, "resume run --json");
-        let resumed: Vec<Value> = told.out.lines().map(json).collect();
+        let output = bench.palpate_ends(0, "resume run --json");
+        let resumed: Vec<Value> = output.out.lines().map(json).collect();
         let manifest = bench.manifest("run");
         assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"complete".into(), &LONG_PRESSES.into()));
 

@@ -7,7 +7,7 @@ mod batch;
 use palpate_data::dataset::{Journal, Record, RecordedContact};
 use palpate_testing::rows::{json, numbered, table};
 use palpate_testing::terminal::{Terminal, heed_hangups, signal, spawned, wait};
-use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Told};
+use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Printed};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -47,24 +47,24 @@ fn a_stop_by_job_control_finishes_the_press_and_stops_too() {
 fn assert_finishes_the_press_and_stops(name: &str) {
     let bench = Bench::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
-    live.until_told(": from press 1 of 11");
+    live.until_printed(": from press 1 of 11");
     live.signal(name);
-    let told = live.end();
-    assert_eq!(told.code, CANCELLED, "{}", told.err);
-    assert!(told.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", told.err);
-    assert!(told.err.contains("stopped: 1 of 11 presses"), "{}", told.err);
-    assert_eq!(rows(&told.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
+    let output = live.end();
+    assert_eq!(output.code, CANCELLED, "{}", output.err);
+    assert!(output.err.contains(&format!("{FINISHED_FIRST}, then the run stops")), "{}", output.err);
+    assert!(output.err.contains("stopped: 1 of 11 presses"), "{}", output.err);
+    assert_eq!(rows(&output.out).len() as u64, LEVELS, "the whole staircase is acknowledged");
     assert_stopped_with(&bench, 1);
-    assert_finished_by_resume(&bench, &told.out);
+    assert_finished_by_resume(&bench, &output.out);
 }
 
 #[test]
 fn two_interrupts_stop_in_the_middle_of_the_press() {
     let bench = Bench::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
-    live.until_told(": from press 1 of 11");
+    live.until_printed(": from press 1 of 11");
     live.signal("INT");
-    live.until_told(FINISHED_FIRST);
+    live.until_printed(FINISHED_FIRST);
     live.signal("INT");
     assert_stopped_at_once(&bench, live.end());
 }
@@ -75,7 +75,7 @@ fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
     for name in ["TERM", "HUP"] {
         let bench = Bench::with([("r.toml", LONG)]);
         let live = Live::start(bench.command(RUN));
-        live.until_told(": from press 1 of 11");
+        live.until_printed(": from press 1 of 11");
         live.signal(name);
         assert_stopped_at_once(&bench, live.end());
     }
@@ -85,7 +85,7 @@ fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
 fn a_signal_before_the_first_press_stops_there() {
     let bench = Bench::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
-    live.until_told("stage "); // it says what it is, and the places that were touched before come next
+    live.until_printed("stage "); // it says what it is, and the places that were touched before come next
     live.signal("TERM");
     assert_stopped_at_once(&bench, live.end());
 }
@@ -138,11 +138,11 @@ fn a_hangup_under_nohup_stops_nothing() {
     let mut command = Command::new("nohup");
     command.arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
     let live = Live::start(command);
-    live.until_told(": from press 1 of 11");
+    live.until_printed(": from press 1 of 11");
     live.signal("HUP");
-    let told = live.end();
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    assert_eq!(numbered(&rows(&told.out)), plan());
+    let output = live.end();
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    assert_eq!(numbered(&rows(&output.out)), plan());
 }
 
 #[test]
@@ -248,11 +248,11 @@ fn attended(bench: &Bench) -> (Terminal, Child) {
 }
 
 /// It stopped before its first press was over, and parked.
-fn assert_stopped_at_once(bench: &Bench, told: Told) {
-    assert_eq!(told.code, CANCELLED, "{}", told.err);
-    assert!(told.err.contains("stopping: the stage is stopped and parked"), "{}", told.err);
-    assert!(told.err.contains("stopped: 0 of 11") && !told.err.contains("could not be parked"), "{}", told.err);
-    assert_eq!(told.out, "", "nothing is acknowledged");
+fn assert_stopped_at_once(bench: &Bench, output: Printed) {
+    assert_eq!(output.code, CANCELLED, "{}", output.err);
+    assert!(output.err.contains("stopping: the stage is stopped and parked"), "{}", output.err);
+    assert!(output.err.contains("stopped: 0 of 11") && !output.err.contains("could not be parked"), "{}", output.err);
+    assert_eq!(output.out, "", "nothing is acknowledged");
     assert_stopped_with(bench, 0);
     assert_finished_by_resume(bench, "");
 }
@@ -271,8 +271,8 @@ fn assert_stopped_with(bench: &Bench, presses: u64) {
 
 /// Resumes to the end: each row of the plan once, those that were acknowledged as they were.
 fn assert_finished_by_resume(bench: &Bench, acknowledged: &str) {
-    let told = bench.palpate_ends(0, "resume run --json");
-    let all: Vec<Value> = rows(acknowledged).into_iter().chain(rows(&told.out)).collect();
+    let output = bench.palpate_ends(0, "resume run --json");
+    let all: Vec<Value> = rows(acknowledged).into_iter().chain(rows(&output.out)).collect();
     let table = table(bench, "run");
     assert_eq!(numbered(&table), plan());
     for row in &all {

@@ -96,7 +96,7 @@ fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
     let mut broken = Vec::new();
     for shape in &SHAPES {
         for (figure, limit, reach) in limits(shape) {
-            let mut told = Vec::new();
+            let mut output = Vec::new();
             for n in PRESSES {
                 let count = |decision| {
                     let is_accepted = |sensor: &u64| {
@@ -105,12 +105,12 @@ fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
                     (0..sensors as u64).filter(is_accepted).count() as f64 / sensors as f64
                 };
                 let (guarded, simple) = (count(Decision::Guarded), count(Decision::Simple));
-                told.push(format!("n {n}: {:.1} % ({:.0} %)", 100.0 * guarded, 100.0 * simple));
+                output.push(format!("n {n}: {:.1} % ({:.0} %)", 100.0 * guarded, 100.0 * simple));
                 if guarded > accepted_most(sensors) {
                     broken.push(format!("{}, {}, n {n}: {guarded}", shape.name, figure.name()));
                 }
             }
-            println!("{}, {}, guarded (simple): {}", shape.name, figure.name(), told.join(", "));
+            println!("{}, {}, guarded (simple): {}", shape.name, figure.name(), output.join(", "));
         }
     }
     assert!(broken.is_empty(), "{broken:?}");
@@ -123,18 +123,18 @@ fn the_farther_a_sensor_is_from_a_limit_the_more_often_it_is_accepted() {
     for (figure, limit, reach) in [limits(shape)[0], limits(shape)[1]] {
         for n in [59, 100, 500] {
             let mut before = 0.0;
-            let mut told = Vec::new();
+            let mut output = Vec::new();
             for share in [1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5] {
                 let is_accepted = |sensor: &u64| {
                     let sizes = errors(shape, n, *sensor).into_iter().map(|size| share * size).collect();
                     verdict(Decision::Guarded, figure, limit, reach, sizes) == SensorVerdict::Accepted
                 };
                 let accepted = (0..sensors as u64).filter(is_accepted).count() as f64 / sensors as f64;
-                told.push(format!("{share}: {:.0} %", 100.0 * accepted));
+                output.push(format!("{share}: {:.0} %", 100.0 * accepted));
                 assert!(accepted >= before - 0.02, "{figure:?}, n {n}, {share}: {accepted} after {before}");
                 before = accepted;
             }
-            println!("{}, n {n}, accepted by the true figure over its limit: {}", figure.name(), told.join(", "));
+            println!("{}, n {n}, accepted by the true figure over its limit: {}", figure.name(), output.join(", "));
             assert!(before > 0.9, "{figure:?}, n {n}: {before}");
         }
     }
@@ -156,12 +156,12 @@ fn stated_intervals_cover_the_truth_of_a_thousand_sensors() {
             }));
             if n > 59 {
                 // exact up to the jumps between order statistics: at least 95 %
-                let (share, told) = covered(&format!("{}, 95th percentile", shape.name), n, &|sensor| {
+                let (share, output) = covered(&format!("{}, 95th percentile", shape.name), n, &|sensor| {
                     let mut sizes = errors(shape, n, sensor);
                     sizes.sort_by(f64::total_cmp);
                     quantile_interval(&sizes, 0.95).is_some_and(|interval| within(interval, shape.p95))
                 });
-                assert!(share >= 0.925, "{told}");
+                assert!(share >= 0.925, "{output}");
             }
         }
     }
@@ -174,7 +174,7 @@ fn stated_intervals_cover_the_truth_of_a_thousand_sensors() {
         }));
     }
     let outside: Vec<&String> =
-        shares.iter().filter(|(share, _)| !(0.925..=0.975).contains(share)).map(|(_, told)| told).collect();
+        shares.iter().filter(|(share, _)| !(0.925..=0.975).contains(share)).map(|(_, output)| output).collect();
     assert!(outside.is_empty(), "{outside:?}");
 }
 

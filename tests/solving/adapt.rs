@@ -157,24 +157,28 @@ fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
     let old = table(&pressed(&mut sibling(100), grid(13, 6.0), 100));
     let nine = pressed(&mut sibling(1), few(9), 31);
     let bench = Bench::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
-    let told = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
-    assert!(told.out.starts_with("gains     x ") && told.out.contains("\n9 new presses, mean error\n"), "{}", told.out);
-    assert!(told.out.lines().all(|line| line.chars().count() < 80), "{}", told.out);
+    let output = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
+    assert!(
+        output.out.starts_with("gains     x ") && output.out.contains("\n9 new presses, mean error\n"),
+        "{}",
+        output.out
+    );
+    assert!(output.out.lines().all(|line| line.chars().count() < 80), "{}", output.out);
     let bytes = std::fs::read(bench.path("a.palpate")).unwrap();
     let text = String::from_utf8_lossy(&bytes);
     assert!(text.contains("\"name\":\"old.csv\"") && text.contains("\"name\":\"few.csv\""), "{}", &text[..600]);
     // a sensor file stands in for the presses that it keeps
     bench.palpate_ends(0, "fit old.csv --solver surrogate --out old.palpate");
     let again = bench.palpate_ends(0, "adapt --from old.palpate --with few.csv --solver surrogate --out a.palpate");
-    assert_eq!(again.out, told.out);
-    let told = bench.palpate_ends(2, "adapt --from old.csv --with four.csv --out b.palpate");
-    assert!(told.running().contains("there are 4 new presses; 5 are required"), "{}", told.err);
+    assert_eq!(again.out, output.out);
+    let output = bench.palpate_ends(2, "adapt --from old.csv --with four.csv --out b.palpate");
+    assert!(output.running().contains("there are 4 new presses; 5 are required"), "{}", output.err);
     bench.write("two.csv", "x_mm,y_mm,out_1,out_2\n0,0,1,2\n");
-    let told = bench.palpate_ends(2, "adapt --from old.csv --with two.csv --out b.palpate");
+    let output = bench.palpate_ends(2, "adapt --from old.csv --with two.csv --out b.palpate");
     assert!(
-        told.running().contains("the old calibration has 9 outputs per press, the new presses have 2"),
+        output.running().contains("the old calibration has 9 outputs per press, the new presses have 2"),
         "{}",
-        told.err
+        output.err
     );
     assert!(!bench.has("b.palpate"));
 }

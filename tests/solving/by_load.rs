@@ -114,8 +114,8 @@ fn solve_shows_which_method_answered() {
         };
         bench.write(&format!("{table}.csv"), &text.lines().take(200).map(without_force).collect::<String>());
     }
-    let told = bench.palpate_ends(0, "fit calibration.csv --out s.palpate");
-    assert!(told.running().contains("readings with the load of the calibration are solved by"), "{}", told.err);
+    let printed = bench.palpate_ends(0, "fit calibration.csv --out s.palpate");
+    assert!(printed.running().contains("readings with the load of the calibration are solved by"), "{}", printed.err);
     let loads = |readings: &str| -> Vec<String> {
         let input = File::open(bench.path(readings)).expect("readings");
         let output = bench.command("solve --model s.palpate --quiet").stdin(input).output().expect("an end");

@@ -1,7 +1,7 @@
 //! `palpate evaluate` on two plain tables and on a run, as another program would use it.
 
 use palpate_solver::SOLVERS;
-use palpate_testing::{Bench, SMALL, Told, exchanged, shipped_text};
+use palpate_testing::{Bench, Printed, SMALL, exchanged, shipped_text};
 use serde_json::{Value, json};
 
 /// Three places, three units; the unit straight below a place reads most.
@@ -62,10 +62,10 @@ fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
 #[test]
 fn a_table_is_80_columns_wide() {
     let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
-    let told = bench.palpate_ends(0, &format!("{WORDS} --solver pearson"));
-    let row = |label: &str| told.out.lines().find(|line| line.starts_with(label)).unwrap_or_default().to_owned();
-    assert!(row("location error, mean").ends_with("1.333 mm"), "{}", told.out);
-    assert!(told.out.lines().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, &format!("{WORDS} --solver pearson"));
+    let row = |label: &str| output.out.lines().find(|line| line.starts_with(label)).unwrap_or_default().to_owned();
+    assert!(row("location error, mean").ends_with("1.333 mm"), "{}", output.out);
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
 }
 
 #[test]
@@ -132,24 +132,24 @@ fn the_best_is_the_default() {
 #[test]
 fn all_solvers_are_a_line_each_with_the_best_last() {
     let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
-    let told = bench.palpate_ends(0, &format!("{WORDS} --solver all --json"));
-    let objects = told.json_lines();
+    let output = bench.palpate_ends(0, &format!("{WORDS} --solver all --json"));
+    let objects = output.json_lines();
     let names: Vec<&str> = objects.iter().map(|object| object["solver"].as_str().expect("a name")).collect();
     assert_eq!(names[..SOLVERS.len()], SOLVERS);
     assert!(names.len() == SOLVERS.len() + 1 && SOLVERS.contains(&names[SOLVERS.len()]), "{names:?}");
     let alone = one_object(&bench.palpate_ends(0, &format!("{WORDS} {PAPERS}")));
     assert_eq!(objects[0]["location_error_mm"], alone["location_error_mm"]);
 
-    let told = bench.palpate_ends(0, &format!("{WORDS} --solver all"));
-    let lines: Vec<&str> = told.out.lines().collect();
-    assert!(lines.iter().all(|line| line.chars().count() <= 80), "{}", told.out);
+    let output = bench.palpate_ends(0, &format!("{WORDS} --solver all"));
+    let lines: Vec<&str> = output.out.lines().collect();
+    assert!(lines.iter().all(|line| line.chars().count() <= 80), "{}", output.out);
     // tables don't say where the array's units are: it isn't known to be the paper's
-    assert!(lines[2].starts_with("pearson ") && !told.out.contains("paper"), "{}", told.out);
+    assert!(lines[2].starts_with("pearson ") && !output.out.contains("paper"), "{}", output.out);
     assert_eq!(
         lines[2].split_whitespace().collect::<Vec<_>>()[1..7],
         "1.333 0.000 3.600 4.000 0.000 66.7".split(' ').collect::<Vec<_>>()
     );
-    let best = lines.iter().find(|line| line.starts_with("best: ")).unwrap_or_else(|| panic!("{}", told.out));
+    let best = lines.iter().find(|line| line.starts_with("best: ")).unwrap_or_else(|| panic!("{}", output.out));
     assert!(best.starts_with(&format!("best: {}", names[SOLVERS.len()])), "{best}");
 }
 
@@ -157,17 +157,17 @@ fn all_solvers_are_a_line_each_with_the_best_last() {
 fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
     let bench = Bench::with([("a.csv", flat), ("b.csv", flat)]);
-    let told = bench.palpate(&format!("{WORDS} --solver all --json"));
+    let output = bench.palpate(&format!("{WORDS} --solver all --json"));
     let reason = "all units have the same output at every calibration point, so the points can't be distinguished";
-    assert_eq!(told.json_lines()[0], json!({"solver": "pearson", "error": reason}));
-    assert_eq!(told.json_lines().len(), SOLVERS.len() + 1);
-    let told = bench.palpate(&format!("{WORDS} --solver all"));
+    assert_eq!(output.json_lines()[0], json!({"solver": "pearson", "error": reason}));
+    assert_eq!(output.json_lines().len(), SOLVERS.len() + 1);
+    let output = bench.palpate(&format!("{WORDS} --solver all"));
     let expected = "\n\
         pearson: all units have the same output at every calibration point, so the\n  points can't be distinguished\n";
-    assert!(told.out.contains(expected), "{}", told.out);
+    assert!(output.out.contains(expected), "{}", output.out);
     // asked for alone, there is nothing else to say
-    let told = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
-    assert!(told.out.is_empty() && told.running().contains(reason), "{told:?}");
+    let output = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
+    assert!(output.out.is_empty() && output.running().contains(reason), "{output:?}");
     // what none of them could be evaluated on is no line
     let other = Bench::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
     assert!(other.out.is_empty() && other.running().contains("a.csv has 2 outputs"), "{other:?}");
@@ -210,8 +210,8 @@ fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
 fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
-    let told = bench.palpate("evaluate run --json --solver pearson");
-    let object = one_object(&told);
+    let output = bench.palpate("evaluate run --json --solver pearson");
+    let object = one_object(&output);
     let mut agreed = [KEYS.as_slice(), &["force_error_load_cell_n"]].concat();
     agreed.sort_unstable();
     assert_eq!(keys(&object), agreed);
@@ -234,14 +234,14 @@ fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
 fn a_run_without_test_presses_has_cross_validated_errors() {
     let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
     bench.palpate_ends(0, "run r.toml --out run");
-    let told = bench.palpate_ends(0, "evaluate run --solver pearson");
-    assert!(told.out.starts_with("no test presses: cross-validated errors of the calibration"), "{}", told.out);
+    let output = bench.palpate_ends(0, "evaluate run --solver pearson");
+    assert!(output.out.starts_with("no test presses: cross-validated errors of the calibration"), "{}", output.out);
     let objects = bench.palpate_ends(0, "evaluate run --solver pearson --json").json_lines();
     assert_eq!(objects[0]["cross_validated"][0]["solver"], "pearson");
     // a rule needs a test
     let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE)]);
-    let told = bench.palpate_ends(1, "evaluate a.csv --accept rule.toml");
-    assert!(told.out.contains("NOT DECIDED") && told.out.contains("a.csv: no valid test press"), "{}", told.out);
+    let output = bench.palpate_ends(1, "evaluate a.csv --accept rule.toml");
+    assert!(output.out.contains("NOT DECIDED") && output.out.contains("a.csv: no valid test press"), "{}", output.out);
 }
 
 /// Largest mean location error of 100 mm.
@@ -273,8 +273,8 @@ fn saved_parts_give_the_figures_of_the_hold_out_to_the_last_bit() {
         object.as_object_mut().expect("an object").remove("ns_per_solve");
         object
     };
-    let told = bench.palpate_ends(0, "evaluate a.csv --holdout time 20% --solver pearson");
-    assert!(told.err.contains("the order of the file"), "{}", told.err);
+    let output = bench.palpate_ends(0, "evaluate a.csv --holdout time 20% --solver pearson");
+    assert!(output.err.contains("the order of the file"), "{}", output.err);
     for (number, (source, solver, columns)) in [
         ("a.csv --holdout places 20% --seed 3", "best", ""),
         ("a.csv --holdout press 0.25", "surrogate", ""),
@@ -298,12 +298,16 @@ fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
     let permitted = format!("holdout = true\n{RULE}");
     let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE), ("permitted.toml", &permitted)]);
     let words = "evaluate a.csv --solver pearson --holdout press 20%";
-    let told = bench.palpate_ends(1, &format!("{words} --accept rule.toml"));
-    assert!(told.out.contains("NOT DECIDED") && told.out.contains("holdout = true"), "{}", told.out);
-    assert!(told.err.contains("warning: ") && told.err.contains("are at places of the calibration"), "{}", told.err);
+    let output = bench.palpate_ends(1, &format!("{words} --accept rule.toml"));
+    assert!(output.out.contains("NOT DECIDED") && output.out.contains("holdout = true"), "{}", output.out);
+    assert!(
+        output.err.contains("warning: ") && output.err.contains("are at places of the calibration"),
+        "{}",
+        output.err
+    );
     bench.palpate_ends(0, &format!("{words} --accept permitted.toml"));
-    let told = bench.palpate_ends(0, words);
-    assert!(told.out.contains("no verdict") && told.out.contains("location error, mean"), "{}", told.out);
+    let output = bench.palpate_ends(0, words);
+    assert!(output.out.contains("no verdict") && output.out.contains("location error, mean"), "{}", output.out);
 }
 
 #[test]
@@ -317,8 +321,8 @@ fn what_cannot_be_held_out_is_refused() {
         ("a.csv --save parts", "--holdout"),
         ("a.csv --holdout places 20% --same-place 0", "expected a distance"),
     ] {
-        let told = bench.palpate_ends(2, &format!("evaluate {words}"));
-        assert!(told.running().contains(part), "{words}: {}", told.err);
+        let output = bench.palpate_ends(2, &format!("evaluate {words}"));
+        assert!(output.running().contains(part), "{words}: {}", output.err);
     }
 }
 
@@ -332,18 +336,18 @@ fn evaluation_of(calibration: &str, test: &str) -> Value {
     one_object(&Bench::with([("a.csv", calibration), ("b.csv", test)]).palpate(&format!("{WORDS} --json")))
 }
 
-fn one_object(told: &Told) -> Value {
-    let mut lines = told.json_lines();
-    assert!(lines.len() == 1 && told.err.is_empty(), "{told:?}");
+fn one_object(output: &Printed) -> Value {
+    let mut lines = output.json_lines();
+    assert!(lines.len() == 1 && output.err.is_empty(), "{output:?}");
     lines.remove(0)
 }
 
 fn assert_refused(calibration: &str, test: &str, parts: &[&str]) {
     let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
-    let told = bench.palpate_ends(2, &format!("{WORDS} --json"));
-    assert!(told.out.is_empty(), "{}", told.out);
+    let output = bench.palpate_ends(2, &format!("{WORDS} --json"));
+    assert!(output.out.is_empty(), "{}", output.out);
     for part in parts {
-        assert!(told.running().contains(part), "it doesn't say {part:?}:\n{}", told.err);
+        assert!(output.running().contains(part), "it doesn't say {part:?}:\n{}", output.err);
     }
 }
 
@@ -380,8 +384,8 @@ fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them(
         let in_contact: Vec<&String> =
             flags.iter().zip(&forces).filter(|(_, n)| *n != "0").map(|(flags, _)| flags).collect();
         assert!(in_contact.len() == 9 && in_contact.iter().all(|flags| *flags == flag), "{flag}: {flags:?}");
-        let told = bench.palpate_ends(2, "evaluate run --solver pearson");
-        assert!(told.running().contains("no valid calibration press (4 are flagged and excluded)"), "{}", told.err);
+        let output = bench.palpate_ends(2, "evaluate run --solver pearson");
+        assert!(output.running().contains("no valid calibration press (4 are flagged and excluded)"), "{}", output.err);
     }
 }
 

@@ -57,9 +57,9 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let mut folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
-    let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(walk(errand, &mut Silent));
-    assert_eq!(ending.status(), Status::Complete, "{:?}", ending.told());
+    let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+    let ending = runtime.block_on(walk(job, &mut Silent));
+    assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();
     let presses = folder.presses().unwrap();
     let over_estimate = folder.manifest().virtual_s / estimated_s(&plan.entries, &spec);
@@ -133,7 +133,7 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let seeds = campaign::size(SEEDS.0, SEEDS.1) as u64;
     // the means of fewer seeds scatter by more, and the bars are those of 20
     let scatter = (SEEDS.1 as f64 / seeds as f64).sqrt().max(1.0);
-    let mut told = std::io::stderr();
+    let mut output = std::io::stderr();
     let halves = [1..=seeds / 2, seeds / 2 + 1..=seeds]
         .map(|seeds| std::thread::spawn(move || seeds.map(outcome).collect::<Vec<_>>()));
     let outcomes: Vec<Outcome> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
@@ -141,8 +141,8 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let largest = |of: fn(&Outcome) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
     let (location_mm, force_n) = (mean(&|o| o.location_mm), mean(&|o| o.force_n));
     let (force_peak_n, depth_peak_mm) = (largest(|o| o.force_peak_n), largest(|o| o.depth_peak_mm));
-    let _ = writeln!(told, "{seeds} seeds: mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
-    let _ = writeln!(told, "largest true force {force_peak_n:.4} N, deepest indentation {depth_peak_mm:.3} mm");
+    let _ = writeln!(output, "{seeds} seeds: mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
+    let _ = writeln!(output, "largest true force {force_peak_n:.4} N, deepest indentation {depth_peak_mm:.3} mm");
     for (found, (expected, standard_error), what) in
         [(location_mm, LOCATION_MM, "location"), (force_n, FORCE_N, "force")]
     {
@@ -160,7 +160,7 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
         let off = |o: &Outcome| o.hysteresis_percent[unit] - hysteresis;
         let (worst, on_average) = (outcomes.iter().map(|o| off(o).abs()).fold(0.0, f64::max), mean(&off));
         let _ = writeln!(
-            told,
+            output,
             "unit {}: repeatability {ratio:.2} of Table 1, hysteresis off by {on_average:+.3} %, at most {worst:.2} %",
             unit + 1
         );
@@ -173,6 +173,6 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
         );
         ratios += ratio / 0.94 / TABLE_1_PERCENT.len() as f64;
     }
-    let _ = writeln!(told, "repeatability of all units {ratios:.3} of what is to be expected");
+    let _ = writeln!(output, "repeatability of all units {ratios:.3} of what is to be expected");
     assert!((ratios - 1.0).abs() <= MEAN_REPEATABILITY * scatter, "{ratios}");
 }

@@ -1,7 +1,7 @@
 //! `palpate fit` and `palpate solve --model`: a calibrated sensor as a file.
 
 use palpate_solver::{Calibration, CalibrationPoint, Model, SOLVERS, Session, Setting};
-use palpate_testing::{Bench, Told};
+use palpate_testing::{Bench, Printed};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::Path;
@@ -44,9 +44,9 @@ fn files_of_removed_methods_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
     for name in palpate_solver::REMOVED {
         let file = folder.join(format!("{name}.palpate"));
-        let told = solved(&Bench::with([]), &format!("--model {}", file.display()), 2);
-        assert!(told.running().contains(&format!("has the method `{name}`, which was removed")), "{}", told.err);
-        assert!(told.running().contains("fit the sensor again"), "{}", told.err);
+        let output = solved(&Bench::with([]), &format!("--model {}", file.display()), 2);
+        assert!(output.running().contains(&format!("has the method `{name}`, which was removed")), "{}", output.err);
+        assert!(output.running().contains("fit the sensor again"), "{}", output.err);
     }
 }
 
@@ -56,9 +56,9 @@ fn files_of_this_version_answer_as_when_they_were_written() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
         let bench = Bench::with([]);
         let file = folder.join(format!("{name}.palpate"));
-        let told = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
+        let output = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
         let expected = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
-        for (found, expected) in told.out.lines().zip(expected.lines()) {
+        for (found, expected) in output.out.lines().zip(expected.lines()) {
             assert_eq!(found.matches(',').count(), expected.matches(',').count(), "{name}: {found} for {expected}");
             let cells = found.split(',').zip(expected.split(','));
             for (found, expected) in cells {
@@ -67,17 +67,21 @@ fn files_of_this_version_answer_as_when_they_were_written() {
                 assert!(alike || found == expected, "{name}: {found} for {expected}");
             }
         }
-        assert_eq!(told.out.lines().count(), expected.lines().count(), "{name}");
+        assert_eq!(output.out.lines().count(), expected.lines().count(), "{name}");
     }
 }
 
 #[test]
 fn a_sensor_file_answers_as_its_calibration_does() {
     let bench = Bench::with([("a.csv", CALIBRATION)]);
-    let told = bench.palpate("fit a.csv --out sensor.palpate");
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    assert!(told.out.starts_with("sensor.palpate: ") && told.out.contains(" kB\nnext: palpate solve "), "{}", told.out);
-    assert!(told.err.contains("chosen by cross-validation"), "{}", told.err);
+    let output = bench.palpate("fit a.csv --out sensor.palpate");
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    assert!(
+        output.out.starts_with("sensor.palpate: ") && output.out.contains(" kB\nnext: palpate solve "),
+        "{}",
+        output.out
+    );
+    assert!(output.err.contains("chosen by cross-validation"), "{}", output.err);
     let by_file = solved(&bench, "--model sensor.palpate", 0);
     assert_eq!(by_file.out, solved(&bench, "--calibration a.csv", 0).out);
     assert!(by_file.err.ends_with(", fitted to 49 presses of 4 outputs\n"), "{}", by_file.err);
@@ -101,9 +105,9 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
     let whole = fs::read(bench.path("a.palpate")).unwrap();
     let refused = |bytes: &[u8]| {
         fs::write(bench.path("b.palpate"), bytes).unwrap();
-        let told = solved(&bench, "--model b.palpate", 2);
-        assert_eq!(told.out, "", "no line was answered");
-        told.running()
+        let output = solved(&bench, "--model b.palpate", 2);
+        assert_eq!(output.out, "", "no line was answered");
+        output.running()
     };
     let end = whole.len() - 1;
     let text = String::from_utf8_lossy(&whole).into_owned();
@@ -119,8 +123,8 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
         (b"palpate sensor 1\n{}\n".to_vec(), "is a sensor file of version 1; this program reads version 2"),
         (b"palpate sensor 2\n{\"method\": 1}\n".to_vec(), "b.palpate is damaged: its second line: "),
     ] {
-        let told = refused(&bytes);
-        assert!(told.contains(said), "{said}\n{told}");
+        let output = refused(&bytes);
+        assert!(output.contains(said), "{said}\n{output}");
     }
     // numbers that aren't a model, with their own hash
     let card = text.lines().nth(1).unwrap();
@@ -129,29 +133,29 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
         let mut card = card.clone();
         card["bytes"] = numbers.len().into();
         card["sha256"] = sha256(numbers).into();
-        let told = refused(&[format!("palpate sensor 2\n{card}\n").as_bytes(), numbers].concat());
-        assert!(told.contains("is damaged: the numbers of the model can't be read"), "{told}");
+        let output = refused(&[format!("palpate sensor 2\n{card}\n").as_bytes(), numbers].concat());
+        assert!(output.contains("is damaged: the numbers of the model can't be read"), "{output}");
     }
 }
 
 #[test]
 fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
     let bench = Bench::with([("a.csv", CALIBRATION)]);
-    let told = bench.palpate("fit a.csv --out a.csv");
-    assert_eq!(told.code, Some(2));
-    assert!(told.running().contains("a.csv already exists and isn't a sensor file"), "{}", told.err);
+    let output = bench.palpate("fit a.csv --out a.csv");
+    assert_eq!(output.code, Some(2));
+    assert!(output.running().contains("a.csv already exists and isn't a sensor file"), "{}", output.err);
     assert_eq!(bench.read("a.csv"), CALIBRATION);
-    let told = bench.palpate("fit a.csv --out none/a.palpate");
-    assert_eq!(told.code, Some(5), "{}", told.err);
-    assert!(told.running().contains("writing none/a.palpate: "), "{}", told.err);
+    let output = bench.palpate("fit a.csv --out none/a.palpate");
+    assert_eq!(output.code, Some(5), "{}", output.err);
+    assert!(output.running().contains("writing none/a.palpate: "), "{}", output.err);
     for words in ["--solver pearson", "--constant-load", "--calibration a.csv", "--false-alarms 0.1"] {
-        let told = bench.palpate(&format!("solve --model a.palpate {words}"));
-        assert_eq!(told.code, Some(2));
-        assert!(told.err.contains("cannot be used with"), "{words}: {}", told.err);
+        let output = bench.palpate(&format!("solve --model a.palpate {words}"));
+        assert_eq!(output.code, Some(2));
+        assert!(output.err.contains("cannot be used with"), "{words}: {}", output.err);
     }
     assert!(bench.palpate_ends(2, "solve").running().contains("add --model FILE"));
-    let told = solved(&bench, "--model none.palpate", 2);
-    assert!(told.running().contains("reading none.palpate: "), "{}", told.err);
+    let output = solved(&bench, "--model none.palpate", 2);
+    assert!(output.running().contains("reading none.palpate: "), "{}", output.err);
 }
 
 #[test]
@@ -190,12 +194,12 @@ fn numbers(table: &str) -> impl Iterator<Item = Vec<f64>> {
     table.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
 }
 
-fn solved(bench: &Bench, words: &str, code: i32) -> Told {
+fn solved(bench: &Bench, words: &str, code: i32) -> Printed {
     bench.write("readings", READINGS);
     let input = File::open(bench.path("readings")).unwrap();
-    let told: Told = bench.command(&format!("solve {words}")).stdin(input).output().unwrap().into();
-    assert_eq!(told.code, Some(code), "palpate solve {words}\n{}\n{}", told.out, told.err);
-    told
+    let printed: Printed = bench.command(&format!("solve {words}")).stdin(input).output().unwrap().into();
+    assert_eq!(printed.code, Some(code), "palpate solve {words}\n{}\n{}", printed.out, printed.err);
+    printed
 }
 
 fn sha256(bytes: &[u8]) -> String {

@@ -90,8 +90,8 @@ fn a_connection_is_answered_as_standard_input_is() {
     bench.write("readings", &text);
     let input = std::fs::File::open(bench.path("readings")).unwrap();
     let mut command = bench.command("solve --model s.palpate --json --keep-going --quiet");
-    let told = command.stdin(input).output().expect("the program starts");
-    let expected = String::from_utf8(told.stdout).unwrap().replace("stdin", "PEER");
+    let printed = command.stdin(input).output().expect("the program starts");
+    let expected = String::from_utf8(printed.stdout).unwrap().replace("stdin", "PEER");
     let answers = server.answers(text.as_bytes());
     let peer = |line: &str| match line.find("127.0.0.1:") {
         Some(at) => {

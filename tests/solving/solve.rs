@@ -1,6 +1,6 @@
 //! `palpate solve`: readings in, contacts out, a line for a line.
 
-use palpate_testing::{Bench, SMALL, Told, exchanged};
+use palpate_testing::{Bench, Printed, SMALL, exchanged};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -32,9 +32,9 @@ fn a_line_in_is_a_line_out_whatever_the_format() {
     let contacts = ["-4.0,0.0,0.5", "0.0,0.0,2.0", "4.0,0.0,1.0"].map(|contact| format!("{contact},,,,,,,,,,,ok,\n"));
     let expected = format!("{KEYS}\n{}", contacts.concat());
     for readings in READINGS {
-        let told = solved(WORDS, readings, 0);
-        assert_eq!(places(&told.out), places(&expected), "{readings:?}\n{}", told.out);
-        assert!(told.err.is_empty(), "{}", told.err);
+        let output = solved(WORDS, readings, 0);
+        assert_eq!(places(&output.out), places(&expected), "{readings:?}\n{}", output.out);
+        assert!(output.err.is_empty(), "{}", output.err);
         let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
         let mut sorted: Vec<&str> = KEYS.split(',').collect();
         sorted.sort_unstable();
@@ -55,10 +55,10 @@ fn a_line_in_is_a_line_out_whatever_the_format() {
 
 #[test]
 fn a_label_comes_back_with_its_contact() {
-    let told = solved(WORDS, "t_s,id,out_1,out_2,out_3\n0.5,\"a, b\",1,0.3,0.1\n,,1,0.3,0.1\n", 0);
-    let lines: Vec<&str> = told.out.lines().collect();
-    assert!(lines[0].starts_with("id,t_s,x_mm,"), "{}", told.out);
-    assert!(lines[1].starts_with("\"a, b\",0.5,-4.0,") && lines[2].starts_with(",,-4.0,"), "{}", told.out);
+    let output = solved(WORDS, "t_s,id,out_1,out_2,out_3\n0.5,\"a, b\",1,0.3,0.1\n,,1,0.3,0.1\n", 0);
+    let lines: Vec<&str> = output.out.lines().collect();
+    assert!(lines[0].starts_with("id,t_s,x_mm,"), "{}", output.out);
+    assert!(lines[1].starts_with("\"a, b\",0.5,-4.0,") && lines[2].starts_with(",,-4.0,"), "{}", output.out);
     let readings = "{\"id\":7,\"outputs\":[1,0.3,0.1]}\n{\"t_s\":\"noon\",\"outputs\":[1,0.3,0.1]}\n";
     let objects = solved(&format!("{WORDS} --json"), readings, 0).json_lines();
     assert_eq!((&objects[0]["id"], objects[0].get("t_s")), (&json!(7), None));
@@ -71,10 +71,10 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
     let lines: Vec<String> = solved(WORDS, readings, 0).out.lines().map(str::to_owned).collect();
     assert_eq!(lines[1..3], [",,,,,,,,,,,,,unsolved,", ",,,,,,,,,,,,,unsolved,"]);
     assert!(lines[3].starts_with("-4.0,"), "{lines:?}");
-    let told = solved(&WORDS.replace(" --quiet", ""), readings, 0).running();
+    let output = solved(&WORDS.replace(" --quiet", ""), readings, 0).running();
     assert!(
-        told.contains("stdin, line 1: unsolved, all outputs are equal") && !told.contains("line 2: unsolved"),
-        "{told}"
+        output.contains("stdin, line 1: unsolved, all outputs are equal") && !output.contains("line 2: unsolved"),
+        "{output}"
     );
     let objects = solved(&format!("{WORDS} --json"), "[1,1,1]\n[null,1,1]\n[1,0.3,0.1]\n", 0).json_lines();
     let said = |index: usize| (&objects[index]["verdict"], objects[index].get("error").and_then(Value::as_str));
@@ -98,16 +98,16 @@ fn what_is_no_reading_ends_it_after_all_before_it_were_answered() {
         ),
         ("{\"outputs\":[1,0.3,\"1\"]}\n", 0, ["stdin, line 1, column 21: invalid type: string \"1\"", "help"]),
     ] {
-        let told = solved(&format!("{WORDS} --json"), readings, 2);
-        assert_eq!(told.out.lines().count(), before, "{readings:?}\n{}", told.out);
+        let output = solved(&format!("{WORDS} --json"), readings, 2);
+        assert_eq!(output.out.lines().count(), before, "{readings:?}\n{}", output.out);
         for part in parts {
-            assert!(told.running().contains(part), "{readings:?} doesn't say {part:?}:\n{}", told.err);
+            assert!(output.running().contains(part), "{readings:?} doesn't say {part:?}:\n{}", output.err);
         }
-        assert!(told.err.lines().all(|line| line.chars().count() <= 80), "{}", told.err);
+        assert!(output.err.lines().all(|line| line.chars().count() <= 80), "{}", output.err);
     }
     // told otherwise, a first character means nothing
-    let told = solved(&format!("{WORDS} --input ndjson"), "1,0.3,0.1\n", 2);
-    assert!(told.running().contains("stdin, line 1, column 1: invalid type"), "{}", told.err);
+    let output = solved(&format!("{WORDS} --input ndjson"), "1,0.3,0.1\n", 2);
+    assert!(output.running().contains("stdin, line 1, column 1: invalid type"), "{}", output.err);
     solved(&format!("{WORDS} --input csv"), "1,0.3,0.1\n", 0);
 }
 
@@ -119,13 +119,13 @@ const BAD_JSON: [&str; 5] = ["[1,\"x\",1]", "[1,0.3]", "1,0.3,0.1", "{\"outputs\
 fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
     let good = "1,0.3,0.1\n";
     let readings: String = BAD.iter().map(|bad| format!("{bad}\n\n{good}")).collect();
-    let told = solved(&format!("{WORDS} --keep-going"), &readings, 0);
-    let lines: Vec<&str> = told.out.lines().collect();
+    let output = solved(&format!("{WORDS} --keep-going"), &readings, 0);
+    let lines: Vec<&str> = output.out.lines().collect();
     assert_eq!(lines[0], format!("line,id,t_s,{KEYS},error"));
-    assert_eq!(lines.len(), 1 + 2 * BAD.len(), "{}", told.out);
+    assert_eq!(lines.len(), 1 + 2 * BAD.len(), "{}", output.out);
     for (index, pair) in lines[1..].chunks(2).enumerate() {
         let line = 3 * index + 1;
-        let [bad, good] = pair else { panic!("{}", told.out) };
+        let [bad, good] = pair else { panic!("{}", output.out) };
         assert!(
             bad.starts_with(&format!("{line},,,,,,,,,,,,,,,,unsolved,,")) && bad.contains(&format!("line {line}")),
             "{bad}"
@@ -133,7 +133,7 @@ fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
         assert!(good.starts_with(&format!("{},,,-4.0,0.0,1.0,", line + 2)) && good.ends_with(",ok,,"), "{good}");
     }
     assert!(lines[1].ends_with("\"stdin, line 1, column `out_2`: expected a number, found `x`\""), "{}", lines[1]);
-    assert!(told.err.is_empty(), "{}", told.err);
+    assert!(output.err.is_empty(), "{}", output.err);
 
     let readings: String = BAD_JSON.iter().map(|bad| format!("{bad}\n[1,0.3,0.1]\n")).collect();
     let objects = solved(&format!("{WORDS} --keep-going --json --input ndjson"), &readings, 0).json_lines();
@@ -154,15 +154,15 @@ fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
 #[test]
 fn with_keep_going_labels_come_back_though_the_first_line_is_bad() {
     let readings = "hello\n{\"id\":7,\"outputs\":[1,0.3,0.1]}\n";
-    let told = solved(&format!("{WORDS} --keep-going --input ndjson"), readings, 0);
-    assert!(told.out.lines().nth(2).is_some_and(|line| line.starts_with("2,7,,-4.0,")), "{}", told.out);
+    let output = solved(&format!("{WORDS} --keep-going --input ndjson"), readings, 0);
+    assert!(output.out.lines().nth(2).is_some_and(|line| line.starts_with("2,7,,-4.0,")), "{}", output.out);
 }
 
 #[test]
 fn with_keep_going_a_header_that_cannot_be_used_still_ends_it() {
     for readings in ["a,b,c\n1,2,3\n", "out_1,out_2\n1,0.3\n", "out_1,out_2,\"out_3\n1,2,3\n"] {
-        let told = solved(&format!("{WORDS} --keep-going"), readings, 2);
-        assert!(told.out.is_empty() && told.running().contains("stdin, line 1"), "{readings:?}: {told:?}");
+        let output = solved(&format!("{WORDS} --keep-going"), readings, 2);
+        assert!(output.out.is_empty() && output.running().contains("stdin, line 1"), "{readings:?}: {output:?}");
     }
 }
 
@@ -180,8 +180,8 @@ fn a_missing_channel_is_left_out_of_its_reading() {
     ] {
         assert_eq!(places(&solved_on(&bench, words, readings, 0).out), places(&expected), "{readings:?}");
     }
-    let told = solved_on(&bench, &format!("{words} --json"), "[NaN,NaN,null]\n", 0).json_lines();
-    assert_eq!((&told[0]["verdict"], &told[0]["error"]), (&json!("unsolved"), &json!("every output is missing")));
+    let output = solved_on(&bench, &format!("{words} --json"), "[NaN,NaN,null]\n", 0).json_lines();
+    assert_eq!((&output[0]["verdict"], &output[0]["error"]), (&json!("unsolved"), &json!("every output is missing")));
 }
 
 #[test]
@@ -216,8 +216,8 @@ fn a_reader_that_has_seen_enough_is_no_error() {
         let child = command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
         drop(child.stdout.take());
-        let told: Told = child.wait_with_output().expect("it ends").into();
-        assert_eq!((told.code, told.err.as_str()), (Some(0), ""));
+        let output: Printed = child.wait_with_output().expect("it ends").into();
+        assert_eq!((output.code, output.err.as_str()), (Some(0), ""));
     }
 }
 
@@ -226,15 +226,19 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
     let bench = Bench::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let presses = bench.read("run/presses.csv");
-    let told = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
-    assert!(told.err.starts_with("pearson, fitted to 4 presses of 9 outputs\nstdin, line 2: unsolved"), "{}", told.err);
-    assert_eq!(told.out.lines().count(), presses.lines().count());
-    assert!(told.out.starts_with("t_s,x_mm,"), "{}", told.out);
-    let told = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);
-    assert!(told.err.is_empty() && told.out.lines().count() == presses.lines().count(), "{told:?}");
-    let told = solved_on(&bench, "solve --calibration run", &presses, 0);
-    assert!(told.err.contains(", fitted to 4 presses of 9 outputs\n"), "{}", told.err);
-    assert!(told.err.lines().all(|line| line.chars().count() <= 80), "{}", told.err);
+    let output = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
+    assert!(
+        output.err.starts_with("pearson, fitted to 4 presses of 9 outputs\nstdin, line 2: unsolved"),
+        "{}",
+        output.err
+    );
+    assert_eq!(output.out.lines().count(), presses.lines().count());
+    assert!(output.out.starts_with("t_s,x_mm,"), "{}", output.out);
+    let output = solved_on(&bench, "solve --calibration run --quiet", &presses, 0);
+    assert!(output.err.is_empty() && output.out.lines().count() == presses.lines().count(), "{output:?}");
+    let output = solved_on(&bench, "solve --calibration run", &presses, 0);
+    assert!(output.err.contains(", fitted to 4 presses of 9 outputs\n"), "{}", output.err);
+    assert!(output.err.lines().all(|line| line.chars().count() <= 80), "{}", output.err);
 }
 
 #[test]
@@ -254,16 +258,16 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
         rows.iter().filter(|row| row[2] == "test").map(reading).collect()
     };
     let words = "solve --calibration run --solver surrogate --quiet";
-    let told = solved_on(&bench, words, &readings(None), 0);
-    assert!(told.err.is_empty(), "{}", told.err);
-    let told = solved_on(&bench, words, &readings(Some(5)), 0);
-    let line = told.err.strip_prefix("stdin, line ").and_then(|said| {
+    let printed = solved_on(&bench, words, &readings(None), 0);
+    assert!(printed.err.is_empty(), "{}", printed.err);
+    let printed = solved_on(&bench, words, &readings(Some(5)), 0);
+    let line = printed.err.strip_prefix("stdin, line ").and_then(|said| {
         said.strip_suffix(": output 5 contradicts all other outputs, excluded from here on\n")?.parse::<usize>().ok()
     });
-    let line = line.unwrap_or_else(|| panic!("{}", told.err));
-    let verdicts: Vec<String> = told.out.lines().skip(1).map(|line| line.split(',').skip(13).collect()).collect();
+    let line = line.unwrap_or_else(|| panic!("{}", printed.err));
+    let verdicts: Vec<String> = printed.out.lines().skip(1).map(|line| line.split(',').skip(13).collect()).collect();
     let of_unit_5 = verdicts.iter().rposition(|verdict| verdict == "channel-fault5").expect("it was named");
-    assert!(of_unit_5 + 1 == line && verdicts.len() == 60 && line < 30, "{}", told.out);
+    assert!(of_unit_5 + 1 == line && verdicts.len() == 60 && line < 30, "{}", printed.out);
 }
 
 #[test]
@@ -272,22 +276,22 @@ fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
     let bench = Bench::with([("a.csv", silent.as_str())]);
     let words = "solve --calibration a.csv --solver pearson";
-    let told = solved_on(&bench, words, "2,0.6,0.2\n", 0);
-    assert!(told.err.starts_with(note), "{}", told.err);
+    let output = solved_on(&bench, words, "2,0.6,0.2\n", 0);
+    assert!(output.err.starts_with(note), "{}", output.err);
     // sqrt(1.10 and 1.18, 1.10 squared), by the length of each row
     let typical = ((1.10f64 + 1.18 + 1.10) / 3.0).sqrt();
-    let header = told.out.lines().next().unwrap_or_default();
+    let header = output.out.lines().next().unwrap_or_default();
     assert!(header.contains(",misfit,relative_force,half68_relative_force,half95_relative_force,"), "{header}");
-    let cells: Vec<&str> = told.out.lines().nth(1).expect("an answer").split(',').collect();
+    let cells: Vec<&str> = output.out.lines().nth(1).expect("an answer").split(',').collect();
     assert_eq!([cells[2], cells[5], cells[8], cells[9]], [""; 4], "no force in newtons");
     let force: f64 = cells[13].parse().expect("a relative force");
-    assert!((force - 2.0 * 1.10f64.sqrt() / typical).abs() < 1e-6, "{}", told.out);
+    assert!((force - 2.0 * 1.10f64.sqrt() / typical).abs() < 1e-6, "{}", output.out);
     let object = &solved_on(&bench, &format!("{words} --json"), "2,0.6,0.2\n", 0).json_lines()[0];
     assert_eq!((&object["force_n"], &object["half95_n"]), (&Value::Null, &Value::Null));
     assert!(object["relative_force"].as_f64().is_some_and(|found| (found - force).abs() < 1e-9), "{object}");
-    let told = solved_on(&bench, &format!("{words} --constant-load"), "2,0.6,0.2\n", 0);
-    assert!(!told.err.contains(note), "{}", told.err);
-    assert!(told.out.lines().nth(1).is_some_and(|line| line.split(',').nth(2) == Some("")), "{}", told.out);
+    let output = solved_on(&bench, &format!("{words} --constant-load"), "2,0.6,0.2\n", 0);
+    assert!(!output.err.contains(note), "{}", output.err);
+    assert!(output.out.lines().nth(1).is_some_and(|line| line.split(',').nth(2) == Some("")), "{}", output.out);
     assert!(!solved("solve --calibration a.csv --solver pearson", "", 0).err.contains(note));
 }
 
@@ -308,8 +312,8 @@ fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
         ("solve --calibration a.csv --forces-n 1 2 --constant-load", "cannot be used with"),
         ("solve --calibration a.csv --input xml", "invalid value 'xml'"),
     ] {
-        let told = bench.palpate_ends(2, words);
-        assert!(told.out.is_empty() && told.running().contains(part), "{words}: {told:?}");
+        let output = bench.palpate_ends(2, words);
+        assert!(output.out.is_empty() && output.running().contains(part), "{words}: {output:?}");
     }
     bench.palpate_ends(0, "solve --calibration a.csv --forces-n 1 2 --false-alarms 0.05");
 }
@@ -338,16 +342,16 @@ fn without_first_output(table: &str) -> String {
     less
 }
 
-fn solved(words: &str, readings: &str, code: i32) -> Told {
+fn solved(words: &str, readings: &str, code: i32) -> Printed {
     solved_on(&Bench::with([("a.csv", CALIBRATION)]), words, readings, code)
 }
 
-fn solved_on(bench: &Bench, words: &str, readings: &str, code: i32) -> Told {
+fn solved_on(bench: &Bench, words: &str, readings: &str, code: i32) -> Printed {
     bench.write("readings", readings);
     let input = File::open(bench.path("readings")).expect("it was written");
-    let told: Told = bench.command(words).stdin(input).output().expect("the program starts").into();
-    assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
-    told
+    let printed: Printed = bench.command(words).stdin(input).output().expect("the program starts").into();
+    assert_eq!(printed.code, Some(code), "palpate {words}\n{}\n{}", printed.out, printed.err);
+    printed
 }
 
 fn started(bench: &Bench, words: &str) -> Child {

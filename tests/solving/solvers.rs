@@ -288,7 +288,7 @@ fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
 }
 
 #[test]
-fn two_contacts_are_told_from_one() {
+fn two_contacts_are_distinguished_from_one() {
     for (scene, apart_mm) in [(scene_t(), 4.0), (scene_q(), 2.0)] {
         let (false_alarms, found) = flagged(&scene, apart_mm);
         assert!(found >= 0.85 && (0.005..=0.015).contains(&false_alarms), "{apart_mm} mm: {found} {false_alarms}");
@@ -404,7 +404,7 @@ fn an_offset_that_all_units_share_can_be_eliminated() {
 }
 
 #[test]
-fn a_contact_beyond_the_calibrated_area_is_told() {
+fn a_contact_beyond_the_calibrated_area_is_reported() {
     let mut bench = Bench::new(&scene_q(), 4);
     let calibration = bench.calibration(25);
     let solver = bench.fit(BEST, &calibration);

@@ -97,18 +97,18 @@ fn a_rule_may_lie_in_a_file_beside_the_recipe_and_stays_with_the_run() {
     assert_eq!(judged(&bench, 0, "run")["verdict"], "accepted");
     bench.palpate_ends(0, "verify run");
     std::fs::remove_file(bench.path("limits.toml")).unwrap();
-    let told = bench.palpate_ends(2, "run r.toml --out other").running();
+    let output = bench.palpate_ends(2, "run r.toml --out other").running();
     assert!(
-        told.contains("`accept` names limits.toml") && told.contains("put the file into the recipe's folder"),
-        "{told}"
+        output.contains("`accept` names limits.toml") && output.contains("put the file into the recipe's folder"),
+        "{output}"
     );
     for (name, reason) in [
         ("../limits.toml", "which isn't the name of a .toml file in the recipe's folder"),
         ("rig.toml", "a run uses this name for its own"),
     ] {
         bench.write("r.toml", &exchanged(&text, "limits.toml", name));
-        let told = bench.palpate_ends(2, "check r.toml").running();
-        assert!(told.contains(reason), "{told}");
+        let output = bench.palpate_ends(2, "check r.toml").running();
+        assert!(output.contains(reason), "{output}");
     }
 }
 
@@ -172,10 +172,10 @@ fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted(
 fn columns_that_look_like_what_is_read_are_named() {
     let calibration = "x_mm,y_mm,Fz,out_1,out_2\n-4,0,1,1.0,0.3\n0,0,1,0.3,1.0\n4,0,1,0.1,0.3\n";
     let bench = Bench::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
-    let told = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
+    let output = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
     let warning =
         "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n; or name it in --columns)";
-    assert_eq!(told.running(), warning);
+    assert_eq!(output.running(), warning);
 }
 
 #[test]
@@ -187,16 +187,16 @@ fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_dema
     bench.palpate_ends(0, "run t.toml --out unnamed");
     bench.palpate_ends(0, "run c.toml --out unnamed-too");
     let refused = |runs: &str| bench.palpate_ends(2, &format!("report {runs} --out page.html")).running();
-    let told = refused("b c");
-    assert!(told.contains("b is of the sensor B, c of C: a page is about one sensor"), "{told}");
+    let output = refused("b c");
+    assert!(output.contains("b is of the sensor B, c of C: a page is about one sensor"), "{output}");
     assert!(refused("b c --same-sensor").contains("b is of the sensor B, c of C"), "it speaks for unnamed runs only");
-    let told = refused("b unnamed");
-    assert!(told.contains("unnamed has no sensor ID") && told.contains("--same-sensor"), "{told}");
+    let output = refused("b unnamed");
+    assert!(output.contains("unnamed has no sensor ID") && output.contains("--same-sensor"), "{output}");
     assert!(refused("unnamed-too unnamed").contains("unnamed-too has no sensor ID"));
     bench.write("uT.toml", &exchanged(&shipped_text("rigs/sim.toml"), "[array]\n", "[array]\nunit = \"uT\"\n"));
     bench.palpate_ends(0, "run t.toml --rig uT.toml --out tesla --sensor B");
-    let told = refused("b tesla");
-    assert!(told.contains("the outputs of b are in V, those of tesla in uT"), "{told}");
+    let output = refused("b tesla");
+    assert!(output.contains("the outputs of b are in V, those of tesla in uT"), "{output}");
     assert!(!bench.has("page.html"));
     bench.palpate_ends(0, "report unnamed-too unnamed --same-sensor --out page.html");
     let manifest = bench.manifest("c");
@@ -221,7 +221,7 @@ fn a_run_that_tripped_is_not_decided_and_not_certified() {
     assert!(verdict["test_presses"].as_u64() > Some(0), "{verdict}");
     assert!(verdict["reasons"][0].as_str().unwrap().starts_with("run is tripped: "), "{verdict}");
     assert!(bench.palpate_ends(1, "report run").out.starts_with("Sensor A: not decided, "));
-    let told = bench.palpate_ends(2, "certificate run --with c.toml").running();
-    assert!(told.contains("run is tripped: a certificate needs complete runs"), "{told}");
+    let output = bench.palpate_ends(2, "certificate run --with c.toml").running();
+    assert!(output.contains("run is tripped: a certificate needs complete runs"), "{output}");
     assert!(!bench.has("run/certificate.xml"));
 }

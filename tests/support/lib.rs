@@ -22,7 +22,7 @@ pub mod twins;
 pub mod walks;
 pub mod wire;
 
-use palpate_link::device::{DeviceError, Identity, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, Identity, MotionOrders, Stage, StageUse};
 use serde_json::Value;
 use std::env;
 use std::fs;
@@ -61,9 +61,13 @@ pub const SMALL_ROWS: usize = 11;
 pub const SMALL_PRESSES: u64 = 7;
 
 /// A stage identified and homed.
-pub async fn made_ready(stage: &mut impl Stage, usage: &StageUse, reins: &Reins) -> Result<Identity, DeviceError> {
+pub async fn made_ready(
+    stage: &mut impl Stage,
+    usage: &StageUse,
+    orders: &MotionOrders,
+) -> Result<Identity, DeviceError> {
     let identity = stage.identify(usage).await?;
-    stage.home(usage, reins).await.map(|()| identity)
+    stage.home(usage, orders).await.map(|()| identity)
 }
 
 /// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
@@ -89,7 +93,7 @@ pub struct Bench {
 
 /// How the program ended and what it said.
 #[derive(Debug)]
-pub struct Told {
+pub struct Printed {
     pub code: Option<i32>,
     pub out: String,
     pub err: String,
@@ -138,22 +142,22 @@ impl Bench {
     }
 
     /// Runs the program to its end.
-    pub fn palpate(&self, words: &str) -> Told {
+    pub fn palpate(&self, words: &str) -> Printed {
         self.command(words).output().expect("the program starts").into()
     }
 
     /// The same, with a text as standard input.
-    pub fn palpate_reads(&self, words: &str, input: &str) -> Told {
+    pub fn palpate_reads(&self, words: &str, input: &str) -> Printed {
         self.write("standard-input", input);
         let input = fs::File::open(self.path("standard-input")).expect("what was written");
         self.command(words).stdin(input).output().expect("the program starts").into()
     }
 
     /// The same, and it must end as said.
-    pub fn palpate_ends(&self, code: i32, words: &str) -> Told {
-        let told = self.palpate(words);
-        assert_eq!(told.code, Some(code), "palpate {words}\n{}\n{}", told.out, told.err);
-        told
+    pub fn palpate_ends(&self, code: i32, words: &str) -> Printed {
+        let output = self.palpate(words);
+        assert_eq!(output.code, Some(code), "palpate {words}\n{}\n{}", output.out, output.err);
+        output
     }
 
     pub fn manifest(&self, run: &str) -> Value {
@@ -186,14 +190,14 @@ impl Bench {
     }
 }
 
-impl From<Output> for Told {
-    fn from(output: Output) -> Told {
+impl From<Output> for Printed {
+    fn from(output: Output) -> Printed {
         let text = |bytes| String::from_utf8(bytes).expect("the program speaks UTF-8");
-        Told { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+        Printed { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
     }
 }
 
-impl Told {
+impl Printed {
     /// What it said on standard error as running text: no frame, no line breaks.
     pub fn running(&self) -> String {
         self.err.replace(['│', '·'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
@@ -277,7 +281,7 @@ impl Live {
     }
 
     /// Waits for a line on standard error that has some words in it.
-    pub fn until_told(&self, words: &str) {
+    pub fn until_printed(&self, words: &str) {
         while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
     }
 
@@ -300,17 +304,17 @@ impl Live {
     }
 
     /// Its end, and what it said since it was last listened to.
-    pub fn end(self) -> Told {
+    pub fn end(self) -> Printed {
         self.end_within(PATIENCE)
     }
 
     /// The same for one that may be still for longer.
-    pub fn end_within(mut self, patience: Duration) -> Told {
+    pub fn end_within(mut self, patience: Duration) -> Printed {
         let rest = |lines: &Receiver<String>| {
             std::iter::from_fn(|| next_within(lines, patience)).map(|line| line + "\n").collect()
         };
         let (out, err) = (rest(&self.out), rest(&self.err));
-        Told { code: self.child.wait().expect("it can be waited for").code(), out, err }
+        Printed { code: self.child.wait().expect("it can be waited for").code(), out, err }
     }
 }
 

@@ -91,8 +91,8 @@ impl Watcher {
     }
 
     /// A press begins, whose phases are told or not.
-    pub fn begins(&mut self, told: bool) {
-        (self.pressing, self.touched_mm, self.stepped, self.rest) = (told, None, false, None);
+    pub fn begins(&mut self, output: bool) {
+        (self.pressing, self.touched_mm, self.stepped, self.rest) = (output, None, false, None);
     }
 
     /// A device has a message.

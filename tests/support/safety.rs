@@ -93,12 +93,12 @@ impl Bench {
             cancel.ask();
         }
         let Bench { spec, plan, folder, .. } = self;
-        let errand = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
+        let job = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
         let (ending, virtual_s, z_mm) = run_virtually(async {
             let rig = spec.emulators(plan.seed).expect("emulators");
             let (scene, began) = (rig.scene.clone(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let ending = walk_on(rig, errand, &mut Silent).await;
+            let ending = walk_on(rig, job, &mut Silent).await;
             let virtual_s = began.elapsed().as_secs_f64();
             let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, virtual_s);
             (ending, virtual_s, spec.frame.z_from_stage(z_mm))
@@ -107,9 +107,9 @@ impl Bench {
     }
 
     /// The stage stands where no surface can be: what is said of parking isn't asked.
-    pub fn assert_parked(&self, walked: &Walked, told: &str) {
-        assert!(walked.ending.unparked.is_none(), "{told}: {:?}", walked.ending.told());
-        assert!(walked.z_mm <= self.spec.clear_mm() + PARKED_MM, "{told}: z is {} mm", walked.z_mm);
+    pub fn assert_parked(&self, walked: &Walked, output: &str) {
+        assert!(walked.ending.unparked.is_none(), "{output}: {:?}", walked.ending.text());
+        assert!(walked.z_mm <= self.spec.clear_mm() + PARKED_MM, "{output}: z is {} mm", walked.z_mm);
     }
 
     /// What was recorded, in the order of its numbers.
@@ -131,22 +131,22 @@ impl Bench {
     }
 
     /// Walks a plan that must be done whole, within every limit, each level within its tolerance.
-    pub fn must_complete(&mut self, told: &str) {
+    pub fn must_complete(&mut self, output: &str) {
         let walked = self.walk(None);
-        assert_eq!(walked.ending.status(), Status::Complete, "{told}: {:?}", walked.ending.told());
-        self.assert_parked(&walked, told);
+        assert_eq!(walked.ending.status(), Status::Complete, "{output}: {:?}", walked.ending.text());
+        self.assert_parked(&walked, output);
         let (peak_n, depth_mm) = self.worst();
         let limits = self.spec.limits;
-        assert!(peak_n <= limits.force_n, "{told}: {peak_n} N");
-        assert!(depth_mm <= limits.depth_mm, "{told}: {depth_mm} mm");
-        assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{told}");
+        assert!(peak_n <= limits.force_n, "{output}: {peak_n} N");
+        assert!(depth_mm <= limits.depth_mm, "{output}: {depth_mm} mm");
+        assert_eq!(self.folder.manifest().presses_done, self.plan.entries.len() as u64, "{output}");
         for (entry, contact) in self.plan.entries.iter().zip(self.contacts()) {
-            assert_eq!(contact.levels.len(), contact.truth.len(), "{told}: the truth of each level");
+            assert_eq!(contact.levels.len(), contact.truth.len(), "{output}: the truth of each level");
             for (row, truth) in contact.levels.iter().zip(&contact.truth) {
                 let error_n = truth.force_true_n - row.force_set_n.unwrap();
                 assert!(
                     error_n.abs() <= entry.task.force_tolerance_n,
-                    "{told}: level {} of press {} off by {error_n} N",
+                    "{output}: level {} of press {} off by {error_n} N",
                     row.level,
                     row.press
                 );
@@ -155,16 +155,16 @@ impl Bench {
     }
 
     /// Walks a plan that must end with a trip, recorded, the stage parked.
-    pub fn must_trip(&mut self, rules: &[SafetyRule], told: &str) -> Walked {
+    pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> Walked {
         let walked = self.walk(None);
         let Some(Halt::Tripped(trip)) = &walked.ending.halt else {
-            panic!("{told}: no trip but {:?}", walked.ending.told());
+            panic!("{output}: no trip but {:?}", walked.ending.text());
         };
-        assert!(rules.contains(&trip.rule), "{told}: {trip}");
-        self.assert_parked(&walked, told);
-        assert_eq!(walked.ending.status(), Status::Tripped, "{told}");
-        assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{told}: the manifest");
-        assert!(walked.virtual_s < 120.0, "{told}: {} s", walked.virtual_s);
+        assert!(rules.contains(&trip.rule), "{output}: {trip}");
+        self.assert_parked(&walked, output);
+        assert_eq!(walked.ending.status(), Status::Tripped, "{output}");
+        assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{output}: the manifest");
+        assert!(walked.virtual_s < 120.0, "{output}: {} s", walked.virtual_s);
         walked
     }
 }

@@ -16,8 +16,8 @@ impl Served {
         let mut listens = BTreeMap::new();
         for _ in 0..3 {
             let line = emulators.line().expect("a line a device");
-            let told: serde_json::Value = serde_json::from_str(&line).expect("one JSON object a line");
-            let text = |key: &str| told[key].as_str().unwrap_or_default().to_owned();
+            let output: serde_json::Value = serde_json::from_str(&line).expect("one JSON object a line");
+            let text = |key: &str| output[key].as_str().unwrap_or_default().to_owned();
             listens.insert(text("device"), text("listen"));
         }
         Served { listens, _bench: bench, _emulators: emulators }

@@ -149,9 +149,9 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         rig.stage.replace(eye.clone());
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
-        let errand = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
+        let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let mut listener = Silent { began, ready_s: 0.0 };
-        let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut listener)).await.expect("it doesn't end by itself");
+        let ending = timeout(FOR_EVER, walk_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
         sleep(AFTERWARDS).await; // what was told and came late is done by then
         let now_s = began.elapsed().as_secs_f64();
@@ -181,7 +181,7 @@ pub fn end_of(ending: &Ending) -> &'static str {
         None => "-",
         Some(Halt::Tripped(trip)) => trip.rule.name(),
         Some(Halt::Device(_)) => "device",
-        Some(Halt::Cancelled | Halt::Record(_) | Halt::Unconfirmed(_)) => panic!("{:?}", ending.told()),
+        Some(Halt::Cancelled | Halt::Record(_) | Halt::Unconfirmed(_)) => panic!("{:?}", ending.text()),
     }
 }
 

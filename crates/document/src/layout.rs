@@ -46,27 +46,27 @@ impl LayoutKeys {
                 .places(&self.places_mm)
                 .map(|places| ArrayLayout::from_places(places.into_iter().map(|(place, _)| place).collect())),
             (true, true) => {
-                let told = "`array` gives the positions of its units twice: `grid` and `places_mm`";
+                let text = "`array` gives the positions of its units twice: `grid` and `places_mm`";
                 for key in [&self.grid, &self.places_mm] {
-                    table.complain(Problem::new(table.span_of(key), told).help("remove one of them"));
+                    table.complain(Problem::new(table.span_of(key), text).help("remove one of them"));
                 }
                 None
             }
             (false, false) => {
-                let told = "`array` has no positions of its units";
+                let text = "`array` has no positions of its units";
                 let help = "add grid = { rows, columns, pitch_mm } or places_mm = [[x, y], ...]";
-                table.complain(Problem::new(table.span(), told).help(help));
+                table.complain(Problem::new(table.span(), text).help(help));
                 None
             }
         };
         let channels = table.whole(&self.channels_per_unit)?;
         let layout = layout?.with_channels(channels as usize);
         if layout.is_empty() || layout.len() > OUTPUTS_MAX {
-            let told = match layout.len() {
+            let text = match layout.len() {
                 0 => "an array without units".to_owned(),
                 outputs => format!("{outputs} outputs, but at most {OUTPUTS_MAX} are allowed"),
             };
-            table.complain(Problem::new(table.span_of(self.place(table)), told));
+            table.complain(Problem::new(table.span_of(self.place(table)), text));
             return None;
         }
         Some(layout)
@@ -94,8 +94,8 @@ pub fn read_unit<'d>(table: &Table<'d>, key: &Key) -> Option<&'d str> {
     let unit = table.text(key)?;
     let is_label = (1..=UNIT_MOST).contains(&unit.chars().count()) && !unit.contains(char::is_control);
     if !is_label {
-        let told = format!("`unit` is {unit:?}, expected 1 to {UNIT_MOST} printable characters");
-        table.complain(Problem::new(table.span_of(key), told));
+        let words = format!("`unit` is {unit:?}, expected 1 to {UNIT_MOST} printable characters");
+        table.complain(Problem::new(table.span_of(key), words));
     }
     is_label.then_some(unit)
 }

@@ -154,8 +154,8 @@ fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: 
         let mut start = 0;
         for line in text.split_inclusive('\n') {
             if heading_of(line) == Some((false, heading)) {
-                let told = format!("[{heading}] has single brackets, but [[{heading}]] follows");
-                return Problem::new(start..start + line.trim_end().len(), told).help(list);
+                let words = format!("[{heading}] has single brackets, but [[{heading}]] follows");
+                return Problem::new(start..start + line.trim_end().len(), words).help(list);
             }
             start += line.len();
         }
@@ -186,8 +186,8 @@ fn key_twice(text: &str, place: Span) -> Problem {
     let lines: Vec<&str> = before.lines().collect();
     let is_it = |line: &str| line.split_once('=').is_some_and(|(name, _)| name.trim() == key);
     let first = lines.iter().rposition(|line| is_it(line)).map(|index| format!(", after line {}", index + 1));
-    let told = format!("`{key}` is here a second time{}", first.unwrap_or_default());
-    Problem::new(place, told).help("delete one of the two lines")
+    let words = format!("`{key}` is here a second time{}", first.unwrap_or_default());
+    Problem::new(place, words).help("delete one of the two lines")
 }
 
 /// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
@@ -258,16 +258,16 @@ mod tests {
     }
 
     #[test]
-    fn all_problems_are_told_at_once_each_at_its_line() {
+    fn all_problems_are_reported_at_once_each_at_its_line() {
         let text = "hold_s = -1.0\nsample = 0.1\nforce_n = \"1 N\"\n";
-        let told = messages(text, &press::KEYS, |table| {
+        let words = messages(text, &press::KEYS, |table| {
             table.number(&press::hold_s);
             table.number(&press::sample_s);
             table.number(&press::force_n);
             Some(())
         });
         assert_eq!(
-            told,
+            words,
             [
                 "test.toml:1:10: `hold_s` is -1, must be 0 to 10 s",
                 "test.toml:2:1: unknown key `sample`",
@@ -278,14 +278,14 @@ mod tests {
 
     #[test]
     fn nan_is_refused_and_a_missing_key_points_at_its_table() {
-        let told = messages("[a]\nx = nan\n", &outer::KEYS, |table| {
+        let text = messages("[a]\nx = nan\n", &outer::KEYS, |table| {
             let table = table.table(&outer::a)?;
             table.number(&a::x);
             table.number(&a::y);
             Some(())
         });
         assert_eq!(
-            told,
+            text,
             [
                 "test.toml:1:1: `y` is missing in `a`: a number in mm, 0 to 1",
                 "test.toml:2:5: `x` is not a finite number",
@@ -296,22 +296,22 @@ mod tests {
     #[test]
     fn brackets_that_are_never_closed_dont_end_the_stack() {
         for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
-            let told = messages(&open.repeat(100_000), NONE, |_| Some(()));
-            assert!(told[0].contains("not valid TOML"), "{open:?}: {}", told[0]);
+            let words = messages(&open.repeat(100_000), NONE, |_| Some(()));
+            assert!(words[0].contains("not valid TOML"), "{open:?}: {}", words[0]);
         }
         let brackets = |depth: usize| format!("x = {}{}\n", "[".repeat(depth), "]".repeat(depth));
-        let told = |text: &str| messages(text, &any::KEYS, |_| Some(()));
-        assert_eq!(told(&brackets(DEPTH_MAX)), [""; 0]);
+        let words = |text: &str| messages(text, &any::KEYS, |_| Some(()));
+        assert_eq!(words(&brackets(DEPTH_MAX)), [""; 0]);
         assert_eq!(
-            told(&brackets(DEPTH_MAX + 1)),
+            words(&brackets(DEPTH_MAX + 1)),
             ["test.toml:1:37: not valid TOML: more than 32 brackets are open here"]
         );
         // none of these is open
-        assert_eq!(told(&format!("x = \"{0}\" # {0}\ny = '{0}'\n", "[{".repeat(99))), [""; 0]);
+        assert_eq!(words(&format!("x = \"{0}\" # {0}\ny = '{0}'\n", "[{".repeat(99))), [""; 0]);
     }
 
     #[test]
-    fn a_problem_far_along_a_line_is_told_without_it_and_what_is_quoted_moves_no_cursor() {
+    fn a_problem_far_along_a_line_is_reported_without_it_and_what_is_quoted_moves_no_cursor() {
         let far = |name: &str| {
             let text = format!("a = [{}\"{name}\"]\n", "0, ".repeat(30_000));
             let problems = read("t.toml", &text, &lists::KEYS, |table| {
@@ -320,10 +320,10 @@ mod tests {
             });
             problems.unwrap_err().into_reports().map(|report| format!("{report:?}")).collect::<String>()
         };
-        let told = far("x");
-        assert!(told.len() < 1000 && told.contains("t.toml:1:"), "{told}");
-        let told = messages("\"a\\u001b[2J\" = 1\n", NONE, |_| Some(()));
-        assert_eq!(told, ["test.toml:1:1: unknown key `a\\u{1b}[2J`"]);
+        let words = far("x");
+        assert!(words.len() < 1000 && words.contains("t.toml:1:"), "{words}");
+        let words = messages("\"a\\u001b[2J\" = 1\n", NONE, |_| Some(()));
+        assert_eq!(words, ["test.toml:1:1: unknown key `a\\u{1b}[2J`"]);
         let problem = Problem::new(0..1, "told").help("a\tb");
         assert_eq!(problem.help.as_deref(), Some("a\\tb"));
         let report = Problems::new("t", "a\u{1b}[2J = 1\u{9b}2J", vec![problem]).into_reports().next().unwrap();
@@ -332,67 +332,67 @@ mod tests {
     }
 
     #[test]
-    fn no_more_problems_are_told_than_a_person_reads() {
-        let told = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), NONE, |_| Some(()));
-        assert!(told.len() <= PROBLEMS_MAX + 1, "{}", told.len());
+    fn no_more_problems_are_reported_than_a_person_reads() {
+        let text = messages(&"a.b = 1\n".repeat(5000).replace("a.b", "\"\"\"x"), NONE, |_| Some(()));
+        assert!(text.len() <= PROBLEMS_MAX + 1, "{}", text.len());
         let keys: String = (0..5000).map(|i| format!("k{i} = 1\n")).collect();
-        let told = messages(&keys, NONE, |_| Some(()));
-        assert_eq!(told.len(), PROBLEMS_MAX + 1);
-        assert!(told[PROBLEMS_MAX].ends_with("there are more problems"), "{}", told[PROBLEMS_MAX]);
+        let text = messages(&keys, NONE, |_| Some(()));
+        assert_eq!(text.len(), PROBLEMS_MAX + 1);
+        assert!(text[PROBLEMS_MAX].ends_with("there are more problems"), "{}", text[PROBLEMS_MAX]);
     }
 
     #[test]
     fn mistakes_that_are_not_toml_are_named_by_what_they_mean() {
-        let told = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
-        assert_eq!(told("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
+        let words = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
+        assert_eq!(words("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
         // a character of several bytes right before the number
         for text in ["x = {\u{fffd}2, y = 3\n", "x = \u{2003}2,5\n"] {
-            assert!(told(text)[0].contains("not valid TOML"), "{text}");
+            assert!(words(text)[0].contains("not valid TOML"), "{text}");
         }
         let steps = "[step]\na = 1\n[step]\na = 2\n[step]\na = 3\n";
-        assert_eq!(told(steps), ["t.toml:3:2: [step] is here a second time"]);
-        assert_eq!(told("a = 1\n# b\na = 2\n"), ["t.toml:3:1: `a` is here a second time, after line 1"]);
+        assert_eq!(words(steps), ["t.toml:3:2: [step] is here a second time"]);
+        assert_eq!(words("a = 1\n# b\na = 2\n"), ["t.toml:3:1: `a` is here a second time, after line 1"]);
         for value in ["2.0 N", "2.0N", "-3 mm", "50 %"] {
             assert_eq!(
-                told(&format!("name = {value}\n")),
+                words(&format!("name = {value}\n")),
                 ["t.toml:1:8: a number with a unit: only the number is allowed"]
             );
         }
-        assert!(told("name = N\n")[0].contains("not valid TOML"));
+        assert!(words("name = N\n")[0].contains("not valid TOML"));
     }
 
     #[test]
-    fn a_heading_that_comes_twice_is_told_with_the_brackets_that_it_needs() {
-        let told = |text: &str| {
+    fn a_heading_that_comes_twice_is_reported_with_the_brackets_that_it_needs() {
+        let words = |text: &str| {
             let problems = read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err();
-            problems.told().map(|(line, help)| (line, help.unwrap_or_default().to_owned())).collect::<Vec<_>>()
+            problems.text().map(|(line, help)| (line, help.unwrap_or_default().to_owned())).collect::<Vec<_>>()
         };
         // a table that exists once
-        let once = told("[a]\nx = 0.5\n[a] # again\ny = 0.5\n");
+        let once = words("[a]\nx = 0.5\n[a] # again\ny = 0.5\n");
         assert_eq!(
             once,
             [("t.toml:3:2: [a] is here a second time".to_owned(), "put all its keys under one [a]".to_owned())]
         );
         // single brackets first
-        let single = told("[step] # one\na = 1\n[[step]]\na = 2\n[[step]]\na = 3\n");
+        let single = words("[step] # one\na = 1\n[[step]]\na = 2\n[[step]]\na = 3\n");
         assert_eq!(single.len(), 1, "{single:?}");
         assert_eq!(single[0].0, "t.toml:1:1: [step] has single brackets, but [[step]] follows");
         assert!(single[0].1.contains("write [[step]] with double brackets"), "{single:?}");
     }
 
     #[test]
-    fn only_the_first_error_of_the_syntax_is_told() {
+    fn only_the_first_error_of_the_syntax_is_reported() {
         let text = "a = { x = [-12.5, 12.5, y = [-12.5, 12.5], z = [1.0, 2.0] }\nb = 2\n";
-        let told = messages(text, NONE, |_| Some(()));
-        assert_eq!(told.len(), 1, "{told:?}");
+        let words = messages(text, NONE, |_| Some(()));
+        assert_eq!(words.len(), 1, "{words:?}");
     }
 
     #[test]
-    fn a_name_with_another_unit_is_told_to_convert_its_number() {
+    fn a_name_with_another_unit_is_reported_to_convert_its_number() {
         let help = |name: &str| {
             let text = format!("{name} = 1\nforce_n = 1.0\n");
             let problems = read("t.toml", &text, &press::KEYS, |table| table.number(&press::force_n)).unwrap_err();
-            problems.told().next().and_then(|(_, help)| help.map(str::to_owned)).unwrap_or_default()
+            problems.text().next().and_then(|(_, help)| help.map(str::to_owned)).unwrap_or_default()
         };
         assert_eq!(help("hold_min"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
         assert_eq!(help("hold_ms"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
@@ -401,9 +401,9 @@ mod tests {
     }
 
     #[test]
-    fn broken_toml_is_told_with_its_place() {
-        let told = messages("a = [1,\nb = 2\n", NONE, |_| Some(()));
-        assert!(told[0].starts_with("test.toml:"), "{told:?}");
-        assert!(told[0].contains("not valid TOML"), "{told:?}");
+    fn broken_toml_is_reported_with_its_place() {
+        let text = messages("a = [1,\nb = 2\n", NONE, |_| Some(()));
+        assert!(text[0].starts_with("test.toml:"), "{text:?}");
+        assert!(text[0].contains("not valid TOML"), "{text:?}");
     }
 }

@@ -66,15 +66,15 @@ impl Problems {
 
     /// Returns one line for each problem, `file:line:column: message`.
     pub fn lines(&self) -> Vec<String> {
-        self.told().map(|(line, _)| line).collect()
+        self.text().map(|(line, _)| line).collect()
     }
 
     /// Returns the same lines, each with its suggested correction.
-    pub fn told(&self) -> impl Iterator<Item = (String, Option<&str>)> {
+    pub fn text(&self) -> impl Iterator<Item = (String, Option<&str>)> {
         self.located.iter().map(|located| {
             let (line, column) = located.line_and_column();
-            let told = format!("{}:{line}:{column}: {}", self.name, located.problem.message);
-            (told, located.problem.help.as_deref())
+            let text = format!("{}:{line}:{column}: {}", self.name, located.problem.message);
+            (text, located.problem.help.as_deref())
         })
     }
 }

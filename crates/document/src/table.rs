@@ -93,8 +93,8 @@ impl<'d> Table<'d> {
         let there = self.has(key);
         // a misspelt key is one problem, which names the right one
         if !there && !self.is_misspelt(key) {
-            let told = format!("`{}` is missing{}: {expected}", key.name, self.place());
-            let problem = Problem::new(self.span(), told);
+            let text = format!("`{}` is missing{}: {expected}", key.name, self.place());
+            let problem = Problem::new(self.span(), text);
             self.complain(match key.example {
                 "" => problem,
                 example => problem.help(format!("for example {} = {example}", key.name)),
@@ -165,8 +165,8 @@ impl<'d> Table<'d> {
         if text.parse::<Date>().is_ok_and(|date| date.to_string() == text && date.year() >= YEAR_LEAST) {
             return Some(text);
         }
-        let told = format!("`{}` is {text:?}, expected a day as year-month-day, \"2026-05-04\"", key.name);
-        self.complain(Problem::new(self.span_of(key), told));
+        let words = format!("`{}` is {text:?}, expected a day as year-month-day, \"2026-05-04\"", key.name);
+        self.complain(Problem::new(self.span_of(key), words));
         None
     }
 
@@ -186,9 +186,9 @@ impl<'d> Table<'d> {
             Some(value) => {
                 let text = self.text_of(key, value)?;
                 if !known.contains(&text) {
-                    let tables = key.inner().map(tables_told).unwrap_or_default();
-                    let told = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, listed(known));
-                    let problem = Problem::new(value.span(), told).help(format!("`{}`: {}", key.name, key.meaning));
+                    let tables = key.inner().map(table_list).unwrap_or_default();
+                    let words = format!("`{}` is \"{text}\", expected one of {}{tables}", key.name, listed(known));
+                    let problem = Problem::new(value.span(), words).help(format!("`{}`: {}", key.name, key.meaning));
                     self.complain(with_typo(problem, text, known));
                 }
                 text
@@ -212,8 +212,8 @@ impl<'d> Table<'d> {
         let chosen = self.list(key, value, "a list of strings")?.filter_map(|item| {
             let word = self.text_of(key, item)?;
             if !known.contains(&word) {
-                let told = format!("`{}` has \"{word}\", expected some of {}", key.name, known.join(", "));
-                self.complain(with_typo(Problem::new(item.span(), told), word, known));
+                let text = format!("`{}` has \"{word}\", expected some of {}", key.name, known.join(", "));
+                self.complain(with_typo(Problem::new(item.span(), text), word, known));
                 return None;
             }
             Some(word)
@@ -294,9 +294,9 @@ impl<'d> Table<'d> {
                 self.complain(with_nearest(problem, name, &known));
             } else if !undecided && !is_in(self.keys.always) && !cases.iter().any(|case| is_in(case.keys)) {
                 let others = self.keys.cases.iter().filter(|case| is_in(case.keys)).map(|case| case.name);
-                let told = format!("`{name}`{} can't be used here", self.place());
+                let text = format!("`{name}`{} can't be used here", self.place());
                 let help = format!("it requires {}", others.collect::<Vec<_>>().join(", "));
-                self.complain(Problem::new(key.span(), told).help(help));
+                self.complain(Problem::new(key.span(), text).help(help));
             }
         }
     }
@@ -368,8 +368,8 @@ impl<'d> Table<'d> {
             Some(Ok(0))
                 if min == 1 && key.kind.pick(|kind| matches!(kind, ValueKind::Wholes(..)).then_some(())).is_some() =>
             {
-                let told = format!("`{}` has 0, must be {min} to {max}", key.name);
-                self.complain(Problem::new(value.span(), told).help("the first is 1"));
+                let text = format!("`{}` has 0, must be {min} to {max}", key.name);
+                self.complain(Problem::new(value.span(), text).help("the first is 1"));
                 None
             }
             Some(Ok(n)) => self.fail(value, format!("`{}` is {n}, must be {min} to {max}", key.name)),
@@ -389,8 +389,8 @@ impl<'d> Table<'d> {
             Some(n) if !n.is_finite() => self.fail(value, format!("`{name}` is not a finite number")),
             Some(n) if bounds.admit(n) => Some(n),
             Some(n) => {
-                let told = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit());
-                self.complain(Problem::new(value.span(), told.trim_end()).help(format!("`{name}`: {}", key.meaning)));
+                let text = format!("`{name}` is {n}, must be {} {}", bounds.interval(), bounds.unit());
+                self.complain(Problem::new(value.span(), text.trim_end()).help(format!("`{name}`: {}", key.meaning)));
                 None
             }
             None => self.fail(value, format!("`{name}` is too large a number")),
@@ -423,7 +423,7 @@ impl<'d> Table<'d> {
 }
 
 /// Describes the tables that are allowed instead of a word, by the key that selects each.
-fn tables_told(keys: &Keys) -> String {
+fn table_list(keys: &Keys) -> String {
     let each = |key: &Key| {
         let own = match key.kind {
             ValueKind::Texts => "[...]",

@@ -3,7 +3,7 @@
 
 use super::{daqmx, esp301, grbl, lines, modbus, process, xps};
 use palpate_core::quantity::{Axis, ForceReading};
-use palpate_link::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage, StageUse};
+use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
 
 macro_rules! stages {
@@ -17,36 +17,36 @@ macro_rules! stages {
                 match self { $(Self::$name(it) => it.identify(usage).await.map(Identity::shown),)+ }
             }
 
-            async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
-                match self { $(Self::$name(it) => it.nudge_away(way_mm, usage, reins).await,)+ }
+            async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.nudge_away(way_mm, usage, orders).await,)+ }
             }
 
             async fn is_homed(&mut self) -> Result<bool, DeviceError> {
                 match self { $(Self::$name(it) => it.is_homed().await,)+ }
             }
 
-            async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
-                match self { $(Self::$name(it) => it.home_z(usage, reins).await,)+ }
+            async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
+                match self { $(Self::$name(it) => it.home_z(usage, orders).await,)+ }
             }
 
-            async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-                match self { $(Self::$name(it) => it.home(usage, reins).await,)+ }
+            async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.home(usage, orders).await,)+ }
             }
 
-            fn afresh(&mut self) {
-                match self { $(Self::$name(it) => it.afresh(),)+ }
+            fn forget_timing(&mut self) {
+                match self { $(Self::$name(it) => it.forget_timing(),)+ }
             }
 
-            async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
-                match self { $(Self::$name(it) => it.begin(targets, speed_mm_s, reins).await,)+ }
+            async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
+                match self { $(Self::$name(it) => it.begin(targets, speed_mm_s, orders).await,)+ }
             }
 
-            async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
-                match self { $(Self::$name(it) => it.follow(axes, expected, reins).await,)+ }
+            async fn follow(&mut self, axes: &[Axis], expected: Duration, orders: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
+                match self { $(Self::$name(it) => it.follow(axes, expected, orders).await,)+ }
             }
 
-            async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-                match self { $(Self::$name(it) => it.position_mm(axis, reins).await,)+ }
+            async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
+                match self { $(Self::$name(it) => it.position_mm(axis, orders).await,)+ }
             }
 
             async fn stop(&mut self) -> Result<(), DeviceError> {
@@ -75,8 +75,8 @@ macro_rules! load_cells {
                 match self { $(Self::$name(it) => it.prepare().await.map(Identity::shown),)+ }
             }
 
-            fn afresh(&mut self) {
-                match self { $(Self::$name(it) => it.afresh(),)+ }
+            fn forget_timing(&mut self) {
+                match self { $(Self::$name(it) => it.forget_timing(),)+ }
             }
 
             async fn read(&mut self) -> Result<ForceReading, DeviceError> {

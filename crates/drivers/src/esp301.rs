@@ -5,7 +5,7 @@
 
 use super::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, Range, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::{Connector, LineExchange, Urgent, WireError};
 use std::time::Duration;
@@ -90,7 +90,12 @@ impl Esp301 {
 
     /// Returns the positions of some axes if all are at rest, otherwise `None` (manual, pages MD: 0 moving, 1 done, and TP). Each
     /// call also reads one entry of the error queue.
-    async fn at_rest(&mut self, doing: &str, axes: &[Axis], reins: &Reins) -> Result<Option<Vec<f64>>, DeviceError> {
+    async fn at_rest(
+        &mut self,
+        doing: &str,
+        axes: &[Axis],
+        orders: &MotionOrders,
+    ) -> Result<Option<Vec<f64>>, DeviceError> {
         let questions = |name: &'static str| axes.iter().map(move |&axis| format!("{}{name}", number(axis)));
         let travels = axes.iter().map(|&axis| self.reach(axis)).collect::<Vec<_>>();
         let question = questions("MD?").chain(questions("TP")).collect::<Vec<_>>().join(";") + ";TB?";
@@ -109,7 +114,7 @@ impl Esp301 {
         };
         let expected = "0 or 1 and a position for each axis, and an error";
         let (places, complaint) =
-            self.ask_for(doing, &question, 2 * axes.len() + 1, Some((reins, axes)), expected, read).await?;
+            self.ask_for(doing, &question, 2 * axes.len() + 1, Some((orders, axes)), expected, read).await?;
         let room = COMPLAINTS_MAX.saturating_sub(self.complaints.len());
         self.complaints.extend(complaint.into_iter().take(room));
         Ok(places)
@@ -122,18 +127,18 @@ impl Esp301 {
         doing: &str,
         question: &str,
         lines: usize,
-        reins: Option<(&Reins, &[Axis])>,
+        orders: Option<(&MotionOrders, &[Axis])>,
         expected: &str,
         read: impl Fn(&[String]) -> Option<T>,
     ) -> Result<T, DeviceError> {
         let mut answers = Vec::new();
         for _ in 0..QUESTION_TRIES {
             let asked = Instant::now();
-            let answered = match reins {
+            let answered = match orders {
                 None => self.line.ask_all(question, lines, None).await,
-                Some((reins, axes)) => {
-                    let line = || reins.take().map(|order| line_of(order, axes));
-                    self.line.ask_all(question, lines, Some(&Urgent { asked: reins.pulled(), line: &line })).await
+                Some((orders, axes)) => {
+                    let line = || orders.take().map(|order| line_of(order, axes));
+                    self.line.ask_all(question, lines, Some(&Urgent { asked: orders.pulled(), line: &line })).await
                 }
             };
             answers = answered.map_err(|error| self.failed(doing, &error))?;
@@ -156,16 +161,16 @@ impl Esp301 {
         let (doing, n) = ("checking an axis against the rig", number(axis));
         let units = self.ask_number(doing, &format!("{n}SN?")).await?;
         if units != MILLIMETRES {
-            let told = format!("axis {n} uses unit {units} instead of mm (2); change it on the controller");
-            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            let text = format!("axis {n} uses unit {units} instead of mm (2); change it on the controller");
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }
         let fastest = self.ask_number(doing, &format!("{n}VU?")).await?;
         if fastest < usage.speed_mm_s {
-            let told = format!(
+            let text = format!(
                 "axis {n} reaches at most {fastest} mm/s, less than the rig's speed_mm_s of {}",
                 usage.speed_mm_s
             );
-            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }
         Ok(())
     }
@@ -177,18 +182,18 @@ impl Esp301 {
         mode: u8,
         home_mm: f64,
         usage: &StageUse,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let (doing, n) = ("homing", number(axis));
         self.tell(doing, &format!("{n}MO")).await?;
         self.tell(doing, &format!("{n}OH{:.4};{n}SH{home_mm:.4};{n}OR{mode}", usage.home_speed_mm_s)).await?;
         let way_mm = usage.travel.along(axis).max - usage.travel.along(axis).min;
         let until = Instant::now() + HOME_DEADLINE + seconds(2.0 * way_mm / usage.home_speed_mm_s);
-        while self.at_rest(doing, &[axis], reins).await?.is_none() {
+        while self.at_rest(doing, &[axis], orders).await?.is_none() {
             if Instant::now() > until {
                 self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
-                let told = format!("axis {n} didn't finish homing in time");
-                return Err(self.error(doing, DeviceProblem::Motion(told)));
+                let text = format!("axis {n} didn't finish homing in time");
+                return Err(self.error(doing, DeviceProblem::Motion(text)));
             }
         }
         // refused, or stopped half-way: the axis isn't homed, and nothing else may move
@@ -199,17 +204,17 @@ impl Esp301 {
 
     /// Moves z away from the specimen before x and y are homed, because z may already be homed and in contact. If z refuses to
     /// home or isn't at its target, it returns an error before anything moves sideways.
-    async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "moving z away from the specimen";
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
-        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        let way_mm = (end_mm - self.position_mm(Axis::Z, orders).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, orders).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
+        let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
         self.no_complaints(doing).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
-            let told = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
-            return Err(self.error(doing, DeviceProblem::Motion(told)));
+            let text = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
         }
         Ok(())
     }
@@ -266,7 +271,7 @@ impl Stage for Esp301 {
         self.usage = None; // until it is homed it counts as it likes
         // a program that died may have left a motion behind: where an axis is means nothing until it stands
         self.stop().await?;
-        self.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
         self.complaints().await?; // of what happened before us
         let mut stages = Vec::new();
         for axis in Axis::ALL {
@@ -278,14 +283,14 @@ impl Stage for Esp301 {
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
 
-    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         let (doing, n, speed_mm_s) = ("moving z a little", number(Axis::Z), usage.home_speed_mm_s);
         self.set_acceleration(usage).await?;
         let was_on = self.is_on(Axis::Z).await?;
         // relative: where an axis is that isn't homed means nothing (manual, page PR)
         self.tell(doing, &format!("{n}MO;{n}VA{speed_mm_s:.5};{n}PR{:.5}", usage.away * way_mm)).await?;
         let until = Instant::now() + MOTION_MARGIN + seconds(way_mm / speed_mm_s);
-        while self.at_rest(doing, &[Axis::Z], reins).await?.is_none() && Instant::now() < until {}
+        while self.at_rest(doing, &[Axis::Z], orders).await?.is_none() && Instant::now() < until {}
         if !was_on {
             // as it was found: a motor that is on counts as homed where the rig states so
             self.tell(doing, &format!("{n}MF")).await?;
@@ -295,31 +300,31 @@ impl Stage for Esp301 {
     }
 
     /// Homes z toward the limit away from the specimen (mode 3: + limit, 4: - limit; manual, page OR).
-    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+    async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         self.set_acceleration(usage).await?;
         if self.is_homed(Axis::Z, usage).await? {
             return Ok(true);
         }
         let home_mm = usage.home_z_mm;
-        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, home_mm, usage, reins).await?;
-        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        self.search(Axis::Z, if usage.away > 0.0 { 3 } else { 4 }, home_mm, usage, orders).await?;
+        let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
         if (at_mm - home_mm).abs() > HOME_SHORT_MM {
             self.homed[Axis::Z.index()] = false;
-            let told = format!(
+            let text = format!(
                 "z reads {at_mm:.4} mm at the limit where it homed, instead of the {home_mm} mm that were set (3SH): check the \
                  controller's SH"
             );
-            return Err(self.error("homing", DeviceProblem::Mismatch(told)));
+            return Err(self.error("homing", DeviceProblem::Mismatch(text)));
         }
         Ok(true)
     }
 
-    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
-        self.home_z(usage, reins).await?;
+    async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
+        self.home_z(usage, orders).await?;
         for axis in [Axis::X, Axis::Y] {
             if !self.is_homed(axis, usage).await? {
-                self.clear_z(usage, reins).await?;
-                self.search(axis, 1, HOME_MARK_MM, usage, reins).await?;
+                self.clear_z(usage, orders).await?;
+                self.search(axis, 1, HOME_MARK_MM, usage, orders).await?;
             }
         }
         for axis in Axis::ALL {
@@ -330,7 +335,12 @@ impl Stage for Esp301 {
         Ok(())
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let command = |(axis, target_mm): &(Axis, f64)| {
             let n = number(*axis);
             format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
@@ -338,75 +348,80 @@ impl Stage for Esp301 {
         let Some(&(last, _)) = targets.last() else { return Ok(()) };
         // what the controller complained of in the motion before; on the way to park it is no reason to stay
         if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
-            let told = std::mem::take(&mut self.complaints).join("; ");
-            return Err(self.error("starting a motion", DeviceProblem::Refused(told)));
+            let text = std::mem::take(&mut self.complaints).join("; ");
+            return Err(self.error("starting a motion", DeviceProblem::Refused(text)));
         }
         self.complaints.clear();
-        if reins.stopped() {
+        if orders.stopped() {
             return Ok(());
         }
         // set commands are silent: the answer to the question behind them says that they were taken, and when
         let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
         let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let urgent = || reins.take().map(|order| line_of(order, &axes));
-        let urgent = Urgent { asked: reins.pulled(), line: &urgent };
+        let urgent = || orders.take().map(|order| line_of(order, &axes));
+        let urgent = Urgent { asked: orders.pulled(), line: &urgent };
         let asked = Instant::now();
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
         // a stop that came while the line was brought back into step went out before the motion
-        if reins.stopped() {
+        if orders.stopped() {
             self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
         }
         if answers.first().is_none_or(|answer| number_in(answer).is_none()) {
             // the motion isn't commanded twice: a stop may have come in between
             self.line.misfit();
-            self.ask_for(doing, &question, 1, Some((reins, &axes)), "0 or 1", |answers| number_in(answers.first()?))
+            self.ask_for(doing, &question, 1, Some((orders, &axes)), "0 or 1", |answers| number_in(answers.first()?))
                 .await?;
         }
         Ok(())
     }
 
-    fn afresh(&mut self) {
+    fn forget_timing(&mut self) {
         self.quickest = ANSWER_DEADLINE;
     }
 
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+    async fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        orders: &MotionOrders,
+    ) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
         let (first, until) = (expected.saturating_sub(self.quickest), expected + MOTION_MARGIN);
         let began = Instant::now();
         loop {
-            if let Some(order) = reins.take() {
-                let told = self.line.tell_now(&line_of(order, axes)).await;
-                told.map_err(|error| self.failed(doing, &error))?;
+            if let Some(order) = orders.take() {
+                let text = self.line.tell_now(&line_of(order, axes)).await;
+                text.map_err(|error| self.failed(doing, &error))?;
             }
-            if reins.stopped() {
+            if orders.stopped() {
                 break;
             }
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => {}
+                () = orders.pulled().notified() => {}
                 () = sleep_until(began + first) => break,
             }
         }
         loop {
-            if let Some(places_mm) = self.at_rest(doing, axes, reins).await? {
+            if let Some(places_mm) = self.at_rest(doing, axes, orders).await? {
                 return Ok(places_mm);
             }
             if began.elapsed() > until {
                 self.stop().await?;
                 let names = axes.iter().map(|axis| axis.name()).collect::<Vec<_>>().join(", ");
-                let told = format!("{names} still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                return Err(self.error(doing, DeviceProblem::Motion(told)));
+                let text = format!("{names} still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.error(doing, DeviceProblem::Motion(text)));
             }
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+    async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
         let (question, travel) = (format!("{}TP", number(axis)), self.reach(axis));
         let read = |answers: &[String]| place_in(answers.first()?, travel);
         let (doing, expected) = ("reading a position", "a position within the travel");
-        self.ask_for(doing, &question, 1, Some((reins, &Axis::ALL)), expected, read).await
+        self.ask_for(doing, &question, 1, Some((orders, &Axis::ALL)), expected, read).await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -2,7 +2,7 @@
 //! script.
 
 use palpate_core::quantity::{Range, Steps, Travel};
-use palpate_link::device::{DeviceError, HomeSearch, Identity, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, HomeSearch, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::wire::Connector;
 use std::sync::Mutex;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
@@ -86,8 +86,8 @@ pub(crate) fn usage() -> StageUse {
 pub(crate) async fn made_ready(
     stage: &mut impl Stage,
     usage: &StageUse,
-    reins: &Reins,
+    orders: &MotionOrders,
 ) -> Result<Identity, DeviceError> {
     let identity = stage.identify(usage).await?;
-    stage.home(usage, reins).await.map(|()| identity)
+    stage.home(usage, orders).await.map(|()| identity)
 }

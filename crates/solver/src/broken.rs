@@ -27,7 +27,7 @@ pub enum OutputFault {
 
 impl OutputFault {
     /// Describes the fault in words.
-    pub fn told(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             OutputFault::Dead => "has the same output everywhere",
             OutputFault::Saturated => "saturates",

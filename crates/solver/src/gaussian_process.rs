@@ -1,9 +1,9 @@
 //! A Gaussian process from outputs to the place.
 
 use super::correlation::Smoothness;
+use super::hyperparameters::{Hyperparameters, Regression};
 use super::kriging::Kriging;
 use super::process::{self, Process};
-use super::sought::{Regression, Sought};
 use super::view::View;
 use super::{Calibration, FitError, ForceKnown, Locate, LocatedContact, SolveError, Workspace};
 use palpate_core::quantity::{Place, stream};
@@ -63,30 +63,32 @@ const MOST_PRESSES: usize = 2000;
 const LEAST_ERROR: f64 = 0.1;
 
 /// View and correlation that make a calibration most likely.
-pub(super) type Likeliest = (View, Sought);
+pub(super) type Likeliest = (View, Hyperparameters);
 
 impl GaussianProcess {
     /// Returns the view and the correlation with the largest likelihood for a calibration.
     pub(crate) fn seek(calibration: &Calibration, load: ForceKnown) -> Result<Likeliest, FitError> {
         let mut views = View::suitable(calibration, load);
-        let sought = |view: &View, manner| {
+        let hyperparameters = |view: &View, manner| {
             let Seen { inputs, answers } = Seen::of(calibration, view, MOST_TO_SEEK_WITH)?;
-            Some(Sought::of(&inputs, view.dimensions(), &answers, ANSWERS, manner))
+            Some(Hyperparameters::of(&inputs, view.dimensions(), &answers, ANSWERS, manner))
         };
         if views.len() > 1 {
-            let likelihood = |view: &View| sought(view, OF_VIEWS).map_or(f64::NEG_INFINITY, |sought| sought.likelihood);
+            let likelihood = |view: &View| {
+                hyperparameters(view, OF_VIEWS).map_or(f64::NEG_INFINITY, |hyperparameters| hyperparameters.likelihood)
+            };
             let likelihoods: Vec<f64> = views.iter().map(likelihood).collect();
             let best = (1..views.len()).fold(0, |best, i| if likelihoods[i] > likelihoods[best] { i } else { best });
             views.swap(0, best);
         }
         let mut view = views.swap_remove(0);
-        let mut sought = sought(&view, MANNER).ok_or(FitError::NothingToTellApart)?;
+        let mut hyperparameters = hyperparameters(&view, MANNER).ok_or(FitError::NothingToTellApart)?;
         if view.dimensions() <= MOST_STRETCHED {
-            stretch(calibration, &mut view, &mut sought);
-        } else if let Some(components) = components(calibration, &view, &sought) {
+            stretch(calibration, &mut view, &mut hyperparameters);
+        } else if let Some(components) = components(calibration, &view, &hyperparameters) {
             return Ok(components);
         }
-        Ok((view, sought))
+        Ok((view, hyperparameters))
     }
 
     /// Fits a calibration with a known view and a known correlation.
@@ -95,32 +97,39 @@ impl GaussianProcess {
         load: ForceKnown,
         likeliest: &Likeliest,
     ) -> Result<Self, FitError> {
-        let (view, sought) = likeliest;
+        let (view, hyperparameters) = likeliest;
         let dimensions = view.dimensions();
         let seen = Seen::of(calibration, view, MOST_PRESSES).ok_or(FitError::NothingToTellApart)?;
         let Seen { inputs, answers } = seen;
         let few = (inputs.len() / dimensions).min(MOST_TO_SEEK_WITH);
         let few_inputs = inputs[..few * dimensions].to_vec();
-        let (process, held_out) = Process::fit(inputs, dimensions, &answers, ANSWERS, sought, COORDINATES);
+        let (process, held_out) = Process::fit(inputs, dimensions, &answers, ANSWERS, hyperparameters, COORDINATES);
         let errors: Vec<f64> = held_out.chunks_exact(COORDINATES).map(|error| error[0].hypot(error[1])).collect();
         let least = (LEAST_ERROR * errors.iter().sum::<f64>() / errors.len() as f64).max(f64::MIN_POSITIVE);
         let log_errors: Vec<f64> = errors[..few].iter().map(|error| error.max(least).ln()).collect();
-        let spread = Kriging::fit_with(&few_inputs, dimensions, &log_errors, 1, MANNER, sought).into_process();
+        let spread = Kriging::fit_with(&few_inputs, dimensions, &log_errors, 1, MANNER, hyperparameters).into_process();
         let (view, force_n) = (view.clone(), calibration.typical_force_n());
         Ok(GaussianProcess { process, spread, view, load, force_n })
     }
 }
 
 /// Returns the view of the principal components of a view with many coordinates, if the places are more likely with it.
-fn components(calibration: &Calibration, view: &View, sought: &Sought) -> Option<Likeliest> {
+fn components(calibration: &Calibration, view: &View, hyperparameters: &Hyperparameters) -> Option<Likeliest> {
     let Seen { inputs, .. } = Seen::of(calibration, view, MOST_FOR_COMPONENTS)?;
     let mut components = view.components(&inputs, MOST_STRETCHED)?;
     let Seen { inputs, answers } = Seen::of(calibration, &components, MOST_TO_SEEK_WITH)?;
-    let mut of_components = Sought::of(&inputs, components.dimensions(), &answers, ANSWERS, MANNER);
+    let mut of_components = Hyperparameters::of(&inputs, components.dimensions(), &answers, ANSWERS, MANNER);
     let likelihood = stretch(calibration, &mut components, &mut of_components)?;
     let before = one_press_a_place(calibration, view).and_then(|seen| {
-        let ratio = ratio_of_place(sought).exp();
-        process::likelihood(&seen.inputs, view.dimensions(), &seen.places(), COORDINATES, sought.correlation, ratio)
+        let ratio = ratio_of_place(hyperparameters).exp();
+        process::likelihood(
+            &seen.inputs,
+            view.dimensions(),
+            &seen.places(),
+            COORDINATES,
+            hyperparameters.correlation,
+            ratio,
+        )
     });
     (likelihood > before.unwrap_or(f64::NEG_INFINITY)).then_some((components, of_components))
 }
@@ -133,18 +142,18 @@ fn one_press_a_place(calibration: &Calibration, view: &View) -> Option<Seen> {
 }
 
 /// Mean logarithm of the noise ratios of the place's coordinates.
-fn ratio_of_place(sought: &Sought) -> f64 {
-    sought.noise_ratio[..COORDINATES].iter().map(|ratio| ratio.ln()).sum::<f64>() / COORDINATES as f64
+fn ratio_of_place(hyperparameters: &Hyperparameters) -> f64 {
+    hyperparameters.noise_ratio[..COORDINATES].iter().map(|ratio| ratio.ln()).sum::<f64>() / COORDINATES as f64
 }
 
 /// Stretches each coordinate of the view, and changes the noise of the place, as long as the places become more likely. Returns the
 /// logarithm of their likelihood; `None` if there are few places.
-fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) -> Option<f64> {
+fn stretch(calibration: &Calibration, view: &mut View, hyperparameters: &mut Hyperparameters) -> Option<f64> {
     let seen = one_press_a_place(calibration, view)?;
     let (dimensions, places, inputs) = (view.dimensions(), seen.places(), seen.inputs);
     // logarithms: of the stretch of each coordinate, of the noise ratio, of the stretch of all coordinates
     let mut chosen = vec![0.0; dimensions + 2];
-    let ratio = ratio_of_place(sought);
+    let ratio = ratio_of_place(hyperparameters);
     let mut stretched = inputs.clone();
     let mut likelihood = |logs: &[f64]| {
         let (each, common) = logs.split_at(dimensions);
@@ -153,7 +162,8 @@ fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) -> O
             row.iter_mut().zip(known).zip(&factors).for_each(|((value, known), factor)| *value = known * factor);
         }
         let ratio = (ratio + common[0]).exp();
-        let likelihood = process::likelihood(&stretched, dimensions, &places, COORDINATES, sought.correlation, ratio);
+        let likelihood =
+            process::likelihood(&stretched, dimensions, &places, COORDINATES, hyperparameters.correlation, ratio);
         let unlike: f64 = each.iter().map(|log| (log / STRETCHED_ALIKE).powi(2)).sum();
         likelihood.map_or(f64::NEG_INFINITY, |likelihood| likelihood - 0.5 * unlike)
     };
@@ -172,7 +182,7 @@ fn stretch(calibration: &Calibration, view: &mut View, sought: &mut Sought) -> O
             }
         }
     }
-    sought.noise_ratio[..COORDINATES].fill((ratio + chosen[dimensions]).exp());
+    hyperparameters.noise_ratio[..COORDINATES].fill((ratio + chosen[dimensions]).exp());
     view.stretch(chosen[..dimensions].iter().map(|log| (log + chosen[dimensions + 1]).exp()));
     Some(best)
 }

@@ -2,8 +2,8 @@
 
 use super::centred::{Centred, scale_both, scale_rows};
 use super::correlation::{Correlation, distance, distances};
+use super::hyperparameters::{Hyperparameters, Regression, likeliest_noise};
 use super::process::Process;
-use super::sought::{Regression, Sought, likeliest_noise};
 use faer::{Mat, MatRef, Side};
 
 /// Smooth functions of a place, one for each output, regressed from measurements at some places: a Gaussian process with the most
@@ -45,9 +45,9 @@ impl Kriging {
         values: &[f64],
         outputs: usize,
         manner: Regression,
-        sought: &Sought,
+        hyperparameters: &Hyperparameters,
     ) -> Self {
-        Self::fit_counting(places, dimensions, values, outputs, manner, sought, None)
+        Self::fit_counting(places, dimensions, values, outputs, manner, hyperparameters, None)
     }
 
     /// Regresses values that may have different noise.
@@ -57,7 +57,7 @@ impl Kriging {
         values: &[f64],
         outputs: usize,
         manner: Regression,
-        &Sought { correlation, is_weighted, .. }: &Sought,
+        &Hyperparameters { correlation, is_weighted, .. }: &Hyperparameters,
         counts: Option<&[f64]>,
     ) -> Self {
         let counts = counts.filter(|_| is_weighted);
@@ -123,9 +123,9 @@ impl Kriging {
         scale_rows(&mut correlations, self.counts.as_deref());
         let mut turned = self.eigen.vectors.transpose() * correlations;
         square(&mut turned);
-        let told = turned.transpose() * self.precisions();
+        let text = turned.transpose() * self.precisions();
         let ratios = self.noise_ratio.iter().cycle();
-        rows(&told).zip(ratios).map(|(told, ratio)| (1.0 - told).max(0.0) / ratio).collect()
+        rows(&text).zip(ratios).map(|(text, ratio)| (1.0 - text).max(0.0) / ratio).collect()
     }
 
     /// Predicts each place from the other places, in closed form (equations 5.10 to 5.12).
@@ -244,13 +244,13 @@ mod tests {
     }
 
     fn fit(places: &[f64], values: &[f64]) -> Kriging {
-        let sought = Sought::of(places, 1, values, 1, MANNER);
-        Kriging::fit_with(places, 1, values, 1, MANNER, &sought)
+        let hyperparameters = Hyperparameters::of(places, 1, values, 1, MANNER);
+        Kriging::fit_with(places, 1, values, 1, MANNER, &hyperparameters)
     }
 
     fn fit_weighted(places: &[f64], values: &[f64], counts: &[f64]) -> Kriging {
-        let sought = Sought::weighted(places, 1, values, 1, MANNER, counts);
-        Kriging::fit_counting(places, 1, values, 1, MANNER, &sought, Some(counts))
+        let hyperparameters = Hyperparameters::weighted(places, 1, values, 1, MANNER, counts);
+        Kriging::fit_counting(places, 1, values, 1, MANNER, &hyperparameters, Some(counts))
     }
 
     #[test]
@@ -265,8 +265,8 @@ mod tests {
     #[test]
     fn held_out_predictions_are_those_of_a_regression_without_the_place() {
         let (places, values, counts) = unequal();
-        let sought = Sought::counting(&places, 1, &values, 1, MANNER, Some(&counts));
-        let whole = Kriging::fit_counting(&places, 1, &values, 1, MANNER, &sought, Some(&counts));
+        let hyperparameters = Hyperparameters::counting(&places, 1, &values, 1, MANNER, Some(&counts));
+        let whole = Kriging::fit_counting(&places, 1, &values, 1, MANNER, &hyperparameters, Some(&counts));
         let LeftOutPrediction { residuals, leverage } = whole.held_out();
         let eigen = |rows: &[usize]| -> (Vec<f64>, Mat<f64>) {
             let places: Vec<f64> = rows.iter().map(|&row| places[row]).collect();

@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_is_one_and_what_has_none_is_told() {
+    fn the_inverse_is_one_and_what_has_none_is_reported() {
         let a = normal().information;
         let inverse = inverse(&a).unwrap();
         for (i, row) in a.iter().enumerate() {

@@ -2,8 +2,8 @@
 
 use super::correlation::Smoothness;
 use super::field::{CalibratedArea, SplineField};
+use super::hyperparameters::{Hyperparameters, Regression};
 use super::kriging::Kriging;
-use super::sought::{Regression, Sought};
 use super::spots::coordinates;
 use super::view::has_several_lengths;
 use super::{Calibration, FitError, ForceKnown, Locate, LocatedContact, SolveError, Workspace};
@@ -71,9 +71,9 @@ const LEAST_VARIANCE: f64 = 1e-9;
 /// Most likely correlations of a pattern map.
 #[derive(Default)]
 pub(super) struct Correlations {
-    pattern: Option<Sought>,
-    slopes: Option<Sought>,
-    log_force: Option<Sought>,
+    pattern: Option<Hyperparameters>,
+    slopes: Option<Hyperparameters>,
+    log_force: Option<Hyperparameters>,
 }
 
 impl PatternMap {
@@ -218,10 +218,15 @@ impl Locate for PatternMap {
 }
 
 /// Regresses values on places, with a known correlation or the most likely one.
-fn kriging(places: &[Place], values: &[f64], outputs: usize, known: &Option<Sought>) -> (Kriging, Sought) {
+fn kriging(
+    places: &[Place],
+    values: &[f64],
+    outputs: usize,
+    known: &Option<Hyperparameters>,
+) -> (Kriging, Hyperparameters) {
     let places = coordinates(places.iter().copied());
-    let sought = known.clone().unwrap_or_else(|| Sought::of(&places, 2, values, outputs, MANNER));
-    (Kriging::fit_with(&places, 2, values, outputs, MANNER, &sought), sought)
+    let hyperparameters = known.clone().unwrap_or_else(|| Hyperparameters::of(&places, 2, values, outputs, MANNER));
+    (Kriging::fit_with(&places, 2, values, outputs, MANNER, &hyperparameters), hyperparameters)
 }
 
 /// Presses grouped by place.
@@ -265,7 +270,12 @@ impl GroupedPresses {
 
     /// Determines the change of the pattern with the logarithm of the length, from place to place, and subtracts it from each
     /// press. The rest is the pattern at the typical length.
-    fn take_slopes(&mut self, units: usize, typical: f64, known: &Option<Sought>) -> Option<(Kriging, Sought)> {
+    fn take_slopes(
+        &mut self,
+        units: usize,
+        typical: f64,
+        known: &Option<Hyperparameters>,
+    ) -> Option<(Kriging, Hyperparameters)> {
         let (mut places, mut slopes) = (Vec::new(), Vec::new());
         for PatternSpot { place, presses } in &self.spots {
             let count = presses.len() as f64;
@@ -281,7 +291,7 @@ impl GroupedPresses {
         if places.len() < FEWEST_SLOPES {
             return None;
         }
-        let (kriging, sought) = kriging(&places, &slopes, units, known);
+        let (kriging, hyperparameters) = kriging(&places, &slopes, units, known);
         let mut slope = vec![0.0; units];
         for PatternSpot { place, presses } in &mut self.spots {
             kriging.predict(&[place.x_mm, place.y_mm], &mut slope);
@@ -289,7 +299,7 @@ impl GroupedPresses {
                 pattern.iter_mut().zip(&slope).for_each(|(value, slope)| *value -= (*log_length - typical) * slope);
             }
         }
-        Some((kriging, sought))
+        Some((kriging, hyperparameters))
     }
 
     /// Returns the mean pattern at each place, row-major places x units.

@@ -480,7 +480,9 @@ impl<'a> PreparedCalibration<'a> {
     fn fit_to(&self, part: &Calibration, name: &str) -> Result<FittedMethod, FitError> {
         let setting = self.setting();
         Ok(match name {
-            SURROGATE => self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.sought.as_ref())?, part),
+            SURROGATE => {
+                self.forward(MapKind::Smooth, surrogate_with(part, self.response()?.hyperparameters.as_ref())?, part)
+            }
             PHYSICS => self.forward(MapKind::Elastic, physics(part, setting.layout)?, part),
             PROCESS => FittedMethod::GaussianProcess(GaussianProcess::fit_with(part, setting.load, self.process()?)?),
             PATTERN_MAP => FittedMethod::PatternMap(PatternMap::fit(part, setting.load, &self.pattern()?.1)?.0),

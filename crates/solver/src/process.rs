@@ -2,7 +2,7 @@
 
 use super::centred::column_means;
 use super::correlation::Correlation;
-use super::sought::Sought;
+use super::hyperparameters::Hyperparameters;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef, Side};
 use serde::{Deserialize, Serialize};
@@ -29,20 +29,20 @@ impl Process {
         dimensions: usize,
         values: &[f64],
         outputs: usize,
-        sought: &Sought,
+        hyperparameters: &Hyperparameters,
         leading: usize,
     ) -> (Self, Vec<f64>) {
         let count = inputs.len() / dimensions;
         let mean = column_means(values, outputs);
         let centred = Mat::from_fn(count, outputs, |row, output| values[row * outputs + output] - mean[output]);
-        let correlations = correlations(&inputs, dimensions, sought.correlation);
+        let correlations = correlations(&inputs, dimensions, hyperparameters.correlation);
         let mut weights = vec![0.0; count * outputs];
         let mut held_out = vec![0.0; count * leading];
         // the leading outputs share one noise, the geometric mean of theirs; one factor does for them
-        let logs = sought.noise_ratio[..leading].iter().map(|ratio| ratio.ln());
+        let logs = hyperparameters.noise_ratio[..leading].iter().map(|ratio| ratio.ln());
         let shared = (logs.sum::<f64>() / leading as f64).exp();
-        for (first, past, ratio) in
-            std::iter::once((0, leading, shared)).chain((leading..outputs).map(|i| (i, i + 1, sought.noise_ratio[i])))
+        for (first, past, ratio) in std::iter::once((0, leading, shared))
+            .chain((leading..outputs).map(|i| (i, i + 1, hyperparameters.noise_ratio[i])))
         {
             let mut noisy = correlations.clone();
             (0..count).for_each(|i| noisy[(i, i)] += ratio);
@@ -59,7 +59,7 @@ impl Process {
                 }
             }
         }
-        let correlation = sought.correlation;
+        let correlation = hyperparameters.correlation;
         (Process { inputs, correlation, mean, weights }, held_out)
     }
 

@@ -2,8 +2,8 @@
 
 use super::Calibration;
 use super::field::SplineField;
+use super::hyperparameters::Hyperparameters;
 use super::noise::{Noise, Residual};
-use super::sought::Sought;
 use faer::Mat;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
@@ -28,7 +28,7 @@ pub(super) struct ForwardResponse {
     pub known_leverage: f64,
     /// Correlation of the map, if it has one; `None` if the response was read from a file.
     #[serde(skip)]
-    pub sought: Option<Sought>,
+    pub hyperparameters: Option<Hyperparameters>,
 }
 
 /// Calibration press, compared with a map made without it.
@@ -68,7 +68,7 @@ impl ForwardResponse {
             force_n: calibration.typical_force_n(),
             held,
             known_leverage,
-            sought: None,
+            hyperparameters: None,
         }
     }
 

@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn what_single_precision_cannot_tell_apart_is_told_apart() {
+    fn what_single_precision_cannot_tell_apart_is_distinguished() {
         // One row of each table is better than all others, by less than single precision holds.
         for (best, others) in [(0, 1..300), (299, 0..299)] {
             let mut table = [0.6, 0.8].repeat(300);

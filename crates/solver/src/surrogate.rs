@@ -2,9 +2,9 @@
 
 use super::correlation::Smoothness;
 use super::field::{CalibratedArea, SplineField};
+use super::hyperparameters::{Hyperparameters, Regression};
 use super::kriging::Kriging;
 use super::response::ForwardResponse;
-use super::sought::{Regression, Sought};
 use super::spots::{Spots, coordinates};
 use super::{Calibration, FitError};
 use palpate_core::quantity::Place;
@@ -22,27 +22,37 @@ const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 14
 pub(super) fn surrogate(calibration: &Calibration) -> Result<ForwardResponse, FitError> {
     let (spots, units) = (Spots::of(calibration), calibration.units());
     let places = coordinates(spots.places());
-    let sought = Sought::weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
-    map(calibration, &spots, &sought)
+    let hyperparameters = Hyperparameters::weighted(&places, 2, &spots.per_newton(), units, MANNER, &spots.counts());
+    map(calibration, &spots, &hyperparameters)
 }
 
 /// Returns the same response with the correlation of a larger calibration.
-pub(super) fn surrogate_with(calibration: &Calibration, sought: Option<&Sought>) -> Result<ForwardResponse, FitError> {
-    match sought {
-        Some(sought) => map(calibration, &Spots::of(calibration), sought),
+pub(super) fn surrogate_with(
+    calibration: &Calibration,
+    hyperparameters: Option<&Hyperparameters>,
+) -> Result<ForwardResponse, FitError> {
+    match hyperparameters {
+        Some(hyperparameters) => map(calibration, &Spots::of(calibration), hyperparameters),
         None => surrogate(calibration),
     }
 }
 
-fn map(calibration: &Calibration, spots: &Spots, sought: &Sought) -> Result<ForwardResponse, FitError> {
+fn map(
+    calibration: &Calibration,
+    spots: &Spots,
+    hyperparameters: &Hyperparameters,
+) -> Result<ForwardResponse, FitError> {
     let units = calibration.units();
     let (places, counts) = (coordinates(spots.places()), spots.counts());
-    let kriging = Kriging::fit_counting(&places, 2, &spots.per_newton(), units, MANNER, sought, Some(&counts));
+    let kriging = Kriging::fit_counting(&places, 2, &spots.per_newton(), units, MANNER, hyperparameters, Some(&counts));
     let held_out = kriging.held_out();
     let area = CalibratedArea::around(spots.places()).ok_or(FitError::NothingToTellApart)?;
     let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
     let field = SplineField::new(area, kriging.grain() / CELLS_A_GRAIN, units, sample);
     let held = spots.hold_out(calibration, &held_out.residuals, &held_out.leverage, kriging.is_weighted());
     let leverage = |places: &[Place]| kriging.leverage(&coordinates(places.iter().copied()));
-    Ok(ForwardResponse { sought: Some(sought.clone()), ..ForwardResponse::new(field, leverage, held, calibration) })
+    Ok(ForwardResponse {
+        hyperparameters: Some(hyperparameters.clone()),
+        ..ForwardResponse::new(field, leverage, held, calibration)
+    })
 }

@@ -36,8 +36,8 @@ fn assert_sane(rows: &[(f64, f64, f64, Vec<f64>)], readings: &[Vec<f64>]) {
 
 fn assert_finite(solution: &Solution, name: &str, reading: &[f64]) {
     let place = solution.place;
-    let told = [place.x_mm, place.y_mm, solution.force_n];
-    assert!(told.iter().all(|value| value.is_finite()), "{name}: {solution:?} of {reading:?}");
+    let text = [place.x_mm, place.y_mm, solution.force_n];
+    assert!(text.iter().all(|value| value.is_finite()), "{name}: {solution:?} of {reading:?}");
     assert!(solution.misfit.is_none_or(f64::is_finite), "{name}: {solution:?} of {reading:?}");
     if let Some(sd) = solution.covariance {
         let sds = [sd.x_mm(), sd.y_mm(), sd.force_n()];

@@ -56,8 +56,8 @@ pub(crate) fn papers_rig() -> Result<RigSpec, Problems> {
 /// An error of the operating system: it provides no runtime.
 pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<RecordedContact>, Ending), StudyError> {
     let mut memory = Memory::default();
-    let errand = RunJob { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
-    let ending = run_virtually(walk(errand, &mut StudyListener));
+    let job = RunJob { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
+    let ending = run_virtually(walk(job, &mut StudyListener));
     Ok((memory.contacts().cloned().collect(), ending))
 }
 

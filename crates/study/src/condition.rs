@@ -106,7 +106,7 @@ pub struct ConditionOutcome {
     /// Force that broke the rule, N, if a force did.
     pub trip_force_n: Option<f64>,
     /// Report about the trip.
-    pub told: Option<String>,
+    pub text: Option<String>,
     /// Whether no other outcome of its rig and part is both faster and more accurate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pareto: Option<bool>,
@@ -192,7 +192,7 @@ impl LoopCondition {
             trips: usize::from(rule.is_some()),
             rule,
             trip_force_n: trip.filter(|trip| trip.unit == "N").map(|trip| grain(trip.measured)),
-            told: ending.told(),
+            text: ending.text(),
             pareto: None,
             minutes: solved.as_ref().and_then(|_| last_s(&made)).map(|last_s| grain(last_s / 60.0)),
             location_error_mm: solved.as_ref().map(|solved| grain(solved.location_error_mm.mean)),

@@ -156,9 +156,9 @@ fn scenes(findings: &LoopFindings) -> Figure {
             near.extend(outcome.error_p95_mn.map(|error_mn| (error_mn, y)));
             over.extend(outcome.peak_over_mn.map(|peak_mn| (peak_mn, y)));
             if let Some(rule) = &outcome.rule {
-                let told = format!("{}: {rule}, {} of {}", strategy.name(), outcome.done, outcome.points);
+                let text = format!("{}: {rule}, {} of {}", strategy.name(), outcome.done, outcome.points);
                 let at = (outcome.error_p95_mn.unwrap_or(1.0), y);
-                errors.push(Mark::Words(at, (9.0, 4.0), Anchor::Start, told));
+                errors.push(Mark::Words(at, (9.0, 4.0), Anchor::Start, text));
             }
         }
         errors.push(Mark::Curve(markers(strategy), near));
@@ -274,17 +274,17 @@ fn alike(
     outcomes: &[&ConditionOutcome],
     point: impl Fn(&ConditionOutcome) -> Option<(f64, f64)>,
 ) -> Vec<((f64, f64), String)> {
-    let mut told: Vec<((f64, f64), String)> = Vec::new();
+    let mut text: Vec<((f64, f64), String)> = Vec::new();
     for outcome in outcomes {
         let Some((x, y)) = point(outcome) else { continue };
         let tolerance = format!("{}", 1000.0 * outcome.tolerance_n);
         let is_near = |((there_x, there_y), _): &&mut ((f64, f64), String)| {
             (x / there_x).ln().abs() < 0.01 && (y / there_y).ln().abs() < 0.02
         };
-        match told.iter_mut().find(is_near) {
+        match text.iter_mut().find(is_near) {
             Some((_, tolerances)) => *tolerances += &format!(", {tolerance}"),
-            None => told.push(((x, y), tolerance)),
+            None => text.push(((x, y), tolerance)),
         }
     }
-    told
+    text
 }

@@ -47,13 +47,13 @@ pub type OnProgress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 /// Returns the result of each job, in order. All processors work on the jobs, and `told` is informed about each finished job.
 fn carried_out<J: Sync, O: Send>(
     jobs: &[J],
-    told: OnProgress<'_>,
+    text: OnProgress<'_>,
     work: impl Fn(&J) -> Result<O, StudyError> + Sync,
 ) -> Result<Vec<O>, StudyError> {
     let done = AtomicUsize::new(0);
     let outcomes = in_parallel(jobs, |job| {
         let outcome = work(job);
-        told(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
+        text(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
         outcome
     });
     outcomes.into_iter().collect()

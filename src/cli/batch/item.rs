@@ -295,7 +295,7 @@ impl ItemOutcome {
     /// Returns the end of a sensor whose run, or whose quick check, ended early.
     fn halted(ending: Ending, runs: Vec<String>, minutes: f64) -> ItemOutcome {
         let status = ending.status();
-        let reasons = ending.told().into_iter().collect();
+        let reasons = ending.text().into_iter().collect();
         let is_fatal = ending.unparked.is_some() || matches!(ending.halt, Some(Halt::Record(_) | Halt::Unconfirmed(_)));
         let failure = (status != Status::Stopped).then(|| Failure::ended(ending));
         ItemOutcome {

@@ -53,7 +53,7 @@ pub(super) fn report(args: &BatchReportArgs) -> Result<ExitCode, Failure> {
     let histories = args.batches.iter().map(|path| History::read(path).map_err(Failure::batch));
     let histories: Vec<History> = histories.collect::<Result<_, Failure>>()?;
     check_free(&out)?;
-    let (page, told) = match (histories.as_slice(), args.compare) {
+    let (page, words) = match (histories.as_slice(), args.compare) {
         ([history], false) => {
             let folder = &args.batches[0];
             let to_folder = address(&out, folder);
@@ -64,8 +64,8 @@ pub(super) fn report(args: &BatchReportArgs) -> Result<ExitCode, Failure> {
         _ => (batches_page(&histories), format!("{} compared", counted(histories.len(), "batch"))),
     };
     write(&out, &page.html)?;
-    let text = format!("{told}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0);
-    args.output.print(&text, &json!({ "page": out, "result": told }))?;
+    let text = format!("{words}\n{}: {:.0} kB\n", out.display(), page.html.len() as f64 / 1000.0);
+    args.output.print(&text, &json!({ "page": out, "result": words }))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -31,7 +31,7 @@ pub(super) struct StatusArgs {
 pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
     let state = batch_status(&args.batch)?;
     let counts = SensorState::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
-    let told = StatusJson {
+    let text = StatusJson {
         name: &state.facts.name,
         design: &state.facts.design,
         counts: counts.into_iter().collect(),
@@ -42,7 +42,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
         alarms: state.alarms,
         sensors: &state.items,
     };
-    args.output.print(&described(&state), &told)?;
+    args.output.print(&described(&state), &text)?;
     Ok(ExitCode::SUCCESS)
 }
 

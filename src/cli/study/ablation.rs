@@ -14,7 +14,7 @@ use std::process::ExitCode;
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "ablation")?;
     let size = if args.quick { AblationSize::QUICK } else { AblationSize::WHOLE };
-    let found = begun.carried(ablation(size, args.seed, &begun.told()))?;
+    let found = begun.carried(ablation(size, args.seed, &begun.text()))?;
     begun.end(Vec::new(), found.ndjson(), |out| summary(&found, out))
 }
 
@@ -71,7 +71,7 @@ fn named(term: &SceneTerm) -> String {
 }
 
 fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
-    let told = |row: &TermRow| {
+    let text = |row: &TermRow| {
         let within = shown(row.effect.within, question);
         let difference = shown(row.effect.difference, question);
         let sign = if row.effect.difference < 0.0 { "" } else { "+" };
@@ -83,7 +83,7 @@ fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
         };
         format!("{sign}{difference} {within}")
     };
-    found.row(term, question).map_or(String::new(), told)
+    found.row(term, question).map_or(String::new(), text)
 }
 
 /// Formats a value. Force errors of methods are in mN, because there isn't room for more digits.
@@ -104,7 +104,7 @@ fn needs(found: &AblationFindings) -> String {
         100.0 * SHARE
     );
     let mut line =
-        |told: &str| text += &(textwrap::fill(told, textwrap::Options::new(80).subsequent_indent("  ")) + "\n");
+        |words: &str| text += &(textwrap::fill(words, textwrap::Options::new(80).subsequent_indent("  ")) + "\n");
     for term in &TERMS {
         let is_needed = |row: &&TermRow| row.term == term.name && row.needed == Needed::Yes;
         let needed: Vec<&str> = found.rows.iter().filter(is_needed).map(|row| row.question).collect();
@@ -112,13 +112,13 @@ fn needs(found: &AblationFindings) -> String {
             line(&format!("{}: {}", term.name, needed.join(", ")));
         }
     }
-    for (verdict, told) in
+    for (verdict, words) in
         [(Needed::No, "not needed for any question"), (Needed::Undecided, "undecided, more seeds are required")]
     {
         let names: Vec<&str> =
             TERMS.iter().map(|term| term.name).filter(|name| found.verdict(name) == verdict).collect();
         if !names.is_empty() {
-            line(&format!("{told}: {}", names.join(", ")));
+            line(&format!("{words}: {}", names.join(", ")));
         }
     }
     if let Some(all) = found.costs.iter().find(|cost| cost.term == ALL_TERMS) {

@@ -52,7 +52,7 @@ impl StudyOutput {
     }
 
     /// Returns the function that is informed about the progress.
-    pub(super) fn told(&self) -> impl Fn(usize, usize) + Sync + '_ {
+    pub(super) fn text(&self) -> impl Fn(usize, usize) + Sync + '_ {
         |done, of| {
             self.bar.set_length(of as u64);
             self.bar.set_position(done as u64);

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "control")?;
     let size = if args.quick { LoopSize::QUICK } else { LoopSize::WHOLE };
-    let findings = begun.carried(control(size, args.seed, &begun.told()))?;
+    let findings = begun.carried(control(size, args.seed, &begun.text()))?;
     begun.end(figures(&findings), findings.ndjson(), |out| summary(&findings, out))
 }
 

@@ -103,8 +103,8 @@ fn coordinate(text: &str) -> Result<f64, String> {
 /// Returns the verdict on each claim.
 fn summary(found: &Curves) -> String {
     let mut text = "the paper's numerical study; distances in depths H unless in mm\n\n".to_owned();
-    for PaperClaim { told, verdict, found, .. } in &found.claims {
-        text += &beside(verdict, FIRST, told);
+    for PaperClaim { text: claim, verdict, found, .. } in &found.claims {
+        text += &beside(verdict, FIRST, claim);
         text += &beside("", FIRST, found);
     }
     text + "\n"
@@ -114,7 +114,7 @@ fn summary(found: &Curves) -> String {
 fn design_summary(found: &DesignFindings) -> String {
     let DesignFindings { passage, area, survey, .. } = found;
     let mut text = String::new();
-    let mut line = |name: &str, told: String| text += &beside(name, FIRST, &told);
+    let mut line = |name: &str, words: String| text += &beside(name, FIRST, &words);
     line("array", format!("{} units, pitch {:.3} mm, {}", found.units, found.pitch_mm, under(passage)));
     let ((x0, x1), (y0, y1)) = (area.x_mm, area.y_mm);
     line("area", format!("x {x0:.2} to {x1:.2}, y {y0:.2} to {y1:.2} mm"));

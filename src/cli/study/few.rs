@@ -11,9 +11,9 @@ use std::process::ExitCode;
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "few")?;
     let size = if args.quick { FewSize::QUICK } else { FewSize::WHOLE };
-    let few = begun.carried(presses(size, &begun.told()))?;
-    let strange = begun.carried(strangers(size, &begun.told()))?;
-    let judged = begun.carried(verdicts(size, &begun.told()))?;
+    let few = begun.carried(presses(size, &begun.text()))?;
+    let strange = begun.carried(strangers(size, &begun.text()))?;
+    let judged = begun.carried(verdicts(size, &begun.text()))?;
     let rows = ndjson(&few) + &ndjson(&strange) + &ndjson(&judged);
     begun.end(few_figures(&few), rows, |out| errors(&few) + &found(&strange) + &decided(&judged) + &ended(out))
 }
@@ -42,7 +42,7 @@ fn found(strange: &[StrangerRow]) -> String {
     let mut table = TextTable::new(2, ["noise", "9 presses of", "sensors", "refused", "full grid", "typical"]);
     for row in strange {
         let StrangerRow { scene, sensors, refused, beyond, typical, .. } = row;
-        table.row(cells![scene, row.kind.told(), sensors, refused, beyond, typical]);
+        table.row(cells![scene, row.kind.text(), sensors, refused, beyond, typical]);
     }
     format!("{table}\n")
 }

@@ -101,11 +101,11 @@ pub(super) fn speed_accuracy(args: &SpeedAccuracyArgs) -> Result<ExitCode, Failu
             begun.carried(MethodTrial::simulated(side, tests, args.common.seed))?
         }
     };
-    let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.told())))?;
+    let found = begun.carried(Ok(methods::speed_accuracy(&trials, &begun.text())))?;
     begun.end(speed_accuracy_figures(&trials, &found), ndjson(&found), |out| {
         let mut text = String::new();
         for trial in &trials {
-            text += &speed_accuracy_table(&trial.told, found.iter().filter(|row| row.scene == trial.scene));
+            text += &speed_accuracy_table(&trial.text, found.iter().filter(|row| row.scene == trial.scene));
         }
         text + "*: no other method is both faster and more exact; wrong: over 1 mm or 0.1 N;\nsilent: wrong and not flagged\n" + &ended(out)
     })
@@ -117,14 +117,14 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<ExitCode, Failure> {
     let Common { quick, seed, .. } = args.common;
     let title = "location error, mean, mm, by calibration presses\n\n";
     if let Some(trial) = args.source.trial()? {
-        let found = begun.carried(methods::budget_of(&trial, quick, seed, &begun.told()))?;
+        let found = begun.carried(methods::budget_of(&trial, quick, seed, &begun.text()))?;
         return begun.end(budget_figures_of(&trial, &found), ndjson(&found), |out| {
             title.to_owned() + &budget_table(&trial.scene, &trial.scene, &found) + &ended(out)
         });
     }
-    let found = begun.carried(methods::budget(quick, seed, &begun.told()))?;
+    let found = begun.carried(methods::budget(quick, seed, &begun.text()))?;
     begun.end(budget_figures(&found), ndjson(&found), |out| {
-        let name = |noise: NoiseReference| noise.told().split(':').next().unwrap_or_default();
+        let name = |noise: NoiseReference| noise.text().split(':').next().unwrap_or_default();
         let tables = NoiseReference::ALL.map(|noise| budget_table(noise.name(), name(noise), &found)).concat();
         let minutes = format!("minutes: {} s a press, map on the fast bench; bound: Cramér-Rao\n", methods::PRESS_S);
         format!("{title}{tables}{minutes}") + &ended(out)
@@ -134,7 +134,7 @@ pub(super) fn budget(args: &BudgetArgs) -> Result<ExitCode, Failure> {
 /// Where each method fails.
 pub(super) fn failures(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "failures")?;
-    let found = begun.carried(methods::failures(args.quick, args.seed, &begun.told()))?;
+    let found = begun.carried(methods::failures(args.quick, args.seed, &begun.text()))?;
     let figures = [failure_figures(&found), coverage_figures(&found)].concat();
     begun.end(figures, ndjson(&found), |out| {
         let of = |noise| breaks(noise, &found) + &silent(noise, &found) + &covered(noise, &found);
@@ -149,7 +149,7 @@ fn trial_of(run: &Path) -> Result<MethodTrial, Failure> {
     of_run(&name, &recorded.presses(), &bench, recorded.manifest.facts.seed).map_err(Failure::usage)
 }
 
-fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {
+fn speed_accuracy_table<'a>(text: &str, rows: impl Iterator<Item = &'a MethodRow>) -> String {
     let head = ["", "mean mm", "+-", "p95", "force N", "ns", "wrong", "silent", ""];
     let mut table = TextTable::new(1, head);
     let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share));
@@ -176,11 +176,11 @@ fn speed_accuracy_table<'a>(told: &str, rows: impl Iterator<Item = &'a MethodRow
         table.row(cells!["bound", number(Some(location_mm), 3), "", "", number(Some(force_n), 4)]);
         whose_bound = format!("bound: {whose}\n");
     }
-    format!("{told}\n{table}{whose_bound}{refusals}\n")
+    format!("{text}\n{table}{whose_bound}{refusals}\n")
 }
 
 /// Returns a table with a line for each method and a column for each number of presses. Minutes and bound are included if known.
-fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
+fn budget_table(scene: &str, text: &str, found: &[MethodRow]) -> String {
     let of = |solver: &str| -> Vec<&MethodRow> {
         found.iter().filter(|row| row.scene == scene && row.solver == solver).collect()
     };
@@ -188,7 +188,7 @@ fn budget_table(scene: &str, told: &str, found: &[MethodRow]) -> String {
         [name.to_owned()].into_iter().chain(rows.iter().map(|row| cell(row))).collect::<Vec<_>>()
     };
     let presses = of(BEST);
-    let mut table = TextTable::new(1, row(told, &presses, &|row| row.value.to_string()));
+    let mut table = TextTable::new(1, row(text, &presses, &|row| row.value.to_string()));
     if presses.iter().any(|row| row.minutes.is_some()) {
         table.row(row("minutes", &presses, &|row| number(row.minutes, 1)));
     }
@@ -210,9 +210,9 @@ fn breaks(noise: NoiseReference, found: &[MethodRow]) -> String {
             row.mean_mm().is_some_and(|mm| mm <= LOCATION_REFERENCE_MM) && force_n <= FORCE_REFERENCE_N
         };
         let broken = rows.iter().find(|row| !is_good(row));
-        broken.map_or("-".to_owned(), |row| row.told.map_or(row.value.to_string(), str::to_owned))
+        broken.map_or("-".to_owned(), |row| row.text.map_or(row.value.to_string(), str::to_owned))
     };
-    format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: no value)\n", noise.told()) + &table(&cell)
+    format!("{}\nfirst value with a mean error over 1 mm or 0.1 N (-: no value)\n", noise.text()) + &table(&cell)
 }
 
 /// Describes the largest fraction of a method's answers that are wrong and not flagged.

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "minutes")?;
     let size = if args.quick { MinutesSize::QUICK } else { MinutesSize::WHOLE };
-    let found = begun.carried(minutes(size, args.seed, &begun.told()))?;
+    let found = begun.carried(minutes(size, args.seed, &begun.text()))?;
     begun.end(minutes_figures(&found), ndjson(&found), |out| {
         let tables = UnitFamily::ALL.map(|family| table(family, &found)).concat();
         let minutes = format!("minutes: {HANDLING_MIN} for mounting, warm-up and zeroing, and those of the run\n");
@@ -43,5 +43,5 @@ fn table(family: UnitFamily, found: &[MinutesRow]) -> String {
             table.line(format!("{}, {} presses: ended by {rule}", row.strategy.name(), row.found.value));
         }
     }
-    format!("{}\nno other way is both faster and more exact\n\n{table}\n", family.told())
+    format!("{}\nno other way is both faster and more exact\n\n{table}\n", family.text())
 }

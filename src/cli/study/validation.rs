@@ -9,7 +9,7 @@ use std::process::ExitCode;
 pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "validation")?;
     let seeds = if args.quick { QUICK_SEEDS } else { SEEDS };
-    let found = begun.carried(validation(seeds, args.seed, &begun.told()))?;
+    let found = begun.carried(validation(seeds, args.seed, &begun.text()))?;
     let page = found.markdown();
     begun.end(vec![("validation.md".to_owned(), page)], found.ndjson(), |out| {
         let mean = |of: fn(&palpate_study::validation::ValidationOutcome) -> f64| {

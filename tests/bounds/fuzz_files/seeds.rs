@@ -35,8 +35,8 @@ pub(super) fn run() -> &'static Run {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
         let ending = runtime.expect("a runtime").block_on(async {
             let cancel = Cancel::default();
-            let errand = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-            walk(errand, &mut Unheard).await
+            let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
+            walk(job, &mut Unheard).await
         });
         folder.finish(ending.end(String::new(), 0.0)).expect("a run that ends");
         let [journal, presses, manifest] =

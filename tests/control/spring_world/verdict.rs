@@ -79,7 +79,7 @@ impl Verdict {
     }
 
     /// What a person needs to do it again.
-    pub(super) fn told(&self) -> String {
+    pub(super) fn text(&self) -> String {
         let words = self.run["words"].as_str().unwrap_or_default();
         let words: String = words.chars().skip(words.chars().count().saturating_sub(160)).collect();
         let bound = self.bound_n.map_or("none".to_owned(), |n| format!("{n:.2} N"));
@@ -139,7 +139,7 @@ pub(super) struct Table {
 impl Table {
     pub(super) fn add(&mut self, verdict: Verdict) {
         if !verdict.falls.is_empty() {
-            println!("{}", verdict.told());
+            println!("{}", verdict.text());
         }
         self.all.push(verdict);
     }

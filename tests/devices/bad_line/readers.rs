@@ -138,8 +138,8 @@ pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
         }
         let finite = values.iter().all(|value| value.is_finite());
         let (altered, stray) = lock(&fate).happened(from_s, to_s);
-        let told = || format!("read {values:?} between {from_s} and {to_s} s, altered {altered}, stray {stray}");
-        outcome.judge(subject, altered && finite, stray && finite, told);
+        let output = || format!("read {values:?} between {from_s} and {to_s} s, altered {altered}, stray {stray}");
+        outcome.judge(subject, altered && finite, stray && finite, output);
     }
     outcome
 }

@@ -7,7 +7,7 @@ use palpate_drivers::grbl::Grbl;
 use palpate_drivers::process::ProcessStage;
 use palpate_drivers::xps::{Grouping, Xps};
 use palpate_drivers::{AnyStage, Esp301};
-use palpate_link::device::{DeviceError, HomeSearch, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, HomeSearch, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate_sim::scene::Scene;
@@ -130,11 +130,11 @@ impl Trial {
             steps: Steps::FINE,
             home_search: HomeSearch::Away,
         };
-        let reins = Reins::default();
+        let orders = MotionOrders::default();
         let limit_s = deadlines(self.subject).prepare_s;
         let fate = self.fate.clone();
         let prepared =
-            call("prepare", limit_s, &mut self.outcome, &fate, made_ready(&mut self.stage, &usage, &reins)).await;
+            call("prepare", limit_s, &mut self.outcome, &fate, made_ready(&mut self.stage, &usage, &orders)).await;
         let prepared = self.note(prepared).is_some();
         assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
         self.lost = !lock(&fate).altered_s.is_empty();
@@ -206,7 +206,7 @@ impl Trial {
             deadlines.begin_s,
             &mut self.outcome,
             &fate,
-            self.stage.begin(&targets, speed_mm_s, &Reins::default()),
+            self.stage.begin(&targets, speed_mm_s, &MotionOrders::default()),
         )
         .await;
         if self.note(begun).is_none() && self.rng.random_bool(0.5) {
@@ -216,17 +216,17 @@ impl Trial {
             self.ask(axes[0]).await; // under way
         }
         let expected = Duration::from_secs_f64(6.0 / speed_mm_s + 0.2);
-        let reins = Reins::default();
+        let orders = MotionOrders::default();
         let pulls = if self.rng.random_bool(0.3) { Some(self.rng.random_range(0.0..1.0)) } else { None };
         let speed = if self.rng.random_bool(0.2) { Some(self.rng.random_range(0.0..0.5)) } else { None };
         let pull = async {
             if let Some(after_s) = speed {
                 sleep(Duration::from_secs_f64(after_s)).await;
-                reins.speed(1.0 + 5.0 * after_s);
+                orders.speed(1.0 + 5.0 * after_s);
             }
             if let Some(after_s) = pulls {
                 sleep(Duration::from_secs_f64(after_s)).await;
-                reins.stop();
+                orders.stop();
             }
         };
         // one of its speeds stops and goes on
@@ -234,7 +234,7 @@ impl Trial {
         let from_s = lock(&fate).now_s();
         let limit_s = 2.0 * expected.as_secs_f64() + deadlines.follow_s;
         let follow = async {
-            let followed = self.stage.follow(&axes, expected, &reins);
+            let followed = self.stage.follow(&axes, expected, &orders);
             tokio::pin!(followed);
             tokio::select! {
                 biased;
@@ -257,7 +257,8 @@ impl Trial {
         let (fate, limit_s) = (self.fate.clone(), deadlines(self.subject).ask_s);
         let from_s = lock(&fate).now_s();
         let asked =
-            call("position", limit_s, &mut self.outcome, &fate, self.stage.position_mm(axis, &Reins::default())).await;
+            call("position", limit_s, &mut self.outcome, &fate, self.stage.position_mm(axis, &MotionOrders::default()))
+                .await;
         let Some(place_mm) = self.note(asked) else { return };
         lock(&fate).look();
         let to_s = lock(&fate).now_s();
@@ -284,14 +285,14 @@ impl Trial {
         let (altered, stray) = fate.happened(from_s, to_s);
         drop(fate);
         let altered = altered || self.lost;
-        let told = || {
+        let output = || {
             format!(
                 "{name} of {} gave {place_mm} mm between {from_s} and {to_s} s, stands {stands}, altered {altered}, stray \
                  {stray}",
                 axis.name()
             )
         };
-        self.outcome.judge(self.subject, altered && in_range, stray && in_range, told);
+        self.outcome.judge(self.subject, altered && in_range, stray && in_range, output);
     }
 
     /// What a call gave, its error counted.

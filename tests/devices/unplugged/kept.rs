@@ -69,9 +69,9 @@ impl Kept {
             beset(&mut rig, &watcher, fate);
             let (cancel, began) = (Cancel::default(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let errand = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
+            let job = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
             let mut notes = Notes { watcher: watcher.clone(), contacts: Vec::new() };
-            let ending = timeout(FOR_EVER, walk_on(rig, errand, &mut notes)).await.expect("it doesn't end by itself");
+            let ending = timeout(FOR_EVER, walk_on(rig, job, &mut notes)).await.expect("it doesn't end by itself");
             let virtual_s = began.elapsed().as_secs_f64();
             sleep(AFTERWARDS).await;
             let mut watcher = watcher.lock().expect("the walk is over");
@@ -91,10 +91,10 @@ impl Kept {
         plan: &Plan,
     ) -> impl Iterator<Item = String> + use<> {
         let mut wrong = Vec::new();
-        let mut check = |right: bool, told: String| wrong.extend((!right).then_some(told));
+        let mut check = |right: bool, text: String| wrong.extend((!right).then_some(text));
         let manifest = Manifest::read(&self.folder.path().join("manifest.json")).expect("a manifest");
         check(manifest.status == ending.status(), format!("the manifest says {:?}", manifest.status));
-        check(manifest.failure == ending.told(), format!("the manifest tells {:?}", manifest.failure));
+        check(manifest.failure == ending.text(), format!("the manifest tells {:?}", manifest.failure));
         let mut expected = contacts.to_vec();
         expected.sort_by_key(|contact| contact.press);
         let journal: Vec<RecordedContact> = self.folder.contacts().expect("a journal").map(Result::unwrap).collect();

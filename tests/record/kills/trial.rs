@@ -70,35 +70,35 @@ impl<'a> Trial<'a> {
         let words = self.course.words(&self.bench, pace);
         self.sessions.push(format!("{words} killed {moment:?}"));
         let Killed { rows, code, err } = killed(self.bench.command(&words), moment);
-        let told = self.to_string();
-        assert!(matches!(code, None | Some(0)), "{told}: {err}");
+        let output = self.to_string();
+        assert!(matches!(code, None | Some(0)), "{output}: {err}");
         if !self.bench.has("run") {
-            assert_eq!((&rows[..], code), (&[][..], None), "{told}: acknowledged without a folder");
+            assert_eq!((&rows[..], code), (&[][..], None), "{output}: acknowledged without a folder");
             let entries = fs::read_dir(self.bench.path(".")).expect("a folder").map(|entry| entry.expect("an entry"));
             // the recipe and the rig are there
             let beside = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
             let beside: Vec<String> = beside.filter(|name| !["r.toml", "rig.toml"].contains(&name.as_str())).collect();
             let is_hidden = |name: &String| name.starts_with('.') && name.ends_with(".new");
-            assert!(beside.iter().all(is_hidden), "{told}: {beside:?}");
+            assert!(beside.iter().all(is_hidden), "{output}: {beside:?}");
             let drafts = beside.len();
             return Tally { kills: 1, early: 1, drafts, ..Tally::default() };
         }
         let after = journal(&self.bench);
-        assert!(after.starts_with(&before), "{told}: records that were there are others now");
+        assert!(after.starts_with(&before), "{output}: records that were there are others now");
         let contacts = journalled(&self.bench);
         let mut presses: Vec<u64> = contacts.iter().map(|contact| contact.press).collect();
         presses.sort_unstable();
         presses.dedup();
-        assert_eq!(presses.len(), contacts.len(), "{told}: the journal has a press twice");
+        assert_eq!(presses.len(), contacts.len(), "{output}: the journal has a press twice");
         let records = |bytes: &[u8]| bytes.split(|&byte| byte == b'\n').filter(|line| is_contact(line)).count();
-        let (made, told_of) = (contacts.len() - records(&before), rows::presses(&rows));
+        let (made, acknowledged_rows) = (contacts.len() - records(&before), rows::presses(&rows));
         assert!(
-            (told_of..=told_of + 1).contains(&made),
-            "{told}: {made} presses in the journal, {told_of} acknowledged"
+            (acknowledged_rows..=acknowledged_rows + 1).contains(&made),
+            "{output}: {made} presses in the journal, {acknowledged_rows} acknowledged"
         );
         acknowledged.extend(rows);
         let kills = usize::from(code.is_none());
-        Tally { kills, unacknowledged: made - told_of, ..Tally::default() }
+        Tally { kills, unacknowledged: made - acknowledged_rows, ..Tally::default() }
     }
 
     /// When the next kill comes: as the program starts; any time; upon or after any row; or after the last, when the tables are
@@ -162,9 +162,9 @@ fn killed(command: Command, moment: Moment) -> Killed {
         }
     }
     live.kill();
-    let told = live.end();
-    rows.extend(told.json_lines());
-    Killed { rows, code: told.code, err: told.err }
+    let output = live.end();
+    rows.extend(output.json_lines());
+    Killed { rows, code: output.code, err: output.err }
 }
 
 /// The journal's whole records as they stand, without a torn tail.

@@ -239,7 +239,7 @@ fn check(limit: &Limit, decision: Decision, measured: &Measured) -> LimitCheck {
         (Decision::Guarded, Ok(_)) => (SensorVerdict::NotDecided, Some("its bound exceeds the limit".to_owned())),
         (Decision::Guarded, Err(why)) => (SensorVerdict::NotDecided, Some(why.clone())),
     };
-    let reason = reason.map(|told| if figure.is_share() { told.replace("exceeds", "is below") } else { told });
+    let reason = reason.map(|text| if figure.is_share() { text.replace("exceeds", "is below") } else { text });
     // few repeats leave a unit's figure open: with five a repeatability scatters by a third
     let is_open = |bound: &&f64| figure.is_of_units() && !keeps(**bound) && verdict == SensorVerdict::Accepted;
     let warning = bound.as_ref().ok().filter(is_open).map(|bound| {
@@ -393,7 +393,7 @@ const DIGITS_MOST: usize = 9;
 
 impl SensorVerdict {
     /// Describes the verdict in words.
-    pub const fn told(self) -> &'static str {
+    pub const fn text(self) -> &'static str {
         match self {
             SensorVerdict::Accepted => "accepted",
             SensorVerdict::NotAccepted => "not accepted",
@@ -488,12 +488,12 @@ mod tests {
     fn a_simple_rule_warns_where_the_repeats_leave_a_units_figure_open() {
         let judgement = judge(&rule(Decision::Simple, &[(LimitedFigure::Repeatability, 3.0, None)]), &measured());
         assert_eq!(judgement.verdict, SensorVerdict::Accepted);
-        let told: Vec<String> = judgement.all_reasons().collect();
-        assert_eq!(told, ["repeatability, worst unit: within the limit, but with 20 repeats its bound is 4.00 %"]);
+        let text: Vec<String> = judgement.all_reasons().collect();
+        assert_eq!(text, ["repeatability, worst unit: within the limit, but with 20 repeats its bound is 4.00 %"]);
     }
 
     #[test]
-    fn what_was_found_is_told_from_the_limit_however_near_they_are() {
+    fn what_was_found_is_distinguished_from_the_limit_however_near_they_are() {
         let shown = |limit| {
             let check = judge(&rule(Decision::Simple, &[(LimitedFigure::LocationMean, limit, None)]), &measured())
                 .checks[0]
@@ -536,17 +536,17 @@ mod tests {
     fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
         let limit = (LimitedFigure::LocationMean, 5.0, None);
         let few = Measured { calibration_presses: 9, ..measured() };
-        let told = "9 valid calibration presses; the rule requires 10".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &few), (SensorVerdict::NotDecided, told));
+        let text = "9 valid calibration presses; the rule requires 10".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &few), (SensorVerdict::NotDecided, text));
         let unsolved = Measured { test_unsolved: 3, ..measured() };
-        let told = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (SensorVerdict::NotDecided, told));
+        let text = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &unsolved), (SensorVerdict::NotDecided, text));
         // without an answer they are beyond any distance
         let within = (LimitedFigure::LocationWithin, 0.98, Some(5.0));
         assert_eq!(verdict(Decision::Simple, within, &unsolved).0, SensorVerdict::NotAccepted);
         let twice = Measured { test_repeats_itself: 99, ..measured() };
-        let told = "99 of 100 test presses are identical to another one".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &twice), (SensorVerdict::NotDecided, told));
+        let text = "99 of 100 test presses are identical to another one".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &twice), (SensorVerdict::NotDecided, text));
         let stopped = Measured { incomplete: Some("run is stopped: 90 of 100 presses".to_owned()), ..measured() };
         assert_eq!(verdict(Decision::Simple, limit, &stopped).0, SensorVerdict::NotDecided);
         let mut unmeasured = measured();
@@ -556,8 +556,8 @@ mod tests {
             SensorVerdict::NotDecided
         );
         let repeated = Measured { test_repeats_calibration: 100, ..measured() };
-        let told = "100 of 100 test presses are identical to calibration presses".to_owned();
-        assert_eq!(verdict(Decision::Simple, limit, &repeated), (SensorVerdict::NotDecided, told));
+        let text = "100 of 100 test presses are identical to calibration presses".to_owned();
+        assert_eq!(verdict(Decision::Simple, limit, &repeated), (SensorVerdict::NotDecided, text));
         let untested = Measured { location: None, ..measured() };
         assert_eq!(verdict(Decision::Simple, limit, &untested).1, "location error, mean: no test was evaluated");
     }

@@ -39,8 +39,8 @@ impl Evidence<'_> {
         };
         let evaluated = match (trial, known.iter().find(is_by_rule)) {
             (_, Some(evaluation)) => Ok(evaluation.clone()),
-            (Ok(trial), None) => trial.evaluate(&rule.method).map_err(|why| why.told()),
-            (Err(why), None) => Err(why.told()),
+            (Ok(trial), None) => trial.evaluate(&rule.method).map_err(|why| why.text()),
+            (Err(why), None) => Err(why.text()),
         };
         let mut measured = self.measured(trial.as_ref().ok(), evaluated.as_ref().ok());
         measured.worst = self.worst(rule);

@@ -53,7 +53,7 @@ pub enum EvaluateError {
 
 impl EvaluateError {
     /// Returns the error and its cause in one line. The cause states the problem.
-    pub fn told(&self) -> String {
+    pub fn text(&self) -> String {
         let cause = std::error::Error::source(self).map(|cause| format!(": {cause}")).unwrap_or_default();
         format!("{self}{cause}")
     }

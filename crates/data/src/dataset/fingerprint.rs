@@ -35,8 +35,8 @@ impl Fingerprint {
     /// Returns the fingerprint of a file's first bytes, at most `most_bytes`.
     pub(super) fn of_start(folder: &Path, name: &str, most_bytes: u64) -> io::Result<Fingerprint> {
         if !is_plain(name) {
-            let told = format!("{name:?} is not a valid name of a file in a run folder");
-            return Err(io::Error::new(ErrorKind::InvalidInput, told));
+            let text = format!("{name:?} is not a valid name of a file in a run folder");
+            return Err(io::Error::new(ErrorKind::InvalidInput, text));
         }
         Fingerprint::of_reader(name, files::open(&folder.join(name))?.take(most_bytes))
     }

@@ -191,8 +191,8 @@ impl RunFolder {
     /// A file can't be read.
     pub fn is_finished(&self) -> Result<bool, DatasetError> {
         let files = fingerprints(&self.path, self.manifest().texts())?;
-        let told = Manifest::read(&self.path.join(MANIFEST));
-        Ok(told.is_ok_and(|told| told == Manifest { files, ..self.manifest().clone() }))
+        let text = Manifest::read(&self.path.join(MANIFEST));
+        Ok(text.is_ok_and(|text| text == Manifest { files, ..self.manifest().clone() }))
     }
 
     /// Returns the description of the run and its progress.
@@ -323,8 +323,8 @@ impl Ledger for RunFolder {
         }
     }
 
-    fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
-        let offset = self.journal.jot(record)?;
+    fn append_unsynced(&mut self, record: &Record) -> Result<(), DatasetError> {
+        let offset = self.journal.append_unsynced(record)?;
         self.take_in(offset, record)
     }
 }

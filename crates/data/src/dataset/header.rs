@@ -119,12 +119,12 @@ impl Header<'_> {
             }
             // one of the program's own names
             None if number.is_some() || (what != OUTPUTS && known.contains(&column)) => self.help.to_owned(),
-            None => self.names_told(),
+            None => self.name_list(),
         }
     }
 
     /// The columns of the header, the first of them if there are many.
-    fn names_told(&self) -> String {
+    fn name_list(&self) -> String {
         const MOST: usize = 12;
         let names: Vec<String> = self.names.iter().take(MOST).map(|name| format!("`{}`", quoted(name))).collect();
         let more = if self.names.len() > MOST { ", ..." } else { "" };

@@ -228,7 +228,7 @@ impl<R: Logged> Journal<R> {
     ///
     /// # Errors
     /// The same as for [`append`](Self::append).
-    pub fn jot(&mut self, record: &R) -> Result<u64, JournalError> {
+    pub fn append_unsynced(&mut self, record: &R) -> Result<u64, JournalError> {
         self.add(record, Durability::Fast)
     }
 
@@ -256,8 +256,8 @@ impl<R: Logged> Journal<R> {
     fn check_line(&self, record: &R) -> io::Result<()> {
         let bytes = self.line.len() as u64;
         if bytes >= RECORD_MAX_BYTES || self.end + bytes > JOURNAL_MAX_BYTES {
-            let told = format!("a record of {bytes} bytes is too long for a journal of {}", self.end);
-            return Err(io::Error::new(io::ErrorKind::FileTooLarge, told));
+            let text = format!("a record of {bytes} bytes is too long for a journal of {}", self.end);
+            return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
         }
         let unreadable = |problem| io::Error::other(format!("the record couldn't be read again: {problem}"));
         record.check().map_err(unreadable)?;
@@ -495,14 +495,14 @@ mod tests {
     }
 
     #[test]
-    fn after_damage_nothing_more_is_told() {
+    fn after_damage_nothing_more_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let mut bytes = three_records(&path);
         bytes.extend_from_slice(&[b'\n'; 1000]);
         std::fs::write(&path, &bytes).unwrap();
-        let told: Vec<bool> = Journal::<Record>::records(&path).unwrap().map(|record| record.is_ok()).collect();
-        assert_eq!(told, [true, true, true, false]);
+        let text: Vec<bool> = Journal::<Record>::records(&path).unwrap().map(|record| record.is_ok()).collect();
+        assert_eq!(text, [true, true, true, false]);
     }
 
     #[test]
@@ -529,7 +529,7 @@ mod tests {
         assert!(refused.unwrap_err().to_string().ends_with("is damaged: no"));
         let second = bytes.iter().position(|&byte| byte == b'\n').unwrap() + 1;
         std::fs::write(&path, &bytes[second..]).unwrap();
-        let told = Journal::<Record>::records(&path).unwrap().next().unwrap().unwrap_err().to_string();
-        assert!(told.ends_with("the record at byte 0 is damaged: sequence number 1, expected 0"), "{told}");
+        let text = Journal::<Record>::records(&path).unwrap().next().unwrap().unwrap_err().to_string();
+        assert!(text.ends_with("the record at byte 0 is damaged: sequence number 1, expected 0"), "{text}");
     }
 }

@@ -25,7 +25,7 @@ pub trait Ledger {
     ///
     /// # Errors
     /// Returns the operating system's error.
-    fn jot(&mut self, record: &Record) -> Result<(), DatasetError> {
+    fn append_unsynced(&mut self, record: &Record) -> Result<(), DatasetError> {
         self.record(record)
     }
 }
@@ -80,8 +80,8 @@ mod tests {
         records.iter().for_each(|record| memory.record(record).unwrap());
         assert_eq!((memory.has(3), memory.has(2)), (true, false));
         assert_eq!(memory.contacts().collect::<Vec<_>>(), [&contact]);
-        let mut told = Vec::new();
-        memory.recall(&mut |record| told.push(record.clone())).unwrap();
-        assert_eq!(told, records);
+        let mut text = Vec::new();
+        memory.recall(&mut |record| text.push(record.clone())).unwrap();
+        assert_eq!(text, records);
     }
 }

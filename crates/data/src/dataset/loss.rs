@@ -64,9 +64,9 @@ fn beyond(folder: &Path, manifest: &Manifest, known: &JournalSummary) -> Result<
             lost.push(format!("the SHA-256 of the first {} bytes of {JOURNAL} differs from {MANIFEST}", vouched.bytes));
         }
     }
-    let (told, found) = (manifest.presses_done, known.manifest.presses_done);
-    if told > found {
-        lost.push(format!("{MANIFEST} counts {told} presses, {JOURNAL} holds {found}"));
+    let (text, found) = (manifest.presses_done, known.manifest.presses_done);
+    if text > found {
+        lost.push(format!("{MANIFEST} counts {text} presses, {JOURNAL} holds {found}"));
     } else if manifest.status == Status::Complete && lost.is_empty() {
         lost.push(format!("{MANIFEST} states that the run is complete, but {JOURNAL} doesn't"));
     }

@@ -131,9 +131,9 @@ impl Manifest {
             Ok(text) => text,
         };
         Manifest::parse(&text).map_err(|error| {
-            let told = error.to_string();
-            let told = told.split(" at line ").next().unwrap_or_default().to_owned();
-            problem(format!(":{}:{}", error.line(), error.column()), told)
+            let words = error.to_string();
+            let words = words.split(" at line ").next().unwrap_or_default().to_owned();
+            problem(format!(":{}:{}", error.line(), error.column()), words)
         })
     }
 

@@ -235,8 +235,8 @@ fn read(table: &Table) -> Option<Mapping> {
     let separator = optional(table, &columns::separator, |table, key| table.word(key, &SEPARATORS));
     let decimal = optional(table, &columns::decimal, |table, key| table.word(key, &DECIMALS));
     if let (Some(Some(b',')), Some(Some(Decimal::Comma))) = (separator, decimal) {
-        let told = "a comma can't be the separator and the decimal mark";
-        table.complain(Problem::new(table.span_of(&columns::decimal), told));
+        let words = "a comma can't be the separator and the decimal mark";
+        table.complain(Problem::new(table.span_of(&columns::decimal), words));
     }
     check_twice(table, &names, outputs.as_ref());
     let array = optional(table, &columns::array, |table, key| {
@@ -251,8 +251,8 @@ fn read(table: &Table) -> Option<Mapping> {
     if let (Some((layout, _)), OutputSource::Named(names)) = (&array, &outputs)
         && layout.len() != names.len()
     {
-        let told = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
-        table.complain(Problem::new(table.span_of(&columns::array), told));
+        let words = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
+        table.complain(Problem::new(table.span_of(&columns::array), words));
     }
     let [x_mm, y_mm] = names;
     Some(Mapping {
@@ -286,9 +286,9 @@ fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Out
     let all = singles.chain(others).chain(several.iter().map(|name| (columns::outputs, Some(name.as_str()))));
     for (key, name) in all.filter_map(|(key, name)| Some((key, name?))) {
         if let Some((first, _)) = named.iter().find(|(first, other)| *other == name && *first != key) {
-            let told = format!("`{}` and `{}` name the same column {name:?}", first.name, key.name);
+            let words = format!("`{}` and `{}` name the same column {name:?}", first.name, key.name);
             let at = if table.has(&key) { &key } else { first };
-            table.complain(Problem::new(table.span_of(at), told).help("give each key a column of its own"));
+            table.complain(Problem::new(table.span_of(at), words).help("give each key a column of its own"));
             return;
         }
         named.push((key, name));
@@ -326,9 +326,9 @@ fn read_outputs(table: &Table) -> Option<OutputSource> {
     if !table.has(key) {
         return Some(OutputSource::Own);
     }
-    let fail = |told: String| {
+    let fail = |words: String| {
         let help = "write outputs = \"ch0..ch15\", or a list: [\"left\", \"right\"]";
-        table.complain(Problem::new(table.span_of(key), told).help(help));
+        table.complain(Problem::new(table.span_of(key), words).help(help));
         None
     };
     let names = match table.is_text(key) {
@@ -441,8 +441,8 @@ mod tests {
                 "`array` has 1 outputs, but `outputs` names 4 columns",
             ),
         ] {
-            let told = refused(text);
-            assert!(told.contains(expected), "{text}: {told}");
+            let words = refused(text);
+            assert!(words.contains(expected), "{text}: {words}");
         }
     }
 }

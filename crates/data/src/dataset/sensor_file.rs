@@ -172,7 +172,7 @@ impl SensorFile {
         let setting = model.setting();
         let fitted = model.fitted();
         let Fingerprint { bytes: length, sha256, .. } = Fingerprint::of("", &bytes);
-        let left_out = |broken: &Broken| LeftOutUnit { unit: broken.unit + 1, why: broken.fault.told().to_owned() };
+        let left_out = |broken: &Broken| LeftOutUnit { unit: broken.unit + 1, why: broken.fault.text().to_owned() };
         let card = Card {
             palpate: env!("CARGO_PKG_VERSION").to_owned(),
             method: fitted.name().to_owned(),

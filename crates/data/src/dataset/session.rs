@@ -162,7 +162,7 @@ impl Labels {
 
 impl RunFacts {
     /// Returns the executed recipe, or an import, as words for a sentence.
-    pub fn told(&self) -> String {
+    pub fn text(&self) -> String {
         match &self.imported {
             None => format!("the recipe {}", self.recipe),
             Some(imported) => format!("the import of {}", imported.names()),

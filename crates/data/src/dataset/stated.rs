@@ -45,7 +45,7 @@ mod tests {
 
     #[test]
     fn half_widths_that_are_clearly_wrong_are_named_with_the_numbers() {
-        let told = |points: usize, location_68: f64, location_95: f64| {
+        let text = |points: usize, location_68: f64, location_95: f64| {
             let presses = run(RUN);
             let evaluation = Trial::of_run(&presses, None).unwrap().evaluate("pearson").unwrap();
             let coverage = Coverage {
@@ -61,14 +61,14 @@ mod tests {
             doubted_half_widths(&Evaluation { points, coverage: Some(coverage), ..evaluation })
         };
         assert_eq!(
-            told(100, 0.08, 0.95),
+            text(100, 0.08, 0.95),
             [
                 "half68_mm of pearson is too small: it contains 8 % of the 100 test errors (4 to 15 %), clearly fewer than 68 %"
             ]
         );
-        assert!(told(400, 0.95, 1.0)[0].contains("too large"), "{:?}", told(400, 0.95, 1.0));
-        assert_eq!(told(400, 0.95, 1.0).len(), 2);
-        assert!(told(10, 0.5, 0.9).is_empty(), "ten presses show little");
-        assert!(told(100_000, 0.70, 0.96).is_empty(), "small deviations aren't reported, however certain");
+        assert!(text(400, 0.95, 1.0)[0].contains("too large"), "{:?}", text(400, 0.95, 1.0));
+        assert_eq!(text(400, 0.95, 1.0).len(), 2);
+        assert!(text(10, 0.5, 0.9).is_empty(), "ten presses show little");
+        assert!(text(100_000, 0.70, 0.96).is_empty(), "small deviations aren't reported, however certain");
     }
 }

@@ -397,10 +397,10 @@ mod tests {
     #[test]
     fn a_device_without_an_end_is_refused_as_a_table_and_has_no_fingerprint() {
         let path = Path::new("/dev/zero");
-        let told = read_table(path, &Mapping::default()).unwrap_err().to_string();
-        assert_eq!(told, format!("/dev/zero, line 1: more than {MAX_ROW_BYTES} bytes in a row"));
-        let told = crate::dataset::source_fingerprint(path).unwrap_err().to_string();
-        assert_eq!(told, format!("reading /dev/zero: more than {MAX_TABLE_BYTES} bytes"));
+        let text = read_table(path, &Mapping::default()).unwrap_err().to_string();
+        assert_eq!(text, format!("/dev/zero, line 1: more than {MAX_ROW_BYTES} bytes in a row"));
+        let text = crate::dataset::source_fingerprint(path).unwrap_err().to_string();
+        assert_eq!(text, format!("reading /dev/zero: more than {MAX_TABLE_BYTES} bytes"));
     }
 
     fn plain(text: &str) -> Result<Presses, TableError> {
@@ -427,20 +427,20 @@ mod tests {
     }
 
     #[test]
-    fn a_quotation_mark_that_isnt_closed_is_told_at_its_line() {
+    fn a_quotation_mark_that_isnt_closed_is_reported_at_its_line() {
         for end in ["", "\n", "\r\n", "\n\n"] {
-            let told = refusal(&format!("x_mm,y_mm,out_1\n1,2,3\n1,\"2,3\n4,5,6{end}"));
-            assert!(told.starts_with("a.csv, line 3: a quotation mark isn't closed"), "{end:?}: {told}");
+            let text = refusal(&format!("x_mm,y_mm,out_1\n1,2,3\n1,\"2,3\n4,5,6{end}"));
+            assert!(text.starts_with("a.csv, line 3: a quotation mark isn't closed"), "{end:?}: {text}");
         }
         let closed = plain("x_mm,y_mm,out_1,note\n1,2,3,\"a\nb\n\"\n").unwrap();
         assert_eq!(closed.at(0), "a.csv, line 2");
     }
 
     #[test]
-    fn a_table_without_a_header_is_told_so() {
+    fn a_table_without_a_header_is_reported_so() {
         for text in ["-6,-6,0.5\n-6,-5,0.5\n", "1,5;2,5;3\n1;2;3\n", "0,calibration,1,2,3,\n1,calibration,1,2,3,\n"] {
-            let told = refusal(text);
-            assert!(told.contains("line 1: the table has no header") && told.contains("`header = false`"), "{told}");
+            let words = refusal(text);
+            assert!(words.contains("line 1: the table has no header") && words.contains("`header = false`"), "{words}");
         }
     }
 
@@ -556,7 +556,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_and_files_that_are_not_there_are_told_apart() {
+    fn bytes_that_are_no_text_and_files_that_are_not_there_are_distinguished() {
         let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), &Mapping::default()).unwrap_err();
         assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
         let folder = tempfile::tempdir().unwrap();

@@ -83,14 +83,14 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     let found = fingerprints(path, known.manifest.texts())?;
     match Manifest::read(&path.join(MANIFEST)) {
         Err(error) => verified.problems.push(error.to_string()),
-        Ok(told) => {
+        Ok(words) => {
             let is_text = |file: &&Fingerprint| known.manifest.texts().iter().any(|text| text.name == file.name);
-            let vouched: Vec<Fingerprint> = told.files.iter().filter(|file| !is_text(file)).cloned().collect();
+            let vouched: Vec<Fingerprint> = words.files.iter().filter(|file| !is_text(file)).cloned().collect();
             verified.compare(path, &vouched)?;
-            for file in found.iter().filter(|file| !told.files.iter().any(|other| other.name == file.name)) {
+            for file in found.iter().filter(|file| !words.files.iter().any(|other| other.name == file.name)) {
                 verified.problems.push(format!("{MANIFEST} has no SHA-256 of {}", file.name));
             }
-            if told != (Manifest { files: told.files.clone(), ..known.manifest.clone() }) {
+            if words != (Manifest { files: words.files.clone(), ..known.manifest.clone() }) {
                 verified.problems.push(format!("{MANIFEST} differs from the journal"));
             }
         }

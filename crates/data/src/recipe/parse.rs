@@ -51,9 +51,9 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         if let Some(steps) = steps.as_ref().filter(|_| !solvers.is_empty()) {
             for phase in [Phase::Calibration, Phase::Test] {
                 if !steps.iter().any(|step| step.phase == phase) {
-                    let told = format!("[evaluate] requires a step with the phase \"{}\"", phase.name());
+                    let shown = format!("[evaluate] requires a step with the phase \"{}\"", phase.name());
                     let help = "add such a step, or remove [evaluate] and evaluate the tables of two runs together";
-                    table.complain(Problem::new(table.span_of(&root::evaluate), told).help(help));
+                    table.complain(Problem::new(table.span_of(&root::evaluate), shown).help(help));
                 }
             }
         }
@@ -128,9 +128,9 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     // an invalid range has its own problem
     let inner_force = places_key.is_some_and(|key| key.name == step::random.name && has_force(table));
     if table.is_list(&step::force_n) {
-        let told = "`force_n` is an interval, expected one force in N";
+        let text = "`force_n` is an interval, expected one force in N";
         let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
-        table.complain(Problem::new(table.span_of(&step::force_n), told).help(help));
+        table.complain(Problem::new(table.span_of(&step::force_n), text).help(help));
         return None;
     }
     let force = table.number(&step::force_n).map(StepLoad::Force);
@@ -150,12 +150,12 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     if let Some(least_n) = load.as_ref().map(StepLoad::least_n)
         && manner.force_tolerance_n >= least_n
     {
-        let told = format!(
+        let text = format!(
             "the force tolerance of {} N is not smaller than the force of {least_n} N",
             manner.force_tolerance_n
         );
         let help = "the tolerance must be smaller than the force: lower `force_tolerance_n`";
-        table.complain(Problem::new(load_span.clone(), told).help(help));
+        table.complain(Problem::new(load_span.clone(), text).help(help));
     }
     Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
 }
@@ -172,8 +172,8 @@ fn places_key(table: &Table) -> Option<Key> {
             None
         }
         [first, second, ..] => {
-            let told = format!("this step gives its places twice: `{}` and `{}`", first.name, second.name);
-            table.complain(Problem::new(table.span_of(&second), told).help("split it into two steps"));
+            let text = format!("this step gives its places twice: `{}` and `{}`", first.name, second.name);
+            table.complain(Problem::new(table.span_of(&second), text).help("split it into two steps"));
             None
         }
     }
@@ -189,12 +189,12 @@ fn read_grid(step: &Table) -> Option<Places> {
         for (key, width) in [(grid::x_mm, x.width()), (grid::y_mm, y.width())] {
             let name = key.name;
             if width > 0.0 && spacing > width {
-                let told = format!("`spacing_mm` is {spacing}, more than the {width} mm of `{name}`");
-                let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
+                let text = format!("`spacing_mm` is {spacing}, more than the {width} mm of `{name}`");
+                let problem = Problem::new(table.span_of(&grid::spacing_mm), text);
                 table.complain(problem.help("use a spacing smaller than the extent"));
             } else if !divides(spacing, width) {
-                let told = format!("`spacing_mm` {spacing} doesn't divide the {width} mm of `{name}`");
-                let problem = Problem::new(table.span_of(&grid::spacing_mm), told);
+                let text = format!("`spacing_mm` {spacing} doesn't divide the {width} mm of `{name}`");
+                let problem = Problem::new(table.span_of(&grid::spacing_mm), text);
                 table.complain(match nearest_spacings(spacing, width) {
                     nearest if nearest.is_empty() => problem,
                     nearest => problem.help(format!("the nearest spacings that do: {nearest}")),
@@ -215,7 +215,7 @@ fn read_cells(step: &Table) -> Option<Places> {
 /// Largest number of spaces along a side for which other spacings are suggested. The second constant is the number of trials in
 /// each direction.
 const MOST_SPACES: f64 = 10_000.0;
-const SOUGHT: u64 = 1000;
+const SPACINGS_TRIED: u64 = 1000;
 
 /// Whether a width is an integer number of spaces, except for rounding.
 fn divides(spacing: f64, width: f64) -> bool {
@@ -229,8 +229,8 @@ fn nearest_spacings(spacing: f64, width: f64) -> String {
     let few = (width / spacing).clamp(1.0, MOST_SPACES) as u64;
     let written = |spaces: u64| (1e4 * width / spaces as f64).round() / 1e4;
     let is_exact = |spaces: &u64| written(*spaces) > 0.0 && divides(written(*spaces), width);
-    let smaller = (few + 1..=few + SOUGHT).find(is_exact);
-    let larger = (1..=few).rev().take(SOUGHT as usize).find(is_exact);
+    let smaller = (few + 1..=few + SPACINGS_TRIED).find(is_exact);
+    let larger = (1..=few).rev().take(SPACINGS_TRIED as usize).find(is_exact);
     let found: Vec<String> = smaller.into_iter().chain(larger).map(|spaces| written(spaces).to_string()).collect();
     found.join(" and ")
 }
@@ -284,8 +284,8 @@ fn read_staircase(step: &Table) -> Option<StepLoad> {
         let steps = to / step;
         let span = table.span_of(&staircase::step_n);
         if (steps - steps.round()).abs() > WHOLE * steps.max(1.0) || steps < 0.5 {
-            let told = format!("`step_n` {step} doesn't divide `to_n` {to}");
-            table.complain(Problem::new(span, told).help("levels are equal steps from 0 to `to_n`"));
+            let text = format!("`step_n` {step} doesn't divide `to_n` {to}");
+            table.complain(Problem::new(span, text).help("levels are equal steps from 0 to `to_n`"));
         } else if steps > 1000.0 {
             table.complain(Problem::new(span, format!("{steps:.0} levels, but at most 1000 are allowed")));
         }
@@ -349,7 +349,7 @@ mod tests {
     fn the_failure_twins_of_a_good_grid() {
         let good = "grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 0.5 }\nforce_n = 1.0";
         assert_eq!(step(good), [""; 0]);
-        for (from, to, told) in [
+        for (from, to, text) in [
             ("spacing_mm = 0.5", "spacing_mm = 13", "r.toml:4:63: `spacing_mm` is 13, more than the 12 mm of `x_mm`"),
             (
                 "spacing_mm = 0.5",
@@ -367,7 +367,7 @@ mod tests {
             ),
             ("force_n = 1.0", "force_mn = 1.0", "r.toml:2:1: this step has no force"),
         ] {
-            assert_eq!(step(&good.replacen(from, to, 1))[0], told);
+            assert_eq!(step(&good.replacen(from, to, 1))[0], text);
         }
     }
 
@@ -376,7 +376,7 @@ mod tests {
         let good = "grid = { x_mm = [-6, 6], y_mm = [-6, 6], spacing_mm = 0.5, order = \"interleaved\" }\n\
                     force_n = 1.0\nstrategy = \"map\"";
         assert_eq!(step(good), [""; 0]);
-        for (from, to, told) in [
+        for (from, to, text) in [
             (
                 "interleaved",
                 "interlaced",
@@ -384,7 +384,7 @@ mod tests {
             ),
             ("map", "mapped", "r.toml:6:12: `strategy` is \"mapped\", expected one of guarded, velocity, map"),
         ] {
-            assert_eq!(step(&good.replacen(from, to, 1)), [told]);
+            assert_eq!(step(&good.replacen(from, to, 1)), [text]);
         }
     }
 

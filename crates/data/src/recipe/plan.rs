@@ -91,12 +91,12 @@ impl Recipe {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
         let is_possible = presses <= PRESSES_CEILING;
         let most = if is_possible { self.presses_max } else { PRESSES_CEILING };
-        let told = format!("the plan has {presses} presses, but at most {most} are allowed");
+        let text = format!("the plan has {presses} presses, but at most {most} are allowed");
         let help = match is_possible {
             true => format!("split the recipe, or add --presses-max {presses}"),
             false => "use a coarser `spacing_mm`, or split the recipe".to_owned(),
         };
-        Problem::new(step.places_span.clone(), told).help(help)
+        Problem::new(step.places_span.clone(), text).help(help)
     }
 }
 
@@ -147,8 +147,8 @@ impl Step {
                 let place = |(unit, span): &(usize, Span)| match there.places().get(unit.wrapping_sub(1)) {
                     Some(place) => Some((*place, span.clone())),
                     None => {
-                        let told = format!("there is no unit {unit}: the rig's array has {}", there.len());
-                        problems.push(Problem::new(span.clone(), told));
+                        let text = format!("there is no unit {unit}: the rig's array has {}", there.len());
+                        problems.push(Problem::new(span.clone(), text));
                         None
                     }
                 };
@@ -225,25 +225,25 @@ fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
 fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
     let most_n = step.load.most_n();
     if most_n > limits.force_n {
-        let told = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
+        let text = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
         let help = format!(
             "use at most {} N, or raise `limits.force_n` in the rig if the specimen can take it",
             limits.force_n
         );
-        problems.push(Problem::new(step.load_span.clone(), told).help(help));
+        problems.push(Problem::new(step.load_span.clone(), text).help(help));
     }
 }
 
 fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Problem>) {
     // one problem a stretch of text: a grid that is off isn't reported 625 times
-    let mut told: Option<Span> = None;
+    let mut text: Option<Span> = None;
     for (place, span) in places {
         let position = ground.frame.to_stage(*place, 0.0);
         let Some(axis) = [Axis::X, Axis::Y].into_iter().find(|&a| !ground.travel.along(a).contains(position.along(a)))
         else {
             continue;
         };
-        if told.as_ref() == Some(span) {
+        if text.as_ref() == Some(span) {
             continue;
         }
         if problems.len() > PROBLEMS_MAX {
@@ -261,6 +261,6 @@ fn check_travel(places: &[(Place, Span)], ground: &Ground, problems: &mut Vec<Pr
         };
         let message = format!("{where_}: {name} goes from {} to {} mm", travel.min, travel.max);
         problems.push(Problem::new(span.clone(), message).help("keep places within `stage.travel_mm` of the rig"));
-        told = Some(span.clone());
+        text = Some(span.clone());
     }
 }

@@ -192,7 +192,7 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
         )
     };
     let allowed = |count, presses_max| plan_with(&random(count), 1, |recipe| recipe.with_presses_max(presses_max));
-    let told = |count, presses_max| {
+    let text = |count, presses_max| {
         let problems = allowed(count, presses_max).unwrap_err();
         problems.into_reports().map(|report| (report.to_string(), report.help().unwrap().to_string())).next().unwrap()
     };
@@ -204,15 +204,15 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
     // the hint names what makes it pass
     let help = "split the recipe, or add --presses-max 100001";
     assert_eq!(
-        told(PRESSES_MAX, PRESSES_MAX),
+        text(PRESSES_MAX, PRESSES_MAX),
         ("the plan has 100001 presses, but at most 100000 are allowed".into(), help.into())
     );
     assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
-    assert_eq!(told(9, 9).1, "split the recipe, or add --presses-max 10");
+    assert_eq!(text(9, 9).1, "split the recipe, or add --presses-max 10");
     // and nothing what is over the ceiling
     let help = "use a coarser `spacing_mm`, or split the recipe";
     for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
         let over = "the plan has 10000001 presses, but at most 10000000 are allowed".to_owned();
-        assert_eq!(told(PRESSES_CEILING, presses_max), (over, help.into()));
+        assert_eq!(text(PRESSES_CEILING, presses_max), (over, help.into()));
     }
 }

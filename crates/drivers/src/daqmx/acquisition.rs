@@ -109,8 +109,8 @@ impl Acquisition {
                 return Ok(());
             }
             if asked.elapsed() > period + SCAN_DEADLINE {
-                let told = format!("no scan arrived within {} ms", asked.elapsed().as_millis());
-                return Err(self.error(doing, DeviceProblem::Link(told)));
+                let text = format!("no scan arrived within {} ms", asked.elapsed().as_millis());
+                return Err(self.error(doing, DeviceProblem::Link(text)));
             }
             sleep(period).await;
         }
@@ -145,10 +145,10 @@ impl Acquisition {
             check(ni, status).map(|()| (buffer, read))
         });
         let (buffer, read) = match fetched.await {
-            Ok(Err(told)) => {
+            Ok(Err(text)) => {
                 // overrun, unplugged, reset: the task is of no use any more
                 self.drop_task();
-                return Err(self.error(doing, DeviceProblem::Refused(told)));
+                return Err(self.error(doing, DeviceProblem::Refused(text)));
             }
             fetched => self.said(doing, fetched)?,
         };
@@ -193,7 +193,7 @@ impl Acquisition {
     fn said<T>(&self, doing: &str, result: Result<Result<T, String>, HeldUp>) -> Result<T, DeviceError> {
         match result {
             Ok(Ok(value)) => Ok(value),
-            Ok(Err(told)) => Err(self.error(doing, DeviceProblem::Refused(told))),
+            Ok(Err(text)) => Err(self.error(doing, DeviceProblem::Refused(text))),
             Err(held_up) => Err(self.error(doing, DeviceProblem::Link(held_up.to_string()))),
         }
     }
@@ -229,9 +229,9 @@ fn check(ni: &dyn NiDaqmx, status: i32) -> Result<(), String> {
     if status >= 0 {
         return Ok(());
     }
-    let told = ni.extended_error_info();
-    let told = if told.is_empty() { ni.error_string(status) } else { told };
-    Err(format!("error {status}: {told}"))
+    let text = ni.extended_error_info();
+    let text = if text.is_empty() { ni.error_string(status) } else { text };
+    Err(format!("error {status}: {text}"))
 }
 
 impl Terminal {

@@ -47,7 +47,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on_where_the_rig_says
         (b"TB?\r", b"0, 12, NO ERROR DETECTED\r\n"),
     ]);
     let usage = StageUse { homed: true, ..usage() };
-    let identity = made_ready(&mut stage, &usage, &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage, &MotionOrders::default()).await.unwrap();
     assert!(identity.identity.starts_with("ESP301 Version 1.1.1"), "{}", identity.identity);
     assert!(identity.warnings.is_empty());
     drop(stage);
@@ -64,7 +64,7 @@ async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_m
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"0.0000\r\n"),
     ]);
-    let error = stage.home_z(&usage(), &Reins::default()).await.unwrap_err().to_string();
+    let error = stage.home_z(&usage(), &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(
         error.contains("z reads 0.0000 mm at the limit where it homed, instead of the 12.5 mm that were set (3SH)"),
         "{error}"
@@ -84,13 +84,13 @@ async fn a_search_for_home_can_be_stopped_and_nothing_else_moves() {
         (b"TB?\r", b"320, 11, AXIS-3 HOMING ABORTED\r\n"),
         (b"TB?\r", b"0, 11, NO ERROR DETECTED\r\n"),
     ]);
-    let reins = Reins::default();
+    let orders = MotionOrders::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;
-        reins.stop();
+        orders.stop();
     };
     let usage = usage();
-    let (homed, ()) = tokio::join!(stage.home_z(&usage, &reins), ask_for_it);
+    let (homed, ()) = tokio::join!(stage.home_z(&usage, &orders), ask_for_it);
     assert!(homed.unwrap_err().to_string().contains("AXIS-3 HOMING ABORTED"));
     drop(stage);
     device.await.unwrap();
@@ -104,10 +104,10 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
         (b"1MD?;2MD?;1TP;2TP;TB?\r", b"1\r\n1\r\n-1.5000\r\n0.2500\r\n0, 11, NO ERROR DETECTED\r\n"),
         (b"3TP\r", b"-10.2370\r\n"),
     ]);
-    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0, &Reins::default()).await.unwrap();
-    let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &Reins::default()).await.unwrap();
+    stage.begin(&[(Axis::X, -1.5), (Axis::Y, 0.25)], 10.0, &MotionOrders::default()).await.unwrap();
+    let arrived = stage.follow(&[Axis::X, Axis::Y], Duration::from_millis(50), &MotionOrders::default()).await.unwrap();
     assert_eq!(arrived, [-1.5, 0.25]);
-    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -10.237);
+    assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -10.237);
     drop(stage);
     device.await.unwrap();
 }
@@ -116,13 +116,13 @@ async fn a_move_is_one_line_and_its_end_is_asked_for() {
 async fn a_stop_is_sent_while_an_answer_is_awaited() {
     let (mut stage, device) =
         stage(&[(b"3MD?;3TP;TB?\r", b""), (b"ST\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n")]);
-    let reins = Reins::default();
+    let orders = MotionOrders::default();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await;
-        reins.stop();
+        orders.stop();
     };
     let axes = [Axis::Z];
-    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_millis(10), &reins), ask_for_it);
+    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_millis(10), &orders), ask_for_it);
     followed.unwrap();
     drop(stage);
     device.await.unwrap();
@@ -136,17 +136,17 @@ async fn a_speed_under_way_is_sent_at_once_and_a_stop_after_it() {
         (b"ST\r", b""),
         (b"3MD?;3TP;TB?\r", b"1\r\n-0.2000\r\n0, 11, NO ERROR DETECTED\r\n"),
     ]);
-    let reins = Reins::default();
+    let orders = MotionOrders::default();
     let ask_for_it = async {
         for mm_s in [2.0, 0.5] {
             sleep(Duration::from_millis(30)).await;
-            reins.speed(mm_s);
+            orders.speed(mm_s);
         }
         sleep(Duration::from_millis(30)).await;
-        reins.stop();
+        orders.stop();
     };
     let axes = [Axis::Z];
-    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_secs(10), &reins), ask_for_it);
+    let (followed, ()) = tokio::join!(stage.follow(&axes, Duration::from_secs(10), &orders), ask_for_it);
     assert_eq!(followed.unwrap(), [-0.2]);
     drop(stage);
     device.await.unwrap();
@@ -159,7 +159,7 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
         (b"VE?\r", b"-1.0\r\nESP301 Version 1.1.1 16/01/14\r\n"),
         (b"3TP\r", b"2.5000\r\n"),
     ]);
-    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), 2.5);
+    assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), 2.5);
     drop(stage);
     device.await.unwrap();
 }
@@ -175,10 +175,10 @@ async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
         (b"3TP\r", b"92.5000\r\n"),
     ]);
     stage.usage = Some(usage());
-    assert_eq!(stage.position_mm(Axis::Z, &Reins::default()).await.unwrap(), -2.5);
+    assert_eq!(stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap(), -2.5);
     assert!(
         stage
-            .position_mm(Axis::Z, &Reins::default())
+            .position_mm(Axis::Z, &MotionOrders::default())
             .await
             .unwrap_err()
             .to_string()
@@ -191,7 +191,7 @@ async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
 #[tokio::test(start_paused = true)]
 async fn a_silent_controller_is_an_error_that_says_what_was_asked() {
     let (mut stage, _device) = stage(&[(b"3TP\r", b"")]);
-    let error = stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err();
+    let error = stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap_err();
     assert_eq!(
         error.to_string(),
         "stage (ESP301 at script): while reading a position: no answer to \"3TP\" within 6000 ms"
@@ -206,7 +206,7 @@ fn old_firmware_is_warned_of() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_controller_complained_of_is_told_before_it_moves_again_unless_it_was_stopped() {
+async fn what_the_controller_complained_of_is_reported_before_it_moves_again_unless_it_was_stopped() {
     let limit = "106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED";
     let (mut stage, device) = stage(&[
         (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),
@@ -214,13 +214,13 @@ async fn what_the_controller_complained_of_is_told_before_it_moves_again_unless_
         (b"ST\r", b""),
         (b"1VA1.00000;1PA0.00000;1MD?\r", b"0\r\n"),
     ]);
-    let reins = Reins::default();
-    stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
-    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0, &Reins::default()).await.unwrap_err().to_string();
+    let orders = MotionOrders::default();
+    stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
+    let refused = stage.begin(&[(Axis::X, 0.0)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
     assert!(refused.contains(&limit.replacen("106, 7", "error 106", 1)), "{refused}");
-    stage.follow(&[Axis::X], Duration::ZERO, &reins).await.unwrap();
+    stage.follow(&[Axis::X], Duration::ZERO, &orders).await.unwrap();
     stage.stop().await.unwrap();
-    stage.begin(&[(Axis::X, 0.0)], 1.0, &Reins::default()).await.unwrap(); // to park
+    stage.begin(&[(Axis::X, 0.0)], 1.0, &MotionOrders::default()).await.unwrap(); // to park
     drop(stage);
     device.await.unwrap();
 }
@@ -234,14 +234,14 @@ async fn a_stop_that_overtakes_the_motion_it_is_for_is_sent_again_behind_it() {
         (b"3VA1.00000;3PA1.00000;3MD?\r", b"0\r\n"),
         (b"ST\r", b""),
     ]);
-    let reins = Reins::default();
-    stage.position_mm(Axis::Z, &reins).await.unwrap();
+    let orders = MotionOrders::default();
+    stage.position_mm(Axis::Z, &orders).await.unwrap();
     let ask_for_it = async {
         sleep(Duration::from_millis(30)).await; // while the line is brought back into step
-        reins.stop();
+        orders.stop();
     };
     let targets = [(Axis::Z, 1.0)];
-    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.0, &reins), ask_for_it);
+    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.0, &orders), ask_for_it);
     begun.unwrap();
     drop(stage);
     device.await.unwrap();

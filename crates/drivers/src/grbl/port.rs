@@ -1,7 +1,7 @@
 //! Serial line: sends lines and receives reports.
 
 use super::report::{GrblReport, GrblStatus, alarm_name, error_name, parse_report};
-use palpate_link::device::{DeviceError, DeviceProblem, Reins};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use std::collections::BTreeMap;
@@ -103,26 +103,26 @@ impl GrblPort {
         doing: &str,
         line: &str,
         deadline: Duration,
-        reins: Option<(&Reins, &'static [u8])>,
+        orders: Option<(&MotionOrders, &'static [u8])>,
     ) -> Result<(), DeviceError> {
-        self.bring_back_in_step(doing, reins).await?;
+        self.bring_back_in_step(doing, orders).await?;
         self.out_of_step = true;
         self.send(doing, format!("{line}\n").as_bytes()).await?;
         let until = Instant::now() + deadline;
         for _ in 0..LINES_MAX {
-            match self.next(doing, until, reins).await? {
+            match self.next(doing, until, orders).await? {
                 Some(GrblReport::Ok) => {
                     self.out_of_step = false;
                     return Ok(());
                 }
                 Some(GrblReport::Refused(code)) => {
                     self.out_of_step = false;
-                    let told = format!("error {code} ({}) to {line}", error_name(code));
-                    return Err(self.error(doing, DeviceProblem::Refused(told)));
+                    let text = format!("error {code} ({}) to {line}", error_name(code));
+                    return Err(self.error(doing, DeviceProblem::Refused(text)));
                 }
                 Some(GrblReport::Alarm(code)) => {
-                    let told = format!("alarm {code} ({}) at {line}", alarm_name(code));
-                    return Err(self.error(doing, DeviceProblem::Refused(told)));
+                    let text = format!("alarm {code} ({}) at {line}", alarm_name(code));
+                    return Err(self.error(doing, DeviceProblem::Refused(text)));
                 }
                 Some(report) => self.keep(report),
                 None => break,
@@ -135,18 +135,18 @@ impl GrblPort {
     pub(super) async fn status(
         &mut self,
         doing: &str,
-        reins: (&Reins, &'static [u8]),
+        orders: (&MotionOrders, &'static [u8]),
     ) -> Result<GrblStatus, DeviceError> {
         self.wake(doing).await?;
         for _ in 0..QUESTION_TRIES {
             // what came unasked may be an old status
             if self.lines.something_came().await {
-                self.drain(doing, Some(reins)).await?;
+                self.drain(doing, Some(orders)).await?;
             }
             self.send(doing, STATUS).await?;
             let until = Instant::now() + ANSWER_DEADLINE;
             for _ in 0..LINES_MAX {
-                match self.next(doing, until, Some(reins)).await? {
+                match self.next(doing, until, Some(orders)).await? {
                     Some(GrblReport::Status(status)) => return Ok(status),
                     Some(report) => self.keep(report),
                     None => break,
@@ -171,17 +171,17 @@ impl GrblPort {
         &mut self,
         doing: &str,
         until: Instant,
-        reins: Option<(&Reins, &'static [u8])>,
+        orders: Option<(&MotionOrders, &'static [u8])>,
     ) -> Result<Option<GrblReport>, DeviceError> {
         for _ in 0..LINES_MAX {
-            let line = match reins {
+            let line = match orders {
                 None => self.lines.next_by(until).await,
-                Some((reins, stop)) => {
+                Some((orders, stop)) => {
                     tokio::select! {
                         biased;
-                        () = reins.pulled().notified() => {
+                        () = orders.pulled().notified() => {
                             // another speed is for whoever follows the motion
-                            if reins.stopped() && reins.take().is_some() {
+                            if orders.stopped() && orders.take().is_some() {
                                 self.send(doing, stop).await?;
                             }
                             continue;
@@ -215,9 +215,9 @@ impl GrblPort {
         }
     }
 
-    fn complain(&mut self, told: String) {
+    fn complain(&mut self, text: String) {
         if self.complaints.len() < COMPLAINTS_MAX {
-            self.complaints.push(told);
+            self.complaints.push(text);
         }
     }
 
@@ -225,19 +225,19 @@ impl GrblPort {
     pub(super) async fn bring_back_in_step(
         &mut self,
         doing: &str,
-        reins: Option<(&Reins, &'static [u8])>,
+        orders: Option<(&MotionOrders, &'static [u8])>,
     ) -> Result<(), DeviceError> {
         self.wake(doing).await?;
         if self.out_of_step || self.lines.something_came().await {
-            self.drain(doing, reins).await?;
+            self.drain(doing, orders).await?;
             self.out_of_step = false;
         }
         Ok(())
     }
 
-    async fn drain(&mut self, doing: &str, reins: Option<(&Reins, &'static [u8])>) -> Result<(), DeviceError> {
+    async fn drain(&mut self, doing: &str, orders: Option<(&MotionOrders, &'static [u8])>) -> Result<(), DeviceError> {
         for _ in 0..LINES_MAX {
-            match self.next(doing, Instant::now() + QUIET, reins).await? {
+            match self.next(doing, Instant::now() + QUIET, orders).await? {
                 Some(report) => self.keep(report),
                 None => break,
             }

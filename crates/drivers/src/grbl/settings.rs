@@ -181,8 +181,8 @@ impl ReportedSettings {
         let mut home_mm = [0.0; 3];
         for axis in Axis::ALL {
             let counts = self.counts(build, axis)?;
-            if let Some(told) = counts.misfit(usage) {
-                return Err(told);
+            if let Some(text) = counts.misfit(usage) {
+                return Err(text);
             }
             home_mm[axis.index()] = counts.home_mm;
         }

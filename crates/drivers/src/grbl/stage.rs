@@ -6,7 +6,7 @@ use super::report::{GrblState, GrblStatus};
 use super::settings::{FLUIDNC_IDLE, FLUIDNC_INCHES, ReportedSettings};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -41,15 +41,15 @@ impl Grbl {
     }
 
     /// Returns the controller's state and the positions of the axes in machine coordinates. Impossible positions are refused.
-    async fn status(&mut self, doing: &str, reins: &Reins) -> Result<GrblStatus, DeviceError> {
-        let status = self.port.status(doing, (reins, JOG_CANCEL)).await?;
+    async fn status(&mut self, doing: &str, orders: &MotionOrders) -> Result<GrblStatus, DeviceError> {
+        let status = self.port.status(doing, (orders, JOG_CANCEL)).await?;
         if self.port.restarted {
-            let told = "it restarted and lost its position".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+            let text = "it restarted and lost its position".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
         }
         if !status.is_machine {
-            let told = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Mismatch(told)));
+            let text = "it reports work positions (WPos); set $10=1 for machine positions".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(text)));
         }
         if let Some(usage) = &self.usage {
             for axis in Axis::ALL {
@@ -72,9 +72,9 @@ impl Grbl {
         // opening the port resets many boards: a welcome before this counts for nothing
         self.port.restarted = false;
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
-            let told = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
+            let words = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
                         are, and can't stop a motion immediately. GRBL 1.1 runs on most of the same boards";
-            return Err(self.port.error(doing, DeviceProblem::Mismatch(told.to_owned())));
+            return Err(self.port.error(doing, DeviceProblem::Mismatch(words.to_owned())));
         }
         asked?;
         Build::read(&said).ok_or_else(|| {
@@ -100,7 +100,7 @@ impl Grbl {
         let settings =
             ReportedSettings::new(std::mem::take(&mut self.port.settings), &std::mem::take(&mut self.port.texts));
         let checked = settings.check(build, usage);
-        let checked = checked.map_err(|told| self.port.error(doing, DeviceProblem::Mismatch(told)))?;
+        let checked = checked.map_err(|text| self.port.error(doing, DeviceProblem::Mismatch(text)))?;
         self.home_mm = checked.home_mm;
         Ok(checked.warnings)
     }
@@ -108,7 +108,7 @@ impl Grbl {
     /// Homes all axes: z first and away from the bed, then x and y (GRBL's default cycle). The axes are homed each time, because
     /// GRBL can't be asked whether it is homed. A frame that a person unlocked is idle too, but its position is as unknown as
     /// that of a locked frame.
-    async fn search(&mut self, reins: &Reins) -> Result<(), DeviceError> {
+    async fn search(&mut self, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "homing";
         match self.until_still(doing).await? {
             GrblState::Idle | GrblState::Alarm => {}
@@ -117,11 +117,11 @@ impl Grbl {
             }
         }
         // a reset ends a search for home; it says so with a welcome
-        self.port.line(doing, "$H", HOME_DEADLINE, Some((reins, SOFT_RESET))).await?;
-        if reins.stopped() {
+        self.port.line(doing, "$H", HOME_DEADLINE, Some((orders, SOFT_RESET))).await?;
+        if orders.stopped() {
             return Err(self.port.error(doing, DeviceProblem::Motion("it was stopped".to_owned())));
         }
-        match self.status(doing, &Reins::default()).await?.state {
+        match self.status(doing, &MotionOrders::default()).await?.state {
             GrblState::Idle => Ok(()),
             state => {
                 Err(self.port.error(doing, DeviceProblem::Motion(format!("it is in the state {state:?} afterwards"))))
@@ -133,7 +133,7 @@ impl Grbl {
     async fn check_home(&mut self) -> Result<(), DeviceError> {
         let Some(home_mm) = self.home_mm else { return Ok(()) };
         let doing = "checking its position after homing";
-        let counts_mm = self.status(doing, &Reins::default()).await?.position_mm;
+        let counts_mm = self.status(doing, &MotionOrders::default()).await?.position_mm;
         match Axis::ALL
             .into_iter()
             .find(|axis| (counts_mm[axis.index()] - home_mm[axis.index()]).abs() > HOME_OFF_MOST_MM)
@@ -141,11 +141,11 @@ impl Grbl {
             None => Ok(()),
             Some(axis) => {
                 let (name, is_mm, should_mm) = (axis.name(), counts_mm[axis.index()], home_mm[axis.index()]);
-                let told = format!(
+                let text = format!(
                     "{name} counts {is_mm:.3} mm after homing, and by its settings should count {should_mm:.3} mm: it \
                      isn't a build of GRBL that palpate knows"
                 );
-                Err(self.port.error(doing, DeviceProblem::Mismatch(told)))
+                Err(self.port.error(doing, DeviceProblem::Mismatch(text)))
             }
         }
     }
@@ -163,7 +163,7 @@ impl Grbl {
     async fn until_still(&mut self, doing: &str) -> Result<GrblState, DeviceError> {
         let until = Instant::now() + MOTION_MARGIN;
         loop {
-            let state = self.status(doing, &Reins::default()).await?.state;
+            let state = self.status(doing, &MotionOrders::default()).await?.state;
             if !matches!(state, GrblState::Jog | GrblState::Run | GrblState::Home) {
                 return Ok(state);
             }
@@ -177,17 +177,17 @@ impl Grbl {
     /// Stops a motion that doesn't end.
     async fn late(&mut self, doing: &str) -> Result<DeviceError, DeviceError> {
         self.port.send(doing, JOG_CANCEL).await?;
-        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-        Ok(self.port.error(doing, DeviceProblem::Motion(told)))
+        let text = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+        Ok(self.port.error(doing, DeviceProblem::Motion(text)))
     }
 
     /// Continues toward the same targets at another speed, with a new jog. A jog keeps its initial speed.
-    async fn change_speed(&mut self, mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    async fn change_speed(&mut self, mm_s: f64, orders: &MotionOrders) -> Result<(), DeviceError> {
         let doing = "changing a speed";
         self.port.send(doing, JOG_CANCEL).await?;
         self.until_still(doing).await?;
         let targets = self.targets.clone();
-        self.begin(&targets, mm_s, reins).await
+        self.begin(&targets, mm_s, orders).await
     }
 
     /// Feed along the path at which the fastest axis moves at `speed_mm_s`, mm/min.
@@ -196,11 +196,11 @@ impl Grbl {
         doing: &str,
         targets: &[(Axis, f64)],
         speed_mm_s: f64,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<f64, DeviceError> {
         let mut stretch = 1.0;
         if targets.len() > 1 {
-            let from_mm = self.status(doing, reins).await?.position_mm;
+            let from_mm = self.status(doing, orders).await?.position_mm;
             let ways = targets.iter().map(|(axis, mm)| mm - from_mm[axis.index()]);
             let (whole, longest) =
                 ways.fold((0.0f64, 0.0f64), |(whole, longest), way| (whole.hypot(way), longest.max(way.abs())));
@@ -221,93 +221,103 @@ impl Stage for Grbl {
         Ok(Identity { role: "stage".to_owned(), identity: build.to_string(), link: self.link.clone(), warnings })
     }
 
-    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         let doing = "moving z a little";
         if self.until_still(doing).await? == GrblState::Alarm {
             self.port.line(doing, "$X", ANSWER_DEADLINE, None).await?;
         }
         let line = format!("$J=G91 G21 Z{:.4} F{:.3}", usage.away * way_mm, usage.home_speed_mm_s * 60.0);
-        match self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await {
+        match self.port.line(doing, &line, ANSWER_DEADLINE, Some((orders, JOG_CANCEL))).await {
             Ok(()) => {}
             // where it counts itself at the end of its travel
             Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => return Ok(false),
             Err(error) => return Err(error),
         }
-        if reins.stopped() {
+        if orders.stopped() {
             self.port.send(doing, JOG_CANCEL).await?;
         }
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
         Ok(true)
     }
 
-    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         if usage.by_hand {
             self.unlocked().await?;
         } else {
-            self.search(reins).await?;
+            self.search(orders).await?;
             self.check_home().await?;
         }
         self.usage = Some(usage.clone());
-        self.status("reading its position", &Reins::default()).await?;
+        self.status("reading its position", &MotionOrders::default()).await?;
         self.port.complaints.clear();
         Ok(())
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         // GRBL's soft limits end where the frame does, not where the specimen does
         for (axis, target_mm) in targets {
             if self.usage.as_ref().is_none_or(|usage| !usage.travel.along(*axis).contains(*target_mm)) {
-                let told = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
-                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+                let text = format!("{} at {target_mm} mm is outside the rig's travel", axis.name());
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }
         }
-        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, reins).await?;
+        let feed_mm_min = self.feed_mm_min(doing, targets, speed_mm_s, orders).await?;
         let words = |(axis, mm): &(Axis, f64)| format!("{}{mm:.4}", axis.name().to_uppercase());
         let places = targets.iter().map(words).collect::<Vec<_>>().join(" ");
         self.targets = targets.to_vec();
         let line = format!("$J=G90 G21 G53 {places} F{feed_mm_min:.3}");
-        self.port.bring_back_in_step(doing, Some((reins, JOG_CANCEL))).await?; // before the question below: it takes its time
-        if reins.stopped() {
+        self.port.bring_back_in_step(doing, Some((orders, JOG_CANCEL))).await?; // before the question below: it takes its time
+        if orders.stopped() {
             return Ok(());
         }
-        self.port.line(doing, &line, ANSWER_DEADLINE, Some((reins, JOG_CANCEL))).await?;
+        self.port.line(doing, &line, ANSWER_DEADLINE, Some((orders, JOG_CANCEL))).await?;
         // GRBL ignores a cancel that comes before the jog is under way; with its `ok` it is
-        if reins.stopped() {
+        if orders.stopped() {
             self.port.send(doing, JOG_CANCEL).await?;
         }
         Ok(())
     }
 
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+    async fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        orders: &MotionOrders,
+    ) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
         let began = Instant::now();
         let mut look = began + expected + if expected.is_zero() { Duration::ZERO } else { FIRST_LOOK };
         loop {
-            match reins.take() {
+            match orders.take() {
                 Some(MotionOrder::Stop) => {
                     self.port.send(doing, JOG_CANCEL).await?;
                     look = Instant::now();
                 }
                 Some(MotionOrder::Speed(mm_s)) => {
-                    self.change_speed(mm_s, reins).await?;
+                    self.change_speed(mm_s, orders).await?;
                     look = Instant::now() + STATUS_EVERY;
                 }
                 None => {}
             }
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => continue,
+                () = orders.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let GrblStatus { state, position_mm, .. } = self.status(doing, reins).await?;
+            let GrblStatus { state, position_mm, .. } = self.status(doing, orders).await?;
             match state {
                 GrblState::Jog | GrblState::Run | GrblState::Home => {}
                 GrblState::Idle => return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect()),
                 GrblState::Alarm | GrblState::Other => {
                     let why = self.port.complaints.join("; ");
-                    let told = format!("it stopped in the state {state:?}; {why}");
-                    return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+                    let text = format!("it stopped in the state {state:?}; {why}");
+                    return Err(self.port.error(doing, DeviceProblem::Motion(text)));
                 }
             }
             if began.elapsed() > expected + MOTION_MARGIN {
@@ -317,8 +327,8 @@ impl Stage for Grbl {
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        Ok(self.status("reading a position", reins).await?.position_mm[axis.index()])
+    async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", orders).await?.position_mm[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

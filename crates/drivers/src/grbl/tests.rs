@@ -5,7 +5,7 @@ use super::settings::ReportedSettings;
 use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
 use palpate_core::quantity::{Axis, Range, Travel};
-use palpate_link::device::{Reins, Stage, StageUse};
+use palpate_link::device::{MotionOrders, Stage, StageUse};
 use std::time::Duration;
 use tokio::task::JoinHandle;
 
@@ -46,7 +46,7 @@ async fn a_locked_frame_is_identified_checked_and_homed() {
         (b"?", b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"),
         (b"?", b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n"),
     ]);
-    let identity = made_ready(&mut stage, &usage_of(-25.0, -1.0), &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage_of(-25.0, -1.0), &MotionOrders::default()).await.unwrap();
     assert_eq!((identity.identity.as_str(), identity.warnings.len()), ("GRBL 1.1h.20190825", 0));
     drop(stage);
     device.await.unwrap();
@@ -63,8 +63,8 @@ async fn a_frame_that_homes_elsewhere_than_its_settings_say_is_refused() {
         (b"?", b"<Idle|MPos:12.000,12.000,12.000|FS:0,0>\r\n"),
         (b"?", b"<Idle|MPos:12.000,12.000,12.000|FS:0,0>\r\n"),
     ]);
-    let told = made_ready(&mut stage, &usage_of(-25.0, -1.0), &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("x counts 12.000 mm after homing, and by its settings should count -1.000 mm"), "{told}");
+    let text = made_ready(&mut stage, &usage_of(-25.0, -1.0), &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("x counts 12.000 mm after homing, and by its settings should count -1.000 mm"), "{text}");
     drop(stage);
     device.await.unwrap();
 }
@@ -82,7 +82,7 @@ async fn a_frame_without_switches_is_taken_as_it_counts() {
     ]));
     let (mut stage, device) = stage_at(script);
     let usage = StageUse { by_hand: true, ..usage_of(-40.0, 40.0) };
-    let identity = made_ready(&mut stage, &usage, &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage, &MotionOrders::default()).await.unwrap();
     assert!(identity.warnings[0].contains("only this program's limits stop it"), "{:?}", identity.warnings);
     drop(stage);
     device.await.unwrap();
@@ -91,8 +91,8 @@ async fn a_frame_without_switches_is_taken_as_it_counts() {
 #[tokio::test(start_paused = true)]
 async fn marlin_is_refused_with_the_reason() {
     let (mut stage, device) = stage(&[(b"\x85", b""), (b"$I\n", b"echo:Unknown command: \"$I\"\r\nok\r\n")]);
-    let told = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("this is Marlin, which can't control a force: it reports where a motion will end"), "{told}");
+    let text = made_ready(&mut stage, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("this is Marlin, which can't control a force: it reports where a motion will end"), "{text}");
     drop(stage);
     device.await.unwrap();
 }
@@ -103,7 +103,7 @@ fn stock() -> Build {
 
 #[tokio::test(start_paused = true)]
 async fn settings_that_would_be_unsafe_are_refused() {
-    for (from, to, told) in [
+    for (from, to, text) in [
         ("$1=255", "$1=25", "its motors are off 25 ms after each motion, and the axes can slip; send $1=255"),
         ("$1=255\r\n", "", "it doesn't report the idle delay of its motors ($1)"),
         ("$13=0", "$13=1", "it reports inches; send $13=0"),
@@ -128,7 +128,7 @@ async fn settings_that_would_be_unsafe_are_refused() {
         let script: Script = Box::leak(Box::new([(b"$$\n".as_slice(), &*Box::leak(settings.into_boxed_slice()))]));
         let (mut stage, device) = stage(script);
         let error = stage.check_settings(&stock(), &usage_of(-25.0, -1.0)).await.unwrap_err().to_string();
-        assert!(error.contains(told), "{error}");
+        assert!(error.contains(text), "{error}");
         drop(stage);
         device.await.unwrap();
     }
@@ -182,8 +182,8 @@ async fn a_jog_is_absolute_in_machine_coordinates_and_its_end_is_asked_for() {
         (b"?", b"<Idle|MPos:0.000,0.000,-1.250|FS:0,0>\r\n"),
     ]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
-    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(850), &Reins::default()).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(850), &MotionOrders::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     drop(stage);
     device.await.unwrap();
@@ -196,7 +196,7 @@ async fn two_axes_go_at_the_speed_of_the_faster_one() {
         (b"$J=G90 G21 G53 X3.0000 Y5.0000 F750.000\n", b"ok\r\n"),
     ]);
     stage.usage = Some(usage());
-    stage.begin(&[(Axis::X, 3.0), (Axis::Y, 5.0)], 10.0, &Reins::default()).await.unwrap();
+    stage.begin(&[(Axis::X, 3.0), (Axis::Y, 5.0)], 10.0, &MotionOrders::default()).await.unwrap();
     drop(stage);
     device.await.unwrap();
 }
@@ -204,33 +204,33 @@ async fn two_axes_go_at_the_speed_of_the_faster_one() {
 #[tokio::test(start_paused = true)]
 async fn a_stop_is_one_byte_at_once() {
     let (mut stage, device) = stage_at(&[(b"\x85", b""), (b"?", b"<Idle|MPos:0.000,0.000,-0.400|FS:0,0>\r\n")]);
-    let reins = Reins::default();
-    reins.stop();
-    let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(5), &reins).await.unwrap();
+    let orders = MotionOrders::default();
+    orders.stop();
+    let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(5), &orders).await.unwrap();
     assert_eq!(places_mm, [-0.4]);
     drop(stage);
     device.await.unwrap();
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
+async fn a_refused_jog_an_alarm_and_a_restart_are_reported() {
     let (mut refused, device) = stage(&[(b"$J=G90 G21 G53 Z1.0000 F60.000\n", b"error:15\r\n")]);
     refused.usage = Some(usage());
-    let told = refused.begin(&[(Axis::Z, 1.0)], 1.0, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("error 15 (the jog exceeds the travel)"), "{told}");
+    let text = refused.begin(&[(Axis::Z, 1.0)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("error 15 (the jog exceeds the travel)"), "{text}");
     drop(refused);
     device.await.unwrap();
 
     let (mut alarmed, device) = stage(&[(b"?", b"ALARM:1\r\n<Alarm|MPos:0.000,0.000,-0.400|FS:0,0>\r\n")]);
-    let told = alarmed.follow(&[Axis::Z], Duration::ZERO, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("Alarm") && told.contains("a limit switch was hit; its position is lost"), "{told}");
+    let text = alarmed.follow(&[Axis::Z], Duration::ZERO, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("Alarm") && text.contains("a limit switch was hit; its position is lost"), "{text}");
     drop(alarmed);
     device.await.unwrap();
 
     let (mut restarted, device) =
         stage(&[(b"?", b"Grbl 1.1h ['$' for help]\r\n<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n")]);
-    let told = restarted.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("it restarted and lost its position"), "{told}");
+    let text = restarted.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("it restarted and lost its position"), "{text}");
     drop(restarted);
     device.await.unwrap();
 }
@@ -239,8 +239,8 @@ async fn a_refused_jog_an_alarm_and_a_restart_are_told() {
 async fn a_target_outside_the_travel_is_never_sent() {
     let (mut stage, device) = stage(&[]);
     stage.usage = Some(usage());
-    let told = stage.begin(&[(Axis::Z, 12.6)], 1.0, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("z at 12.6 mm is outside the rig's travel"), "{told}");
+    let text = stage.begin(&[(Axis::Z, 12.6)], 1.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("z at 12.6 mm is outside the rig's travel"), "{text}");
     drop(stage);
     device.abort();
 }
@@ -250,13 +250,13 @@ async fn a_cancel_that_comes_before_the_jog_is_under_way_is_sent_again_behind_it
     let (mut stage, device) =
         stage(&[(b"$J=G90 G21 G53 Z-1.2500 F90.000\n", b""), (b"\x85", b"ok\r\n"), (b"\x85", b"")]);
     stage.usage = Some(usage());
-    let reins = Reins::default();
+    let orders = MotionOrders::default();
     let ask_for_it = async {
         palpate_link::time::sleep(Duration::from_millis(2730)).await;
-        reins.stop();
+        orders.stop();
     };
     let targets = [(Axis::Z, -1.25)];
-    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.5, &reins), ask_for_it);
+    let (begun, ()) = tokio::join!(stage.begin(&targets, 1.5, &orders), ask_for_it);
     begun.unwrap();
     drop(stage);
     device.await.unwrap();

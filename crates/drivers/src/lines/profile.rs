@@ -147,8 +147,8 @@ impl LineProfile {
         let counter = self.counter.iter().map(|&column| (column, &root::counter));
         let missing = force.chain(outputs).chain(time).chain(counter).find(|(column, _)| *column >= most);
         if let Some((column, key)) = missing {
-            let told = format!("[{}] names column {}, but a reading has {most} numbers", key.name, column + 1);
-            table.complain(Problem::new(table.span_of(key), told));
+            let text = format!("[{}] names column {}, but a reading has {most} numbers", key.name, column + 1);
+            table.complain(Problem::new(table.span_of(key), text));
         }
     }
 }
@@ -168,8 +168,8 @@ fn read_framing(table: &Table) -> Option<LineFraming> {
         (true, false) => line.map(LineFraming::Text),
         (false, true) => frame.map(LineFraming::Frame),
         (true, true) => {
-            let told = "a reading is [text] or [frame], not both";
-            table.complain(Problem::new(table.span_of(&root::frame), told));
+            let words = "a reading is [text] or [frame], not both";
+            table.complain(Problem::new(table.span_of(&root::frame), words));
             None
         }
         (false, false) => {
@@ -189,12 +189,12 @@ fn read_text(table: &Table) -> Option<TextLine> {
 
 fn read_frame(table: &Table) -> Option<ByteFrame> {
     let numbers = table.texts(&frame::numbers).and_then(|parts| {
-        let wrong = |told: String| {
+        let wrong = |words: String| {
             let help = format!(
                 "such as [\"u16\", \"skip\", \"20 f32\"]; types: {}",
                 keys::TYPES.map(|(name, _)| name).join(", ")
             );
-            table.complain(Problem::new(table.span_of(&frame::numbers), told).help(help));
+            table.complain(Problem::new(table.span_of(&frame::numbers), words).help(help));
         };
         if let Some(part) = parts.iter().find(|part| numbers_of(part).is_none()) {
             wrong(format!("`numbers` has \"{part}\", expected a type, with a count before it if there are several"));
@@ -211,8 +211,8 @@ fn read_frame(table: &Table) -> Option<ByteFrame> {
     let mark = |key: &Key| {
         let read = hex::bytes(table.text(key).unwrap_or_default());
         if read.is_none() {
-            let told = format!("`{}` is pairs of hexadecimal digits, such as \"AA 55\"", key.name);
-            table.complain(Problem::new(table.span_of(key), told));
+            let words = format!("`{}` is pairs of hexadecimal digits, such as \"AA 55\"", key.name);
+            table.complain(Problem::new(table.span_of(key), words));
         }
         read
     };
@@ -245,8 +245,8 @@ fn read_force(table: &Table) -> Option<ForceField> {
     let column = read_column(table, &force::column);
     let newton_per_unit = table.number(&force::newton_per_unit);
     if newton_per_unit == Some(0.0) {
-        let told = "`newton_per_unit` is 0, so every force would read 0 N";
-        table.complain(Problem::new(table.span_of(&force::newton_per_unit), told));
+        let text = "`newton_per_unit` is 0, so every force would read 0 N";
+        table.complain(Problem::new(table.span_of(&force::newton_per_unit), text));
     }
     let offset = table.number(&force::offset);
     let (range_n, saturated_at) = (table.number(&force::range_n), table.range(&force::saturated_at));
@@ -257,8 +257,8 @@ fn read_outputs(table: &Table) -> Option<OutputColumns> {
     let listed = table.text(&outputs::columns).and_then(|text| {
         let listed = columns(text);
         if listed.is_none() {
-            let told = format!("`columns` is \"{text}\", expected numbers from 1 and ranges, such as \"2-4, 6-8\"");
-            table.complain(Problem::new(table.span_of(&outputs::columns), told));
+            let words = format!("`columns` is \"{text}\", expected numbers from 1 and ranges, such as \"2-4, 6-8\"");
+            table.complain(Problem::new(table.span_of(&outputs::columns), words));
         }
         listed
     });

@@ -107,12 +107,12 @@ fn identity(port: &LinePort, role: &str, link: &str, more: String) -> Identity {
     let (good, rejected) = port.counts();
     // the first may be part of a greeting, or lack its beginning
     let is_noisy = rejected > 3 && rejected as f64 > REJECTED_SHARE * (good + rejected) as f64;
-    let told = || format!("{rejected} of {} lines or frames aren't readings", good + rejected);
+    let text = || format!("{rejected} of {} lines or frames aren't readings", good + rejected);
     Identity {
         role: role.to_owned(),
         identity: format!("{}{more}", port.profile().name),
         link: link.to_owned(),
-        warnings: is_noisy.then(told).into_iter().collect(),
+        warnings: is_noisy.then(text).into_iter().collect(),
     }
 }
 

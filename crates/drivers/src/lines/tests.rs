@@ -137,8 +137,8 @@ async fn both_roles_read_one_port_and_ages_count_from_the_last_byte() {
     let mut outputs = [0.0; 2];
     array.read(&mut outputs).await.unwrap();
     assert_eq!(outputs, [516.0, 517.0]);
-    let told = cell.read().await.unwrap_err().to_string();
-    assert!(told.contains("no reading within 510 ms"), "{told}");
+    let text = cell.read().await.unwrap_err().to_string();
+    assert!(text.contains("no reading within 510 ms"), "{text}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -160,15 +160,15 @@ async fn what_comes_but_fits_nothing_is_shown() {
     let force = port.profile().force.clone().unwrap();
     let mut cell = LineLoadCell::new(port, force, "here".into(), 100.0, Instant::now());
     far.write_all(b"hello\nF,0.012,513\n").await.unwrap();
-    let told = cell.prepare().await.unwrap_err().to_string();
+    let text = cell.prepare().await.unwrap_err().to_string();
     assert_eq!(
-        told,
+        text,
         "load cell (board at here): while waiting for its first reading: no reading within 5000 ms, but 1 other lines or \
          frames: expected a line with 3 numbers after \"F,\", and the last was \"F,0.012,513\""
     );
     drop(far);
-    let told = cell.read().await.unwrap_err().to_string();
-    assert!(told.contains("the link failed: the other end closed it"), "{told}");
+    let text = cell.read().await.unwrap_err().to_string();
+    assert!(text.contains("the link failed: the other end closed it"), "{text}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -201,26 +201,26 @@ fn every_shipped_profile_can_be_read() {
 }
 
 #[test]
-fn mistakes_of_a_profile_are_told_at_their_lines() {
-    let told = |text: &str| LineProfile::parse("p.toml", text).unwrap_err().lines();
-    assert_eq!(told("name = \"x\"\n"), ["p.toml:1:1: it isn't stated how a reading looks"]);
+fn mistakes_of_a_profile_are_reported_at_their_lines() {
+    let words = |text: &str| LineProfile::parse("p.toml", text).unwrap_err().lines();
+    assert_eq!(words("name = \"x\"\n"), ["p.toml:1:1: it isn't stated how a reading looks"]);
     assert_eq!(
-        told("name = \"x\"\n[text]\ncolumns = 2\n[force]\ncolumn = 3\n"),
+        words("name = \"x\"\n[text]\ncolumns = 2\n[force]\ncolumn = 3\n"),
         ["p.toml:4:1: [force] names column 3, but a reading has 2 numbers"]
     );
     assert_eq!(
-        told("name = \"x\"\n[frame]\nnumbers = [\"3 f23\"]\nhead = \"A\"\n"),
+        words("name = \"x\"\n[frame]\nnumbers = [\"3 f23\"]\nhead = \"A\"\n"),
         [
             "p.toml:3:11: `numbers` has \"3 f23\", expected a type, with a count before it if there are several",
             "p.toml:4:8: `head` is pairs of hexadecimal digits, such as \"AA 55\""
         ]
     );
     assert_eq!(
-        told("name = \"x\"\n[frame]\nnumbers = [\"3 f32\"]\n"),
+        words("name = \"x\"\n[frame]\nnumbers = [\"3 f32\"]\n"),
         ["p.toml:2:1: a frame without a head, a tail or a check sum can't be found in the bytes"]
     );
     assert_eq!(
-        told("name = \"x\"\n[text]\ncolumns = 4\n[outputs]\ncolumns = \"4-2\"\n"),
+        words("name = \"x\"\n[text]\ncolumns = 4\n[outputs]\ncolumns = \"4-2\"\n"),
         ["p.toml:5:11: `columns` is \"4-2\", expected numbers from 1 and ranges, such as \"2-4, 6-8\""]
     );
 }

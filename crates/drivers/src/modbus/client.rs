@@ -120,8 +120,8 @@ impl ModbusClient {
                 Ok(Ok(Ok(words))) => last = format!("{} registers arrived instead of {count}", words.len()),
                 Ok(Ok(Err(exception))) => {
                     self.context = Some(context);
-                    let told = format!("{exception} (registers {address} to {})", address.saturating_add(count - 1));
-                    return Err(self.error(doing, DeviceProblem::Refused(told)));
+                    let text = format!("{exception} (registers {address} to {})", address.saturating_add(count - 1));
+                    return Err(self.error(doing, DeviceProblem::Refused(text)));
                 }
                 Ok(Err(error)) => last = error.to_string(),
                 Err(_) => last = format!("no answer within {} ms", self.deadline.as_millis()),

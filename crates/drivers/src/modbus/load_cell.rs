@@ -113,22 +113,22 @@ impl LoadCell for ModbusLoadCell {
             decimals = self.client.read_number("reading its decimals", register).await?;
         }
         let Some(scale) = 10_u32.checked_pow(decimals as u32) else {
-            let told = format!("it reports {decimals} decimals: check `decimals` of the register map");
-            return Err(self.client.error("reading its decimals", DeviceProblem::Mismatch(told)));
+            let text = format!("it reports {decimals} decimals: check `decimals` of the register map");
+            return Err(self.client.error("reading its decimals", DeviceProblem::Mismatch(text)));
         };
         self.newton_per_count = self.force.newton_per_unit / f64::from(scale);
         self.read_status().await?;
         self.until_status = STATUS_EVERY;
         self.read_force().await?;
         if self.health.fault {
-            let told = "its status word reports a fault of the cell".to_owned();
-            return Err(self.client.error("identifying it", DeviceProblem::Refused(told)));
+            let text = "its status word reports a fault of the cell".to_owned();
+            return Err(self.client.error("identifying it", DeviceProblem::Refused(text)));
         }
         let identity = format!("{}, {} N a count", self.identity.identity, self.newton_per_count);
         Ok(Identity { identity, ..self.identity.clone() })
     }
 
-    fn afresh(&mut self) {
+    fn forget_timing(&mut self) {
         self.until_status = 0; // no press begins without a look at the status word
     }
 

@@ -177,8 +177,8 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
     let force =
         Force { register: register?, newton_per_unit: newton_per_unit?, offset: offset?, range_n, decimals, sign };
     if force.block().1 > registers_max {
-        let told = format!("the sign is {} registers from the force, too far to read both together", force.block().1);
-        let problem = Problem::new(table.span_of(&force::sign), told);
+        let text = format!("the sign is {} registers from the force, too far to read both together", force.block().1);
+        let problem = Problem::new(table.span_of(&force::sign), text);
         table.complain(problem.help("they must be at most `registers_max` apart, to be read at the same moment"));
     }
     Some(force)
@@ -226,8 +226,8 @@ fn read_register(table: &Table, base: u64) -> Option<Register> {
     let mask = table.whole(&register::mask).map(|mask| mask as u32);
     let shift = table.whole(&register::shift).map(|shift| shift as u8);
     if mask.is_some() && number.is_some_and(|number| !number.is_whole()) {
-        let told = "`mask` requires a whole number, but this is a float";
-        table.complain(Problem::new(table.span_of(&register::mask), told));
+        let text = "`mask` requires a whole number, but this is a float";
+        table.complain(Problem::new(table.span_of(&register::mask), text));
     }
     let encoding = Encoding { number: number?, word_order: word_order?, swap_bytes: swap_bytes?, mask, shift: shift? };
     Some(Register { function: function?, address: address?, encoding })
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn all_mistakes_of_a_map_are_told_at_their_lines() {
+    fn all_mistakes_of_a_map_are_reported_at_their_lines() {
         let (_, text) = SHIPPED[0];
         let text = text.replace("unit_id", "unit").replace("\"i32\"", "\"i23\"").replace("[6, 9]", "[6, 19]");
         assert_eq!(

@@ -50,8 +50,8 @@ async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
     ]);
     let profile = Profile::shipped("seneca-zsg").unwrap();
     let mut cell = ModbusLoadCell::new(link, Transport::Tcp, profile, "script", 200.0, Instant::now()).unwrap();
-    let told = cell.prepare().await.unwrap_err().to_string();
-    assert!(told.contains("expected a force within 1000 N"), "{told}");
+    let text = cell.prepare().await.unwrap_err().to_string();
+    assert!(text.contains("expected a force within 1000 N"), "{text}");
     drop(cell);
     device.await.unwrap();
 }
@@ -112,7 +112,7 @@ async fn a_serial_line_is_silent_for_three_and_a_half_characters_before_a_reques
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_link_that_the_far_end_closes_is_told_as_that() {
+async fn a_link_that_the_far_end_closes_is_reported_as_that() {
     const TCP: &[u8] = b"\0\0\0\0\0\x06\x01\x03\0\x08\0\x01";
     const RTU: &[u8] = b"\x01\x03\x00\x08\x00\x01\x05\xC8";
     // a line that was opened again is asked with the other function first
@@ -125,10 +125,10 @@ async fn a_link_that_the_far_end_closes_is_told_as_that() {
         let (link, device) = closing(scripts);
         let profile = Profile::shipped("generic-rs485").unwrap();
         let mut cell = ModbusLoadCell::new(link, transport, profile, "script", 200.0, Instant::now()).unwrap();
-        let told = cell.prepare().await.unwrap_err().to_string();
+        let text = cell.prepare().await.unwrap_err().to_string();
         assert!(
-            told.ends_with("while reading its decimals: the other end closed the link, 3 times"),
-            "{transport:?}: {told}"
+            text.ends_with("while reading its decimals: the other end closed the link, 3 times"),
+            "{transport:?}: {text}"
         );
         drop(cell);
         device.await.unwrap();

@@ -1,6 +1,6 @@
 //! One program: sends requests and receives answers, matched by their numbers.
 
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, Reins};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrders};
 use palpate_link::time::Instant;
 use palpate_link::wire::{Connector, LineLink, WireError, silent};
 use serde_json::{Map, Value, json};
@@ -80,9 +80,9 @@ impl ProgramPort {
         doing: &str,
         what: &str,
         with: JsonObject,
-        reins: Option<&Reins>,
+        orders: Option<&MotionOrders>,
     ) -> Result<JsonObject, DeviceError> {
-        self.ask_within(doing, what, with, reins, ANSWER_DEADLINE).await
+        self.ask_within(doing, what, with, orders, ANSWER_DEADLINE).await
     }
 
     pub(super) async fn ask_within(
@@ -90,7 +90,7 @@ impl ProgramPort {
         doing: &str,
         what: &str,
         mut request: JsonObject,
-        reins: Option<&Reins>,
+        orders: Option<&MotionOrders>,
         deadline: Duration,
     ) -> Result<JsonObject, DeviceError> {
         let id = self.next_id;
@@ -101,13 +101,13 @@ impl ProgramPort {
         let until = Instant::now() + deadline;
         let mut strays = 0;
         while strays < STRAY_LINES_MAX {
-            let line = match reins {
+            let line = match orders {
                 None => self.lines.next_by(until).await,
-                Some(reins) => {
+                Some(orders) => {
                     tokio::select! {
                         biased;
-                        () = reins.pulled().notified() => {
-                            self.obey(doing, reins).await?;
+                        () = orders.pulled().notified() => {
+                            self.obey(doing, orders).await?;
                             continue;
                         }
                         line = self.lines.next_by(until) => line,
@@ -119,8 +119,8 @@ impl ProgramPort {
                 Some(answer) => match answer.get("error") {
                     None => return Ok(answer),
                     Some(error) => {
-                        let told = error.as_str().map_or_else(|| error.to_string(), str::to_owned);
-                        return Err(self.error(doing, DeviceProblem::Refused(told)));
+                        let text = error.as_str().map_or_else(|| error.to_string(), str::to_owned);
+                        return Err(self.error(doing, DeviceProblem::Refused(text)));
                     }
                 },
                 None => strays += 1,
@@ -137,9 +137,9 @@ impl ProgramPort {
     }
 
     /// Sends the requests of the reins at once. They have no answer.
-    pub(super) async fn obey(&mut self, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn obey(&mut self, doing: &str, orders: &MotionOrders) -> Result<(), DeviceError> {
         use palpate_link::device::MotionOrder;
-        match reins.take() {
+        match orders.take() {
             Some(MotionOrder::Stop) => self.stop(doing).await,
             Some(MotionOrder::Speed(mm_s)) => {
                 let line = json!({ "do": "speed", "speed_mm_s": mm_s });

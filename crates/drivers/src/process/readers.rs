@@ -74,8 +74,8 @@ impl SensorArray for ProcessArray {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         let (identity, said) = self.port.identify().await?;
         if said.get("units").and_then(Value::as_u64) != Some(self.units as u64) {
-            let told = format!("it doesn't report \"units\": {}, the number of units in the rig file", self.units);
-            return Err(self.port.error("identifying it", DeviceProblem::Mismatch(told)));
+            let text = format!("it doesn't report \"units\": {}, the number of units in the rig file", self.units);
+            return Err(self.port.error("identifying it", DeviceProblem::Mismatch(text)));
         }
         self.read(&mut vec![0.0; self.units]).await?;
         Ok(identity)

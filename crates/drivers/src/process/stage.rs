@@ -3,7 +3,7 @@
 use super::port::{JsonObject, PREPARE_DEADLINE, ProgramPort};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, HomeSearch, Identity, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_link::wire::Connector;
 use serde_json::{Value, json};
@@ -37,8 +37,8 @@ impl ProcessStage {
         ProcessStage { port: ProgramPort::new(connector, "stage", link, start), usage: None, complaints: Vec::new() }
     }
 
-    async fn status(&mut self, doing: &str, reins: Option<&Reins>) -> Result<StageStatus, DeviceError> {
-        let said = self.port.ask(doing, "status", JsonObject::new(), reins).await?;
+    async fn status(&mut self, doing: &str, orders: Option<&MotionOrders>) -> Result<StageStatus, DeviceError> {
+        let said = self.port.ask(doing, "status", JsonObject::new(), orders).await?;
         for complaint in said.get("complaints").and_then(Value::as_array).into_iter().flatten() {
             if self.complaints.len() < COMPLAINTS_MAX {
                 self.complaints.push(complaint.as_str().map_or_else(|| complaint.to_string(), str::to_owned));
@@ -70,7 +70,7 @@ impl Stage for ProcessStage {
         Ok(self.status("asking whether home is known", None).await?.homed)
     }
 
-    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         let range = |axis: Axis| json!([usage.travel.along(axis).min, usage.travel.along(axis).max]);
         let request = json!({
             "travel_mm": { "x": range(Axis::X), "y": range(Axis::Y), "z": range(Axis::Z) },
@@ -87,56 +87,66 @@ impl Stage for ProcessStage {
         };
         request.extend(home_side.map(|side| ("home_side".to_owned(), json!(side))));
         let doing = "preparing it";
-        self.port.ask_within(doing, "prepare", request, Some(reins), PREPARE_DEADLINE).await?;
+        self.port.ask_within(doing, "prepare", request, Some(orders), PREPARE_DEADLINE).await?;
         if self.status(doing, None).await?.moving {
-            let told = "it reports that it is prepared, but it moves".to_owned();
-            return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+            let text = "it reports that it is prepared, but it moves".to_owned();
+            return Err(self.port.error(doing, DeviceProblem::Motion(text)));
         }
         self.usage = Some(usage.clone());
         self.complaints.clear();
         Ok(())
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let to_mm: JsonObject = targets.iter().map(|(axis, mm)| (axis.name().to_owned(), json!(mm))).collect();
         let request = json!({ "to_mm": to_mm, "speed_mm_s": speed_mm_s });
         let request = request.as_object().cloned().unwrap_or_default();
-        if reins.stopped() {
+        if orders.stopped() {
             return Ok(());
         }
-        self.port.ask("starting a motion", "move", request, Some(reins)).await.map(|_| ())
+        self.port.ask("starting a motion", "move", request, Some(orders)).await.map(|_| ())
     }
 
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+    async fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        orders: &MotionOrders,
+    ) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
         let began = Instant::now();
         let mut look = began + expected;
         loop {
             // what was asked for before this waited too
-            self.port.obey(doing, reins).await?;
-            if reins.stopped() {
+            self.port.obey(doing, orders).await?;
+            if orders.stopped() {
                 look = look.min(Instant::now());
             }
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => continue,
+                () = orders.pulled().notified() => continue,
                 () = sleep_until(look) => {}
             }
-            let StageStatus { moving, position_mm, .. } = self.status(doing, Some(reins)).await?;
+            let StageStatus { moving, position_mm, .. } = self.status(doing, Some(orders)).await?;
             if !moving {
                 return Ok(axes.iter().map(|axis| position_mm[axis.index()]).collect());
             }
             if began.elapsed() > expected + MOTION_MARGIN {
                 self.port.stop(doing).await?;
-                let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                return Err(self.port.error(doing, DeviceProblem::Motion(told)));
+                let text = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                return Err(self.port.error(doing, DeviceProblem::Motion(text)));
             }
             look = Instant::now() + STATUS_EVERY;
         }
     }
 
-    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        Ok(self.status("reading a position", Some(reins)).await?.position_mm[axis.index()])
+    async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
+        Ok(self.status("reading a position", Some(orders)).await?.position_mm[axis.index()])
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::script::{Script, made_ready, scripted, usage};
 use palpate_core::quantity::Axis;
-use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
+use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -54,11 +54,11 @@ async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
         ),
     ]);
     let mut stage = ProcessStage::new(link, "script".to_owned(), START);
-    let reins = Reins::default();
-    assert_eq!(made_ready(&mut stage, &usage(), &reins).await.unwrap().identity, "mine, SN 7");
-    stage.begin(&[(Axis::Z, -0.25)], 1.5, &Reins::default()).await.unwrap();
-    reins.stop();
-    let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(8), &reins).await.unwrap();
+    let orders = MotionOrders::default();
+    assert_eq!(made_ready(&mut stage, &usage(), &orders).await.unwrap().identity, "mine, SN 7");
+    stage.begin(&[(Axis::Z, -0.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    orders.stop();
+    let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(8), &orders).await.unwrap();
     assert_eq!(places_mm, [0.5], "a late answer and what isn't one are passed over");
     drop(stage);
     device.await.unwrap();
@@ -95,7 +95,7 @@ async fn the_readers_take_whole_finite_answers_alone() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_program_of_another_role_and_one_that_ended_are_told() {
+async fn a_program_of_another_role_and_one_that_ended_are_reported() {
     let identify = b"{\"do\":\"identify\",\"id\":1}\n".as_slice();
     let script: Script = Box::leak(Box::new([(
         identify,

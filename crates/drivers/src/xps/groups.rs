@@ -5,7 +5,7 @@ use super::guard::Armed;
 use super::socket::Socket;
 use super::text::XpsReply;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, Reins};
+use palpate_link::device::{DeviceError, MotionOrders};
 use palpate_link::time::Instant;
 use std::cell::Cell;
 use std::future::poll_fn;
@@ -98,17 +98,17 @@ impl Brakes {
     /// Waits for the answer on another socket. A stop requested during this time is sent to all groups.
     pub(super) async fn ready_during<T>(
         &mut self,
-        reins: &Reins,
+        orders: &MotionOrders,
         asked: impl Future<Output = Result<T, DeviceError>>,
     ) -> Result<T, DeviceError> {
         let sending = Cell::new(false);
         let every: Vec<usize> = (0..self.groups.len()).collect();
         let abort = async {
             // another speed is for whoever follows the motion
-            while !reins.stopped() {
-                reins.pulled().notified().await;
+            while !orders.stopped() {
+                orders.pulled().notified().await;
             }
-            if reins.take().is_none() {
+            if orders.take().is_none() {
                 return std::future::pending().await; // it was sent already
             }
             sending.set(true);
@@ -134,15 +134,15 @@ impl Brakes {
 
 async fn abort_one(socket: &mut Socket, group: &str) -> Result<(), DeviceError> {
     let (doing, call) = ("stopping", format!("GroupMoveAbort({group})"));
-    let mut told = Ok(());
+    let mut text = Ok(());
     for _ in 0..ABORT_TRIES {
-        told = match socket.call_plainly(doing, &call, CALL_DEADLINE).await {
+        text = match socket.call_plainly(doing, &call, CALL_DEADLINE).await {
             Ok(XpsReply { code: 0 | NOT_ALLOWED, .. }) => return Ok(()),
             Ok(XpsReply { code, .. }) => Err(socket.refused(doing, &call, code)),
             Err(error) => Err(error),
         };
     }
-    told
+    text
 }
 
 /// Waits for the first answer to a motion of some groups, until a time. Returns the group that it belongs to. At least one of them

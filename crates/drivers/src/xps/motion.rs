@@ -6,7 +6,7 @@ use super::stage::{AT_REST_MM, Xps, state};
 use super::text::GroupState;
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, DeviceProblem, Reins, Stage};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrders, Stage};
 use palpate_link::time::Instant;
 use std::time::Duration;
 
@@ -53,29 +53,37 @@ impl Xps {
     /// to stay there.
     async fn rest_mm(&mut self, axis: Axis) -> Result<f64, DeviceError> {
         let doing = "reading the position of an axis";
-        let alone = Reins::default();
+        let alone = MotionOrders::default();
         let (first_mm, again_mm) =
             (self.place_mm(doing, axis, &alone).await?, self.place_mm(doing, axis, &alone).await?);
         if (first_mm - again_mm).abs() > AT_REST_MM {
-            let told =
+            let text =
                 format!("{} is at {first_mm} mm and then at {again_mm} mm, although it doesn't move", axis.name());
-            return Err(self.error(doing, DeviceProblem::Motion(told)));
+            return Err(self.error(doing, DeviceProblem::Motion(text)));
         }
         Ok(first_mm)
     }
 
     /// Sends motions, one to each group, and waits until each group moves or has moved. A stop during this time is sent at once.
     /// If one group doesn't start, all are stopped.
-    pub(super) async fn start(&mut self, motions: Vec<(usize, GroupMotion)>, reins: &Reins) -> Result<(), DeviceError> {
-        let started = self.start_all(motions, reins).await;
+    pub(super) async fn start(
+        &mut self,
+        motions: Vec<(usize, GroupMotion)>,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
+        let started = self.start_all(motions, orders).await;
         self.all_or_none(started).await
     }
 
-    async fn start_all(&mut self, motions: Vec<(usize, GroupMotion)>, reins: &Reins) -> Result<(), DeviceError> {
+    async fn start_all(
+        &mut self,
+        motions: Vec<(usize, GroupMotion)>,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let doing = "starting a motion";
         let mut sent = Vec::new();
         for (nth, motion) in motions {
-            if reins.stopped() {
+            if orders.stopped() {
                 break;
             }
             motion.targets.iter().for_each(|(axis, _)| self.sent_mm[axis.index()] = None);
@@ -85,22 +93,22 @@ impl Xps {
             sent.push(nth);
         }
         for nth in sent {
-            self.until_taken(nth, doing, reins).await?;
+            self.until_taken(nth, doing, orders).await?;
         }
         Ok(())
     }
 
     /// Waits until a group moves or has moved.
-    async fn until_taken(&mut self, nth: usize, doing: &str, reins: &Reins) -> Result<(), DeviceError> {
+    async fn until_taken(&mut self, nth: usize, doing: &str, orders: &MotionOrders) -> Result<(), DeviceError> {
         let until = Instant::now() + TAKEN_DEADLINE;
         while Instant::now() < until {
             let Xps { asks, brakes, groups, .. } = self;
-            let state = brakes.ready_during(reins, state(asks, &groups[nth].name, doing)).await?;
-            self.note_abort(reins);
+            let state = brakes.ready_during(orders, state(asks, &groups[nth].name, doing)).await?;
+            self.note_abort(orders);
             if state == GroupState::Moving {
                 // an abort that overtook the motion found nothing to stop
-                if reins.stopped() {
-                    reins.take();
+                if orders.stopped() {
+                    orders.take();
                     self.stop().await?;
                 }
                 return Ok(());
@@ -151,9 +159,9 @@ impl Xps {
         which: &[usize],
         doing: &str,
         until: Instant,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<Option<()>, DeviceError> {
-        let ended = self.until_each_ended(which, doing, until, reins).await;
+        let ended = self.until_each_ended(which, doing, until, orders).await;
         self.all_or_none(ended).await
     }
 
@@ -162,7 +170,7 @@ impl Xps {
         which: &[usize],
         doing: &str,
         until: Instant,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<Option<()>, DeviceError> {
         loop {
             for &nth in which {
@@ -178,14 +186,14 @@ impl Xps {
             }
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => return Ok(None),
+                () = orders.pulled().notified() => return Ok(None),
                 (nth, answer) = first_answer(&mut self.groups, which, doing, until) => match answer? {
                     Some(answer) => self.ended(nth, doing, answer.code)?,
                     None => {
                         self.stop().await?;
                         self.groups[nth].moves.close();
-                        let told = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
-                        return Err(self.error(doing, DeviceProblem::Motion(told)));
+                        let text = format!("still moving {} s after it should have ended", MOTION_MARGIN.as_secs());
+                        return Err(self.error(doing, DeviceProblem::Motion(text)));
                     }
                 },
             }
@@ -193,7 +201,12 @@ impl Xps {
     }
 
     /// Continues toward the same targets at another speed, with new motions. An S-gamma motion keeps its initial speed.
-    pub(super) async fn change_speed(&mut self, which: &[usize], mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn change_speed(
+        &mut self,
+        which: &[usize],
+        mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let motions = which.iter().filter_map(|&nth| self.groups[nth].under_way.as_ref());
         let targets: Vec<_> = motions.flat_map(|motion| motion.targets.clone()).collect();
         if targets.is_empty() {
@@ -201,12 +214,12 @@ impl Xps {
         }
         self.abort(which).await?;
         let until = Instant::now() + MOTION_MARGIN;
-        self.until_ended(which, "changing a speed", until, &Reins::default()).await?;
+        self.until_ended(which, "changing a speed", until, &MotionOrders::default()).await?;
         for (axis, _) in &targets {
-            self.shape(*axis, mm_s, reins).await?;
+            self.shape(*axis, mm_s, orders).await?;
         }
         let motions = self.motions_to(&targets).await?;
-        self.start(motions, reins).await
+        self.start(motions, orders).await
     }
 
     /// Aborts the motions of some groups.

@@ -5,7 +5,7 @@ use super::stage::{AT_REST_MM, Xps};
 use super::text::{GroupState, XpsReply};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use std::time::Duration;
 
@@ -21,9 +21,14 @@ const AWAY_MM: f64 = 0.1;
 /// Preparation before the first motion: groups that are ready, and limits that agree with the rig's.
 impl Xps {
     /// Makes a group able to move and checks its axes.
-    pub(super) async fn prepare(&mut self, nth: usize, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn prepare(
+        &mut self,
+        nth: usize,
+        usage: &StageUse,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         self.acceleration_mm_s2 = usage.acceleration_mm_s2;
-        self.bring_to_ready(nth, usage, reins).await?;
+        self.bring_to_ready(nth, usage, orders).await?;
         for axis in self.groups[nth].axes.clone() {
             self.set_up(axis, usage).await?;
         }
@@ -35,7 +40,7 @@ impl Xps {
         &mut self,
         nth: usize,
         usage: &StageUse,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
         let doing = "making its group ready";
         let group = self.groups[nth].name.clone();
@@ -47,25 +52,25 @@ impl Xps {
                 return Ok(());
             }
             _ if !self.grouping.home_search => {
-                let told = format!(
+                let text = format!(
                     "the group {group} isn't homed. Home it with the specimen removed, or set home_search = true \
                      if its way is clear of the specimen"
                 );
-                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+                return Err(self.error(doing, DeviceProblem::Mismatch(text)));
             }
             _ => {}
         }
         if nth > 0 {
-            self.clear_z(usage, reins).await?;
+            self.clear_z(usage, orders).await?;
         }
         if state != GroupState::NotReferenced {
             // from the state after an earlier fault
             self.ask(doing, &format!("GroupKill({group})")).await?;
             sleep(BETWEEN).await;
-            self.wait_for(nth, "initialising its group", &format!("GroupInitialize({group})"), reins).await?;
+            self.wait_for(nth, "initialising its group", &format!("GroupInitialize({group})"), orders).await?;
             sleep(BETWEEN).await;
         }
-        self.wait_for(nth, "homing", &format!("GroupHomeSearch({group})"), reins).await?;
+        self.wait_for(nth, "homing", &format!("GroupHomeSearch({group})"), orders).await?;
         match self.until_still(nth, "homing", MOTION_MARGIN).await? {
             GroupState::Ready => Ok(()),
             state => {
@@ -76,21 +81,27 @@ impl Xps {
 
     /// Moves z to the end of its travel that is away from the specimen, before another group searches for home. z's group may
     /// have been homed before, and z may be in contact. If z isn't at its target, nothing moves sideways.
-    async fn clear_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    async fn clear_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let way_mm = (end_mm - self.position_mm(Axis::Z, reins).await?).abs();
-        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, reins).await?;
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
-        let at_mm = self.position_mm(Axis::Z, &Reins::default()).await?;
+        let way_mm = (end_mm - self.position_mm(Axis::Z, orders).await?).abs();
+        self.begin(&[(Axis::Z, end_mm)], usage.home_speed_mm_s, orders).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
+        let at_mm = self.position_mm(Axis::Z, &MotionOrders::default()).await?;
         if (at_mm - end_mm).abs() > AWAY_MM {
-            let told = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
-            return Err(self.error("moving z away from the specimen", DeviceProblem::Motion(told)));
+            let text = format!("z was commanded to {end_mm:.4} mm but is at {at_mm:.4} mm");
+            return Err(self.error("moving z away from the specimen", DeviceProblem::Motion(text)));
         }
         Ok(())
     }
 
     /// Sends a call that is answered when its operation has ended. A stop kills the group, which is an error.
-    async fn wait_for(&mut self, nth: usize, doing: &str, call: &str, reins: &Reins) -> Result<(), DeviceError> {
+    async fn wait_for(
+        &mut self,
+        nth: usize,
+        doing: &str,
+        call: &str,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let Xps { groups, brakes, .. } = self;
         let moves = &mut groups[nth].moves;
         moves.begin(doing, call, CALL_DEADLINE).await?;
@@ -98,8 +109,8 @@ impl Xps {
         let answer = loop {
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => {
-                    if reins.take() == Some(MotionOrder::Stop) {
+                () = orders.pulled().notified() => {
+                    if orders.take() == Some(MotionOrder::Stop) {
                         brakes.kill(nth, doing).await?;
                     }
                 }
@@ -112,8 +123,8 @@ impl Xps {
             None => {
                 brakes.kill(nth, doing).await?;
                 moves.close();
-                let told = format!("{call} didn't finish within {} s", HOME_DEADLINE.as_secs());
-                Err(self.error(doing, DeviceProblem::Motion(told)))
+                let text = format!("{call} didn't finish within {} s", HOME_DEADLINE.as_secs());
+                Err(self.error(doing, DeviceProblem::Motion(text)))
             }
         }
     }
@@ -129,25 +140,25 @@ impl Xps {
             (most_mm_s2, usage.acceleration_mm_s2, "acceleration_mm_s2"),
         ] {
             if most < wanted {
-                let told = format!("{positioner} allows {key} up to {most}, less than the rig's {wanted}");
-                return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+                let text = format!("{positioner} allows {key} up to {most}, less than the rig's {wanted}");
+                return Err(self.error(doing, DeviceProblem::Mismatch(text)));
             }
         }
         let read = format!("PositionerUserTravelLimitsGet({positioner},double *,double *)");
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
         if travel.min < least_mm - AT_REST_MM || travel.max > most_mm + AT_REST_MM {
-            let told = format!(
+            let text = format!(
                 "{positioner} goes from {least_mm} to {most_mm} mm, but the rig's travel is {} to {} mm",
                 travel.min, travel.max
             );
-            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }
         let set = format!("PositionerUserTravelLimitsSet({positioner},{},{})", travel.min, travel.max);
         self.ask(doing, &set).await?;
         let [least_mm, most_mm] = self.ask_numbers(doing, &read).await?;
         if (least_mm - travel.min).abs().max((most_mm - travel.max).abs()) > AT_REST_MM {
-            let told = format!("{positioner} was limited to the rig's travel but reports {least_mm} to {most_mm} mm");
-            return Err(self.error(doing, DeviceProblem::Mismatch(told)));
+            let text = format!("{positioner} was limited to the rig's travel but reports {least_mm} to {most_mm} mm");
+            return Err(self.error(doing, DeviceProblem::Mismatch(text)));
         }
         let call = format!("PositionerSGammaParametersGet({positioner},double *,double *,double *,double *)");
         self.profiles[axis.index()] = self.ask_numbers(doing, &call).await?;

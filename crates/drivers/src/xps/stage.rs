@@ -7,7 +7,7 @@ use super::socket::Socket;
 use super::text::{GroupState, group_state, number_in};
 use crate::MOTION_MARGIN;
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, Reins, Stage, StageUse};
+use palpate_link::device::{DeviceError, DeviceProblem, Identity, MotionOrder, MotionOrders, Stage, StageUse};
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Connector;
 use std::time::Duration;
@@ -81,11 +81,16 @@ impl Xps {
     }
 
     /// Returns the position of an axis. An impossible position is refused.
-    pub(super) async fn place_mm(&mut self, doing: &str, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
+    pub(super) async fn place_mm(
+        &mut self,
+        doing: &str,
+        axis: Axis,
+        orders: &MotionOrders,
+    ) -> Result<f64, DeviceError> {
         let call = format!("GroupPositionCurrentGet({},double *)", self.positioner(axis));
         let Xps { asks, brakes, .. } = self;
-        let [place_mm] = brakes.ready_during(reins, numbers(asks, doing, &call)).await?;
-        self.note_abort(reins);
+        let [place_mm] = brakes.ready_during(orders, numbers(asks, doing, &call)).await?;
+        self.note_abort(orders);
         if let Some(usage) = &self.usage
             && !usage.reach(axis).contains(place_mm)
         {
@@ -96,8 +101,8 @@ impl Xps {
     }
 
     /// Records the abort that the reins requested. The answers to the motions then report the abort and who requested it.
-    pub(super) fn note_abort(&mut self, reins: &Reins) {
-        for motion in self.groups.iter_mut().filter(|_| reins.stopped()).filter_map(|group| group.under_way.as_mut()) {
+    pub(super) fn note_abort(&mut self, orders: &MotionOrders) {
+        for motion in self.groups.iter_mut().filter(|_| orders.stopped()).filter_map(|group| group.under_way.as_mut()) {
             motion.aborted = true;
         }
     }
@@ -117,15 +122,20 @@ impl Xps {
             }
             if Instant::now() > until {
                 self.stop().await?;
-                let told = format!("{} still moves after {} s", self.groups[nth].name, within.as_secs());
-                return Err(self.error(doing, DeviceProblem::Motion(told)));
+                let text = format!("{} still moves after {} s", self.groups[nth].name, within.as_secs());
+                return Err(self.error(doing, DeviceProblem::Motion(text)));
             }
             sleep(STATUS_EVERY).await;
         }
     }
 
     /// Sets the speed and the acceleration of a positioner's next motion.
-    pub(super) async fn shape(&mut self, axis: Axis, speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    pub(super) async fn shape(
+        &mut self,
+        axis: Axis,
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         let [_, _, jerk_least_s, jerk_most_s] = self.profiles[axis.index()];
         let profile = [speed_mm_s, self.acceleration_mm_s2, jerk_least_s, jerk_most_s];
         if self.profiles[axis.index()] != profile {
@@ -135,7 +145,7 @@ impl Xps {
             self.profiles[axis.index()] = [f64::NAN; 4]; // unknown until it is answered
             let doing = "setting a speed";
             let Xps { asks, brakes, .. } = self;
-            brakes.ready_during(reins, asks.call(doing, &call, CALL_DEADLINE)).await?;
+            brakes.ready_during(orders, asks.call(doing, &call, CALL_DEADLINE)).await?;
             self.profiles[axis.index()] = profile;
         }
         Ok(())
@@ -177,65 +187,75 @@ impl Stage for Xps {
         }
         let identity = format!("{version}, {}", names.join(", "));
         let homes = !is_ready && self.grouping.home_search;
-        let told = "it homes at the speed set in its stages.ini, which palpate can't change: make sure that it stops within \
+        let text = "it homes at the speed set in its stages.ini, which palpate can't change: make sure that it stops within \
                     the force limit";
-        let warnings = homes.then(|| told.to_owned()).into_iter().collect();
+        let warnings = homes.then(|| text.to_owned()).into_iter().collect();
         Ok(Identity { role: "stage".to_owned(), identity, link: self.link.clone(), warnings })
     }
 
-    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+    async fn nudge_away(&mut self, way_mm: f64, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         if self.groups[0].axes != [Axis::Z] {
             return Ok(false);
         }
         // an XPS refuses motions of a group that isn't homed
-        self.prepare(0, usage, reins).await?;
+        self.prepare(0, usage, orders).await?;
         let end_mm = usage.travel.along(Axis::Z).end(usage.away);
-        let target_mm = self.position_mm(Axis::Z, reins).await? + usage.away * way_mm;
+        let target_mm = self.position_mm(Axis::Z, orders).await? + usage.away * way_mm;
         if (target_mm - end_mm) * usage.away > 0.0 {
             return Ok(false);
         }
-        self.begin(&[(Axis::Z, target_mm)], usage.home_speed_mm_s, reins).await?;
-        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), reins).await?;
+        self.begin(&[(Axis::Z, target_mm)], usage.home_speed_mm_s, orders).await?;
+        self.follow(&[Axis::Z], seconds(way_mm / usage.home_speed_mm_s), orders).await?;
         Ok(true)
     }
 
-    async fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> Result<bool, DeviceError> {
+    async fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<bool, DeviceError> {
         // a group with other axes homes them in the same operation
         let is_alone = self.groups[0].axes == [Axis::Z];
         if is_alone {
-            self.prepare(0, usage, reins).await?;
+            self.prepare(0, usage, orders).await?;
         }
         Ok(is_alone)
     }
 
-    async fn home(&mut self, usage: &StageUse, reins: &Reins) -> Result<(), DeviceError> {
+    async fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> Result<(), DeviceError> {
         for nth in 0..self.groups.len() {
-            self.prepare(nth, usage, reins).await?;
+            self.prepare(nth, usage, orders).await?;
         }
         self.usage = Some(usage.clone());
         for axis in Axis::ALL {
-            self.place_mm("reading a position", axis, reins).await?;
+            self.place_mm("reading a position", axis, orders).await?;
         }
         Ok(())
     }
 
-    async fn begin(&mut self, targets: &[(Axis, f64)], speed_mm_s: f64, reins: &Reins) -> Result<(), DeviceError> {
+    async fn begin(
+        &mut self,
+        targets: &[(Axis, f64)],
+        speed_mm_s: f64,
+        orders: &MotionOrders,
+    ) -> Result<(), DeviceError> {
         // a group takes one motion at a time; what is under way ends by itself, where it is safe
         let until = Instant::now() + MOTION_MARGIN;
         let which = self.groups_of(&targets.iter().map(|(axis, _)| *axis).collect::<Vec<_>>());
-        while self.until_ended(&which, "waiting for the previous motion", until, reins).await?.is_none() {
-            if reins.stopped() && reins.take().is_some() {
+        while self.until_ended(&which, "waiting for the previous motion", until, orders).await?.is_none() {
+            if orders.stopped() && orders.take().is_some() {
                 self.stop().await?;
             }
         }
         for (axis, _) in targets {
-            self.shape(*axis, speed_mm_s, reins).await?;
+            self.shape(*axis, speed_mm_s, orders).await?;
         }
         let motions = self.motions_to(targets).await?;
-        self.start(motions, reins).await
+        self.start(motions, orders).await
     }
 
-    async fn follow(&mut self, axes: &[Axis], expected: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+    async fn follow(
+        &mut self,
+        axes: &[Axis],
+        expected: Duration,
+        orders: &MotionOrders,
+    ) -> Result<Vec<f64>, DeviceError> {
         let doing = "waiting for a motion to end";
         let until = Instant::now() + expected + MOTION_MARGIN;
         let which = self.groups_of(axes);
@@ -245,24 +265,24 @@ impl Stage for Xps {
             }
         }
         loop {
-            match reins.take() {
+            match orders.take() {
                 Some(MotionOrder::Stop) => self.stop().await?,
-                Some(MotionOrder::Speed(mm_s)) => self.change_speed(&which, mm_s, reins).await?,
+                Some(MotionOrder::Speed(mm_s)) => self.change_speed(&which, mm_s, orders).await?,
                 None => {}
             }
-            if self.until_ended(&which, doing, until, reins).await?.is_some() {
+            if self.until_ended(&which, doing, until, orders).await?.is_some() {
                 break;
             }
         }
         let mut places_mm = Vec::with_capacity(axes.len());
         for &axis in axes {
-            places_mm.push(self.place_mm(doing, axis, reins).await?);
+            places_mm.push(self.place_mm(doing, axis, orders).await?);
         }
         Ok(places_mm)
     }
 
-    async fn position_mm(&mut self, axis: Axis, reins: &Reins) -> Result<f64, DeviceError> {
-        self.place_mm("reading a position", axis, reins).await
+    async fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> Result<f64, DeviceError> {
+        self.place_mm("reading a position", axis, orders).await
     }
 
     async fn stop(&mut self) -> Result<(), DeviceError> {

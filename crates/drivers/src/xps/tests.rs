@@ -3,7 +3,7 @@
 use super::*;
 use crate::script::{Script, made_ready, scripted, unused, usage};
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceProblem, LoadCell, Reins, Stage};
+use palpate_link::device::{DeviceProblem, LoadCell, MotionOrders, Stage};
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use tokio::task::JoinHandle;
@@ -108,7 +108,7 @@ async fn a_cold_group_is_killed_initialised_homed_and_limited() {
         ],
         None,
     );
-    let identity = made_ready(&mut stage, &usage(), &Reins::default()).await.unwrap();
+    let identity = made_ready(&mut stage, &usage(), &MotionOrders::default()).await.unwrap();
     assert_eq!(identity.identity, "XPS-Q8 Firmware V2.6.4, group XYZ (X, Y, Z)");
     done(stage, devices).await;
 }
@@ -117,8 +117,8 @@ async fn a_cold_group_is_killed_initialised_homed_and_limited() {
 async fn a_group_that_may_not_be_homed_is_left_where_it_is() {
     let (asks, device) = scripted(&[(b"GroupStatusGet(XYZ,int *)", b"0,42,EndOfAPI")]);
     let mut stage = asking(asks, group(false));
-    let told = stage.bring_to_ready(0, &usage(), &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("isn't homed") && told.contains("home_search = true"), "{told}");
+    let text = stage.bring_to_ready(0, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("isn't homed") && text.contains("home_search = true"), "{text}");
     drop(stage);
     device.await.unwrap();
 }
@@ -137,8 +137,8 @@ async fn a_motion_is_shaped_begun_and_ends_with_its_late_answer() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
-    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap();
     assert_eq!(places_mm, [-1.25]);
     done(stage, devices).await;
 }
@@ -156,8 +156,8 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
         ],
         None,
     );
-    let told = stage.begin(&[(Axis::Z, 380.0)], 1.5, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("error -17 (parameter out of range) to GroupMoveAbsolute(XYZ.Z,380.000000)"), "{told}");
+    let text = stage.begin(&[(Axis::Z, 380.0)], 1.5, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("error -17 (parameter out of range) to GroupMoveAbsolute(XYZ.Z,380.000000)"), "{text}");
     done(stage, devices).await;
 }
 
@@ -175,10 +175,10 @@ async fn a_stop_goes_over_its_own_socket_at_once_and_the_motion_says_27() {
         ],
         None,
     );
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
-    let reins = Reins::default();
-    reins.stop();
-    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &reins).await.unwrap();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    let orders = MotionOrders::default();
+    orders.stop();
+    let places_mm = stage.follow(&[Axis::Z], Duration::from_millis(900), &orders).await.unwrap();
     assert_eq!(places_mm, [-0.4]);
     done(stage, devices).await;
 }
@@ -205,8 +205,8 @@ async fn an_abort_that_nobody_here_asked_for_is_the_guards_if_it_is_armed() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
-    let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap_err();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     done(stage, devices).await;
 }
@@ -243,7 +243,11 @@ async fn a_place_beyond_the_travel_and_anothers_answer_are_refused() {
         let (asks, device) = scripted(script);
         let mut stage = asking(asks, group(true));
         stage.usage = Some(usage());
-        assert!(stage.position_mm(Axis::Z, &Reins::default()).await.is_err(), "{}", String::from_utf8_lossy(answer));
+        assert!(
+            stage.position_mm(Axis::Z, &MotionOrders::default()).await.is_err(),
+            "{}",
+            String::from_utf8_lossy(answer)
+        );
         drop(stage);
         device.await.unwrap();
     }
@@ -254,14 +258,14 @@ async fn a_silent_socket_is_given_up_in_time_and_not_used_again() {
     let (asks, device) = scripted(&[(b"GroupPositionCurrentGet(XYZ.Z,double *)", b"0,1")]);
     let mut stage = asking(asks, group(true));
     let asked = Instant::now();
-    let told = stage.position_mm(Axis::Z, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("no answer to \"GroupPositionCurrentGet(XYZ.Z,double *)\" within 2000 ms"), "{told}");
+    let text = stage.position_mm(Axis::Z, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("no answer to \"GroupPositionCurrentGet(XYZ.Z,double *)\" within 2000 ms"), "{text}");
     assert_eq!(asked.elapsed(), CALL_DEADLINE);
     device.await.unwrap(); // the near end was closed: a late answer has nowhere to go
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_load_cell_is_a_voltage_in_newtons_and_the_ends_of_its_range_are_told() {
+async fn the_load_cell_is_a_voltage_in_newtons_and_the_ends_of_its_range_are_reported() {
     let (link, device) = scripted(&[
         (b"GPIOAnalogGet(GPIO2.ADC1,double *)", b"0,-0.25,EndOfAPI"),
         (b"GPIOAnalogGet(GPIO2.ADC1,double *)", b"0,9.995,EndOfAPI"),

@@ -110,8 +110,8 @@ mod tests {
         ];
         for problem in problems {
             let (device, doing) = ("stage".to_owned(), "moving".to_owned());
-            let told = DeviceError { device, doing, problem: problem(rude.clone()) }.to_string();
-            assert!(!told.contains(char::is_control) && told.chars().count() < SHOWN_MAX_CHARS + 100, "{told}");
+            let words = DeviceError { device, doing, problem: problem(rude.clone()) }.to_string();
+            assert!(!words.contains(char::is_control) && words.chars().count() < SHOWN_MAX_CHARS + 100, "{words}");
         }
         let (role, link) = ("stage".to_owned(), "link".to_owned());
         let identity = Identity { role, identity: rude.clone(), link, warnings: vec![rude] }.shown();

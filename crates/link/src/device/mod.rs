@@ -5,11 +5,11 @@
 //! part needs.
 
 mod error;
-mod reins;
+mod orders;
 
 pub use error::{DeviceError, DeviceProblem};
+pub use orders::{MotionOrder, MotionOrders};
 pub use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS, shown};
-pub use reins::{MotionOrder, Reins};
 
 use palpate_core::quantity::{Axis, ForceReading, Range, Steps, Travel};
 use std::future::Future;
@@ -77,9 +77,9 @@ pub trait Stage {
         &mut self,
         way_mm: f64,
         usage: &StageUse,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> impl Future<Output = Result<bool, DeviceError>> {
-        let _ = (way_mm, usage, reins);
+        let _ = (way_mm, usage, orders);
         async { Ok(false) }
     }
 
@@ -91,18 +91,18 @@ pub trait Stage {
 
     /// Homes z alone, if it isn't homed, away from the specimen. Returns whether z was homed separately: a controller may home
     /// all axes in one operation.
-    fn home_z(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<bool, DeviceError>> {
-        let _ = (usage, reins);
+    fn home_z(&mut self, usage: &StageUse, orders: &MotionOrders) -> impl Future<Output = Result<bool, DeviceError>> {
+        let _ = (usage, orders);
         async { Ok(false) }
     }
 
     /// Homes the axes that aren't homed: z first, away from the specimen. A stop ends a search for home at once, which is an
     /// error. The stage was [identified](Stage::identify) before.
-    fn home(&mut self, usage: &StageUse, reins: &Reins) -> impl Future<Output = Result<(), DeviceError>>;
+    fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
     /// again.
-    fn afresh(&mut self) {}
+    fn forget_timing(&mut self) {}
 
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
     /// command and finishes it independently: the motion began just now. A stop that the reins request during the call is sent at
@@ -111,7 +111,7 @@ pub trait Stage {
         &mut self,
         targets: &[(Axis, f64)],
         speed_mm_s: f64,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Waits until the controller reports the axes at rest, and returns their positions, in their order, mm. `expected` is the
@@ -120,11 +120,11 @@ pub trait Stage {
         &mut self,
         axes: &[Axis],
         expected: Duration,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
 
     /// Returns the position of an axis. Requests of the reins during the call are carried out at once.
-    fn position_mm(&mut self, axis: Axis, reins: &Reins) -> impl Future<Output = Result<f64, DeviceError>>;
+    fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> impl Future<Output = Result<f64, DeviceError>>;
 
     /// Stops all axes at once, without waiting.
     fn stop(&mut self) -> impl Future<Output = Result<(), DeviceError>>;
@@ -147,7 +147,7 @@ pub trait LoadCell {
 
     /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
     /// again.
-    fn afresh(&mut self) {}
+    fn forget_timing(&mut self) {}
 
     /// Returns the latest reading, relative to the cell's own zero.
     fn read(&mut self) -> impl Future<Output = Result<ForceReading, DeviceError>>;

@@ -63,7 +63,7 @@ impl Claims {
     /// Another program uses the link, or a lock file isn't possible.
     pub fn take(&mut self, link: &Link) -> Result<(), ClaimError> {
         match identity(link) {
-            Some(identity) => self.take_in(&std::env::temp_dir(), identity, told(link)),
+            Some(identity) => self.take_in(&std::env::temp_dir(), identity, text(link)),
             None => Ok(()),
         }
     }
@@ -79,15 +79,15 @@ impl Claims {
         Ok(())
     }
 
-    fn take_in(&mut self, folder: &Path, identity: String, told: String) -> Result<(), ClaimError> {
+    fn take_in(&mut self, folder: &Path, identity: String, text: String) -> Result<(), ClaimError> {
         if self.claims.iter().any(|claim| claim.identity == identity) {
             return Ok(());
         }
         let path = folder.join(format!("palpate-link-{}.lock", hexadecimal(&Sha256::digest(&identity))));
         match lock(&path) {
             Ok(LockAttempt::Taken(file)) => self.claims.push(LinkClaim { identity, _lock: file }),
-            Ok(LockAttempt::Held(process)) => return Err(ClaimError::Held { link: told, process }),
-            Err(source) => return Err(ClaimError::Lock { link: told, path, source }),
+            Ok(LockAttempt::Held(process)) => return Err(ClaimError::Held { link: text, process }),
+            Err(source) => return Err(ClaimError::Lock { link: text, path, source }),
         }
         Ok(())
     }
@@ -140,7 +140,7 @@ fn ni_devices(physical: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Text of a link for messages, without its speed. The speed doesn't affect who owns the link.
-fn told(link: &Link) -> String {
+fn text(link: &Link) -> String {
     let text = link.to_string();
     text.split_once('?').map_or(text.clone(), |(place, _)| place.to_owned())
 }
@@ -258,7 +258,7 @@ mod tests {
 
     fn taken(folder: &Path, link: &Link) -> Result<Claims, ClaimError> {
         let mut claims = Claims::default();
-        claims.take_in(folder, identity(link).unwrap(), told(link))?;
+        claims.take_in(folder, identity(link).unwrap(), text(link))?;
         Ok(claims)
     }
 
@@ -268,12 +268,12 @@ mod tests {
         let (link, other) = (serial("/dev/nothing0"), serial("/dev/nothing1"));
         for _ in 0..2 {
             let owner = taken(folder.path(), &link).unwrap();
-            let told = taken(folder.path(), &link).unwrap_err().to_string();
+            let text = taken(folder.path(), &link).unwrap_err().to_string();
             // windows lets nobody read a locked file
             let process = if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) };
             let expected =
                 format!("serial:///dev/nothing0 is in use by another palpate{process}: end it, or wait for it");
-            assert_eq!(told, expected);
+            assert_eq!(text, expected);
             taken(folder.path(), &other).unwrap();
             drop(owner);
         }
@@ -284,7 +284,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut claims = taken(folder.path(), &tcp("xps", 5001)).unwrap();
         for link in [tcp("XPS", 5001), tcp("xps", 5002)] {
-            claims.take_in(folder.path(), identity(&link).unwrap(), told(&link)).unwrap();
+            claims.take_in(folder.path(), identity(&link).unwrap(), text(&link)).unwrap();
         }
         assert_eq!(claims.claims.len(), 2);
     }
@@ -320,11 +320,11 @@ mod tests {
     }
 
     #[test]
-    fn without_a_temporary_folder_it_is_told_which_and_what_to_do() {
+    fn without_a_temporary_folder_it_is_reported_which_and_what_to_do() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("missing");
-        let told = taken(&missing, &tcp("stage", 1)).unwrap_err().to_string();
-        assert!(told.contains(&missing.display().to_string()) && told.contains("TMPDIR"), "{told}");
+        let text = taken(&missing, &tcp("stage", 1)).unwrap_err().to_string();
+        assert!(text.contains(&missing.display().to_string()) && text.contains("TMPDIR"), "{text}");
     }
 
     #[cfg(unix)]
@@ -352,8 +352,8 @@ mod tests {
             fs::write(&precious, "precious").unwrap();
             fs::remove_file(&path).unwrap();
             trick();
-            let told = taken(folder.path(), &tcp("stage", 1)).unwrap_err().to_string();
-            assert!(told.contains(why), "{told}");
+            let text = taken(folder.path(), &tcp("stage", 1)).unwrap_err().to_string();
+            assert!(text.contains(why), "{text}");
             assert_eq!(fs::read_to_string(&precious).unwrap(), "precious");
         }
     }

@@ -76,11 +76,11 @@ pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
 
 /// Returns the reason why a program can't be started.
 fn not_started(program: &str, error: &io::Error) -> io::Error {
-    let told = match error.kind() {
+    let text = match error.kind() {
         io::ErrorKind::NotFound => format!("the program `{program}` wasn't found"),
         _ => format!("the program `{program}` can't be started: {error}"),
     };
-    io::Error::new(error.kind(), told)
+    io::Error::new(error.kind(), text)
 }
 
 /// Waits until every program whose link was dropped has ended or couldn't be ended.
@@ -112,7 +112,7 @@ impl Running {
                 return Poll::Pending;
             }
             self.next_look = None;
-            let told = match self.child.try_wait() {
+            let text = match self.child.try_wait() {
                 Ok(Some(status)) => format!("the program has ended ({status})"),
                 Ok(None) if self.looks < STATUS_LOOKS => {
                     self.looks += 1;
@@ -121,7 +121,7 @@ impl Running {
                 }
                 _ => "the program closed its output".to_owned(),
             };
-            return Poll::Ready(io::Error::new(io::ErrorKind::UnexpectedEof, told));
+            return Poll::Ready(io::Error::new(io::ErrorKind::UnexpectedEof, text));
         }
     }
 

@@ -117,7 +117,7 @@ impl ChartAxis {
             let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 but for rounding
             let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
             let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
-            let widest_px = ticks.iter().map(|(_, told)| taken_px(told)).fold(0.0, f64::max);
+            let widest_px = ticks.iter().map(|(_, text)| taken_px(text)).fold(0.0, f64::max);
             if ticks.len() < 2 || length_px * step / (max - min) >= widest_px {
                 return ticks;
             }
@@ -146,17 +146,17 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        let told = |axis: ChartAxis| told(&axis, 400.0);
-        assert_eq!(told(ChartAxis { range: (0.5, 3.2), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
-        assert_eq!(told(ChartAxis { range: (1.0, 900.0), ..ChartAxis::log("", [], (1.0, 1.0)) }), "1 10 100");
-        assert_eq!(told(ChartAxis { range: (0.51, 0.68), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.55 0.6 0.65");
-        assert_eq!(told(ChartAxis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
-        assert_eq!(told(ChartAxis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
+        let text = |axis: ChartAxis| text(&axis, 400.0);
+        assert_eq!(text(ChartAxis { range: (0.5, 3.2), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.5 0.7 1 1.5 2 3");
+        assert_eq!(text(ChartAxis { range: (1.0, 900.0), ..ChartAxis::log("", [], (1.0, 1.0)) }), "1 10 100");
+        assert_eq!(text(ChartAxis { range: (0.51, 0.68), ..ChartAxis::log("", [], (1.0, 1.0)) }), "0.55 0.6 0.65");
+        assert_eq!(text(ChartAxis::linear("", (-1.0, 2.0))), "-1 -0.5 0 0.5 1 1.5 2");
+        assert_eq!(text(ChartAxis::rows(vec!["a".to_owned(), "b".to_owned()])), "a b");
     }
 
     /// The ticks of an axis so many px long where each takes 13.
-    fn told(axis: &ChartAxis, length_px: f64) -> String {
-        axis.ticks(length_px, |_| 13.0).into_iter().map(|(_, told)| told).collect::<Vec<_>>().join(" ")
+    fn text(axis: &ChartAxis, length_px: f64) -> String {
+        axis.ticks(length_px, |_| 13.0).into_iter().map(|(_, text)| text).collect::<Vec<_>>().join(" ")
     }
 
     #[test]
@@ -166,16 +166,16 @@ mod tests {
             assert!(axis.ticks(400.0, |_| 13.0).len() < 10, "{range:?}");
             assert!(range.0.is_nan() || axis.share(range.0).is_finite(), "{range:?}");
         }
-        assert_eq!(told(&ChartAxis::linear("", (2.0, 2.0)), 400.0), "2 2.2 2.4 2.6 2.8 3");
+        assert_eq!(text(&ChartAxis::linear("", (2.0, 2.0)), 400.0), "2 2.2 2.4 2.6 2.8 3");
     }
 
     #[test]
     fn ticks_differ_have_room_and_count_without_halves() {
-        assert_eq!(told(&ChartAxis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
-        assert_eq!(told(&ChartAxis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
-        assert_eq!(told(&ChartAxis::linear("", (-1.5, 1.5)), 28.0), "0");
-        assert_eq!(told(&ChartAxis::linear("", (-1.5, 1.5)), 60.0), "-1 0 1");
-        assert_eq!(told(&ChartAxis::count("", (0.5, 2.5)), 400.0), "1 2");
-        assert_eq!(told(&ChartAxis::count("", (0.5, 100.5)), 400.0), "20 40 60 80 100");
+        assert_eq!(text(&ChartAxis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
+        assert_eq!(text(&ChartAxis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
+        assert_eq!(text(&ChartAxis::linear("", (-1.5, 1.5)), 28.0), "0");
+        assert_eq!(text(&ChartAxis::linear("", (-1.5, 1.5)), 60.0), "-1 0 1");
+        assert_eq!(text(&ChartAxis::count("", (0.5, 2.5)), 400.0), "1 2");
+        assert_eq!(text(&ChartAxis::count("", (0.5, 100.5)), 400.0), "20 40 60 80 100");
     }
 }

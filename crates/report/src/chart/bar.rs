@@ -34,10 +34,10 @@ pub(super) fn write(svg: &mut String, labels: &mut Vec<Label>, axis: &ChartAxis,
         svg,
         "<rect class=\"axis\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" height=\"{HEIGHT:.1}\"/>"
     );
-    for (value, told) in axis.ticks(width, |told| width_px(told, SIZE_PX) + 8.0) {
+    for (value, text) in axis.ticks(width, |text| width_px(text, SIZE_PX) + 8.0) {
         let x = left + width * axis.share(value).clamp(0.0, 1.0);
         write_stroke(svg, "axis", (x, bottom), (x, bottom + TICK));
-        labels.push(Label::tick((x, bottom + TO_NUMBERS), "mid", &told));
+        labels.push(Label::tick((x, bottom + TO_NUMBERS), "mid", &text));
     }
     labels.push(Label::fixed((left + width / 2.0, bottom + TO_NAME), "mid", &axis.label));
     bottom + TO_NAME + BELOW

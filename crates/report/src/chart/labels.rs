@@ -112,16 +112,16 @@ impl Label {
     }
 
     fn write(&self, svg: &mut String) {
-        let ((x, y), told) = (self.at, escaped(&self.text));
+        let ((x, y), words) = (self.at, escaped(&self.text));
         let _ = match self.is_upright {
             true => {
                 let class = self.class;
                 writeln!(
                     svg,
-                    "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{told}</text>"
+                    "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\">{words}</text>"
                 )
             }
-            false => writeln!(svg, "<text class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\">{told}</text>", self.class),
+            false => writeln!(svg, "<text class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\">{words}</text>", self.class),
         };
     }
 }

@@ -31,7 +31,7 @@ pub(super) fn shortened(text: &str, size_px: f64, most_px: f64) -> String {
         let (before, after) = (&letters[..first], &letters[first + count..]);
         before.iter().chain((count > 0).then_some(&GAP)).chain(after).collect()
     };
-    let fits = |told: &String| width_px(told, size_px) <= most_px;
+    let fits = |words: &String| width_px(words, size_px) <= most_px;
     (0..letters.len()).map(without).find(fits).unwrap_or_else(|| GAP.to_string())
 }
 

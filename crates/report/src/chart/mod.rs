@@ -285,9 +285,9 @@ struct UpwardNames {
 impl UpwardNames {
     fn write(&self, labels: &mut Vec<Label>, name: &str, area: &PanelArea) {
         let lines = wrapped(name, SIZE_PX, self.length_px);
-        for (line, told) in lines.iter().rev().enumerate() {
+        for (line, text) in lines.iter().rev().enumerate() {
             let at = (area.x - self.to_label_px - LABEL_LINE * line as f64, area.y + area.height / 2.0);
-            labels.push(Label { is_upright: true, ..Label::fixed(at, "mid", told) });
+            labels.push(Label { is_upright: true, ..Label::fixed(at, "mid", text) });
         }
     }
 }

@@ -121,13 +121,13 @@ impl Panel {
     /// Number of lines of the numbers below the panel, without the first line.
     fn more_lines_below(&self) -> usize {
         let ticks = self.x.ticks(f64::INFINITY, |_| 0.0);
-        ticks.iter().map(|(_, told)| told.lines().count()).max().unwrap_or(1).max(1) - 1
+        ticks.iter().map(|(_, text)| text.lines().count()).max().unwrap_or(1).max(1) - 1
     }
 
     /// Width of the widest number next to the panel, px, for this height of the panel.
     pub(super) fn numbers_upward_px(&self, height_px: f64) -> f64 {
         let ticks = self.y.ticks(height_px, |_| LINE_PX);
-        ticks.iter().map(|(_, told)| width_px(told, SIZE_PX)).fold(0.0, f64::max)
+        ticks.iter().map(|(_, text)| width_px(text, SIZE_PX)).fold(0.0, f64::max)
     }
 
     /// Returns the panel's title in one or two lines, each shortened to fit.
@@ -160,8 +160,8 @@ impl Panel {
     /// Draws the panel. The texts are laid out later, together with those of all panels.
     pub(super) fn write(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, words: &Words) {
         self.write_axes(svg, labels, area, words);
-        for (line, told) in self.title_lines(words.title_px).iter().rev().enumerate() {
-            labels.push(Label::fixed((area.x, area.y - 9.0 - LABEL_LINE * line as f64), "head", told));
+        for (line, text) in self.title_lines(words.title_px).iter().rev().enumerate() {
+            labels.push(Label::fixed((area.x, area.y - 9.0 - LABEL_LINE * line as f64), "head", text));
         }
         for mark in &self.marks {
             self.write_mark(svg, labels, area, mark, words.size);
@@ -177,7 +177,7 @@ impl Panel {
 
     fn write_axes(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, words: &Words) {
         let (right, bottom) = (area.x + area.width, area.y + area.height);
-        for (value, told) in self.y.ticks(area.height, |_| LINE_PX) {
+        for (value, text) in self.y.ticks(area.height, |_| LINE_PX) {
             let y = self.at(area, (self.x.range.0, value)).1;
             match &self.y.scale {
                 AxisScale::Rows(rows) if (value as usize).is_multiple_of(2) => {
@@ -191,20 +191,20 @@ impl Panel {
                 AxisScale::Rows(_) => {}
                 _ => write_stroke(svg, "grid", (area.x, y), (right, y)),
             }
-            let lines: Vec<&str> = told.lines().filter(|_| words.y).collect();
+            let lines: Vec<&str> = text.lines().filter(|_| words.y).collect();
             let first_y = y + 4.5 - LINE_PX / 2.0 * (lines.len().max(1) - 1) as f64;
-            for (line, told) in lines.into_iter().enumerate() {
+            for (line, text) in lines.into_iter().enumerate() {
                 let (class, size) = if line == 0 { ("end", SIZE_PX) } else { ("end small", 12.0) };
                 let at = (area.x - TO_NUMBERS, first_y + LINE_PX * line as f64);
-                labels.push(Label::tick(at, class, &shortened(told, size, LEFT_OF_ROWS - TO_NUMBERS - 3.0)));
+                labels.push(Label::tick(at, class, &shortened(text, size, LEFT_OF_ROWS - TO_NUMBERS - 3.0)));
             }
         }
-        for (value, told) in self.x.ticks(area.width, |told| width_px(told, SIZE_PX) + BESIDE_NUMBER) {
+        for (value, text) in self.x.ticks(area.width, |text| width_px(text, SIZE_PX) + BESIDE_NUMBER) {
             let x = self.at(area, (value, self.y.range.0)).0;
             write_stroke(svg, "grid", (x, area.y), (x, bottom));
-            for (line, told) in told.lines().enumerate().filter(|_| words.x) {
+            for (line, text) in text.lines().enumerate().filter(|_| words.x) {
                 let class = if line == 0 { "mid" } else { "mid small" };
-                labels.push(Label::tick((x, bottom + 18.0 + NOTE_LINE * line as f64), class, told));
+                labels.push(Label::tick((x, bottom + 18.0 + NOTE_LINE * line as f64), class, text));
             }
         }
         let _ = writeln!(
@@ -219,8 +219,8 @@ impl Panel {
 
     fn write_mark(&self, svg: &mut String, labels: &mut Vec<Label>, area: &PanelArea, mark: &Mark, size: f64) {
         let at = |point: (f64, f64)| self.at(area, point);
-        let mut word = |mark: (f64, f64), (right, down): (f64, f64), class: &'static str, told: &str| {
-            let label = Label::fixed((mark.0 + right, mark.1 + down), class, told);
+        let mut word = |mark: (f64, f64), (right, down): (f64, f64), class: &'static str, text: &str| {
+            let label = Label::fixed((mark.0 + right, mark.1 + down), class, text);
             labels.push(Label { rank: LabelRank::Word(mark), ..label });
         };
         match mark {
@@ -265,23 +265,23 @@ impl Panel {
             }
             Mark::Cells(axis, cells) => write_cells(svg, axis, cells, at),
             Mark::Title(_) | Mark::Blank => {} // above the panel
-            Mark::At(value, told) => {
+            Mark::At(value, text) => {
                 let x = at((*value, self.y.range.0)).0;
                 write_stroke(svg, "rule", (x, area.y), (x, area.y + area.height));
-                word((x, area.y), (6.0, 16.0), "word", told);
+                word((x, area.y), (6.0, 16.0), "word", text);
             }
-            Mark::Level(value, told) => {
+            Mark::Level(value, text) => {
                 let y = at((self.x.range.0, *value)).1;
                 write_stroke(svg, "rule", (area.x, y), (area.x + area.width, y));
-                word((area.x, y), (6.0, -6.0), "word", told);
+                word((area.x, y), (6.0, -6.0), "word", text);
             }
-            Mark::Words(point, moved_px, anchor, told) => {
+            Mark::Words(point, moved_px, anchor, text) => {
                 let class = match anchor {
                     Anchor::Start => "word",
                     Anchor::Middle => "word mid",
                     Anchor::End => "word end",
                 };
-                word(at(*point), *moved_px, class, told);
+                word(at(*point), *moved_px, class, text);
             }
         }
     }

@@ -10,12 +10,12 @@ use std::fmt::Write as _;
 #[derive(Serialize)]
 struct Described<'a> {
     table: &'a str,
-    columns: Vec<ColumnTold<'a>>,
+    columns: Vec<ColumnJson<'a>>,
     manifest: &'a Manifest,
 }
 
 #[derive(Serialize)]
-struct ColumnTold<'a> {
+struct ColumnJson<'a> {
     name: &'a str,
     unit: &'a str,
     definition: &'a str,
@@ -47,7 +47,7 @@ pub(super) fn text(frame: &ExportTable) -> String {
 /// Returns the description of a frame as JSON.
 pub(super) fn description(frame: &ExportTable, manifest: &Manifest) -> String {
     let columns = frame.columns.iter();
-    let columns = columns.map(|its| ColumnTold { name: &its.name, unit: &its.unit, definition: &its.definition });
+    let columns = columns.map(|its| ColumnJson { name: &its.name, unit: &its.unit, definition: &its.definition });
     let described = Described { table: frame.name, columns: columns.collect(), manifest };
     // text and numbers can't fail to be written
     serde_json::to_string_pretty(&described).unwrap_or_default() + "\n"

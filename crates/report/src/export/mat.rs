@@ -33,8 +33,8 @@ const NAME_BYTES: usize = 64;
 /// # Errors
 /// A variable has 4 GB or more, which the format can't have. Or an error of the operating system.
 pub(crate) fn write(frames: &[ExportTable], manifest: &str, mut out: impl Write) -> io::Result<()> {
-    let told = concat!("MATLAB 5.0 MAT-file, written by palpate ", env!("CARGO_PKG_VERSION"));
-    let mut header = format!("{told:<124}").into_bytes();
+    let words = concat!("MATLAB 5.0 MAT-file, written by palpate ", env!("CARGO_PKG_VERSION"));
+    let mut header = format!("{words:<124}").into_bytes();
     header.extend([0x00, 0x01, b'I', b'M']);
     out.write_all(&header)?;
     for frame in frames {
@@ -54,7 +54,7 @@ fn of_frame(frame: &ExportTable) -> io::Result<Vec<u8>> {
         let columns: Vec<&TableColumn> = frame.columns[outputs.clone()].iter().collect();
         fields.push(("outputs", numbers(&columns, frame.rows)?));
     }
-    let told = |of: fn(&TableColumn) -> &str| -> io::Result<Vec<u8>> {
+    let words = |of: fn(&TableColumn) -> &str| -> io::Result<Vec<u8>> {
         let mut fields = Vec::new();
         for column in (0..frame.columns.len()).filter(single).map(|index| &frame.columns[index]) {
             fields.push((column.name.as_str(), text("", of(column))?));
@@ -64,8 +64,8 @@ fn of_frame(frame: &ExportTable) -> io::Result<Vec<u8>> {
         }
         structure("", &fields)
     };
-    fields.push(("unit", told(|column| &column.unit)?));
-    fields.push(("definition", told(|column| &column.definition)?));
+    fields.push(("unit", words(|column| &column.unit)?));
+    fields.push(("definition", words(|column| &column.definition)?));
     // a table of units has a column `unit` of its own
     let twice = fields.iter().filter(|(name, _)| *name == "unit").count() > 1;
     if twice && let Some(units) = fields.iter_mut().rfind(|(name, _)| *name == "unit") {

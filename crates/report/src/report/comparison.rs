@@ -61,10 +61,10 @@ impl Compared {
         let (evaluations, why_not) = match &trial {
             Ok(trial) => {
                 let answers = [PAPERS, solver].map(|solver| trial.answers(solver));
-                let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(EvaluateError::told));
+                let why_not = answers.iter().find_map(|answers| answers.as_ref().err().map(EvaluateError::text));
                 (answers.map(Result::ok), why_not)
             }
-            Err(why) => ([None, None], Some(why.told())),
+            Err(why) => ([None, None], Some(why.text())),
         };
         let known: Vec<Evaluation> = evaluations.iter().flatten().cloned().collect();
         let evidence =
@@ -101,7 +101,7 @@ impl Compared {
     }
 
     /// Name of the sensor if it was stated, otherwise name of the run.
-    fn told(&self) -> &str {
+    fn text(&self) -> &str {
         self.manifest.facts.labels.sensor.as_deref().unwrap_or(&self.name)
     }
 
@@ -113,7 +113,7 @@ impl Compared {
     /// Name of the run next to a figure: the sensor, and below it the day and the minute.
     fn in_figure(&self) -> String {
         let minute: String = self.began().chars().take("2026-01-01 00:00".len()).collect();
-        format!("{}\n{minute}", self.told())
+        format!("{}\n{minute}", self.text())
     }
 
     /// Sensor, run and start time, with which every table of a figure's numbers begins.
@@ -176,7 +176,7 @@ fn numbers(runs: &[Compared], solver: &str) -> Markup {
 
 /// Returns the reasons why a run isn't accepted.
 fn reasons(judgement: &Judgement) -> String {
-    format!("{}; {}", judgement.verdict.told(), judgement.all_reasons().collect::<Vec<String>>().join("; "))
+    format!("{}; {}", judgement.verdict.text(), judgement.all_reasons().collect::<Vec<String>>().join("; "))
 }
 
 fn errors_table(runs: &[Compared], solver: &str) -> Markup {
@@ -193,7 +193,7 @@ fn errors_table(runs: &[Compared], solver: &str) -> Markup {
             let both = e.and_then(|e| Some(percent(&key(e, "within.both"), e.within.both?)));
             cells.extend([location, force, both].map(|cell| cell.unwrap_or_else(none)));
         }
-        cells.push(words(run.verdict().map_or("-", SensorVerdict::told)));
+        cells.push(words(run.verdict().map_or("-", SensorVerdict::text)));
         cells
     };
     let mut rows: Vec<Vec<Markup>> = runs.iter().enumerate().map(row).collect();
@@ -297,7 +297,7 @@ fn changes(runs: &[Compared]) -> Option<PageFigure> {
         }
     }
     let names: Vec<String> = alike.iter().map(|run| run.in_figure()).collect();
-    let subtitle = format!("over the calibration, per newton, relative to {}", first.told());
+    let subtitle = format!("over the calibration, per newton, relative to {}", first.text());
     let x = ChartAxis::count("output", (0.5, units as f64 + 0.5));
     let marks = vec![Mark::Cells(ChartAxis::linear("change of the mean output, %", (-most, most)), cells)];
     let excluded = (left_out > 0).then(|| {

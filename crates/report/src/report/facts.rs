@@ -32,14 +32,14 @@ fn of_run(run: &Recorded) -> Markup {
     }
     for session in &manifest.sessions {
         let commit = session.commit.as_ref().map(|commit| format!(" ({commit})")).unwrap_or_default();
-        let told = format!(
+        let text = format!(
             "{}, palpate {}{commit} on {}, {}",
             clock(&session.started),
             session.palpate,
             session.host,
             session.system
         );
-        rows.push(("began", told));
+        rows.push(("began", text));
         let changed = |change: &RigChange| format!("{} is {}; it was {}", change.key, change.now, change.before);
         rows.extend(session.changes.iter().map(|change| ("rig changed", changed(change))));
     }
@@ -53,7 +53,7 @@ fn of_run(run: &Recorded) -> Markup {
     if facts.imported.is_none() {
         rows.push(("zero in air", zeros(run)));
     }
-    let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_told(*t_s, *press, trip)));
+    let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_text(*t_s, *press, trip)));
     rows.extend(trips);
     for touch in &run.retouches {
         let (x_mm, y_mm) = (touch.place.x_mm, touch.place.y_mm);
@@ -72,7 +72,7 @@ fn of_run(run: &Recorded) -> Markup {
     html! {
         h3 { (run.name()) }
         div.wide {
-            table { tbody { @for (name, told) in &rows { tr { th scope="row" { (name) } td.words { (told) } } } } }
+            table { tbody { @for (name, text) in &rows { tr { th scope="row" { (name) } td.words { (text) } } } } }
         }
         @if !devices.is_empty() {
             div.wide {
@@ -107,8 +107,8 @@ fn flags(run: &Recorded) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     let levels = run.contacts.iter().flat_map(|contact| &contact.levels);
     levels.flat_map(|press| &press.flags).for_each(|flag: &Flag| *counts.entry(flag.name()).or_default() += 1);
-    let told: Vec<String> = counts.iter().map(|(flag, count)| format!("{count} {flag}")).collect();
-    if told.is_empty() { "none".to_owned() } else { format!("{}: {}", run.manifest.rows_flagged, told.join(", ")) }
+    let text: Vec<String> = counts.iter().map(|(flag, count)| format!("{count} {flag}")).collect();
+    if text.is_empty() { "none".to_owned() } else { format!("{}: {}", run.manifest.rows_flagged, text.join(", ")) }
 }
 
 fn zeros(run: &Recorded) -> String {
@@ -125,7 +125,7 @@ fn zeros(run: &Recorded) -> String {
     }
 }
 
-fn trip_told(t_s: f64, press: Option<u64>, trip: &Trip) -> String {
+fn trip_text(t_s: f64, press: Option<u64>, trip: &Trip) -> String {
     let press = press.map(|press| format!(", press {press}")).unwrap_or_default();
     format!("at {t_s:.1} s{press}: {trip}")
 }

@@ -81,13 +81,13 @@ fn notes(evaluations: &[Evaluation], is_beside_paper: bool) -> Markup {
         @if let Some(evaluation) = evaluations.first().filter(|evaluation| evaluation.at_calibrated_places > 0) {
             p.note { (evaluation.at_calibrated_places) " of the test presses are at places of the calibration." }
         }
-        @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_told(evaluations)) }
+        @if evaluations.iter().any(|evaluation| !evaluation.left_out.is_none()) { (left_out_note(evaluations)) }
     }
 }
 
 /// Returns the note about excluded presses. Flagged presses are excluded for all methods; presses without an answer are excluded
 /// only for the method concerned.
-fn left_out_told(evaluations: &[Evaluation]) -> Markup {
+fn left_out_note(evaluations: &[Evaluation]) -> Markup {
     let LeftOut { calibration_flagged, test_flagged, .. } = evaluations.first().map(|e| e.left_out).unwrap_or_default();
     html! {
         p.note { "Excluded: " (calibration_flagged) " calibration and " (test_flagged) " test presses that are flagged"

@@ -40,7 +40,7 @@ impl SensorResults {
         let (evaluations, expecting, why_not) = match (&trial, model) {
             (Ok(trial), Some(model)) => evaluated_with(trial, model.fitted()),
             (Ok(trial), None) => evaluated(trial, second, subject),
-            (Err(why), _) => (Vec::new(), None, Some(why.told())),
+            (Err(why), _) => (Vec::new(), None, Some(why.text())),
         };
         let judgement = rule.map(|rule| match &design {
             Some(design) => design.judge(rule, &subject.evidence(), &trial, &evaluations),
@@ -73,14 +73,14 @@ impl SensorResults {
 /// Returns the evaluations by the paper's method alone and by a method that knows the design's prior.
 fn evaluated_with(trial: &Trial<'_>, fitted: &Fitted) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
     let both = [trial.evaluate(PAPERS), trial.evaluate_with(fitted)];
-    let why_not = both.iter().find_map(|evaluated| evaluated.as_ref().err().map(EvaluateError::told));
+    let why_not = both.iter().find_map(|evaluated| evaluated.as_ref().err().map(EvaluateError::text));
     (both.into_iter().flatten().collect(), None, why_not)
 }
 
 /// Returns the evaluations by both methods, and the fitted method that states expected errors.
 fn evaluated(trial: &Trial<'_>, second: &str, subject: &Subject) -> (Vec<Evaluation>, Option<Fitted>, Option<String>) {
     let judged = in_parallel(&[second, PAPERS], |solver| trial.evaluate_fitted(solver));
-    let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(EvaluateError::told));
+    let why_not = judged.iter().find_map(|judged| judged.as_ref().err().map(EvaluateError::text));
     let mut judged: Vec<(Evaluation, Fitted)> = judged.into_iter().flatten().collect();
     judged.reverse(); // the one that takes longest began first
     if judged.len() == 2 && judged.iter().all(|(evaluation, _)| evaluation.solver == PAPERS) {

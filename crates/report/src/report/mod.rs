@@ -53,7 +53,7 @@ pub fn page(subject: &Subject, judged: &SensorResults) -> Page {
     let title = subject.title();
     let header = html! {
         h1 { (title) }
-        p.lede { (subject.told()) }
+        p.lede { (subject.text()) }
     };
     Page::of(&title, &header, sections.into_iter().flatten())
 }

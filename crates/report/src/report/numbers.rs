@@ -69,12 +69,12 @@ impl Numbers {
     /// Returns the table as CSV (RFC 4180, lines ended by a line feed), numbers to twelve digits.
     pub fn csv(&self) -> String {
         let line = |cells: Vec<String>| cells.join(",") + "\n";
-        let rows = self.rows.iter().map(|row| line(row.iter().map(told).collect()));
+        let rows = self.rows.iter().map(|row| line(row.iter().map(text).collect()));
         line(self.head.iter().map(|name| cell(name).into_owned()).collect()) + &rows.collect::<String>()
     }
 }
 
-fn told(value: &NumberCell) -> String {
+fn text(value: &NumberCell) -> String {
     match value {
         // what arithmetic left behind the twelfth digit isn't known
         NumberCell::Number(number) if number.is_finite() => {

@@ -210,8 +210,8 @@ impl Subject {
     }
 
     /// Returns the basis of the page, as a sentence.
-    pub fn told(&self) -> String {
-        let recipes: Vec<String> = self.runs.iter().map(|run| run.manifest.facts.told()).collect();
+    pub fn text(&self) -> String {
+        let recipes: Vec<String> = self.runs.iter().map(|run| run.manifest.facts.text()).collect();
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
         let simulated =
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };

@@ -81,7 +81,7 @@ fn one(title: &str, papers: Option<usize>, columns: &[ItemColumn<'_>]) -> Markup
             }
         }
     };
-    let told: Vec<usize> =
+    let text: Vec<usize> =
         (0..units).filter(|&unit| columns.iter().any(|column| ours(unit, column).is_some())).collect();
     let row = |&unit: &usize| -> Vec<Markup> {
         let cells = columns.iter().map(|column| with_interval(unit, column));
@@ -91,13 +91,13 @@ fn one(title: &str, papers: Option<usize>, columns: &[ItemColumn<'_>]) -> Markup
             .chain(cells)
             .collect()
     };
-    let (shown, folded) = worst(&told, |&unit| ours(unit, &columns[0]));
+    let (shown, folded) = worst(&text, |&unit| ours(unit, &columns[0]));
     let mut rows: Vec<Vec<Markup>> = shown.iter().map(row).collect();
     let mean_of = |values: &mut dyn Iterator<Item = Option<f64>>| {
         ErrorSummary::of(&values.flatten().collect::<Vec<f64>>()).map(|sum| sum.mean)
     };
-    let papers_mean = papers.iter().map(|papers| cell(mean_of(&mut told.iter().map(|&unit| papers(unit)))));
-    let means = columns.iter().map(|column| cell(mean_of(&mut told.iter().map(|&unit| ours(unit, column)))));
+    let papers_mean = papers.iter().map(|papers| cell(mean_of(&mut text.iter().map(|&unit| papers(unit)))));
+    let means = columns.iter().map(|column| cell(mean_of(&mut text.iter().map(|&unit| ours(unit, column)))));
     rows.push([words("mean")].into_iter().chain(papers_mean).chain(means).collect());
     let names = papers.iter().map(|_| "paper").chain(columns.iter().map(|column| column.name));
     let head: Vec<Markup> = ["unit"].into_iter().chain(names).map(words).collect();
@@ -107,7 +107,7 @@ fn one(title: &str, papers: Option<usize>, columns: &[ItemColumn<'_>]) -> Markup
             strong { (title) }
             (table(&head, &rows))
             @if !others.is_empty() {
-                p.note { "The " (shown.len()) " largest of " (told.len()) ", and the mean of all." }
+                p.note { "The " (shown.len()) " largest of " (text.len()) ", and the mean of all." }
                 details { summary { "the other " (others.len()) } (table(&head, &others)) }
             }
         }

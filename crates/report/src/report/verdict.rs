@@ -69,7 +69,7 @@ fn by_rule(judgement: &Judgement) -> Markup {
         }
     };
     html! {
-        strong { (capital(verdict.told())) }
+        strong { (capital(verdict.text())) }
         p { (meaning) " Judged by the method " (method) ", on " (calibration_presses) " calibration and " (test_presses) " test presses."
             @if let Some(file) = &judgement.judged_afterwards_by { " Judged afterwards by " (file) "." }
         }
@@ -89,7 +89,7 @@ fn checks(judgement: &Judgement) -> Markup {
     let row = |check: &LimitCheck| {
         let mut cells = vec![words(check.kind.full_name(check.reach)), value(check, check.value)];
         cells.extend(is_guarded.then(|| value(check, check.bound)));
-        cells.extend([value(check, Some(check.limit)), words(check.n), words(check.verdict.told())]);
+        cells.extend([value(check, Some(check.limit)), words(check.n), words(check.verdict.text())]);
         cells
     };
     table(&head, &judgement.checks.iter().map(row).collect::<Vec<_>>())

@@ -154,12 +154,12 @@ mod tests {
     }
 
     #[test]
-    fn a_drift_is_told_right_within_five_sensors_and_false_alarms_are_few() {
-        let is_told = |cause: Cause, drift: [f64; 2]| {
+    fn a_drift_is_reported_right_within_five_sensors_and_false_alarms_are_few() {
+        let is_reported = |cause: Cause, drift: [f64; 2]| {
             percent(|seed| matches!(shown(seed, drift[0], drift[1]), Some((sensor, of)) if sensor <= 5 && of == cause))
         };
-        let bench = is_told(Cause::Bench, [1.0, 0.0]);
-        let batch = is_told(Cause::Batch, [0.0, 1.0]);
+        let bench = is_reported(Cause::Bench, [1.0, 0.0]);
+        let batch = is_reported(Cause::Batch, [0.0, 1.0]);
         let false_alarms = percent(|seed| shown(seed, 0.0, 0.0).is_some());
         // a batch charts two quantities
         let of_two = percent(|seed| [seed, TRIALS + seed].iter().any(|seed| shown(*seed, 0.0, 0.0).is_some()));

@@ -104,21 +104,21 @@ impl Conclusion {
                 self.is_refused = true;
                 self.judgement = basis.rule.map(|rule| Judgement {
                     verdict: SensorVerdict::NotAccepted,
-                    reasons: vec![told("refused", &deviations)],
+                    reasons: vec![text("refused", &deviations)],
                     ..by_model(rule)
                 });
                 if basis.rule.is_none() {
-                    self.reasons.push(told("refused", &deviations));
+                    self.reasons.push(text("refused", &deviations));
                 }
             }
             Belongs::Beyond(deviations) if !is_last => {
                 self.needs_more = true;
-                self.reasons.push(told("more presses are needed", &deviations));
+                self.reasons.push(text("more presses are needed", &deviations));
             }
             // a full calibration doesn't need the design
             Belongs::Beyond(deviations) => {
                 self.judgement = basis.rule.map(|rule| evidence.judge(rule, trial, &[]));
-                self.reasons.push(told("calibrated without the prior", &deviations));
+                self.reasons.push(text("calibrated without the prior", &deviations));
             }
             Belongs::Typical => {
                 if let Some((enough_mm, least_mm)) = too_large {
@@ -143,7 +143,7 @@ impl Conclusion {
 /// Ratio of the expected error to the least possible one from which more presses are worth their time.
 const WORTHWHILE: f64 = 1.05;
 
-fn told(what: &str, deviations: &[Deviation]) -> String {
-    let all: Vec<String> = deviations.iter().map(Deviation::told).collect();
+fn text(what: &str, deviations: &[Deviation]) -> String {
+    let all: Vec<String> = deviations.iter().map(Deviation::text).collect();
     format!("{what}: {}", all.join("; "))
 }

@@ -283,17 +283,17 @@ mod tests {
         for (cut, first) in [(1, 2), (2, 2), (3, 1), (4, 1), (5, 0)] {
             let journal = &whole[..ends[ends.len() - 1 - cut]];
             fs::write(path.join(JOURNAL), journal).unwrap();
-            let told = BatchFolder::open(&path).unwrap_err().to_string();
+            let text = BatchFolder::open(&path).unwrap_err().to_string();
             assert!(
-                told.ends_with(&format!("journal.log doesn't have the runs {}", lost[first..].join(", "))),
-                "{cut}: {told}"
+                text.ends_with(&format!("journal.log doesn't have the runs {}", lost[first..].join(", "))),
+                "{cut}: {text}"
             );
             assert_eq!(fs::read(path.join(JOURNAL)).unwrap(), journal);
         }
         fs::write(path.join(JOURNAL), &whole).unwrap();
         run("A-1-2"); // a retry that the journal has lost: A-1 had ended
-        let told = BatchFolder::open(&path).unwrap_err().to_string();
-        assert!(told.ends_with("doesn't have the runs runs/A-1-2"), "{told}");
+        let text = BatchFolder::open(&path).unwrap_err().to_string();
+        assert!(text.ends_with("doesn't have the runs runs/A-1-2"), "{text}");
     }
 
     /// Largest number of times that a held folder is opened again.

@@ -15,24 +15,24 @@ pub const GAIN_UNKNOWN: &str = "it has neither a certificate nor a check with a 
 pub struct AdjustedCell {
     driver: AnyLoadCell,
     divisor: f64,
-    told: Option<String>,
+    text: Option<String>,
 }
 
 impl AdjustedCell {
     pub(super) fn new(driver: AnyLoadCell, spec: &LoadCellSpec) -> Self {
-        AdjustedCell { driver, divisor: spec.divisor(), told: told(spec) }
+        AdjustedCell { driver, divisor: spec.divisor(), text: text(spec) }
     }
 }
 
 impl LoadCell for AdjustedCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         let mut identity = self.driver.prepare().await?;
-        identity.warnings.extend(self.told.clone());
+        identity.warnings.extend(self.text.clone());
         Ok(identity)
     }
 
-    fn afresh(&mut self) {
-        self.driver.afresh();
+    fn forget_timing(&mut self) {
+        self.driver.forget_timing();
     }
 
     async fn read(&mut self) -> Result<ForceReading, DeviceError> {
@@ -46,7 +46,7 @@ impl LoadCell for AdjustedCell {
 }
 
 /// Returns a note for the user about the cell's gain.
-fn told(spec: &LoadCellSpec) -> Option<String> {
+fn text(spec: &LoadCellSpec) -> Option<String> {
     match &spec.check {
         Some(check) if check.adjusted => {
             let WeightCheck { gain, weight_n, date, .. } = check;

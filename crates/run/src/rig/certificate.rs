@@ -29,9 +29,9 @@ pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
     let ([weight_n, weight_u_n, gain, gain_sd], adjusted) = (numbers?, adjusted?);
     if adjusted && (gain - 1.0).abs() > GAIN_OFF_MOST {
         let (least, most) = (1.0 - GAIN_OFF_MOST, 1.0 + GAIN_OFF_MOST);
-        let told = format!("`gain` is {gain} with `adjusted`, but only gains of {least} to {most} are adjusted");
+        let text = format!("`gain` is {gain} with `adjusted`, but only gains of {least} to {most} are adjusted");
         let help = "any other gain is a fault: check the cell's range, units and sign, then run `palpate doctor` again";
-        table.complain(Problem::new(table.span_of(&check::gain), told).help(help));
+        table.complain(Problem::new(table.span_of(&check::gain), text).help(help));
         return None;
     }
     let times = u32::try_from(times?).ok()?;
@@ -46,8 +46,8 @@ fn read_stated(table: &Table) -> Option<StatedError> {
     let is_scaled = table.has(&certificate::full_scale_n);
     let full_scale_n = table.number(&certificate::full_scale_n);
     if is_scaled && !class_percent {
-        let told = "`full_scale_n` requires `class_percent`";
-        table.complain(Problem::new(table.span_of(&certificate::full_scale_n), told));
+        let text = "`full_scale_n` requires `class_percent`";
+        table.complain(Problem::new(table.span_of(&certificate::full_scale_n), text));
         return None;
     }
     match (u_n, u_percent, class_percent) {
@@ -63,9 +63,9 @@ fn read_stated(table: &Table) -> Option<StatedError> {
             Some(StatedError::Class { class_percent: class_percent?, full_scale_n: full_scale_n? })
         }
         _ => {
-            let told = "`certificate` must state the error of a reading in one way";
+            let text = "`certificate` must state the error of a reading in one way";
             let help = "add one of u_n, u_percent (expanded uncertainty) or class_percent with full_scale_n";
-            table.complain(Problem::new(table.span(), told).help(help));
+            table.complain(Problem::new(table.span(), text).help(help));
             None
         }
     }
@@ -77,8 +77,8 @@ fn read_number(table: &Table, key: &Key) -> Option<String> {
     if (1..=NUMBER_MAX).contains(&number.chars().count()) && !number.contains(char::is_control) {
         return Some(number.to_owned());
     }
-    let told = format!("`{}` is {number:?}, expected 1 to {NUMBER_MAX} printable characters", key.name);
-    table.complain(Problem::new(table.span_of(key), told));
+    let words = format!("`{}` is {number:?}, expected 1 to {NUMBER_MAX} printable characters", key.name);
+    table.complain(Problem::new(table.span_of(key), words));
     None
 }
 
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn the_failure_twins_of_certificate_and_check() {
         let ways = "`certificate` must state the error of a reading in one way";
-        for (keys, told) in [
+        for (keys, text) in [
             (
                 "number = \"\", date = \"2026-05-04\", u_n = 1.0",
                 "`number` is \"\", expected 1 to 64 printable characters",
@@ -148,11 +148,11 @@ mod tests {
             ),
         ] {
             let problems = read(&format!("certificate = {{ {keys} }}")).unwrap_err();
-            assert!(problems.len() == 1 && problems[0].ends_with(told), "{keys}: {problems:?}");
+            assert!(problems.len() == 1 && problems[0].ends_with(text), "{keys}: {problems:?}");
             assert!(problems[0].starts_with("rig.toml:"), "{problems:?}");
         }
         let rest = "weight_u_n = 0.0005, gain_sd = 0.0002, times = 3, date = \"2026-05-04\"";
-        for (keys, told) in [
+        for (keys, text) in [
             ("weight_n = 0.5", "`gain` is missing in `load_cell.check`: a number, -1000000 to 1000000"),
             ("weight_n = 0.0, gain = 1.0", "`weight_n` is 0, must be over 0, at most 10000 N"),
             (
@@ -161,7 +161,7 @@ mod tests {
             ),
         ] {
             let problems = read(&format!("check = {{ {keys}, {rest} }}")).unwrap_err();
-            assert!(problems.len() == 1 && problems[0].ends_with(told), "{keys}: {problems:?}");
+            assert!(problems.len() == 1 && problems[0].ends_with(text), "{keys}: {problems:?}");
         }
     }
 }

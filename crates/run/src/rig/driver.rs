@@ -10,10 +10,10 @@ use std::sync::Arc;
 /// Reads the stage's `driver` and `link`.
 pub(super) fn read_stage_driver(table: &Table, beside: Beside) -> Option<(Arc<dyn StageDriver>, Link)> {
     if table.text_is(&stage::driver, "marlin") {
-        let told = "Marlin can't control a force: it reports where a motion will end, not where the axes are, and can't \
+        let text = "Marlin can't control a force: it reports where a motion will end, not where the axes are, and can't \
                     stop a motion immediately";
         let help = "GRBL 1.1 runs on most of the same boards: driver = \"grbl\"";
-        table.complain(Problem::new(table.span_of(&stage::driver), told).help(help));
+        table.complain(Problem::new(table.span_of(&stage::driver), text).help(help));
         return None;
     }
     read(table, [&stage::driver, &stage::link], |family| family.stage.as_ref(), beside)
@@ -50,8 +50,8 @@ fn read<D: Driver + ?Sized + 'static>(
         let words: Vec<&str> = roles.clone().flat_map(|role| role.words).copied().collect();
         let names: Vec<&str> = roles.filter_map(|role| role.keys.first()).map(|key| key.name).collect();
         let alone = if words.is_empty() { String::new() } else { format!(", or only a name: {}", words.join(", ")) };
-        let told = format!("unknown driver: expected one of {}{alone}", names.join(", "));
-        inner.complain(Problem::new(inner.span(), told));
+        let text = format!("unknown driver: expected one of {}{alone}", names.join(", "));
+        inner.complain(Problem::new(inner.span(), text));
         return None;
     };
     let driver = (role.read)(&inner, beside);
@@ -85,12 +85,12 @@ fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Optio
         Link::Process(_) => false,
     };
     let is_port = links == Links::Stream && (text.starts_with("COM") || text.starts_with("/dev/"));
-    let told = match Link::parse(text) {
+    let words = match Link::parse(text) {
         Ok(link) if fits(&link) => return Some(link),
-        Err(told) if text.contains("://") => format!("`link` is \"{text}\", {told}"),
+        Err(words) if text.contains("://") => format!("`link` is \"{text}\", {words}"),
         _ => format!("`link` is \"{text}\", expected {expected}"),
     };
-    let problem = Problem::new(table.span_of(key), told);
+    let problem = Problem::new(table.span_of(key), words);
     table.complain(match is_port {
         true => problem.help(format!("write \"serial://{text}?baud=115200\", with the baud rate of the device")),
         false => problem,

@@ -86,12 +86,12 @@ fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
     let home_side = table.word(&stage::home_side, &keys::HOME_SIDES);
     let (driver, link) = driver?;
     if home_side == Some(HomeSide::Toward) && !driver.homes_toward() {
-        let told = "this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own";
-        table.complain(Problem::new(table.span_of(&stage::home_side), told).help("remove `home_side`"));
+        let text = "this stage homes away from the specimen: `home_side = \"toward\"` is for a program of your own";
+        table.complain(Problem::new(table.span_of(&stage::home_side), text).help("remove `home_side`"));
     }
     if home == Some(Home::ByHand) && !driver.homes_by_hand() {
-        let told = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
-        table.complain(Problem::new(table.span_of(&stage::home), told).help("remove `home`"));
+        let text = "this stage homes to its switches: `home = \"by hand\"` is for GRBL without switches";
+        table.complain(Problem::new(table.span_of(&stage::home), text).help("remove `home`"));
     }
     let [speed_mm_s, acceleration_mm_s2, approach_mm_s, settle_ms] = numbers?;
     Some(StageSpec {
@@ -132,8 +132,8 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
     let layout = LAYOUT.read(table);
     let unit = read_unit(table, &array::unit);
     let misfit = driver.as_ref().zip(layout.as_ref()).and_then(|((driver, _), layout)| driver.misfit(layout));
-    if let Some((told, help)) = misfit {
-        table.complain(problem(table.span_of(LAYOUT.place(table)), told, help));
+    if let Some((text, help)) = misfit {
+        table.complain(problem(table.span_of(LAYOUT.place(table)), text, help));
     }
     let range_v = table.number(&array::range_v);
     let (driver, link) = driver?;
@@ -164,8 +164,8 @@ fn read_least(table: &Table) -> Option<Option<f64>> {
     let least_n_mm = table.number(&limits::stiffness_least_n_mm)?;
     let most_n_mm = table.number(&limits::stiffness_n_mm)?;
     if least_n_mm > most_n_mm {
-        let told = format!("`stiffness_least_n_mm` is {least_n_mm}, over `stiffness_n_mm` of {most_n_mm} N/mm");
-        table.complain(Problem::new(table.span_of(&limits::stiffness_least_n_mm), told));
+        let text = format!("`stiffness_least_n_mm` is {least_n_mm}, over `stiffness_n_mm` of {most_n_mm} N/mm");
+        table.complain(Problem::new(table.span_of(&limits::stiffness_least_n_mm), text));
         return None;
     }
     Some(Some(least_n_mm))
@@ -182,9 +182,9 @@ fn read_frame(table: &Table) -> Option<Frame> {
     let rotation_deg = table.number(&frame::rotation_deg);
     let tilt = read_tilt(table, &frame::tilt_mm_per_mm);
     if let Some(tilt) = tilt.filter(|tilt| !tilt.is_allowed()) {
-        let told = format!("the surface is tilted by {:.2} degrees, over {TILT_MOST_DEG}", tilt.degrees());
+        let text = format!("the surface is tilted by {:.2} degrees, over {TILT_MOST_DEG}", tilt.degrees());
         let help = "shim the specimen until it is level, and run `palpate align` again";
-        table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), told).help(help));
+        table.complain(Problem::new(table.span_of(&frame::tilt_mm_per_mm), text).help(help));
         return None;
     }
     let [surface_z_mm, uncertainty_mm] = surface?;
@@ -204,9 +204,9 @@ fn check_links(spec: &RigSpec, table: &Table) {
     let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
     let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
     if simulated != 0 && simulated != links.len() {
-        let told = "some links are simulated and others are real: they can't use the same clock";
+        let text = "some links are simulated and others are real: they can't use the same clock";
         let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
-        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
     }
 }
 
@@ -223,10 +223,10 @@ fn check_ports(spec: &RigSpec, table: &Table) {
         else {
             continue;
         };
-        let told = format!("[{}] and [{}] have the same serial port {port}", first.name, key.name);
+        let text = format!("[{}] and [{}] have the same serial port {port}", first.name, key.name);
         let help = "each device has a port of its own: `palpate ports` lists them. Only a load cell and an array that are one \
                     device with one line profile have the same `link`";
-        table.complain(Problem::new(table.span_of(key), told).help(help));
+        table.complain(Problem::new(table.span_of(key), text).help(help));
     }
 }
 
@@ -234,9 +234,9 @@ fn check_ports(spec: &RigSpec, table: &Table) {
 fn check_zero(spec: &RigSpec, table: &Table) {
     let outside = Axis::ALL.into_iter().find(|axis| !spec.stage.travel.along(*axis).contains(0.0));
     if let (Home::ByHand, Some(axis)) = (spec.stage.home, outside) {
-        let told = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
+        let text = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
         let help = "state the travel from the place to which a person brings the stage";
-        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
     }
 }
 
@@ -249,7 +249,7 @@ fn check_steps(spec: &RigSpec, table: &Table) {
     let (step_mm, most_n) = (spec.stage.steps.along(Axis::Z), STEP_SHARE * limits.force_n);
     let step_n = limits.stiffness_n_mm * step_mm;
     if step_n > most_n {
-        let told = format!(
+        let text = format!(
             "a step of z of {step_mm} mm changes the force by up to {} N at `stiffness_n_mm` = {}, over {} N, which is {} % of \
              `force_n`: it is too coarse to press by force",
             round(step_n, 4),
@@ -258,7 +258,7 @@ fn check_steps(spec: &RigSpec, table: &Table) {
             100.0 * STEP_SHARE,
         );
         let help = "use finer steps of z (more microsteps, a finer screw), or put a softer layer or a spring under the specimen";
-        table.complain(Problem::new(table.span_of(&root::stage), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
     }
 }
 
@@ -267,12 +267,12 @@ fn check_drivers(spec: &RigSpec, table: &Table) {
     let drivers: [&dyn Driver; 3] = [&*spec.stage.driver, &*spec.load_cell.driver, &*spec.array.driver];
     for misfit in drivers.into_iter().flat_map(|driver| driver.misfits(spec)) {
         let role = [root::stage, root::load_cell, root::array][misfit.role as usize];
-        table.complain(problem(table.span_of(&role), misfit.told, misfit.help));
+        table.complain(problem(table.span_of(&role), misfit.text, misfit.help));
     }
 }
 
-fn problem(span: Span, told: String, help: Option<&str>) -> Problem {
-    let problem = Problem::new(span, told);
+fn problem(span: Span, text: String, help: Option<&str>) -> Problem {
+    let problem = Problem::new(span, text);
     match help {
         Some(help) => problem.help(help),
         None => problem,
@@ -287,20 +287,20 @@ fn check_room(spec: &RigSpec, table: &Table) {
     let deepest = frame.to_stage(Place::default(), frame.uncertainty_mm + spec.limits.depth_mm).z_mm;
     let least_mm = 2.0 * frame.uncertainty_mm + SEARCH_ROOM_MM;
     if spec.limits.depth_mm < least_mm {
-        let told = format!(
+        let text = format!(
             "with `depth_mm` = {} the search ends above the deepest possible surface, {} mm + and -",
             spec.limits.depth_mm, frame.uncertainty_mm
         );
         let help = format!("use at least {least_mm:.2} mm, or a smaller `surface_mm.uncertainty`");
-        table.complain(Problem::new(table.span_of(&root::limits), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::limits), text).help(help));
     }
     if !travel.contains(clear) || !travel.contains(deepest) {
         let Range { min, max } = travel;
         let (clear, deepest) = (round(clear, 4), round(deepest, 4));
-        let told =
+        let text =
             format!("pressing takes z from {clear} to {deepest} mm, but the stage's z goes from {min} to {max} mm");
         let help = "check `surface_mm`, `down`, `limits.depth_mm` and `stage.travel_mm.z` against each other";
-        table.complain(Problem::new(table.span_of(&root::frame), told).help(help));
+        table.complain(Problem::new(table.span_of(&root::frame), text).help(help));
     }
 }
 
@@ -324,22 +324,22 @@ mod tests {
         let text = include_str!("../../../../rigs/esp301.toml");
         let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
         assert!(parse("rig.toml", text, &none).is_ok());
-        let told = parse("rig.toml", &text.replace("ttyUSB1", "ttyUSB0"), &none).unwrap_err().lines();
-        assert_eq!(told.len(), 1, "{told:?}");
-        assert!(told[0].contains("[stage] and [load_cell] have the same serial port /dev/ttyUSB0"), "{told:?}");
+        let words = parse("rig.toml", &text.replace("ttyUSB1", "ttyUSB0"), &none).unwrap_err().lines();
+        assert_eq!(words.len(), 1, "{words:?}");
+        assert!(words[0].contains("[stage] and [load_cell] have the same serial port /dev/ttyUSB0"), "{words:?}");
     }
 
     #[test]
-    fn a_layout_that_is_given_twice_is_told_at_both_lines() {
-        let told = problems("range_v = 10.0", "places_mm = [[0.0, 0.0]]\nrange_v = 10.0");
+    fn a_layout_that_is_given_twice_is_reported_at_both_lines() {
+        let text = problems("range_v = 10.0", "places_mm = [[0.0, 0.0]]\nrange_v = 10.0");
         let twice = "`array` gives the positions of its units twice: `grid` and `places_mm`";
-        assert_eq!(told, [twice, twice]);
+        assert_eq!(text, [twice, twice]);
     }
 
     #[test]
     fn the_failure_twins_of_the_shipped_rig() {
         assert_eq!(problems("force_n", "force_n"), [""; 0]);
-        for (from, to, told) in [
+        for (from, to, text) in [
             (
                 "\"esp301\"",
                 "\"esp310\"",
@@ -364,14 +364,14 @@ mod tests {
             ("{ modbus = \"labjack-t7\" }", "{}", "unknown driver: expected one of modbus, lines, daqmx, process"),
             ("down = \"-z\"", "down = \"z\"", "`down` is \"z\", expected one of -z, +z"),
         ] {
-            assert_eq!(problems(from, to)[0], told);
+            assert_eq!(problems(from, to)[0], text);
         }
     }
 
     #[test]
     fn a_rig_that_mixes_real_and_simulated_links_is_refused() {
-        let told = problems("link = \"sim\"", "link = \"serial:///dev/ttyUSB0?baud=921600\"");
-        assert_eq!(told, ["some links are simulated and others are real: they can't use the same clock"]);
+        let text = problems("link = \"sim\"", "link = \"serial:///dev/ttyUSB0?baud=921600\"");
+        assert_eq!(text, ["some links are simulated and others are real: they can't use the same clock"]);
     }
 
     #[test]
@@ -379,9 +379,9 @@ mod tests {
         let text = SIM_RIG.replace("link = \"sim\"", "link = \"serial:///dev/ttyACM0?baud=115200\"");
         let text = text.split("[scene]").next().unwrap();
         let problems = parse("rig.toml", text, &|_| unreachable!()).unwrap_err();
-        let told =
+        let words =
             "LabJack T7 speaks Modbus over TCP only, but its link is the serial port serial:///dev/ttyACM0?baud=115200";
-        assert!(problems.lines().iter().any(|line| line.ends_with(told)), "{:?}", problems.lines());
+        assert!(problems.lines().iter().any(|line| line.ends_with(words)), "{:?}", problems.lines());
         let whole = format!("{problems:?}");
         assert!(whole.contains("tcp://ADDRESS:502") && whole.contains("USB port of a LabJack"), "{whole}");
     }
@@ -395,16 +395,16 @@ mod tests {
         assert_eq!(tilt, Tilt { per_x: 0.06, per_y: -0.06 });
         assert_eq!(read("{ y = 0.01 }").unwrap().frame.tilt, Tilt { per_x: 0.0, per_y: 0.01 });
         let line = 1 + with("{ x = 0.07, y = 0.06 }").lines().position(|line| line.starts_with("tilt_mm")).unwrap();
-        let told = read("{ x = 0.07, y = 0.06 }").unwrap_err().lines();
+        let text = read("{ x = 0.07, y = 0.06 }").unwrap_err().lines();
         let expected = format!("rig.toml:{line}:18: the surface is tilted by 5.27 degrees, over 5");
-        assert!(told.len() == 1 && told[0].starts_with(&expected), "{expected} {told:?}");
+        assert!(text.len() == 1 && text[0].starts_with(&expected), "{expected} {text:?}");
         assert!(read("{ x = nan, y = 0.0 }").is_err() && read("{ x = 0.01, z = 0.0 }").is_err());
     }
 
     #[test]
     fn a_specimen_out_of_the_stages_reach_is_refused() {
-        let told = problems("z = 0.0", "z = -12.0");
-        assert!(told[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{told:?}");
+        let text = problems("z = 0.0", "z = -12.0");
+        assert!(text[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{text:?}");
     }
 
     #[test]
@@ -451,7 +451,7 @@ mod tests {
         assert_eq!((plain.unit.as_str(), plain.layout), ("V", ArrayLayout::grid(3, 3, 4.5)));
         let three = array("unit = \"N/mm²\"\nchannels_per_unit = 3").unwrap();
         assert_eq!((three.unit.as_str(), three.layout.len()), ("N/mm²", 27));
-        for (text, told) in [
+        for (text, words) in [
             ("unit = \"\"", "`unit` is \"\", expected 1 to 16 printable characters"),
             ("unit = \"seventeen letters\"", "expected 1 to 16 printable characters"),
             ("unit = \"a\\tb\"", "expected 1 to 16 printable characters"),
@@ -459,9 +459,9 @@ mod tests {
             ("channels_per_unit = 4", "a simulated unit has at most 3 channels"),
         ] {
             let problems = array(text).unwrap_err();
-            assert!(problems.len() == 1 && problems[0].contains(told), "{text}: {problems:?}");
+            assert!(problems.len() == 1 && problems[0].contains(words), "{text}: {problems:?}");
         }
-        let told = problems("range_v = 10.0", "channels_per_unit = 2");
-        assert_eq!(told, ["18 outputs of 9 units, but LabJack T7 has 14 outputs"]);
+        let words = problems("range_v = 10.0", "channels_per_unit = 2");
+        assert_eq!(words, ["18 outputs of 9 units, but LabJack T7 has 14 outputs"]);
     }
 }

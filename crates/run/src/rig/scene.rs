@@ -83,8 +83,8 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Sine>, Option<Relief>)> {
     let wavelength = table.range(&surface::bumps_wavelength_mm);
     let roughness_mm = table.number(&surface::roughness_mm);
     if table.has(&surface::bumps_wavelength_mm) && !table.has(&surface::bumps_mm) {
-        let told = "`bumps_wavelength_mm` requires `bumps_mm`";
-        table.complain(Problem::new(table.span_of(&surface::bumps_wavelength_mm), told));
+        let text = "`bumps_wavelength_mm` requires `bumps_mm`";
+        table.complain(Problem::new(table.span_of(&surface::bumps_wavelength_mm), text));
     }
     let Range { min, max } = wavelength?;
     let relief = (bumps_mm.is_some() || roughness_mm.is_some()).then(|| Relief {
@@ -221,10 +221,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_a_scene_is_told() {
+    fn what_is_wrong_in_a_scene_is_reported() {
         let last = "array = [1.0, 2.0] }";
         let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
-        for (from, to, told) in [
+        for (from, to, words) in [
             ("relaxation =", surface("bumps_wavelength_mm = [6.0, 12.0]").as_str(), "requires `bumps_mm`"),
             ("relaxation =", &surface("bumps_mm = -0.1"), "bumps_mm"),
             ("relaxation =", &surface("bumps_mm = 0.1, bumps_wavelength_mm = [0.0, 12.0]"), "bumps_wavelength_mm"),
@@ -241,7 +241,7 @@ mod tests {
             (last, &fault("from_s = 1.0"), "`kind` is missing"),
         ] {
             let problems = changed(from, to).expect_err(to);
-            assert!(problems.iter().any(|line| line.contains(told)), "{to}: {problems:?}");
+            assert!(problems.iter().any(|line| line.contains(words)), "{to}: {problems:?}");
         }
     }
 }

@@ -52,8 +52,8 @@ impl RigSpec {
         if self.array.layout.units().any(|unit| unit.len() > SKIN_CHANNELS_MAX) {
             return Err(not_simulated(SceneDevice::Array, TOO_MANY_CHANNELS.to_owned()));
         }
-        if let Some(told) = self.stage.driver.simulated_misfit(self) {
-            return Err(not_simulated(SceneDevice::Stage, told));
+        if let Some(text) = self.stage.driver.simulated_misfit(self) {
+            return Err(not_simulated(SceneDevice::Stage, text));
         }
         let spec = self.scene.clone();
         // the drivers go by the rig's word, the scene by how the specimen really lies

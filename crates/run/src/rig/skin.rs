@@ -14,8 +14,8 @@ pub(super) fn read_skin(table: &Table, units: Option<usize>) -> Option<SkinSpec>
     let under = |key: &Key| {
         let inner = table.table(key)?;
         if !table.has(&scene::elastomer) {
-            let told = format!("`{}` without `elastomer`: the taxels read nothing", key.name);
-            table.complain(Problem::new(inner.span(), told).help("add elastomer = { depth_mm = 5.0 }"));
+            let text = format!("`{}` without `elastomer`: the taxels read nothing", key.name);
+            table.complain(Problem::new(inner.span(), text).help("add elastomer = { depth_mm = 5.0 }"));
         }
         Some(inner)
     };
@@ -65,8 +65,8 @@ fn read_radius(table: &Table, key: &Key, elastomer: Option<Elastomer>) -> Option
     if let Some(Elastomer { depth_mm, .. }) = elastomer
         && radius_mm > MOST_RADIUS_DEPTHS * depth_mm
     {
-        let told = format!("`radius_mm` is {radius_mm}, over {MOST_RADIUS_DEPTHS} times the elastomer's {depth_mm} mm");
-        table.complain(Problem::new(table.span_of(key), told));
+        let text = format!("`radius_mm` is {radius_mm}, over {MOST_RADIUS_DEPTHS} times the elastomer's {depth_mm} mm");
+        table.complain(Problem::new(table.span_of(key), text));
     }
     Some(radius_mm)
 }
@@ -82,8 +82,8 @@ fn read_fault(table: &Table, units: Option<usize>) -> Option<TaxelFault> {
     if let (Some(unit), Some(units)) = (unit, units)
         && unit > units
     {
-        let told = format!("there is no unit {unit}: the rig's array has {units}");
-        table.complain(Problem::new(table.span_of(&taxel_fault::unit), told));
+        let text = format!("there is no unit {unit}: the rig's array has {units}");
+        table.complain(Problem::new(table.span_of(&taxel_fault::unit), text));
     }
     let kind = table.word(&taxel_fault::kind, &TAXEL_FAULTS).and_then(|kind| {
         Some(match kind {
@@ -102,9 +102,9 @@ fn read_percents(table: &Table, key: &Key, units: Option<usize>) -> Option<Vec<f
     if let Some(units) = units
         && percents.len() != units
     {
-        let told = format!("`{}` has {} values for {units} units", key.name, percents.len());
+        let text = format!("`{}` has {} values for {units} units", key.name, percents.len());
         let help = format!("give one value for each of the {units} units, in their order");
-        table.complain(Problem::new(table.span_of(key), told).help(help));
+        table.complain(Problem::new(table.span_of(key), text).help(help));
     }
     Some(percents)
 }
@@ -177,9 +177,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_skin_is_told_at_its_place() {
+    fn what_is_wrong_with_a_skin_is_reported_at_its_place() {
         let elastomer = |depth: &str| changed(ELASTOMER, &format!("elastomer = {{ {depth} }}"));
-        for (found, told) in [
+        for (found, text) in [
             (
                 elastomer("depth_mm = 5.0, bonded_poisson_ratio = 0.5"),
                 vec!["35:54: `bonded_poisson_ratio` is 0.5, must be 0 to 0.4999"],
@@ -249,8 +249,8 @@ mod tests {
                 vec!["44:8: `kind` is \"deaf\", expected one of dead, stuck, clipped, drifted"],
             ),
         ] {
-            let told: Vec<String> = told.into_iter().map(|line| format!("rig.toml:{line}")).collect();
-            assert_eq!(found.expect_err("it is wrong"), told);
+            let text: Vec<String> = text.into_iter().map(|line| format!("rig.toml:{line}")).collect();
+            assert_eq!(found.expect_err("it is wrong"), text);
         }
     }
 }

@@ -302,7 +302,7 @@ pub struct Misfit {
     /// Role that must be changed.
     pub role: SceneDevice,
     /// Description of the problem.
-    pub told: String,
+    pub text: String,
     /// Suggested correction.
     pub help: Option<&'static str>,
 }

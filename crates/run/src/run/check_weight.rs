@@ -324,7 +324,7 @@ pub fn judged(
         LoadCellVerdict::WrongSign
     } else if !new.is_adjustable() {
         let near = |(ratio, _): &&(f64, &str)| (new.gain / ratio - 1.0).abs() < UNIT_NEAR;
-        LoadCellVerdict::Fault(UNITS.iter().find(near).map(|(_, told)| *told))
+        LoadCellVerdict::Fault(UNITS.iter().find(near).map(|(_, text)| *text))
     } else if off.abs() <= explained {
         LoadCellVerdict::Verified
     } else {
@@ -365,8 +365,8 @@ mod tests {
         for (gain, word) in
             [(0.102, "kilogram"), (9.81, "given in kilograms"), (102.0, "gram-force"), (0.2248, "pound")]
         {
-            let LoadCellVerdict::Fault(Some(told)) = verdict(&check(gain), None) else { panic!("{gain}") };
-            assert!(told.contains(word), "{gain}: {told}");
+            let LoadCellVerdict::Fault(Some(text)) = verdict(&check(gain), None) else { panic!("{gain}") };
+            assert!(text.contains(word), "{gain}: {text}");
         }
     }
 

@@ -9,7 +9,7 @@ use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::Axis;
-use palpate_link::device::{DeviceError, Identity, LoadCell, Reins, SensorArray, Stage};
+use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
 
 /// Number of timed exchanges with each device.
@@ -125,7 +125,7 @@ async fn look(hand: &mut RigHand<'_>, spec: &RigSpec, cancel: &Cancel, found: &m
             }
             let asked = Instant::now();
             match device {
-                0 => _ = hand.stage.position_mm(Axis::Z, &Reins::default()).await?,
+                0 => _ = hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?,
                 1 => _ = hand.cell.cell.read().await?,
                 _ => hand.array.read(&mut outputs).await?,
             }

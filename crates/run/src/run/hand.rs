@@ -108,7 +108,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     /// Begins a press with a new conversion. The earlier readings no longer matter. The clock of the press starts here.
     pub(super) async fn begin(&mut self) {
         sleep(self.cell.conversion()).await;
-        self.cell.afresh();
+        self.cell.forget_timing();
         self.began = Instant::now();
         self.next = self.began;
     }

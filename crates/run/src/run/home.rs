@@ -10,7 +10,7 @@ use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{
-    DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
+    DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
 };
 use palpate_link::time::{Instant, sleep, timeout};
 use std::cell::Cell;
@@ -130,18 +130,18 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     if nudges == 0 && !by_hand {
         hand.home_all(reading).await?;
         let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
-        hand.moves(reading, async |stage, usage, reins| {
+        hand.moves(reading, async |stage, usage, orders| {
             let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
-            let at_mm = stage.position_mm(Axis::Z, reins).await?;
+            let at_mm = stage.position_mm(Axis::Z, orders).await?;
             if (top_mm - at_mm) * usage.away > 0.0 {
-                stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, reins).await?;
-                stage.follow(&[Axis::Z], longest, reins).await?;
+                stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, orders).await?;
+                stage.follow(&[Axis::Z], longest, orders).await?;
             }
             Ok(())
         })
         .await?;
     }
-    let z_mm = hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
+    let z_mm = hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
     Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
 }
 
@@ -226,7 +226,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.confirm_away(spec, identity).await?;
         // x and y are homed once nothing touches
         let is_alone =
-            self.moves(ReadingMode::Watched, async |stage, usage, reins| stage.home_z(usage, reins).await).await?;
+            self.moves(ReadingMode::Watched, async |stage, usage, orders| stage.home_z(usage, orders).await).await?;
         if is_alone {
             self.come_to_the_top(spec, reaction).await?;
         }
@@ -239,12 +239,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     async fn home_all(&mut self, reading: ReadingMode) -> Result<(), Unmoved> {
-        self.moves(reading, async |stage, usage, reins| stage.home(usage, reins).await).await
+        self.moves(reading, async |stage, usage, orders| stage.home(usage, orders).await).await
     }
 
     /// Moves z slightly away from the specimen. Returns whether z moved.
     async fn nudge_away(&mut self, reading: ReadingMode) -> Result<bool, Unmoved> {
-        self.moves(reading, async |stage, usage, reins| stage.nudge_away(NUDGE_MM, usage, reins).await).await
+        self.moves(reading, async |stage, usage, orders| stage.nudge_away(NUDGE_MM, usage, orders).await).await
     }
 
     /// Starts the watch: from now on the force mustn't rise above its present value at rest, and the outputs mustn't leave their
@@ -265,7 +265,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let Some(person) = spec.which_way().filter(|_| spec.stage.home == Home::ByHand) else { return Ok(()) };
         let mut at_mm = [0.0; 3];
         for axis in Axis::ALL {
-            let position = self.stage.position_mm(axis, &Reins::default()).await;
+            let position = self.stage.position_mm(axis, &MotionOrders::default()).await;
             at_mm[axis.index()] = position.map_err(Unmoved::Stage)?;
         }
         let cancel = self.cell.cancel;
@@ -331,14 +331,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     async fn moves<T>(
         &mut self,
         reading: ReadingMode,
-        motion: impl AsyncFnOnce(&mut S, &StageUse, &Reins) -> Result<T, DeviceError>,
+        motion: impl AsyncFnOnce(&mut S, &StageUse, &MotionOrders) -> Result<T, DeviceError>,
     ) -> Result<T, Unmoved> {
-        let (reins, cancel) = (Reins::default(), self.cell.cancel);
-        let told_to_stop = async {
+        let (orders, cancel) = (MotionOrders::default(), self.cell.cancel);
+        let asked_to_stop = async {
             tokio::select! {
                 biased;
-                () = cancel.wait() => reins.stop(),
-                () = until_stopped(&reins) => {}
+                () = cancel.wait() => orders.stop(),
+                () = until_stopped(&orders) => {}
             }
             sleep(STOPPED_DEADLINE).await;
         };
@@ -346,7 +346,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let due = Cell::new(None); // how long it takes isn't known
         let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
         let motion = Box::pin(async {
-            let moved = motion(stage, usage, &reins).await;
+            let moved = motion(stage, usage, &orders).await;
             over.notify_one();
             Ok(moved)
         });
@@ -360,20 +360,20 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                     };
                     let outputs = async {
                         match unzeroed {
-                            Some(outputs) => outputs.watch(array, speed_mm_s, &falls, &over, &reins).await,
+                            Some(outputs) => outputs.watch(array, speed_mm_s, &falls, &over, &orders).await,
                             None => Ok(()),
                         }
                     };
-                    let (moved, felt) = tokio::join!(watched(cell, motion, &reins, &due, steer), outputs);
+                    let (moved, felt) = tokio::join!(watched(cell, motion, &orders, &due, steer), outputs);
                     felt.and(moved)
                 }
-                ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &reins).await,
+                ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &orders).await,
             }
         };
         let moved = tokio::select! {
             biased;
             moved = motion => Some(moved),
-            () = told_to_stop => None,
+            () = asked_to_stop => None,
         };
         match moved {
             Some(moved) => {
@@ -452,8 +452,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 }
 
 /// Waits until a stop is requested.
-async fn until_stopped(reins: &Reins) {
-    while !reins.stopped() {
+async fn until_stopped(orders: &MotionOrders) {
+    while !orders.stopped() {
         sleep(STOP_LOOK).await;
     }
 }

@@ -6,7 +6,7 @@ use super::retreat::then_notify;
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, STALE_S, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
-use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, Reins, SensorArray, Stage};
+use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, sleep_until, timeout};
 use std::cell::Cell;
 use std::pin::pin;
@@ -59,8 +59,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let way = Range { min: from_mm.min(target_mm), max: from_mm.max(target_mm) };
         let way = way.widened(self.usage.steps.in_position_mm(Axis::Z));
         if !way.contains(at_mm) {
-            let told = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
-            return Err(lost(DeviceProblem::Motion(told)));
+            let text = format!("z moved from {from_mm:.4} toward {target_mm:.4} mm but reports {at_mm:.4} mm");
+            return Err(lost(DeviceProblem::Motion(text)));
         }
         Ok(())
     }
@@ -89,7 +89,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
         let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
         let due_after = seconds(withdrawal.duration_s() + travel_s);
-        let (reins, force_n, clear, due) = (Reins::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
+        let (orders, force_n, clear, due) =
+            (MotionOrders::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
         // a slow cell still shows the contact when z has long left it
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
@@ -97,22 +98,22 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let stage = &mut self.stage;
         // pinned where it is: it is large, and moving it into the next would copy it
         let motion = Box::pin(async {
-            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &reins).await?;
+            stage.begin(&[(Axis::Z, target_mm)], granted.speed_mm_s(), &orders).await?;
             let begun = Instant::now();
             due.set(Some(begun + due_after));
             tokio::select! {
                 biased;
-                () = reins.pulled().notified() => {}
+                () = orders.pulled().notified() => {}
                 () = sleep_until(begun + seconds(clears_s)) => {}
             }
             let mut refused = None;
-            while !reins.stopped() {
+            while !orders.stopped() {
                 let has_ended = begun.elapsed() > ends_after;
-                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z, &reins).await?);
+                let z_mm = frame.z_from_stage(stage.position_mm(Axis::Z, &orders).await?);
                 match permit.sideways(z_mm, first_mm, force_n.get()) {
-                    Ok(leave) if !reins.stopped() => {
+                    Ok(leave) if !orders.stopped() => {
                         clear.set(true);
-                        begin_sideways(stage, leave, &sideways, speed_mm_s, &reins).await?;
+                        begin_sideways(stage, leave, &sideways, speed_mm_s, &orders).await?;
                         due.set(Some(Instant::now() + seconds(travel_s)));
                         refused = None;
                         break;
@@ -125,7 +126,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 }
                 sleep(LOOK_EVERY).await;
             }
-            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &reins).await?;
+            let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &orders).await?;
             Ok((places_mm, refused))
         });
         self.outputs_in_air = OutputMeans::default();
@@ -144,11 +145,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
         };
-        let (places_mm, refused) = watched(&mut self.cell, pin!(motion), &reins, &due, steer).await?;
+        let (places_mm, refused) = watched(&mut self.cell, pin!(motion), &orders, &due, steer).await?;
         if let Some(trip) = refused {
             return Err(trip.into());
         }
-        if reins.stopped() {
+        if orders.stopped() {
             return Err(self.touched_on_the_way(touch_n));
         }
         self.arrived_at(next, sideways, &places_mm).await?;
@@ -186,8 +187,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Reads back x, y and z at any position of the axes.
     pub(super) async fn find_itself(&mut self) -> Result<(), Halt> {
-        let x_mm = self.stage.position_mm(Axis::X, &Reins::default()).await?;
-        let y_mm = self.stage.position_mm(Axis::Y, &Reins::default()).await?;
+        let x_mm = self.stage.position_mm(Axis::X, &MotionOrders::default()).await?;
+        let y_mm = self.stage.position_mm(Axis::Y, &MotionOrders::default()).await?;
         self.place = self.frame.place_from_stage(x_mm, y_mm);
         self.pressed = self.place;
         self.read_back_z().await
@@ -203,17 +204,17 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     ) -> Result<Driven, Halt> {
         let expected = seconds(MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s());
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
-        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now() + expected)));
+        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
         let ends = Cell::new(None);
         let stage = &mut self.stage;
         let motion = pin!(async {
-            stage.begin(targets, speed_mm_s, &reins).await?;
+            stage.begin(targets, speed_mm_s, &orders).await?;
             ends.set(Some(Instant::now() + expected));
-            Ok(stage.follow(&axes, expected, &reins).await?)
+            Ok(stage.follow(&axes, expected, &orders).await?)
         });
         let steered = |gauge: &mut Gauge<'_, C>, force_n: f64| steer(force_n, gauge.now_s());
-        let places_mm = watched(&mut self.cell, motion, &reins, &due, steered).await?;
-        let stopped = reins.stopped();
+        let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
+        let stopped = orders.stopped();
         // a motion that ran its way ended when its profile did, however late that was heard
         let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
@@ -250,16 +251,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Reads z back in contact while the force is read.
     async fn watch_z(&mut self) -> Result<(), Halt> {
-        let (reins, due) = (Reins::default(), Cell::new(Some(Instant::now())));
+        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now())));
         let stage = &mut self.stage;
-        let look = pin!(async { Ok(stage.position_mm(Axis::Z, &reins).await?) });
-        let at_mm = watched(&mut self.cell, look, &reins, &due, |_, _| Steer::On).await?;
+        let look = pin!(async { Ok(stage.position_mm(Axis::Z, &orders).await?) });
+        let at_mm = watched(&mut self.cell, look, &orders, &due, |_, _| Steer::On).await?;
         self.z_mm = self.frame.z_from_stage(at_mm);
         Ok(())
     }
 
     pub(super) async fn read_back_z(&mut self) -> Result<(), Halt> {
-        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z, &Reins::default()).await?);
+        self.z_mm = self.frame.z_from_stage(self.stage.position_mm(Axis::Z, &MotionOrders::default()).await?);
         Ok(())
     }
 
@@ -282,7 +283,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 pub(super) async fn watched<C: LoadCell, T>(
     gauge: &mut Gauge<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
-    reins: &Reins,
+    orders: &MotionOrders,
     due: &Cell<Option<Instant>>,
     mut steer: impl FnMut(&mut Gauge<'_, C>, f64) -> Steer,
 ) -> Result<T, Halt> {
@@ -301,7 +302,7 @@ pub(super) async fn watched<C: LoadCell, T>(
                 match timeout(silent_after, &mut heard).await {
                     Ok(heard) => heard,
                     Err(_) => {
-                        reins.stop(); // nothing moves unwatched
+                        orders.stop(); // nothing moves unwatched
                         heard.await
                     }
                 }
@@ -309,21 +310,21 @@ pub(super) async fn watched<C: LoadCell, T>(
             let force_n = match heard {
                 Ok(force_n) => force_n,
                 Err(halt) => {
-                    reins.stop();
+                    orders.stop();
                     return Err(halt);
                 }
             };
             match steer(gauge, force_n) {
                 Steer::On => {}
-                Steer::Stop => reins.stop(),
+                Steer::Stop => orders.stop(),
                 Steer::Speed(mm_s) => {
                     due.set(None); // slower than it was reckoned
-                    reins.speed(mm_s);
+                    orders.speed(mm_s);
                 }
             }
             let silent_s = due.get().map_or(0.0, |due| due.elapsed().as_secs_f64());
             if silent_s > SILENT_S {
-                reins.stop();
+                orders.stop();
                 return Err(Trip::new(SafetyRule::StageSilent, silent_s, SILENT_S, "s").into());
             }
         }
@@ -356,9 +357,9 @@ async fn begin_sideways<S: Stage>(
     _leave: Sideways,
     targets: &[(Axis, f64)],
     speed_mm_s: f64,
-    reins: &Reins,
+    orders: &MotionOrders,
 ) -> Result<(), DeviceError> {
-    stage.begin(targets, speed_mm_s, reins).await
+    stage.begin(targets, speed_mm_s, orders).await
 }
 
 /// Longer of the distances in x and y, mm.
@@ -369,14 +370,14 @@ fn way_mm(from: Place, to: Place) -> f64 {
 /// Returns why an axis isn't at its target within this distance. A small distance without an error indicates a coarse stage.
 fn missed(axis: Axis, (position_mm, target_mm, most_mm): (f64, f64, f64), complaints: &[String]) -> DeviceProblem {
     let (off_mm, name) = ((position_mm - target_mm).abs(), axis.name());
-    let told = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");
+    let text = format!("{name} was commanded to {target_mm:.4} mm but is at {position_mm:.4} mm");
     match complaints {
         [] if off_mm <= COARSE_MM => DeviceProblem::Coarse(format!(
-            "{told}, {off_mm:.4} mm off without an error: the stage's steps are coarser than the {most_mm} mm that count as in \
+            "{text}, {off_mm:.4} mm off without an error: the stage's steps are coarser than the {most_mm} mm that count as in \
              position"
         )),
-        [] => DeviceProblem::Motion(format!("{told}; it reports no error")),
-        _ => DeviceProblem::Motion(format!("{told}; {}", complaints.join("; "))),
+        [] => DeviceProblem::Motion(format!("{text}; it reports no error")),
+        _ => DeviceProblem::Motion(format!("{text}; {}", complaints.join("; "))),
     }
 }
 
@@ -390,7 +391,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_coarse_stage_is_told_from_one_that_is_blocked() {
+    fn a_coarse_stage_is_distinguished_from_one_that_is_blocked() {
         let coarse = missed(Axis::X, (1.02, 1.0125, 0.003), &[]);
         assert_eq!(
             coarse.to_string(),

@@ -6,7 +6,7 @@ use super::window::OutputMeans;
 use crate::rig::ArraySpec;
 use palpate_control::{SafetyRule, Trip};
 use palpate_core::quantity::seconds;
-use palpate_link::device::{Reins, SensorArray};
+use palpate_link::device::{MotionOrders, SensorArray};
 use palpate_link::time::{Instant, sleep_until};
 use std::cell::Cell;
 use std::time::Duration;
@@ -52,7 +52,7 @@ impl OutputsInAir {
         speed_mm_s: f64,
         falls: &Cell<bool>,
         over: &Notify,
-        reins: &Reins,
+        orders: &MotionOrders,
     ) -> Result<(), Halt> {
         let every = seconds(LOOK_EVERY_MM / speed_mm_s);
         let mut now = vec![0.0; array.units()];
@@ -67,7 +67,7 @@ impl OutputsInAir {
                         looks = 0;
                         self.renew(&now);
                     } else if looks >= OUTPUT_LOOKS {
-                        reins.stop();
+                        orders.stop();
                         return Err(Trip::new(SafetyRule::OutputsMoved, moved, most, &self.unit).into());
                     }
                 }

@@ -154,7 +154,7 @@ impl Runner<'_> {
         next: Place,
     ) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
-        self.hand.stage.afresh();
+        self.hand.stage.forget_timing();
         self.hand.cell.begin().await;
         self.hand.truth.begin_press(number);
         let mut air = self.air().await?;

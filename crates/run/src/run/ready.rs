@@ -8,7 +8,7 @@ use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{Reaction, SafetyRule, Timing, Trip, Watch, Zero};
 use palpate_core::quantity::{Axis, Range};
 use palpate_data::dataset::Record;
-use palpate_link::device::{Identity, LoadCell, Reins, Stage};
+use palpate_link::device::{Identity, LoadCell, MotionOrders, Stage};
 use palpate_link::time::Instant;
 
 /// Number of exchanges that are timed to measure the rig's reaction time.
@@ -59,7 +59,7 @@ async fn time(hand: &mut RigHand<'_>, lag_s: f64) -> Result<Reaction, Halt> {
     let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
     for _ in 0..TIMED {
         let asked = Instant::now();
-        hand.stage.position_mm(Axis::Z, &Reins::default()).await?;
+        hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
         stage_s = stage_s.max(asked.elapsed().as_secs_f64());
         let asked = Instant::now();
         hand.cell.cell.read().await?;

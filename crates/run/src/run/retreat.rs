@@ -4,7 +4,7 @@ use super::Halt;
 use super::hand::{Gauge, Hand};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
-use palpate_link::device::{LoadCell, Reins, SensorArray, Stage};
+use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -52,7 +52,7 @@ pub enum Remaining {
 
 impl Remaining {
     /// Returns a sentence about the force; `None` if there is none.
-    pub fn told(&self) -> Option<String> {
+    pub fn text(&self) -> Option<String> {
         match self {
             Remaining::Nothing => None,
             Remaining::Force(force_n) => Some(format!("{force_n:.2} N remain on the specimen")),
@@ -114,7 +114,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.stage.stop().await?;
         // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
         let _ = self.stage.guard(None).await;
-        self.stage.follow(&Axis::ALL, Duration::ZERO, &Reins::default()).await?;
+        self.stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
         self.retreat(z_mm).await
     }
 
@@ -156,13 +156,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         let speed_mm_s = self.usage.speed_mm_s;
         let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
-        let reins = Reins::default();
+        let orders = MotionOrders::default();
         let Hand { stage, cell, .. } = self;
         let motion = async {
-            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &reins).await?;
-            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &reins).await?)
+            stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &orders).await?;
+            Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &orders).await?)
         };
-        let places_mm = if is_watched { unless_it_rises(cell, motion, &reins).await? } else { motion.await? };
+        let places_mm = if is_watched { unless_it_rises(cell, motion, &orders).await? } else { motion.await? };
         sleep(seconds(self.timing.settle_s)).await;
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
@@ -198,7 +198,7 @@ async fn rests<S: Stage>(stage: &mut S) -> Result<(), Halt> {
 async fn positions<S: Stage>(stage: &mut S) -> Result<[f64; 3], Halt> {
     let mut at_mm = [0.0; 3];
     for axis in Axis::ALL {
-        at_mm[axis.index()] = stage.position_mm(axis, &Reins::default()).await?;
+        at_mm[axis.index()] = stage.position_mm(axis, &MotionOrders::default()).await?;
     }
     Ok(at_mm)
 }
@@ -207,11 +207,11 @@ async fn positions<S: Stage>(stage: &mut S) -> Result<[f64; 3], Halt> {
 pub(super) async fn unless_it_rises<C: LoadCell, T>(
     gauge: &mut Gauge<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
-    reins: &Reins,
+    orders: &MotionOrders,
 ) -> Result<T, Halt> {
     let over = Notify::new();
     let motion = then_notify(motion, &over);
-    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, reins));
+    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, orders));
     risen?;
     moved
 }
@@ -227,7 +227,7 @@ impl<C: LoadCell> Gauge<'_, C> {
     /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
     /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
     /// answer or gives no number doesn't stop the withdrawal.
-    async fn rises(&mut self, over: &Notify, reins: &Reins) -> Result<(), Trip> {
+    async fn rises(&mut self, over: &Notify, orders: &MotionOrders) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let none_n = self.watch.zero().offset_n;
         let (mut last, mut lowest_n) = ([f64::NEG_INFINITY; RISE_READINGS], f64::INFINITY);
@@ -255,7 +255,7 @@ impl<C: LoadCell> Gauge<'_, C> {
             let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
             if risen.is_ok() && rise_n > most_n {
                 risen = Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));
-                reins.stop();
+                orders.stop();
             }
         }
     }

@@ -6,7 +6,7 @@ use crate::rig::GroundTruth;
 use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
 use palpate_core::quantity::{Axis, Down, ForceReading, Frame, Health, Limits, Place, Range, Steps, Travel};
 use palpate_link::device::{
-    DeviceError, HomeSearch, Identity, Instruments, LoadCell, Reins, SensorArray, Stage, StageUse,
+    DeviceError, HomeSearch, Identity, Instruments, LoadCell, MotionOrders, SensorArray, Stage, StageUse,
 };
 use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::Claims;
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// A stage that is where it was sent as soon as it was, and keeps its commands.
 struct StrawStage<'a> {
-    told: &'a RefCell<Vec<String>>,
+    text: &'a RefCell<Vec<String>>,
     at_mm: [f64; 3],
     /// How long it says that a motion takes, s.
     takes_s: f64,
@@ -25,25 +25,25 @@ impl Stage for StrawStage<'_> {
     async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         unreachable!("the hand gets it prepared")
     }
-    async fn home(&mut self, _: &StageUse, _: &Reins) -> Result<(), DeviceError> {
+    async fn home(&mut self, _: &StageUse, _: &MotionOrders) -> Result<(), DeviceError> {
         unreachable!("the hand gets it prepared")
     }
-    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64, _: &Reins) -> Result<(), DeviceError> {
+    async fn begin(&mut self, targets: &[(Axis, f64)], _: f64, _: &MotionOrders) -> Result<(), DeviceError> {
         for (axis, target_mm) in targets {
-            self.told.borrow_mut().push(format!("{} to {target_mm}", axis.name()));
+            self.text.borrow_mut().push(format!("{} to {target_mm}", axis.name()));
             self.at_mm[axis.index()] = *target_mm;
         }
         Ok(())
     }
-    async fn follow(&mut self, axes: &[Axis], _: Duration, reins: &Reins) -> Result<Vec<f64>, DeviceError> {
+    async fn follow(&mut self, axes: &[Axis], _: Duration, orders: &MotionOrders) -> Result<Vec<f64>, DeviceError> {
         tokio::select! {
             biased;
-            () = reins.pulled().notified() => self.told.borrow_mut().push("stop".to_owned()),
+            () = orders.pulled().notified() => self.text.borrow_mut().push("stop".to_owned()),
             () = sleep(Duration::from_secs_f64(self.takes_s)) => {}
         }
         Ok(axes.iter().map(|axis| self.at_mm[axis.index()]).collect())
     }
-    async fn position_mm(&mut self, axis: Axis, _: &Reins) -> Result<f64, DeviceError> {
+    async fn position_mm(&mut self, axis: Axis, _: &MotionOrders) -> Result<f64, DeviceError> {
         Ok(self.at_mm[axis.index()])
     }
     async fn stop(&mut self) -> Result<(), DeviceError> {
@@ -94,7 +94,7 @@ impl SensorArray for StrawArray {
 }
 
 fn hand<'a>(
-    told: &'a RefCell<Vec<String>>,
+    text: &'a RefCell<Vec<String>>,
     cancel: &'a Cancel,
     (early_n, late_n): (f64, f64),
 ) -> Hand<'a, StrawStage<'a>, StrawCell, StrawArray> {
@@ -102,7 +102,7 @@ fn hand<'a>(
     let zero = Zero::with_noise(0.003);
     let cell = StrawCell { began: Instant::now(), early_n, late_n, until_s: 0.2 };
     let parts = Instruments {
-        stage: StrawStage { told, at_mm: [0.0; 3], takes_s: 0.4 },
+        stage: StrawStage { text, at_mm: [0.0; 3], takes_s: 0.4 },
         load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
         array: StrawArray,
     };
@@ -147,23 +147,23 @@ fn rule(result: Result<(), Halt>) -> SafetyRule {
 
 #[tokio::test(start_paused = true)]
 async fn nothing_moves_sideways_that_is_not_in_the_clear() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.0, 0.0));
     hand.z_mm = -0.12;
     assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), SafetyRule::NotPermitted);
-    assert!(told.borrow().is_empty());
+    assert!(text.borrow().is_empty());
     hand.z_mm = -0.14;
     hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await.unwrap();
-    assert_eq!(*told.borrow(), ["x to 1", "y to 0"]);
+    assert_eq!(*text.borrow(), ["x to 1", "y to 0"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn nothing_moves_sideways_under_a_force() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.05, 0.05));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.05, 0.05));
     hand.z_mm = -1.0;
     assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
-    assert!(told.borrow().is_empty());
+    assert!(text.borrow().is_empty());
 }
 
 /// A withdrawal that the permit grants, to this z.
@@ -173,11 +173,11 @@ fn away(z_mm: f64) -> palpate_control::Permitted {
 
 #[tokio::test(start_paused = true)]
 async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.0, 0.0));
     hand.z_mm = 0.8;
     hand.depart(away(-0.1), Place::new(0.5, 0.0), &permit(), 0.0).await.unwrap();
-    assert_eq!(*told.borrow(), ["z to 0.1", "x to 0.5", "y to 0"]);
+    assert_eq!(*text.borrow(), ["z to 0.1", "x to 0.5", "y to 0"]);
     assert_eq!((hand.place, hand.z_mm), (Place::new(0.5, 0.0), -0.1));
     let air = hand.cell.close_air().await.unwrap();
     assert!(air.readings > palpate_control::AIR_READINGS && air.mean_n == 0.0, "{air:?}");
@@ -187,37 +187,37 @@ async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
 async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
     for (force_n, clear_mm, broken) in [(0.0, -0.02, SafetyRule::NotPermitted), (0.05, -0.1, SafetyRule::StillTouching)]
     {
-        let (told, cancel) = (RefCell::default(), Cancel::default());
-        let mut hand = hand(&told, &cancel, (force_n, force_n));
+        let (text, cancel) = (RefCell::default(), Cancel::default());
+        let mut hand = hand(&text, &cancel, (force_n, force_n));
         hand.z_mm = 0.8;
         assert_eq!(rule(hand.depart(away(clear_mm), Place::new(0.5, 0.0), &permit(), 0.0).await), broken);
-        assert!(told.borrow().iter().any(|told| told.starts_with('z')), "{told:?}");
-        assert!(told.borrow().iter().all(|told| !told.starts_with(['x', 'y'])), "{told:?}");
+        assert!(text.borrow().iter().any(|text| text.starts_with('z')), "{text:?}");
+        assert!(text.borrow().iter().all(|text| !text.starts_with(['x', 'y'])), "{text:?}");
     }
 }
 
 #[tokio::test(start_paused = true)]
 async fn contact_after_x_and_y_have_begun_stops_them() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.0, 0.05));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.0, 0.05));
     hand.z_mm = 0.5;
     let departed = hand.depart(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
     assert_eq!(rule(departed), SafetyRule::StillTouching);
-    assert_eq!(told.borrow().last().map(String::as_str), Some("stop"));
+    assert_eq!(text.borrow().last().map(String::as_str), Some("stop"));
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() {
     // pressed and then free, by a cell that reads right and by one that reads pushes as pulls; then into something
     for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
-        let (told, cancel) = (RefCell::default(), Cancel::default());
-        let mut hand = hand(&told, &cancel, forces_n);
+        let (text, cancel) = (RefCell::default(), Cancel::default());
+        let mut hand = hand(&text, &cancel, forces_n);
         hand.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to withdraw
         let withdrawn = hand.withdraw(-0.3).await;
         if rises {
             assert_eq!(rule(withdrawn), SafetyRule::ForceRose, "{forces_n:?}");
             // the array shows nothing here: one short retract is allowed after the stop, and no more
-            assert_eq!(told.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
+            assert_eq!(text.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
         } else {
             assert!(withdrawn.is_ok(), "{forces_n:?}: {withdrawn:?}");
         }
@@ -226,37 +226,37 @@ async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() 
 
 #[tokio::test(start_paused = true)]
 async fn a_stage_that_falls_silent_under_way_is_a_trip() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.0, 0.0));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.0, 0.0));
     hand.stage.takes_s = 30.0;
     hand.z_mm = 0.5;
     let began = Instant::now();
     assert_eq!(rule(hand.move_z(away(0.0), None).await), SafetyRule::StageSilent);
     assert!(began.elapsed() < Duration::from_secs(1));
-    assert_eq!(*told.borrow(), ["z to 0", "stop"]);
+    assert_eq!(*text.borrow(), ["z to 0", "stop"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn contact_on_the_way_stops_it() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&told, &cancel, (0.0, 0.05));
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let mut hand = hand(&text, &cancel, (0.0, 0.05));
     hand.z_mm = -1.0;
     assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
-    assert_eq!(*told.borrow(), ["x to 1", "y to 0", "stop"]);
+    assert_eq!(*text.borrow(), ["x to 1", "y to 0", "stop"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_window_counts_from_the_outputs_in_air() {
-    let (told, cancel) = (RefCell::default(), Cancel::default());
-    let window = hand(&told, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
+    let (text, cancel) = (RefCell::default(), Cancel::default());
+    let window = hand(&text, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
     assert!((window.outputs[0] - 0.15).abs() < 1e-12 && (window.outputs[1] - 0.05).abs() < 1e-12);
     assert!((window.force_n - 0.5).abs() < 1e-12);
 }
 
 #[tokio::test(start_paused = true)]
 async fn every_force_is_shown_and_ages() {
-    let (told, cancel, shown) = (RefCell::default(), Cancel::default(), Cell::new(0.0));
-    let mut hand = hand(&told, &cancel, (0.5, 0.5));
+    let (text, cancel, shown) = (RefCell::default(), Cancel::default(), Cell::new(0.0));
+    let mut hand = hand(&text, &cancel, (0.5, 0.5));
     let show = |force_n| shown.set(force_n);
     hand.cell.shown = &show;
     assert_eq!(hand.cell.age_s(), f64::INFINITY);

@@ -81,9 +81,9 @@ pub trait Listener {
 }
 
 /// Makes every press of the plan that isn't recorded yet. The stage is always parked in the clear at the end.
-pub async fn walk(errand: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
-    match errand.spec.open(errand.plan.seed) {
-        Ok(rig) => walk_on(rig, errand, listener).await,
+pub async fn walk(job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+    match job.spec.open(job.plan.seed) {
+        Ok(rig) => walk_on(rig, job, listener).await,
         Err(error) => Ending::halted(error),
     }
 }
@@ -94,14 +94,14 @@ pub async fn walk(errand: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
 /// it.
 pub fn walk_on<'w, 'e: 'w>(
     rig: OpenRig,
-    errand: RunJob<'e>,
+    job: RunJob<'e>,
     listener: &'w mut dyn Listener,
 ) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
-    Box::pin(walk_from(rig, errand, listener))
+    Box::pin(walk_from(rig, job, listener))
 }
 
-async fn walk_from(rig: OpenRig, errand: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
-    let RunJob { plan, spec, ledger, cancel, shown } = errand;
+async fn walk_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+    let RunJob { plan, spec, ledger, cancel, shown } = job;
     let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
         Err(error) => return Ending::halted(error),
@@ -179,22 +179,22 @@ impl Ending {
 
     /// Returns the end of the run for its journal.
     pub fn end(&self, ended: String, wall_s: f64) -> SessionEnd {
-        let (status, failure) = (self.status(), self.told());
+        let (status, failure) = (self.status(), self.text());
         let cell_off = self.cell.as_ref().and_then(CellAfter::problem);
         SessionEnd { status, t_s: self.t_s, ended, wall_s, failure, cell_unchecked: false, cell_off }
     }
 
     /// Returns the problem in words; `None` if there was no problem or a person stopped the run.
-    pub fn told(&self) -> Option<String> {
-        let told = |halt: &Halt| match halt {
+    pub fn text(&self) -> Option<String> {
+        let text = |halt: &Halt| match halt {
             Halt::Cancelled => None,
             Halt::Tripped(trip) => Some(trip.to_string()),
             Halt::Device(error) => Some(error.to_string()),
             Halt::Record(error) => Some(error.to_string()),
             Halt::Unconfirmed(why) => Some(why.clone()),
         };
-        let unparked = self.unparked.as_ref().and_then(told).map(|why| format!("the stage could not be parked: {why}"));
-        let parts = self.halt.as_ref().and_then(told).into_iter().chain(unparked).chain(self.remaining.told());
+        let unparked = self.unparked.as_ref().and_then(text).map(|why| format!("the stage could not be parked: {why}"));
+        let parts = self.halt.as_ref().and_then(text).into_iter().chain(unparked).chain(self.remaining.text());
         let parts: Vec<String> = parts.collect();
         (!parts.is_empty()).then(|| parts.join("; "))
     }
@@ -203,7 +203,7 @@ impl Ending {
 /// Records a trip. If the record can't be stored any more, the trip is still reported.
 fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
-        let _ = ledger.jot(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
+        let _ = ledger.append_unsynced(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
     }
 }
 

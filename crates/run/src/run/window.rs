@@ -172,8 +172,8 @@ mod tests {
         assert!(is_saturated(&[0.1, -9.995], Some(10.0)).unwrap());
         assert!(!is_saturated(&[0.1, -9.9], Some(10.0)).unwrap() && !is_saturated(&[99.0], None).unwrap());
         for output in [f64::NAN, f64::INFINITY] {
-            let told = is_saturated(&[0.1, output], None).unwrap_err().to_string();
-            assert!(told.contains("from unit 2"), "{told}");
+            let text = is_saturated(&[0.1, output], None).unwrap_err().to_string();
+            assert!(text.contains("from unit 2"), "{text}");
         }
     }
 

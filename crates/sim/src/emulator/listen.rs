@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_port_that_is_taken_is_told_with_its_number() {
+    async fn a_port_that_is_taken_is_reported_with_its_number() {
         let first = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
         let port = first.address().rsplit(':').next().and_then(|port| port.parse().ok()).expect("a number");
         let second = tcp(local(port), shared(ListenEcho), shared(scene()), Instant::now()).await;

@@ -87,7 +87,7 @@ pub enum Deviation {
 
 impl Deviation {
     /// Returns the deviation in words.
-    pub fn told(&self) -> String {
+    pub fn text(&self) -> String {
         match *self {
             Deviation::Dead { unit } => format!("unit {unit} reads nothing"),
             Deviation::Gain { unit, gain } => format!("unit {unit} reads {gain:.2} times what the design reads"),

@@ -32,7 +32,7 @@ pub struct TermRow {
     /// Name of the term.
     pub term: &'static str,
     /// Size of the term, and what it can't affect by construction.
-    pub told: &'static str,
+    pub text: &'static str,
     /// Whether the base contains the term.
     pub in_base: bool,
     /// Name of the question.
@@ -98,10 +98,10 @@ struct TermTry {
 ///
 /// # Errors
 /// A scene can't be pressed. This doesn't occur in practice: a test checks that the supplied scene is valid.
-pub fn ablation(size: AblationSize, seed: u64, told: OnProgress<'_>) -> Result<AblationFindings, StudyError> {
+pub fn ablation(size: AblationSize, seed: u64, text: OnProgress<'_>) -> Result<AblationFindings, StudyError> {
     let (base, rig) = TermModel::base()?;
     let jobs = jobs(size);
-    let tried = carried_out(&jobs, told, |job| {
+    let tried = carried_out(&jobs, text, |job| {
         let model = job.term.map_or_else(|| base.clone(), |term| TERMS[term].other_than(&base));
         answers(&model, &rig, job.on, size, seed.wrapping_add(job.seed as u64))
     })?;
@@ -161,7 +161,7 @@ fn row(term: &SceneTerm, question: &Question, base: &[Option<f64>], other: &[Opt
     Some(TermRow {
         study: "ablation",
         term: term.name,
-        told: term.told,
+        text: term.text,
         in_base: term.in_base,
         question: question.name,
         unit: question.unit,

@@ -63,7 +63,7 @@ pub struct SceneTerm {
     /// Name in tables and figures.
     pub name: &'static str,
     /// Size of the term, and what it can't affect by construction.
-    pub told: &'static str,
+    pub text: &'static str,
     /// Whether the base contains the term.
     pub in_base: bool,
     on: &'static [Touches],
@@ -204,12 +204,12 @@ pub const TERMS: [SceneTerm; 16] = [
 
 const fn term(
     name: &'static str,
-    told: &'static str,
+    text: &'static str,
     in_base: bool,
     on: &'static [Touches],
     set: fn(&mut TermModel, bool),
 ) -> SceneTerm {
-    SceneTerm { name, told, in_base, on, set }
+    SceneTerm { name, text, in_base, on, set }
 }
 
 #[cfg(test)]
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn names_fit_their_column_and_differ() {
         for (index, term) in TERMS.iter().enumerate() {
-            assert!(term.name.len() <= 16 && term.told.len() <= 78, "{}", term.name);
+            assert!(term.name.len() <= 16 && term.text.len() <= 78, "{}", term.name);
             assert!(TERMS[..index].iter().all(|other| other.name != term.name), "{}", term.name);
         }
     }

@@ -47,7 +47,7 @@ pub struct PaperClaim {
     /// Name of the claim in rows.
     pub claim: &'static str,
     /// The paper's claim, in other words.
-    pub told: &'static str,
+    pub text: &'static str,
     /// Verdict on the claim.
     pub verdict: &'static str,
     /// The numbers in a sentence.
@@ -81,7 +81,7 @@ fn receptive_field() -> PaperClaim {
     let beyond = (FIELD * FIELD + 1.0) * there;
     PaperClaim {
         claim: "receptive-field",
-        told: "lambda nears 0 beyond k = 2",
+        text: "lambda nears 0 beyond k = 2",
         verdict: verdict(there < NEAR_ZERO.0, there < NEAR_ZERO.1),
         found: format!(
             "{:.2} % of the peak at k = 2, 1 % only at k = {percent_at:.3}; {:.2} % of the load is carried beyond k = 2",
@@ -106,7 +106,7 @@ fn two_units() -> PaperClaim {
     let undefined = r(0.5).is_none();
     PaperClaim {
         claim: "two-units",
-        told: "r of n = 2 units is a step",
+        text: "r of n = 2 units is a step",
         verdict: verdict(is_step, false),
         found: format!(
             "{:+.3} before d = {step_at:.3}, {:+.3} beyond{}",
@@ -150,7 +150,7 @@ fn few_units() -> PaperClaim {
     }
     PaperClaim {
         claim: "few-units",
-        told: "below n = 5 r is flat or turns beyond d = 1.5",
+        text: "below n = 5 r is flat or turns beyond d = 1.5",
         verdict: verdict(is_flat(2) && few_turn && enough_fall, is_flat(2) && few_turn),
         found,
         numbers: numbers.into(),
@@ -167,7 +167,7 @@ fn many_units() -> PaperClaim {
     let (nine, fifteen) = (r(UNITS, FIGURE_4_TO), r(15, FIGURE_4_TO));
     PaperClaim {
         claim: "many-units",
-        told: "the curves are very close for n above 9",
+        text: "the curves are very close for n above 9",
         verdict: verdict(to_15 < CLOSE.0, to_15 < CLOSE.1),
         found: format!(
             "n = 9 and 10 differ by up to {to_10:.4}, n = 9 and 15 by up to {to_15:.4}; r at d = 2: {nine:.4} and \
@@ -184,9 +184,9 @@ fn wide_spacing() -> PaperClaim {
         let fall = line.r(on_line(0.0), on_line(SMALL)).map(|r| (1.0 - r) / (SMALL * SMALL));
         let near = walk_right(&line, 0.0, FIGURE_4_TO).near_mm;
         let [above, midway] = [0.0, s / 2.0].map(|d1| line.bend(on_line(d1), 0.0));
-        let told =
+        let text =
             |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
-        found.push(format!("{} and {} ({s:.1})", told(fall, 4), told(near, 3)));
+        found.push(format!("{} and {} ({s:.1})", text(fall, 4), text(near, 3)));
         let name = format!("{s:.1}").replace('.', "_");
         for (what, value) in
             [("fall", fall), ("fall_limit", above), ("fall_limit_midway", midway), ("d_at_r_0_99", near)]
@@ -199,7 +199,7 @@ fn wide_spacing() -> PaperClaim {
     let is_flatter_midway = bends.windows(2).all(|pair| pair[1].1 < pair[0].1);
     PaperClaim {
         claim: "wide-spacing",
-        told: "s > 1: r is flat at small d",
+        text: "s > 1: r is flat at small d",
         verdict: verdict(is_flatter && is_flatter_midway, is_flatter),
         found: format!(
             "above a unit, (1 - r) / d^2 at d = {SMALL} and the d at which r = {NEAR_R}, by s: {}; half-way between two \
@@ -216,7 +216,7 @@ fn narrow_spacing() -> PaperClaim {
     let turning = figure_4_turning(UNITS, 0.2);
     PaperClaim {
         claim: "narrow-spacing",
-        told: "s = 0.2: r turns and rises again",
+        text: "s = 0.2: r turns and rises again",
         verdict: verdict(turning.is_some(), false),
         found: turning.map_or("it falls all the way".to_owned(), |(d, r)| format!("it turns at d = {d:.4}, r {r:.5}")),
         numbers: json!({"turns_at": turning.map(|(d, _)| d), "r_there": turning.map(|(_, r)| r)}),
@@ -243,7 +243,7 @@ fn rule() -> PaperClaim {
     };
     PaperClaim {
         claim: "rule",
-        told: "so n >= 5 and s <= 1",
+        text: "so n >= 5 and s <= 1",
         verdict: verdict(five_fall && least.is_none(), five_fall && is_one_range),
         found,
         numbers: json!({
@@ -272,7 +272,7 @@ fn figure_5() -> PaperClaim {
     }
     PaperClaim {
         claim: "figure-5",
-        told: "r falls up to a relative distance of 2 wherever F1 is",
+        text: "r falls up to a relative distance of 2 wherever F1 is",
         verdict: verdict(least > FIELD, false),
         found: format!("first turnings, by d1: {}", found.join(", ")),
         numbers: numbers.into(),
@@ -299,7 +299,7 @@ fn always() -> PaperClaim {
     let least = d.min(d_right);
     PaperClaim {
         claim: "always",
-        told: "r always falls with distance, wherever the loads are",
+        text: "r always falls with distance, wherever the loads are",
         verdict: verdict(least.is_infinite(), false),
         found: format!("over all d1 of 0 to 8 it turns from d = {least:.4} on: from d1 = {left:.2}, and {right:.2}"),
         numbers: json!({"turns_from": least, "d1": left, "d1_mirrored": right}),
@@ -329,7 +329,7 @@ fn papers_array() -> PaperClaim {
     };
     PaperClaim {
         claim: "papers-array",
-        told: "the same of the paper's own 3 x 3 array, s = 0.9",
+        text: "the same of the paper's own 3 x 3 array, s = 0.9",
         verdict: verdict(survey.first.is_none(), false),
         found,
         numbers: json!({
@@ -357,7 +357,7 @@ fn half_space() -> PaperClaim {
     let is_near = is_alike(half_layer_mm, half_space_mm);
     PaperClaim {
         claim: "half-space",
-        told: "a half-space is used for a 5 mm cover on a rigid base",
+        text: "a half-space is used for a 5 mm cover on a rigid base",
         verdict: verdict(is_near && is_alike(peak, 1.0) && is_alike(off_layer, off_space), is_near),
         found: format!(
             "bonded, Poisson's ratio {POISSON_RATIO}: peak {peak:.3} times as high, half of it at {half_layer_mm:.3} mm \

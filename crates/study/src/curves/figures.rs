@@ -35,7 +35,7 @@ pub fn figures(found: &Curves) -> Vec<NamedSvg> {
 
 fn figure_3(curve: &[(f64, f64)]) -> Figure {
     let field = 2.0;
-    let told = format!("{:.1} % of the peak at k = 2", 100.0 * lambda(field));
+    let text = format!("{:.1} % of the peak at k = 2", 100.0 * lambda(field));
     let panel = Panel {
         x: ChartAxis::linear("k: distance over depth", (0.0, curve.last().map_or(1.0, |(k, _)| *k))),
         y: ChartAxis::linear("lambda: stress over its peak", (0.0, 1.05)),
@@ -43,7 +43,7 @@ fn figure_3(curve: &[(f64, f64)]) -> Figure {
             Mark::At(field, String::new()),
             Mark::Curve(line(0), curve.to_vec()),
             Mark::Curve(Look::markers(Hue::Blue, Shape::Circle), vec![(field, lambda(field))]),
-            Mark::Words((field, lambda(field)), (8.0, -10.0), Anchor::Start, told),
+            Mark::Words((field, lambda(field)), (8.0, -10.0), Anchor::Start, text),
         ],
     };
     Figure {
@@ -150,8 +150,8 @@ fn courses(found: &DesignFindings) -> Figure {
     let mut marks = Vec::new();
     for (index, course) in found.courses.iter().enumerate() {
         marks.extend(joined(line(index), &course.points));
-        let told = format!("{:.1}", course.first_mm);
-        marks.push(Mark::Words((course.first_mm, 1.0), (0.0, -8.0), Anchor::Middle, told));
+        let text = format!("{:.1}", course.first_mm);
+        marks.push(Mark::Words((course.first_mm, 1.0), (0.0, -8.0), Anchor::Middle, text));
     }
     let along = if found.row_is_column { "y" } else { "x" };
     let ends = found.courses.first().zip(found.courses.last());

@@ -28,7 +28,7 @@ fn figure(noise: NoiseReference, found: &[FewRow]) -> Figure {
         subtitle: format!(
             "prior of five full calibrations; {sensors} new sensors, {without} without a prior; presses of 1 N, contacts of 0.1 to \
              1 N; {}",
-            noise.told()
+            noise.text()
         ),
         height_px: 380.0,
         panels: vec![

@@ -72,7 +72,7 @@ impl Stranger {
     ];
 
     /// Returns the name for people.
-    pub fn told(self) -> String {
+    pub fn text(self) -> String {
         match self {
             Stranger::Good => "good sensors".to_owned(),
             Stranger::ThickerLayer => "layer 30 % thicker".to_owned(),
@@ -133,7 +133,7 @@ impl Stranger {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn strangers(size: FewSize, told: OnProgress<'_>) -> Result<Vec<StrangerRow>, StudyError> {
+pub fn strangers(size: FewSize, text: OnProgress<'_>) -> Result<Vec<StrangerRow>, StudyError> {
     let touches = cells(3, 3);
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
@@ -142,7 +142,7 @@ pub fn strangers(size: FewSize, told: OnProgress<'_>) -> Result<Vec<StrangerRow>
         for kind in Stranger::ALL {
             let sensors = if kind == Stranger::Good { size.good } else { size.strangers };
             let seeds: Vec<u64> = (0..sensors as u64).map(|sensor| GOOD_SEEDS + sensor).collect();
-            let found = carried_out(&seeds, told, |&seed| checked(&prior, &kind.read(&design, seed, &touches)))?;
+            let found = carried_out(&seeds, text, |&seed| checked(&prior, &kind.read(&design, seed, &touches)))?;
             let count = |is: fn(&Belongs) -> bool| found.iter().filter(|found| is(found)).count();
             rows.push(StrangerRow {
                 study: "strangers",

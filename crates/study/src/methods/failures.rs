@@ -24,10 +24,10 @@ struct FailureTry {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn failures(quick: bool, seed: u64, told: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn failures(quick: bool, seed: u64, text: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let jobs = jobs(quick);
     let size = if quick { QUICK } else { SIZE };
-    let mut rows = carried_out(&jobs, told, |job| job.rows(size, seed))?.concat();
+    let mut rows = carried_out(&jobs, text, |job| job.rows(size, seed))?.concat();
     // as the conditions are listed, not as calibrations are shared
     let rank = |row: &MethodRow| {
         let harm = CONDITIONS.iter().position(|harm| harm.name == row.condition);
@@ -82,7 +82,7 @@ impl FailureTry {
                 scene: self.noise.name().to_owned(),
                 condition: harm.name,
                 value: *value,
-                told: harm.words(*value),
+                text: harm.words(*value),
                 calibration_presses: calibration.len(),
                 ..Tally::of(method, &test).row(method.name, least.map(|least| (least, CRAMER_RAO)))
             }));

@@ -57,7 +57,7 @@ fn readings(test: &Selection<'_>, calibration: &Selection<'_>, channels: usize) 
 
 fn trial(scene: String, calibration: Calibration, test: KnownReadings, layout: Option<&ArrayLayout>) -> MethodTrial {
     let least = stated(&calibration, &test, layout).map(|least| (least, STATED));
-    MethodTrial { told: scene.clone(), scene, layout: layout.cloned(), calibration, test, least }
+    MethodTrial { text: scene.clone(), scene, layout: layout.cloned(), calibration, test, least }
 }
 
 /// Mean of the errors that `surrogate` states for its answers; `None` if it states none.

@@ -48,7 +48,7 @@ impl NoiseReference {
     }
 
     /// Returns a description for people.
-    pub fn told(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             NoiseReference::T => "T: noise a share of full scale",
             NoiseReference::Q => "Q: noise a share of the reading",

@@ -16,7 +16,7 @@ pub struct MethodTrial {
     /// Name of the scene in rows.
     pub scene: String,
     /// Name of the scene for people.
-    pub told: String,
+    pub text: String,
     /// Positions of the units, if they are known.
     pub layout: Option<ArrayLayout>,
     /// Calibration data.
@@ -43,7 +43,7 @@ impl MethodTrial {
             let least = MeanBound::over(&skin, &specimen.skin, FULL_SCALE_N, &test);
             Ok(MethodTrial {
                 scene: noise.name().to_owned(),
-                told: noise.told().to_owned(),
+                text: noise.text().to_owned(),
                 layout: Some(specimen.layout),
                 calibration: presses.calibration()?,
                 test,
@@ -55,7 +55,7 @@ impl MethodTrial {
 }
 
 /// Calibrates every method on each trial, solves its test and measures the time.
-pub fn speed_accuracy(trials: &[MethodTrial], told: OnProgress<'_>) -> Vec<MethodRow> {
+pub fn speed_accuracy(trials: &[MethodTrial], text: OnProgress<'_>) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = StudiedMethod::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
@@ -82,7 +82,7 @@ pub fn speed_accuracy(trials: &[MethodTrial], told: OnProgress<'_>) -> Vec<Metho
             };
             row.ns_per_solve = ns.map(|ns| round(ns, 1));
             rows.push(row);
-            told(rows.len(), count);
+            text(rows.len(), count);
         }
     }
     let mark = |row: &MethodRow| (row.scene.clone(), row.ns_per_solve.zip(row.mean_mm()));

@@ -61,7 +61,7 @@ pub struct MethodRow {
     pub value: f64,
     /// Value in words, if it isn't a quantity.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub told: Option<&'static str>,
+    pub text: Option<&'static str>,
     /// Number of presses of the calibration.
     pub calibration_presses: usize,
     /// Number of calibrations that were made.

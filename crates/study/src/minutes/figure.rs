@@ -64,7 +64,7 @@ fn panel(family: UnitFamily, found: &[MinutesRow], repeats: &[usize]) -> Panel {
         points().map(|(_, mm)| mm).chain(found.iter().filter_map(|row| row.found.location_bound_mm)),
         (mm / 1.1, mm * 1.1),
     );
-    let mut marks = vec![Mark::Title(family.told().to_owned())];
+    let mut marks = vec![Mark::Title(family.text().to_owned())];
     let bound_mm = of_it().find_map(|row| row.found.location_bound_mm);
     marks.extend(bound_mm.map(|mm| Mark::Level(mm, format!("bound: {mm:.3} mm"))));
     let mut front: Vec<((f64, f64), usize)> = of_it()
@@ -79,11 +79,11 @@ fn panel(family: UnitFamily, found: &[MinutesRow], repeats: &[usize]) -> Panel {
             marks.push(Mark::Curve(look(strategy, nth), rows.filter_map(point).collect()));
         }
     }
-    let mut told_mm = f64::INFINITY;
+    let mut stated_mm = f64::INFINITY;
     for (point, presses) in front {
         marks.push(Mark::Ring(point));
-        if point.1 < (1.0 - WORTH_TELLING) * told_mm {
-            told_mm = point.1;
+        if point.1 < (1.0 - WORTH_TELLING) * stated_mm {
+            stated_mm = point.1;
             marks.push(Mark::Words(point, (-4.0, 20.0), Anchor::End, presses.to_string()));
         }
     }

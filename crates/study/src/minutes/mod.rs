@@ -92,7 +92,7 @@ impl UnitFamily {
     }
 
     /// Returns the name for people.
-    pub fn told(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             UnitFamily::Inside => "inside the solvers' family: outputs in proportion to the force",
             UnitFamily::Outside => "outside of it: units saturate",
@@ -147,7 +147,7 @@ struct Walked {
 ///
 /// # Errors
 /// The bench can't execute a plan. A run ended by a rule is a result and not an error.
-pub fn minutes(size: MinutesSize, seed: u64, told: OnProgress<'_>) -> Result<Vec<MinutesRow>, StudyError> {
+pub fn minutes(size: MinutesSize, seed: u64, text: OnProgress<'_>) -> Result<Vec<MinutesRow>, StudyError> {
     let spec = StudyBench::XpsLike.spec()?;
     let ways = ways(size);
     let mut jobs: Vec<MinutesTry> = ways
@@ -158,7 +158,7 @@ pub fn minutes(size: MinutesSize, seed: u64, told: OnProgress<'_>) -> Result<Vec
         .collect();
     // what takes longest first, so that no processor waits for another at the end
     jobs.sort_by_key(|job| std::cmp::Reverse(job.presses()));
-    let walked = carried_out(&jobs, told, |job| job.carry_out(&spec, size.tests))?;
+    let walked = carried_out(&jobs, text, |job| job.carry_out(&spec, size.tests))?;
     let mut rows = Vec::new();
     for (index, family) in UnitFamily::ALL.into_iter().enumerate() {
         for way in &ways {

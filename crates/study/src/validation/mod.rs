@@ -56,9 +56,9 @@ pub struct Validation {
 ///
 /// # Errors
 /// A recipe or a rig is invalid. This doesn't occur in practice: tests check that both are valid.
-pub fn validation(seeds: usize, seed: u64, told: OnProgress<'_>) -> Result<Validation, StudyError> {
+pub fn validation(seeds: usize, seed: u64, text: OnProgress<'_>) -> Result<Validation, StudyError> {
     let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
-    let outcomes = carried_out(&each, told, |&seed| protocol(seed))?;
+    let outcomes = carried_out(&each, text, |&seed| protocol(seed))?;
     Ok(Validation { seed, outcomes, claims: curves().claims })
 }
 
@@ -69,7 +69,7 @@ fn protocol(seed: u64) -> Result<ValidationOutcome, StudyError> {
     let plan = Plan::new(&recipe::parse(file, text)?, &rig.ground(), seed)?;
     let (contacts, ending) = walked(&plan, &rig)?;
     let broken = |why: String| StudyError::Broken { seed, why };
-    if let Some(why) = ending.told() {
+    if let Some(why) = ending.text() {
         return Err(broken(why));
     }
     let layout = &rig.array.layout;

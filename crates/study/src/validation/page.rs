@@ -17,7 +17,7 @@ impl Validation {
         let best: Vec<&str> = outcomes.iter().map(|outcome| outcome.best.solver.as_str()).collect();
         let claims: String = claims
             .iter()
-            .map(|claim| format!("| {} | {} | {} |\n", claim.told, claim.verdict, claim.found.replace('|', "\\|")))
+            .map(|claim| format!("| {} | {} | {} |\n", claim.text, claim.verdict, claim.found.replace('|', "\\|")))
             .collect();
         let found = [
             ("{specimens}", outcomes.len().to_string()),
@@ -33,7 +33,7 @@ impl Validation {
             ("{table_1}", self.table_1()),
             ("{claims}", claims),
         ];
-        found.iter().fold(PAGE.to_owned(), |page, (name, told)| page.replace(name, told))
+        found.iter().fold(PAGE.to_owned(), |page, (name, text)| page.replace(name, text))
     }
 
     fn number(&self, number: &ErrorNumber) -> String {

@@ -179,8 +179,8 @@ fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves
     assert_eq!(wait(person.child), Some(130));
     let events = events(&bench, "day");
     assert_eq!(results(&events, "A-01")[0].status, Status::Stopped);
-    let told = bench.palpate_ends(0, "batch status day");
-    assert!(told.out.contains("interrupted"), "{}", told.out);
+    let output = bench.palpate_ends(0, "batch status day");
+    assert!(output.out.contains("interrupted"), "{}", output.out);
 }
 
 #[cfg(target_os = "linux")]

@@ -22,9 +22,9 @@ const REFERENCE: &str = "reference = { serial = \"REF\", every = 2 }\n";
 #[test]
 fn every_event_is_a_line_of_json_and_in_the_journal() {
     let bench = bench("");
-    let told = piped(&bench, &format!("{RUN} --json"), &["B-1", "A-01", ".note clean", "A-01"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    let lines: Vec<BatchEvent> = told.out.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
+    let output = piped(&bench, &format!("{RUN} --json"), &["B-1", "A-01", ".note clean", "A-01"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    let lines: Vec<BatchEvent> = output.out.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     let all = events(&bench, "day");
     assert_eq!(all, lines);
     let names = |event: &BatchEvent| match event {
@@ -44,8 +44,10 @@ fn every_event_is_a_line_of_json_and_in_the_journal() {
     assert_eq!(said[..first.len()], first);
     let then = ["refused B-1", "began runs/A-01", "ended A-01", "noted clean", "refused A-01", "closed"];
     assert_eq!(said[first.len()..], then);
-    assert!(told.err.contains("B-1 isn't in this batch: check it, or add it with `palpate batch add`; nothing moves"));
-    assert!(told.err.contains("A-01 ACCEPTED") || told.err.contains("A-01 NOT ACCEPTED"), "{}", told.err);
+    assert!(
+        output.err.contains("B-1 isn't in this batch: check it, or add it with `palpate batch add`; nothing moves")
+    );
+    assert!(output.err.contains("A-01 ACCEPTED") || output.err.contains("A-01 NOT ACCEPTED"), "{}", output.err);
 }
 
 #[test]
@@ -72,9 +74,9 @@ fn a_sensor_calibrated_again_is_the_same_specimen_with_other_noise() {
 #[test]
 fn the_sensors_on_a_tray_are_calibrated_one_after_another_each_in_its_nest() {
     let bench = bench(TRAY);
-    let told = piped(&bench, RUN, &["A-01", "A-01", "A-02", "", "A-03"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    assert!(told.err.contains("A-01 is on the tray already; nothing moves"), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01", "A-01", "A-02", "", "A-03"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    assert!(output.err.contains("A-01 is on the tray already; nothing moves"), "{}", output.err);
     let all = events(&bench, "day");
     let nests: Vec<(String, String)> = all
         .iter()
@@ -96,9 +98,13 @@ fn the_sensors_on_a_tray_are_calibrated_one_after_another_each_in_its_nest() {
 fn a_nest_out_of_the_travel_is_refused_before_there_is_a_folder() {
     let bench = bench(&TRAY.replace("x = 3.0", "x = 10.0"));
     for words in [RUN, "batch check b.toml"] {
-        let told = piped(&bench, words, &["A-01"]);
-        assert_eq!(told.code, Some(2), "{}", told.err);
-        assert!(told.err.starts_with("at the nest right:\n") && told.running().contains("travel"), "{}", told.err);
+        let output = piped(&bench, words, &["A-01"]);
+        assert_eq!(output.code, Some(2), "{}", output.err);
+        assert!(
+            output.err.starts_with("at the nest right:\n") && output.running().contains("travel"),
+            "{}",
+            output.err
+        );
         assert!(!bench.has("day"));
     }
 }
@@ -107,10 +113,10 @@ fn a_nest_out_of_the_travel_is_refused_before_there_is_a_folder() {
 fn the_reference_sensor_is_asked_for_first_and_may_wait_for_one_sensor() {
     let bench = bench(REFERENCE);
     let typed = ["A-01", "later", "A-01", "A-02", "REF", "A-02", "A-03", "A-04", "REF", ".end"];
-    let told = piped(&bench, RUN, &typed);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, RUN, &typed);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     let due = "the reference sensor REF is due: put it on the bench and type REF, or type `later`; nothing moves";
-    assert_eq!(told.err.matches(due).count(), 3, "{}", told.err);
+    assert_eq!(output.err.matches(due).count(), 3, "{}", output.err);
     let all = events(&bench, "day");
     let began: Vec<&str> = all
         .iter()
@@ -127,21 +133,23 @@ fn the_reference_sensor_is_asked_for_first_and_may_wait_for_one_sensor() {
 fn a_trip_ends_the_sensor_alone_and_it_needs_a_word_before_it_is_pressed_again() {
     let bench = bench("");
     break_rig(&bench, "stuck", 25.0);
-    let told = piped(&bench, RUN, &["A-01", "A-01", "A-02"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01", "A-01", "A-02"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     let all = events(&bench, "day");
     for serial in ["A-01", "A-02"] {
         let [result] = results(&all, serial)[..] else { panic!("{serial}") };
         assert_eq!((result.status, result.verdict), (Status::Tripped, None), "{result:?}");
     }
-    assert!(told.err.contains("safety trip: "), "{}", told.err);
-    assert!(told.out.contains("A-01 TRIPPED") && told.out.contains("to calibrate it again: .repeat A-01, then A-01"));
+    assert!(output.err.contains("safety trip: "), "{}", output.err);
+    assert!(
+        output.out.contains("A-01 TRIPPED") && output.out.contains("to calibrate it again: .repeat A-01, then A-01")
+    );
     let refused =
         "A-01 ended with a safety trip: find its cause, then type `.repeat A-01` to allow it again; nothing moves";
-    assert!(told.err.contains(refused), "{}", told.err);
+    assert!(output.err.contains(refused), "{}", output.err);
     mend_rig(&bench);
-    let told = piped(&bench, RUN, &["A-01", ".repeat A-01", "A-01"]);
-    assert!(told.err.contains("the rig has changed since the last session: the batch keeps both"), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01", ".repeat A-01", "A-01"]);
+    assert!(output.err.contains("the rig has changed since the last session: the batch keeps both"), "{}", output.err);
     let all = events(&bench, "day");
     assert_eq!((begun(&all, "A-01"), complete(&all, "A-01")), (2, 1));
 }
@@ -150,8 +158,8 @@ fn a_trip_ends_the_sensor_alone_and_it_needs_a_word_before_it_is_pressed_again()
 fn a_device_that_does_not_answer_is_found_before_the_run() {
     let bench = bench("");
     break_rig(&bench, "array-lost", 0.0);
-    let told = piped(&bench, RUN, &["A-01"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     let all = events(&bench, "day");
     let result = results(&all, "A-01")[0];
     assert_eq!((result.status, result.runs.len()), (Status::Failed, 0), "{result:?}");
@@ -163,9 +171,13 @@ fn a_device_that_does_not_answer_is_found_before_the_run() {
 fn a_stage_that_can_not_be_parked_ends_the_batch() {
     let bench = bench("");
     break_rig(&bench, "stage-lost", 25.0);
-    let told = piped(&bench, RUN, &["A-01", "A-02"]);
-    assert!(matches!(told.code, Some(3 | 4)), "{:?} {}", told.code, told.err);
-    assert!(told.err.contains("the stage could not be parked: move it clear of the specimen by hand"), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01", "A-02"]);
+    assert!(matches!(output.code, Some(3 | 4)), "{:?} {}", output.code, output.err);
+    assert!(
+        output.err.contains("the stage could not be parked: move it clear of the specimen by hand"),
+        "{}",
+        output.err
+    );
     let all = events(&bench, "day");
     assert_eq!((results(&all, "A-01").len(), begun(&all, "A-02")), (1, 0));
 }
@@ -175,16 +187,16 @@ fn a_batch_is_continued_with_the_same_files_only() {
     let bench = bench("");
     assert_eq!(piped(&bench, RUN, &["A-01"]).code, Some(0));
     bench.write("r.toml", &exchanged(RECIPE, "force_n = 1.0", "force_n = 0.9"));
-    let told = piped(&bench, RUN, &["A-02"]);
-    assert_eq!(told.code, Some(2));
-    assert!(told.running().contains("day was begun with another recipe-1.toml"), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-02"]);
+    assert_eq!(output.code, Some(2));
+    assert!(output.running().contains("day was begun with another recipe-1.toml"), "{}", output.err);
     bench.write("r.toml", RECIPE);
     assert_eq!(piped(&bench, RUN, &["A-02"]).code, Some(0));
     assert_eq!(complete(&events(&bench, "day"), "A-02"), 1);
     bench.palpate("run r.toml --rig rig.toml --out run");
-    let told = piped(&bench, "batch run b.toml --out run", &["A-03"]);
-    assert_eq!(told.code, Some(2));
-    assert!(told.running().contains("the journal of a run, not of a batch"), "{}", told.err);
+    let output = piped(&bench, "batch run b.toml --out run", &["A-03"]);
+    assert_eq!(output.code, Some(2));
+    assert!(output.running().contains("the journal of a run, not of a batch"), "{}", output.err);
 }
 
 #[test]
@@ -194,18 +206,18 @@ fn a_batch_is_not_continued_with_wider_limits_than_it_began_with() {
     let (rig, journal) = (bench.read("rig.toml"), bench.read("day/journal.log"));
     for (from, to) in [("force_n = 2.0", "force_n = 4.0"), ("stiffness_n_mm = 2.0", "stiffness_n_mm = 1.0")] {
         bench.write("rig.toml", &exchanged(&rig, from, to));
-        let told = piped(&bench, RUN, &["A-02"]);
-        assert_eq!(told.code, Some(2), "{}", told.err);
+        let output = piped(&bench, RUN, &["A-02"]);
+        assert_eq!(output.code, Some(2), "{}", output.err);
         let (key, now) = to.split_once(" = ").expect("a key");
         let expected = format!("`limits.{key}` is {now}; the batch began with 2.0");
-        assert!(told.running().contains(&expected), "{}", told.err);
+        assert!(output.running().contains(&expected), "{}", output.err);
         assert_eq!(bench.read("day/journal.log"), journal, "nothing is changed");
     }
     // a tighter limit is accepted and recorded, and the first one stays the widest
     for (force, sensor, code) in [("1.8", "A-02", 0), ("2.0", "A-03", 0), ("2.1", "A-04", 2)] {
         bench.write("rig.toml", &exchanged(&rig, "force_n = 2.0", &format!("force_n = {force}")));
-        let told = piped(&bench, RUN, &[sensor]);
-        assert_eq!(told.code, Some(code), "{force} N: {}", told.err);
+        let output = piped(&bench, RUN, &[sensor]);
+        assert_eq!(output.code, Some(code), "{force} N: {}", output.err);
     }
     let all = events(&bench, "day");
     let rigs = all.iter().filter(|event| matches!(event, BatchEvent::Text(text) if text.name == "rig.toml"));
@@ -223,9 +235,13 @@ fn a_batch_whose_journal_has_lost_a_sensor_names_its_run_and_calibrates_nothing(
     bench.write("day/journal.log", &(lines[..began].join("\n") + "\n"));
     let before = bench.read("day/journal.log");
     for words in [RUN, "batch note day A-01 seen"] {
-        let told = piped(&bench, words, &["A-02"]);
-        assert_eq!(told.code, Some(2), "{words}: {}", told.err);
-        assert!(told.running().contains("day: journal.log doesn't have the runs runs/A-02"), "{words}: {}", told.err);
+        let output = piped(&bench, words, &["A-02"]);
+        assert_eq!(output.code, Some(2), "{words}: {}", output.err);
+        assert!(
+            output.running().contains("day: journal.log doesn't have the runs runs/A-02"),
+            "{words}: {}",
+            output.err
+        );
         assert!(!bench.has("day/runs/A-02-2") && bench.read("day/journal.log") == before, "{words}");
     }
     std::fs::rename(bench.path("day/runs/A-02"), bench.path("A-02")).expect("another place");
@@ -247,11 +263,15 @@ fn what_a_person_decides_about_sensors_is_recorded() {
         ("batch note day C-1 scratched", 0, "C-1 has this note"),
         ("batch status nothing", 2, "nothing is not a batch folder (journal.log not found)"),
     ] {
-        let told = bench.palpate_ends(code, words);
-        assert!(format!("{}{}", told.out, told.running()).contains(said), "{words}: {}{}", told.out, told.err);
+        let output = bench.palpate_ends(code, words);
+        assert!(format!("{}{}", output.out, output.running()).contains(said), "{words}: {}{}", output.out, output.err);
     }
-    let told = piped(&bench, RUN, &["A-02", "C-2", "C-1"]);
-    assert!(told.err.contains("C-2 was skipped: type `.repeat C-2` to allow it again; nothing moves"), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-02", "C-2", "C-1"]);
+    assert!(
+        output.err.contains("C-2 was skipped: type `.repeat C-2` to allow it again; nothing moves"),
+        "{}",
+        output.err
+    );
     let status = &bench.palpate_ends(0, "batch status day --json").json_lines()[0];
     assert_eq!((&status["counts"]["waiting"], &status["counts"]["skipped"]), (&28.into(), &1.into()), "{status}");
     assert_eq!(status["sensors"][30]["note"], "scratched");
@@ -262,24 +282,24 @@ fn what_a_person_decides_about_sensors_is_recorded() {
 fn all_problems_of_a_batch_file_are_reported_at_once_each_at_its_line() {
     let bench =
         Bench::with([("b.toml", "name = \"a/b\"\ndesign = \"d\"\nrig = \"rig.toml\"\nserials = []\nseeds = 1\n")]);
-    let told = bench.palpate_ends(2, "batch check b.toml");
+    let output = bench.palpate_ends(2, "batch check b.toml");
     for problem in
         ["isn't a valid folder name", "`recipes` is missing", "`serials` has 0 sensors", "unknown key `seeds`"]
     {
-        assert!(told.running().contains(problem), "{problem}: {}", told.err);
+        assert!(output.running().contains(problem), "{problem}: {}", output.err);
     }
 }
 
 #[test]
 fn the_chance_of_no_decision_is_printed_or_what_it_needs() {
     let bench = bench("");
-    let told = bench.palpate_ends(0, "batch check b.toml");
-    assert!(told.out.contains("computed: state `location_mean_mm` in `typical`"), "{}", told.out);
-    assert!(told.out.contains("14 presses: 9 of the calibration, 5 of the test"), "{}", told.out);
+    let output = bench.palpate_ends(0, "batch check b.toml");
+    assert!(output.out.contains("computed: state `location_mean_mm` in `typical`"), "{}", output.out);
+    assert!(output.out.contains("14 presses: 9 of the calibration, 5 of the test"), "{}", output.out);
     let batch = bench.read("b.toml");
     bench.write("b.toml", &format!("{batch}accept = \"rule.toml\"\ntypical = {{ location_mean_mm = 0.9 }}\n"));
     bench.write("rule.toml", "rule = \"guarded\"\nlocation_mean_mm = 1.0\n");
-    let told = bench.palpate_ends(0, "batch check b.toml");
-    assert!(told.out.contains("ACCEPTED with 0.0 %"), "{}", told.out);
-    assert!(told.out.contains("none is accepted: use more test presses"), "{}", told.out);
+    let output = bench.palpate_ends(0, "batch check b.toml");
+    assert!(output.out.contains("ACCEPTED with 0.0 %"), "{}", output.out);
+    assert!(output.out.contains("none is accepted: use more test presses"), "{}", output.out);
 }

@@ -7,7 +7,7 @@ mod prior;
 
 use palpate_data::dataset::{Journal, Status};
 use palpate_run::batch::{BatchEvent, Ended};
-use palpate_testing::{Bench, Told, shipped_text};
+use palpate_testing::{Bench, Printed, shipped_text};
 use std::io::Write;
 use std::process::Stdio;
 
@@ -59,7 +59,7 @@ fn mend_rig(bench: &Bench) {
 }
 
 /// Runs the program with these lines on its standard input.
-fn piped(bench: &Bench, words: &str, lines: &[&str]) -> Told {
+fn piped(bench: &Bench, words: &str, lines: &[&str]) -> Printed {
     let mut command = bench.command(words);
     let mut child = command
         .stdin(Stdio::piped())

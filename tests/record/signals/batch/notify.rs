@@ -19,8 +19,8 @@ fn got(bench: &Bench) -> Vec<BatchEvent> {
 #[test]
 fn a_receiver_gets_each_verdict_and_the_end_as_the_journal_has_them() {
     let bench = bench(&receiver("cat > got"));
-    let told = piped(&bench, RUN, &["B-1", "A-01", ".note clean", "A-02"]);
-    assert_eq!((told.code, told.err.contains("notify")), (Some(0), false), "{}", told.err);
+    let output = piped(&bench, RUN, &["B-1", "A-01", ".note clean", "A-02"]);
+    assert_eq!((output.code, output.err.contains("notify")), (Some(0), false), "{}", output.err);
     let is_passed = |event: &BatchEvent| matches!(event, BatchEvent::Ended(_) | BatchEvent::Closed { .. });
     let expected: Vec<BatchEvent> = events(&bench, "day").into_iter().filter(is_passed).collect();
     assert_eq!(expected.len(), 3);
@@ -35,11 +35,11 @@ fn a_receiver_that_fails_changes_no_result() {
         ("cat > /dev/null; exit 4", "notify: sh didn't get 0 of 3 events; it ended with exit status: 4"),
     ] {
         let bench = bench(&receiver(script));
-        let told = piped(&bench, RUN, &["A-01", "A-02"]);
-        assert_eq!(told.code, Some(0), "{}", told.err);
+        let output = piped(&bench, RUN, &["A-01", "A-02"]);
+        assert_eq!(output.code, Some(0), "{}", output.err);
         // a receiver that dies may die after its last line was written
-        assert!(told.err.contains(said) || script.starts_with("read"), "{script}: {}", told.err);
-        assert!(told.err.matches("notify:").count() <= 1, "{}", told.err);
+        assert!(output.err.contains(said) || script.starts_with("read"), "{script}: {}", output.err);
+        assert!(output.err.matches("notify:").count() <= 1, "{}", output.err);
         let complete =
             |event: &BatchEvent| matches!(event, BatchEvent::Ended(ended) if ended.status == Status::Complete);
         assert_eq!(events(&bench, "day").iter().filter(|event| complete(event)).count(), 2);
@@ -49,11 +49,11 @@ fn a_receiver_that_fails_changes_no_result() {
 #[test]
 fn a_missing_program_is_reported_once_and_the_batch_continues() {
     let bench = bench("[notify]\ncommand = [\"no-such-program-anywhere\"]\n");
-    let told = piped(&bench, RUN, &["A-01"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
-    assert_eq!(told.err.matches("notify:").count(), 1, "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
+    assert_eq!(output.err.matches("notify:").count(), 1, "{}", output.err);
     let words = "no-such-program-anywhere can't be started";
-    assert!(told.running().contains(words), "{}", told.err);
+    assert!(output.running().contains(words), "{}", output.err);
     assert!(matches!(events(&bench, "day").last(), Some(BatchEvent::Closed { .. })));
 }
 
@@ -89,8 +89,8 @@ fn the_receiver_of_a_rig_gets_the_end_of_each_run_and_of_a_batch() {
     let bench = bench("");
     let rig = bench.read("rig.toml");
     bench.write("rig.toml", &format!("{rig}\n{receiver}"));
-    let told = bench.palpate("run r.toml --rig rig.toml --sensor A-7 --out good");
-    assert!(matches!(told.code, Some(0 | 1)), "{}", told.err);
+    let output = bench.palpate("run r.toml --rig rig.toml --sensor A-7 --out good");
+    assert!(matches!(output.code, Some(0 | 1)), "{}", output.err);
     bench.write("hard.toml", &format!("{rig}\n{receiver}{fault}"));
     bench.palpate_ends(4, "run r.toml --rig hard.toml --out hard");
     let ended: Vec<BatchEvent> = got(&bench);
@@ -105,8 +105,8 @@ fn the_receiver_of_a_rig_gets_the_end_of_each_run_and_of_a_batch() {
     // another program may be notified after a pause
     bench.write("changed.toml", &rig);
     assert_ne!(bench.palpate("resume good --rig changed.toml").code, Some(3));
-    let told = piped(&bench, RUN, &["A-01"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, RUN, &["A-01"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     assert!(
         got(&bench).iter().skip(2).any(|event| matches!(event, BatchEvent::Ended(ended) if ended.serial == "A-01"))
     );

@@ -75,11 +75,11 @@ fn result(bench: &Bench, serial: &str) -> Ended {
 #[test]
 fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a_full_grid() {
     let bench = bench();
-    let told = bench.palpate_ends(0, "batch check b.toml");
-    assert!(told.out.contains("prior of 3 sensors"), "{}", told.out);
+    let output = bench.palpate_ends(0, "batch check b.toml");
+    assert!(output.out.contains("prior of 3 sensors"), "{}", output.out);
 
-    let told = piped(&bench, "batch run b.toml", &["REF", "A-1", "A-2", "REF", "A-3"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, "batch run b.toml", &["REF", "A-1", "A-2", "REF", "A-3"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     for serial in ["A-1", "A-2", "A-3"] {
         let ended = result(&bench, serial);
         assert_eq!(ended.verdict, Some(SensorVerdict::Accepted), "{ended:?}");
@@ -91,26 +91,26 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     let ended = result(&bench, "A-1");
     let location_mm = ended.found.iter().find(|found| found.figure == "location_mean_mm").and_then(|found| found.value);
     let location = format!("{:.3}", location_mm.expect("a location error"));
-    let told = bench.palpate_ends(0, "evaluate runs/day/runs/A-1");
-    assert!(told.out.contains("calibrated with the prior of its design"), "{}", told.out);
-    assert!(told.out.contains(&location), "{location}: {}", told.out);
+    let output = bench.palpate_ends(0, "evaluate runs/day/runs/A-1");
+    assert!(output.out.contains("calibrated with the prior of its design"), "{}", output.out);
+    assert!(output.out.contains(&location), "{location}: {}", output.out);
     // the half-widths come from the same presses, so these presses don't check them
-    assert!(!told.out.contains("half68_mm"), "{}", told.out);
-    let told = bench.palpate_ends(0, "report runs/day/runs/A-1");
-    assert!(told.out.contains(&format!("accepted, {location} mm")), "{}", told.out);
+    assert!(!output.out.contains("half68_mm"), "{}", output.out);
+    let output = bench.palpate_ends(0, "report runs/day/runs/A-1");
+    assert!(output.out.contains(&format!("accepted, {location} mm")), "{}", output.out);
     assert!(!bench.palpate("evaluate runs/day/runs/A-1 --solver pearson").out.contains("the prior of its design"));
     // the half-widths come from the sensor's own test
     let readings = bench.read("runs/day/runs/A-1/presses.csv");
     let lines: Vec<&str> = readings.lines().collect();
-    let told = piped(&bench, "solve --model runs/day/sensors/A-1.palpate --json --quiet", &lines);
-    assert_eq!(told.out.matches("\"half68_mm\":0.").count(), lines.len() - 1, "{}", told.out);
+    let output = piped(&bench, "solve --model runs/day/sensors/A-1.palpate --json --quiet", &lines);
+    assert_eq!(output.out.matches("\"half68_mm\":0.").count(), lines.len() - 1, "{}", output.out);
     let reference = result(&bench, "REF");
     assert!(reference.verdict.is_none() && reference.model.is_none() && reference.change.len() == 9);
 
     // a layer that is 10 % thicker: the next recipe, by which it is calibrated without the prior
     bench.write("rig.toml", &rig("elastomer = { depth_mm = 5.5 }"));
-    let told = piped(&bench, "batch run b.toml", &["A-4"]);
-    assert_eq!(told.code, Some(0), "{}", told.err);
+    let output = piped(&bench, "batch run b.toml", &["A-4"]);
+    assert_eq!(output.code, Some(0), "{}", output.err);
     let ended = result(&bench, "A-4");
     assert_eq!((ended.runs.len(), ended.calibration_presses), (2, 178), "{ended:?}");
     assert_eq!(ended.verdict, Some(SensorVerdict::Accepted), "{ended:?}");
@@ -126,14 +126,14 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
         ),
     ] {
         bench.write("rig.toml", &rig(more));
-        let told = piped(&bench, "batch run b.toml", &["later", serial]);
-        assert_eq!(told.code, Some(0), "{}", told.err);
+        let output = piped(&bench, "batch run b.toml", &["later", serial]);
+        assert_eq!(output.code, Some(0), "{}", output.err);
         let ended = result(&bench, serial);
         assert_eq!(ended.verdict, Some(SensorVerdict::NotAccepted), "{ended:?}");
         assert!(ended.reasons[0].starts_with(reason), "{:?}", ended.reasons);
         assert!(ended.model.is_none() && ended.runs.len() == 1 && ended.refused);
-        let told = bench.palpate_ends(1, &format!("evaluate runs/day/runs/{serial}"));
-        assert!(told.out.contains("NOT ACCEPTED") && told.out.contains("refused: "), "{}", told.out);
+        let output = bench.palpate_ends(1, &format!("evaluate runs/day/runs/{serial}"));
+        assert!(output.out.contains("NOT ACCEPTED") && output.out.contains("refused: "), "{}", output.out);
     }
     let alarms = events(&bench, "runs/day").into_iter().filter(|event| matches!(event, BatchEvent::Alarm(_))).count();
     println!("{alarms} alarms");
@@ -143,18 +143,18 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
 fn a_prior_needs_full_calibrations_of_some_sensors() {
     let bench = Bench::with([("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
     bench.write("b.toml", &BATCH.replace(", \"full/2\", \"full/3\"", ""));
-    let told = bench.palpate_ends(2, "batch check b.toml");
-    assert!(told.err.contains("`runs` names 1 run folders, expected 3 to 100"), "{}", told.err);
+    let output = bench.palpate_ends(2, "batch check b.toml");
+    assert!(output.err.contains("`runs` names 1 run folders, expected 3 to 100"), "{}", output.err);
     bench.write("b.toml", BATCH);
-    let told = bench.palpate_ends(2, "batch check b.toml");
-    assert!(told.err.contains("`prior.runs` names full/1, but full/1 is not a folder"), "{}", told.err);
+    let output = bench.palpate_ends(2, "batch check b.toml");
+    assert!(output.err.contains("`prior.runs` names full/1, but full/1 is not a folder"), "{}", output.err);
     bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/1");
     bench.write("b.toml", &BATCH.replace("\"full/2\", \"full/3\"", "\"full/1\", \"full/1\""));
-    let told = bench.palpate_ends(2, "batch check b.toml");
-    assert!(told.err.contains("names the sensor of full/1 twice"), "{}", told.err);
+    let output = bench.palpate_ends(2, "batch check b.toml");
+    assert!(output.err.contains("names the sensor of full/1 twice"), "{}", output.err);
     bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/2");
     bench.palpate_ends(0, "run full.toml --rig rig.toml --seed 1 --out full/3");
     bench.write("b.toml", BATCH);
-    let told = bench.palpate_ends(2, "batch check b.toml");
-    assert!(told.err.contains("twice") || told.err.contains("don't differ"), "{}", told.err);
+    let output = bench.palpate_ends(2, "batch check b.toml");
+    assert!(output.err.contains("twice") || output.err.contains("don't differ"), "{}", output.err);
 }

@@ -14,10 +14,10 @@ use std::fs::File;
 /// Reads the columns. A column of another type than numbers, truth values and texts has the name of its type in every cell.
 pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
     let failed = |error: &dyn std::fmt::Display| {
-        let told = error.to_string();
-        match told.contains("Disabled feature") {
-            true => format!("its compression can't be read ({told}): save it with snappy, which most programs use"),
-            false => format!("not a Parquet file that can be read ({told})"),
+        let text = error.to_string();
+        match text.contains("Disabled feature") {
+            true => format!("its compression can't be read ({text}): save it with snappy, which most programs use"),
+            false => format!("not a Parquet file that can be read ({text})"),
         }
     };
     // the types of Parquet itself: those of Arrow have many forms of a text

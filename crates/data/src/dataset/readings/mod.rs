@@ -164,7 +164,7 @@ mod tests {
     /// Each line of a text that isn't blank or the header: a reading, or what is wrong with it and the help. An error that no
     /// line comes after is the last one.
     fn held(text: &str, format: Option<ReadingFormat>) -> Vec<Result<Reading, String>> {
-        let told =
+        let words =
             |error: ReadingError| format!("{error}; {}", error.help().map_or(String::new(), |help| help.to_string()));
         let (mut lines, mut readings) =
             (StreamLines::new("stdin", text.as_bytes()), Readings::new("stdin", 2, format, Mapping::default()));
@@ -172,10 +172,10 @@ mod tests {
         while let Some(line) = lines.read_next().expect("a text doesn't break off") {
             match readings.read(line) {
                 Ok(LineContent::Reading) => found.push(Ok(readings.reading().clone())),
-                Ok(LineContent::Bad(error)) => found.push(Err(told(error))),
+                Ok(LineContent::Bad(error)) => found.push(Err(words(error))),
                 Ok(LineContent::Nothing) => {}
                 Err(error) => {
-                    found.push(Err(told(error)));
+                    found.push(Err(words(error)));
                     break;
                 }
             }
@@ -189,7 +189,7 @@ mod tests {
         for held in held(text, format) {
             match held {
                 Ok(reading) => found.push(reading),
-                Err(told) => return (found, Some(told)),
+                Err(words) => return (found, Some(words)),
             }
         }
         (found, None)
@@ -221,8 +221,8 @@ mod tests {
         }
         assert_eq!(readings("", None), (Vec::new(), None));
         assert_eq!(readings("\n \n", None), (Vec::new(), None));
-        let told = readings("[1,2]\n", Some(ReadingFormat::Csv)).1.unwrap();
-        assert!(told.contains("stdin, line 1: column `out_1` is missing; required: out_1"), "{told}");
+        let words = readings("[1,2]\n", Some(ReadingFormat::Csv)).1.unwrap();
+        assert!(words.contains("stdin, line 1: column `out_1` is missing; required: out_1"), "{words}");
         assert!(readings("1,2\n", Some(ReadingFormat::Ndjson)).1.is_some());
     }
 
@@ -245,8 +245,8 @@ mod tests {
     #[test]
     fn what_is_no_number_for_a_sensor_either_is_passed_on() {
         for text in ["nan,inf\n", "out_1,out_2\nNaN,1e999\n"] {
-            let (found, told) = readings(text, None);
-            assert!(told.is_none() && found[0].outputs[0].is_nan() && found[0].outputs[1].is_infinite(), "{found:?}");
+            let (found, words) = readings(text, None);
+            assert!(words.is_none() && found[0].outputs[0].is_nan() && found[0].outputs[1].is_infinite(), "{found:?}");
         }
     }
 
@@ -255,8 +255,8 @@ mod tests {
         for text in
             ["nan,1", ",1", "NaN,1.0", " ,1", "out_2,x,out_1\n1,,\n", "out_1,out_2\n,1", "[null,1]", "[NaN,1.0]"]
         {
-            let (found, told) = readings(text, None);
-            assert!(told.is_none() && found.len() == 1, "{text:?}: {found:?} {told:?}");
+            let (found, words) = readings(text, None);
+            assert!(words.is_none() && found.len() == 1, "{text:?}: {found:?} {words:?}");
             assert!(found[0].outputs[0].is_nan() && found[0].outputs[1] == 1.0, "{text:?}: {found:?}");
         }
     }
@@ -344,10 +344,10 @@ mod tests {
             ("{\"id\":[1],\"outputs\":[1,2]}\n", 0, "stdin, line 1, column 1: `id` must be a number or a text"),
             (long.as_str(), 1, "stdin, line 2: longer than 262144 bytes; expected one reading per line"),
         ] {
-            let (found, told) = readings(text, None);
-            let told = told.unwrap_or_default();
+            let (found, words) = readings(text, None);
+            let words = words.unwrap_or_default();
             let text = &text[..text.len().min(60)];
-            assert!(found.len() == before && told.starts_with(expected), "{text:?} gives {found:?} {told}");
+            assert!(found.len() == before && words.starts_with(expected), "{text:?} gives {found:?} {words}");
         }
     }
 
@@ -359,9 +359,9 @@ mod tests {
             (format!("1,2\n1,{long}\n"), format!("found `{}...`", "\\u{1b}[2J".repeat(10))),
             (format!("[1,2]\n[1,\"{}\"]\n", "\\u001b[2J".repeat(100)), "line 2, column ".to_owned()),
         ] {
-            let told = readings(&text, None).1.unwrap_or_default();
-            let is_plain = told.len() < 300 && !told.contains(char::is_control);
-            assert!(told.contains(&expected) && is_plain, "{text:?} gives {told:?}");
+            let words = readings(&text, None).1.unwrap_or_default();
+            let is_plain = words.len() < 300 && !words.contains(char::is_control);
+            assert!(words.contains(&expected) && is_plain, "{text:?} gives {words:?}");
         }
     }
 

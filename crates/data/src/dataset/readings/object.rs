@@ -33,8 +33,8 @@ pub(super) fn read(file: &str, line: &[u8], units: usize, reading: &mut Reading)
         None => Err((error.column(), error)),
     });
     let object = object.map_err(|(column, error)| {
-        let told = error.to_string();
-        let reason = told.rsplit_once(" at line ").map_or(told.as_str(), |(reason, _)| reason);
+        let words = error.to_string();
+        let reason = words.rsplit_once(" at line ").map_or(words.as_str(), |(reason, _)| reason);
         wrong(column, start_of(reason, REASON))
     })?;
     for (key, value) in [("id", &object.id), ("t_s", &object.t_s)] {
@@ -108,8 +108,8 @@ mod tests {
             ("[NaN1,1]", 5),
             ("[\"NaN,1]", 8),
         ] {
-            let told = outputs(text).unwrap_err();
-            assert!(told.starts_with(&format!("stdin, line 1, column {column}: ")), "{text}: {told}");
+            let words = outputs(text).unwrap_err();
+            assert!(words.starts_with(&format!("stdin, line 1, column {column}: ")), "{text}: {words}");
         }
     }
 }

@@ -73,8 +73,8 @@ async fn of_two_cold_groups_z_is_homed_first_and_goes_away_before_the_other_sear
     );
     let identity = stage.identify(&usage()).await.unwrap();
     assert_eq!(identity.identity, "XPS-Q8 Firmware V2.6.4, group Z (Pos), group XY (X, Y)");
-    assert!(stage.home_z(&usage(), &Reins::default()).await.unwrap(), "z is in a group of its own");
-    stage.home(&usage(), &Reins::default()).await.unwrap();
+    assert!(stage.home_z(&usage(), &MotionOrders::default()).await.unwrap(), "z is in a group of its own");
+    stage.home(&usage(), &MotionOrders::default()).await.unwrap();
     done(stage, devices).await;
 }
 
@@ -109,8 +109,8 @@ async fn z_shows_its_direction_before_another_group_moves_and_not_beyond_its_tra
         ],
         None,
     );
-    assert!(stage.nudge_away(1.0, &usage(), &Reins::default()).await.unwrap());
-    assert!(!stage.nudge_away(1.0, &usage(), &Reins::default()).await.unwrap(), "its travel ends at 12.5 mm");
+    assert!(stage.nudge_away(1.0, &usage(), &MotionOrders::default()).await.unwrap());
+    assert!(!stage.nudge_away(1.0, &usage(), &MotionOrders::default()).await.unwrap(), "its travel ends at 12.5 mm");
     done(stage, devices).await;
 }
 
@@ -134,8 +134,8 @@ async fn nothing_searches_for_home_while_z_isnt_away() {
         ],
         None,
     );
-    let told = stage.bring_to_ready(1, &usage(), &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("z was commanded to 12.5000 mm but is at 3.0000 mm"), "{told}");
+    let text = stage.bring_to_ready(1, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("z was commanded to 12.5000 mm but is at 3.0000 mm"), "{text}");
     done(stage, devices).await;
 }
 
@@ -162,10 +162,10 @@ async fn x_and_y_of_one_group_move_in_one_call_and_z_on_its_own() {
         None,
     );
     // z is still under way when the others begin
-    stage.begin(&[(Axis::Z, 3.0)], 5.0, &Reins::default()).await.unwrap();
-    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &Reins::default()).await.unwrap();
+    stage.begin(&[(Axis::Z, 3.0)], 5.0, &MotionOrders::default()).await.unwrap();
+    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &MotionOrders::default()).await.unwrap();
     let axes = [Axis::Z, Axis::X, Axis::Y];
-    assert_eq!(stage.follow(&axes, Duration::from_secs(1), &Reins::default()).await.unwrap(), [3.0, 1.5, -2.0]);
+    assert_eq!(stage.follow(&axes, Duration::from_secs(1), &MotionOrders::default()).await.unwrap(), [3.0, 1.5, -2.0]);
     done(stage, devices).await;
 }
 
@@ -196,10 +196,10 @@ async fn three_single_axes_begin_together_and_a_stop_reaches_all_at_once() {
         ],
         None,
     );
-    let reins = Reins::default();
-    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &reins).await.unwrap();
-    reins.stop();
-    let places_mm = stage.follow(&[Axis::X, Axis::Y], Duration::from_secs(1), &reins).await.unwrap();
+    let orders = MotionOrders::default();
+    stage.begin(&[(Axis::X, 1.5), (Axis::Y, -2.0)], 10.0, &orders).await.unwrap();
+    orders.stop();
+    let places_mm = stage.follow(&[Axis::X, Axis::Y], Duration::from_secs(1), &orders).await.unwrap();
     assert_eq!(places_mm, [0.5, -0.5]);
     done(stage, devices).await;
 }
@@ -225,8 +225,8 @@ async fn if_one_group_refuses_its_motion_the_other_is_stopped() {
         None,
     );
     let targets = [(Axis::X, 1.5), (Axis::Y, -99.0)];
-    let told = stage.begin(&targets, 10.0, &Reins::default()).await.unwrap_err().to_string();
-    assert!(told.contains("error -17"), "{told}");
+    let text = stage.begin(&targets, 10.0, &MotionOrders::default()).await.unwrap_err().to_string();
+    assert!(text.contains("error -17"), "{text}");
     done(stage, devices).await;
 }
 
@@ -276,8 +276,8 @@ async fn each_group_has_a_guard_and_the_one_that_fired_is_named() {
         Some(guard),
     );
     stage.guard(Some(2.05)).await.unwrap();
-    stage.begin(&[(Axis::Z, -1.25)], 1.5, &Reins::default()).await.unwrap();
-    let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &Reins::default()).await.unwrap_err();
+    stage.begin(&[(Axis::Z, -1.25)], 1.5, &MotionOrders::default()).await.unwrap();
+    let error = stage.follow(&[Axis::Z], Duration::from_millis(900), &MotionOrders::default()).await.unwrap_err();
     assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n } if limit_n == 2.05), "{error}");
     stage.guard(None).await.unwrap();
     done(stage, devices).await;

@@ -50,12 +50,12 @@ pub struct DaqmxLibrary {
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The library isn't found.
-    #[error("NI's DAQmx library wasn't found on this machine ({tried}): {told}")]
+    #[error("NI's DAQmx library wasn't found on this machine ({tried}): {text}")]
     Missing {
         /// Names that were tried.
         tried: String,
         /// The system's error for the last of them.
-        told: String,
+        text: String,
     },
     /// The library isn't the expected one.
     #[error("{path} isn't NI's DAQmx library: it has no function {function}")]
@@ -74,15 +74,15 @@ impl DaqmxLibrary {
     /// The library isn't found, or lacks a function.
     pub fn load(path: Option<&str>) -> Result<DaqmxLibrary, LoadError> {
         let places = path.map_or_else(|| PLACES.to_vec(), |path| vec![path]);
-        let mut told = String::new();
+        let mut text = String::new();
         for place in &places {
             // SAFETY: loading runs the library's own start-up code, which is what a person asks for who names it
             match unsafe { Library::new(*place) } {
                 Ok(library) => return Self::of(library, place),
-                Err(error) => told = error.to_string(),
+                Err(error) => text = error.to_string(),
             }
         }
-        Err(LoadError::Missing { tried: places.join(", "), told })
+        Err(LoadError::Missing { tried: places.join(", "), text })
     }
 
     fn of(library: Library, path: &str) -> Result<DaqmxLibrary, LoadError> {

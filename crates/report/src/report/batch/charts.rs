@@ -142,11 +142,11 @@ fn of_figure(history: &History, figure: &Limited) -> Option<ControlChart> {
         return None;
     }
     let points = replayed(Charts::new(normal), values, references);
-    let told = format!("normal values of the first {}", counted(first.len(), "sensor"));
+    let text = format!("normal values of the first {}", counted(first.len(), "sensor"));
     (!points.is_empty()).then(|| ControlChart {
         key: figure.key.clone(),
         title: capital(figure.name()),
-        normal: told,
+        normal: text,
         points,
     })
 }

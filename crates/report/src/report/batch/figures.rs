@@ -84,7 +84,7 @@ fn marks(
     limit: f64,
 ) -> (Vec<Mark>, Vec<(Look, String)>) {
     let along = Along::new(values);
-    let mut legend = vec![(VALUE, along.told("measured"))];
+    let mut legend = vec![(VALUE, along.text("measured"))];
     let mut marks = vec![Mark::Level(limit, format!("limit {}", shown(quantity, limit)))];
     if !bounds.is_empty() {
         let of_bounds = Along::new(bounds);
@@ -150,7 +150,7 @@ pub(super) fn minutes(history: &History) -> Option<Section> {
     let values: Vec<(usize, f64)> = complete(history).map(|(number, ended)| (number, ended.minutes)).collect();
     let [_, median, _] = quartiles(&sorted(values.iter().map(|(_, minutes)| *minutes)))?;
     let along = Along::new(&values);
-    let legend = vec![(VALUE, along.told("measured"))];
+    let legend = vec![(VALUE, along.text("measured"))];
     let most = values.iter().map(|(_, minutes)| *minutes).fold(median, f64::max).min(BEYOND * median);
     let marks = vec![
         Mark::Level(median, format!("median {median:.1}")),

@@ -113,11 +113,11 @@ fn facts(history: &History) -> Markup {
         rows.push(vec![words(format!("reference {}", reference.serial)), html! { (measured) " times" }]);
     }
     if let Some([low, median, high]) = minutes(history) {
-        let told = html! {
+        let text = html! {
             (number("minutes.median", median, 1, "")) " (" (number("minutes.q1", low, 1, "")) " to "
             (number("minutes.q3", high, 1, "")) ")"
         };
-        rows.push(vec![words("minutes a sensor, median and quartiles"), told]);
+        rows.push(vec![words("minutes a sensor, median and quartiles"), text]);
     }
     if let Some(median) = a_day(history) {
         rows.push(vec![words("sensors a day, median"), number("a_day", median, 1, "")]);

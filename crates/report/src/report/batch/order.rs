@@ -23,8 +23,8 @@ pub(super) fn axis(history: &History) -> ChartAxis {
     let days = days(history).len();
     let tick = |number: usize| {
         let at = &history.results[number - 1].at;
-        let told = if days > 1 { at.get(..DATE) } else { at.get(DATE + 1..MINUTE) };
-        (number as f64, format!("{number}\n{}", told.unwrap_or_default()))
+        let text = if days > 1 { at.get(..DATE) } else { at.get(DATE + 1..MINUTE) };
+        (number as f64, format!("{number}\n{}", text.unwrap_or_default()))
     };
     let ticks = (1..=count).filter(|number| number.is_multiple_of(step)).map(tick).collect();
     let range = (0.5, count.max(1) as f64 + 0.5);
@@ -84,7 +84,7 @@ impl Along {
     }
 
     /// Describes what a mark stands for.
-    pub(super) fn told(&self, what: &str) -> String {
+    pub(super) fn text(&self, what: &str) -> String {
         match self.of {
             1 => what.to_owned(),
             of => format!("{what}: median of {of} sensors, and their range"),

@@ -254,11 +254,11 @@ fn text_of(table: &Table, key: &Key) -> Option<String> {
     let text = table.text(key)?;
     let single = text.split_whitespace().collect::<Vec<_>>().join(" ");
     if single.is_empty() || single.contains(char::is_control) {
-        let told = match single.is_empty() {
+        let words = match single.is_empty() {
             true => format!("`{}` is empty: fill it in", key.name),
             false => format!("`{}` is {text:?}, expected printable characters", key.name),
         };
-        table.complain(Problem::new(table.span_of(key), told));
+        table.complain(Problem::new(table.span_of(key), words));
         return None;
     }
     Some(single)

@@ -24,7 +24,7 @@ pub(super) fn document(certificate: &Certificate<'_>) -> String {
         (section("Instruments", &instruments(certificate)))
         @for results in &certificate.results { (section(results.title, &of(results))) }
         (section("Conformity", &conformity(certificate)))
-        (section("Not measured", &html! { ul { @for told in &certificate.not_measured { li { (told) } } } }))
+        (section("Not measured", &html! { ul { @for text in &certificate.not_measured { li { (text) } } } }))
         (section("Record", &record(certificate)))
         (section("Responsible", &signatures(certificate)))
     };
@@ -34,7 +34,7 @@ pub(super) fn document(certificate: &Certificate<'_>) -> String {
 fn facts(rows: &[(&str, String)]) -> Markup {
     html! {
         div.wide {
-            table { tbody { @for (name, told) in rows { tr { th scope="row" { (name) } td.words { (told) } } } } }
+            table { tbody { @for (name, text) in rows { tr { th scope="row" { (name) } td.words { (text) } } } } }
         }
     }
 }
@@ -116,7 +116,7 @@ fn conformity(certificate: &Certificate<'_>) -> Markup {
             let shown = |value: Option<f64>| format!("{} {}", check.shown(value), check.kind.unit());
             let mut row = vec![check.kind.full_name(check.reach), shown(check.value)];
             row.extend(is_guarded.then(|| shown(check.bound)));
-            row.extend([shown(Some(check.limit)), check.verdict.told().to_owned()]);
+            row.extend([shown(Some(check.limit)), check.verdict.text().to_owned()]);
             row.into_iter().map(words).collect::<Vec<_>>()
         };
         let head = ["", "found"].into_iter().chain(is_guarded.then_some("95 % bound")).chain(["limit", ""]);

@@ -160,7 +160,7 @@ impl<'a> Certificate<'a> {
             began,
             ended,
             release: env!("CARGO_PKG_VERSION"),
-            runs: subject.runs.iter().map(|run| run.manifest.facts.told()).collect(),
+            runs: subject.runs.iter().map(|run| run.manifest.facts.text()).collect(),
             imported: subject.runs.iter().filter_map(|run| run.manifest.facts.imported.clone()).collect(),
             instruments: instruments(subject),
             judgement: judged.judgement.as_ref(),
@@ -172,8 +172,8 @@ impl<'a> Certificate<'a> {
     }
 
     /// Returns the result in one line.
-    pub fn told(&self) -> String {
-        let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.told());
+    pub fn text(&self) -> String {
+        let verdict = self.judgement.map_or("no statement of conformity", |judgement| judgement.verdict.text());
         let rows: usize = self.results.iter().map(|results| results.rows.len()).sum();
         let simulated = if self.simulated { "; simulated: it certifies no sensor" } else { "" };
         format!("certificate {} of sensor {}: {verdict}, {rows} results{simulated}", self.given.identifier, self.sensor)
@@ -220,7 +220,7 @@ impl<'a> Certificate<'a> {
         let notes: String = judgement.notes.iter().map(|note| format!(" {}.", capital(note))).collect();
         let afterwards = judgement.judged_afterwards_by.as_ref();
         let afterwards = afterwards.map(|file| format!(", judged afterwards by {file}")).unwrap_or_default();
-        let (method, verdict) = (&judgement.method, judgement.verdict.told());
+        let (method, verdict) = (&judgement.method, judgement.verdict.text());
         format!("{rule}. Method {method}{afterwards}. Limits: {}.{notes} Result: {verdict}{why}.", limits.join("; "))
     }
 }
@@ -287,5 +287,5 @@ fn not_measured(subject: &Subject, judged: &SensorResults, given: &CertificateDa
         (given.humidity_percent.is_none(), "The relative humidity."),
         (true, "Drift over time, dependence on temperature, reproducibility from mounting to mounting."),
     ];
-    missing.into_iter().filter(|(is_missing, _)| *is_missing).map(|(_, told)| told.to_owned()).collect()
+    missing.into_iter().filter(|(is_missing, _)| *is_missing).map(|(_, text)| text.to_owned()).collect()
 }

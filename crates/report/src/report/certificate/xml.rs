@@ -85,8 +85,8 @@ fn administrative(xml: &mut Xml, certificate: &Certificate<'_>) {
         for (name, label) in certificate.labels.iter().filter(|(name, _)| !matches!(*name, "design" | "batch")) {
             statement(xml, name, label);
         }
-        for told in &certificate.not_measured {
-            statement(xml, "Not measured", told);
+        for text in &certificate.not_measured {
+            statement(xml, "Not measured", text);
         }
     });
 }
@@ -205,10 +205,10 @@ fn identification(xml: &mut Xml, issuer: &str, value: &str, name: &str) {
     });
 }
 
-fn statement(xml: &mut Xml, name: &str, told: &str) {
+fn statement(xml: &mut Xml, name: &str, text: &str) {
     xml.within("dcc:statement", |xml| {
         xml.named("dcc:name", name);
-        xml.named("dcc:declaration", told);
+        xml.named("dcc:declaration", text);
     });
 }
 

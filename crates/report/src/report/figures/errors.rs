@@ -80,11 +80,11 @@ fn distribution(kind: PlottedError, judged: &SensorResults) -> Option<PageFigure
         summed.push(Mark::Steps(Look { shape: None, line, ..*look }, points.collect()));
         legend.push(vec![(Look { shape: Some(Shape::Square), filled: true, line, ..*look }, name(evaluation))]);
     }
-    let (reference, told) = kind.reference;
+    let (reference, text) = kind.reference;
     if reference < last {
-        counted.push(Mark::At(reference, told.to_owned()));
+        counted.push(Mark::At(reference, text.to_owned()));
         summed.push(Mark::At(reference, String::new()));
-        summed.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, told.to_owned()));
+        summed.push(Mark::Words((reference, 50.0), (6.0, 0.0), Anchor::Start, text.to_owned()));
     }
     let notes = if largest > last {
         vec![format!("The last column holds all larger errors, up to {largest:.1} {}.", unit(kind))]

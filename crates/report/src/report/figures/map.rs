@@ -52,7 +52,7 @@ fn matrix(subject: &Subject, units: &[Range<usize>], channel: Option<usize>) -> 
     let (grid, panel_px) = arrangement.grid(PANEL_PX);
     let figure = Figure {
         title: load.title(channel),
-        subtitle: format!("{}; one scale for all", load.told(presses.len())),
+        subtitle: format!("{}; one scale for all", load.text(presses.len())),
         height_px: axes.height_px(panel_px),
         panels: arrangement.panels(panel),
         grid: Some(grid),
@@ -106,7 +106,7 @@ impl MapLoad {
         }
     }
 
-    fn told(self, presses: usize) -> String {
+    fn text(self, presses: usize) -> String {
         let presses = counted(presses, "press");
         match self {
             MapLoad::One(_) => presses,

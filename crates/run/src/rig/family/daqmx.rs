@@ -102,8 +102,8 @@ impl Driver for DaqmxArraySpec {
         if cell_of(rig).is_none() || rig.load_cell.link == rig.array.link {
             return Vec::new();
         }
-        let told = "load cell and array are on NI inputs, but over different links".to_owned();
-        vec![Misfit { role: SceneDevice::Array, told, help: Some("one task samples both: use the same link for both") }]
+        let text = "load cell and array are on NI inputs, but over different links".to_owned();
+        vec![Misfit { role: SceneDevice::Array, text, help: Some("one task samples both: use the same link for both") }]
     }
 }
 
@@ -122,8 +122,8 @@ impl ArrayDriver for DaqmxArraySpec {
 
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let Inputs { physical, count, .. } = &self.0;
-        let told = || format!("{}, but \"{physical}\" is {count} inputs", counted(layout));
-        (layout.len() != *count).then(|| (told(), None))
+        let text = || format!("{}, but \"{physical}\" is {count} inputs", counted(layout));
+        (layout.len() != *count).then(|| (text(), None))
     }
 
     fn range_v(&self) -> Option<f64> {
@@ -177,10 +177,10 @@ fn library(rig: &RigSpec) -> Result<Functions, DeviceError> {
         (Link::Daqmx(path), _) | (_, Link::Daqmx(path)) => path.as_deref(),
         _ => None,
     };
-    let failed = |told: String| DeviceError {
+    let failed = |text: String| DeviceError {
         device: "NI device".to_owned(),
         doing: "loading NI's library".to_owned(),
-        problem: device::DeviceProblem::Link(told),
+        problem: device::DeviceProblem::Link(text),
     };
     let library = DaqmxLibrary::load(path).map_err(|error| failed(error.to_string()))?;
     let functions = Functions::on_a_thread(Arc::new(library));
@@ -215,8 +215,8 @@ fn read_inputs(table: &Table) -> Option<Inputs> {
     let count =
         physical.split(',').map(inputs_in).sum::<Option<usize>>().filter(|count| (1..=INPUTS_MAX).contains(count));
     let Some(count) = count else {
-        let told = format!("`daqmx` is \"{physical}\", expected inputs such as \"Dev1/ai0\" or \"Dev1/ai1:9\"");
-        table.complain(Problem::new(table.span_of(&array::daqmx), told));
+        let words = format!("`daqmx` is \"{physical}\", expected inputs such as \"Dev1/ai0\" or \"Dev1/ai1:9\"");
+        table.complain(Problem::new(table.span_of(&array::daqmx), words));
         return None;
     };
     Some(Inputs { physical: physical.to_owned(), count, terminal: terminal?, range_v: range_v? })

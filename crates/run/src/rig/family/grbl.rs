@@ -86,26 +86,26 @@ fn misfit(rig: &RigSpec) -> Option<String> {
     };
     let settings = ReportedSettings::new(board.settings.lines().filter_map(number).collect(), &[]);
     let build = Build { firmware: GrblFirmware::Grbl, version: "1.1h".to_owned(), sets_origin: board.sets_origin };
-    let told = settings.check(&build, &usage).err()?;
+    let text = settings.check(&build, &usage).err()?;
     let counts = Axis::ALL.into_iter().filter_map(|axis| settings.counts(&build, axis).ok());
     let misfits: Vec<AxisCounts> = counts.filter(|counts| counts.misfit(&usage).is_some()).collect();
     if misfits.is_empty() {
-        return Some(told);
+        return Some(text);
     }
-    let told = misfits.iter().map(|counts| travel_told(counts, rig.stage.travel.along(counts.axis)));
-    Some(format!("{}; or write `home = \"by hand\"` in [stage]", told.collect::<Vec<_>>().join("; ")))
+    let text = misfits.iter().map(|counts| travel_text(counts, rig.stage.travel.along(counts.axis)));
+    Some(format!("{}; or write `home = \"by hand\"` in [stage]", text.collect::<Vec<_>>().join("; ")))
 }
 
 /// Names the end that the travel of an axis must have in a simulation, and the lines that give it this end. The other end is free,
 /// because the emulated frame is as long as the rig's travel.
-fn travel_told(counts: &AxisCounts, travel: Range) -> String {
+fn travel_text(counts: &AxisCounts, travel: Range) -> String {
     let (axis, end_mm) = (counts.axis.name(), round(counts.range.max, 3));
     let Range { min, max } = travel;
-    let told = format!("`travel_mm.{axis}` is [{min}, {max}], but {axis} of a simulated GRBL ends at {end_mm} mm");
+    let text = format!("`travel_mm.{axis}` is [{min}, {max}], but {axis} of a simulated GRBL ends at {end_mm} mm");
     if max < end_mm {
-        return format!("{told}, where it homes: write {axis} = [{min}, {end_mm}]");
+        return format!("{text}, where it homes: write {axis} = [{min}, {end_mm}]");
     }
     let (way_mm, frame) = (round(end_mm - max, 3), if counts.axis == Axis::Z { "surface" } else { "origin" });
     let min = round(min + way_mm, 3);
-    format!("{told}: write {axis} = [{min}, {end_mm}], and move `frame.{frame}_mm.{axis}` by {way_mm} mm")
+    format!("{text}: write {axis} = [{min}, {end_mm}], and move `frame.{frame}_mm.{axis}` by {way_mm} mm")
 }

@@ -65,8 +65,8 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDrive
     let mut sender = read_profile(table, &load_cell::lines, beside)?;
     let name = sender.file.name.clone();
     let Some(force) = &mut sender.profile.force else {
-        let told = format!("the line profile \"{name}\" has no [force], which a load cell needs");
-        table.complain(Problem::new(table.span_of(&load_cell::lines), told));
+        let text = format!("the line profile \"{name}\" has no [force], which a load cell needs");
+        table.complain(Problem::new(table.span_of(&load_cell::lines), text));
         return None;
     };
     force.newton_per_unit = table.number(&load_cell::newton_per_unit).or(force.newton_per_unit);
@@ -84,8 +84,8 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<Arc<dyn LoadCellDrive
 fn read_array(table: &Table, beside: Beside) -> Option<Arc<dyn ArrayDriver>> {
     let mut sender = read_profile(table, &array::lines, beside)?;
     let Some(outputs) = &mut sender.profile.outputs else {
-        let told = format!("the line profile \"{}\" has no [outputs], which an array needs", sender.file.name);
-        table.complain(Problem::new(table.span_of(&array::lines), told));
+        let text = format!("the line profile \"{}\" has no [outputs], which an array needs", sender.file.name);
+        table.complain(Problem::new(table.span_of(&array::lines), text));
         return None;
     };
     outputs.scale = table.number(&array::scale).unwrap_or(outputs.scale);
@@ -118,12 +118,12 @@ impl Driver for LineLoadCellSpec {
         let Some(LineArraySpec(array)) = super::as_a::<LineArraySpec>(&*rig.array.driver) else { return Vec::new() };
         let is_shared = rig.load_cell.link == rig.array.link && rig.array.link != Link::Sim;
         let differ = is_shared && array.file != self.0.file;
-        let told = format!(
+        let text = format!(
             "load cell and array have the same `link`, but the line profiles \"{}\" and \"{}\"",
             self.0.file.name, array.file.name
         );
         let help = Some("one port sends one kind of line: use one profile with [force] and [outputs] for both");
-        differ.then_some(Misfit { role: SceneDevice::Array, told, help }).into_iter().collect()
+        differ.then_some(Misfit { role: SceneDevice::Array, text, help }).into_iter().collect()
     }
 }
 
@@ -175,23 +175,23 @@ impl ArrayDriver for LineArraySpec {
 
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let columns = self.0.profile.outputs.as_ref().map_or(0, |own| own.columns.len());
-        let told = format!("{}, but the line profile \"{}\" has {columns} outputs", counted(layout), self.0.file.name);
+        let text = format!("{}, but the line profile \"{}\" has {columns} outputs", counted(layout), self.0.file.name);
         let help = "change the layout, or `columns` of [outputs] in a profile of your own";
-        (layout.len() != columns).then_some((told, Some(help)))
+        (layout.len() != columns).then_some((text, Some(help)))
     }
 }
 
 impl Sender {
     fn not_emulated(&self, role: SceneDevice) -> DeviceError {
         let section = if role == SceneDevice::LoadCell { "load_cell" } else { "array" };
-        let told = format!(
+        let text = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
              write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
              read.py needn't exist. Or use one of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
             self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-        DeviceError { device, doing, problem: DeviceProblem::Mismatch(told) }
+        DeviceError { device, doing, problem: DeviceProblem::Mismatch(text) }
     }
 }
 

@@ -124,7 +124,7 @@ fn own_file<T>(
         Ok(found) => Some((OwnFile { name: name.to_owned(), text: Some(text) }, found)),
         Err(problems) => {
             // each with the file's own line
-            problems.told().for_each(|(line, help)| {
+            problems.text().for_each(|(line, help)| {
                 let problem = Problem::new(span.clone(), line);
                 table.complain(help.into_iter().fold(problem, Problem::help));
             });

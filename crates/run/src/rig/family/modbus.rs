@@ -61,8 +61,8 @@ fn read_map(table: &Table, part: &str, fits: impl Fn(&Profile) -> bool, beside: 
     let (file, profile) = own_file(table, key, "register map", &shipped, Profile::shipped, Profile::parse, beside)?;
     if !fits(&profile) {
         let help = format!("name another map, or add [{part}]: `palpate reference register-map` lists its keys");
-        let told = format!("the register map \"{}\" has no [{part}], which this device needs", file.name);
-        table.complain(Problem::new(table.span_of(key), told).help(help));
+        let text = format!("the register map \"{}\" has no [{part}], which this device needs", file.name);
+        table.complain(Problem::new(table.span_of(key), text).help(help));
         return None;
     }
     Some(MappedDevice { file, profile })
@@ -127,10 +127,10 @@ impl ArrayDriver for ModbusArraySpec {
     fn misfit(&self, layout: &ArrayLayout) -> Option<(String, Option<&'static str>)> {
         let Profile { name, outputs: own, .. } = &self.0.profile;
         let most = own.as_ref().map_or(0, |own| own.count_max);
-        let told = format!("{}, but {name} has {most} outputs", counted(layout));
+        let text = format!("{}, but {name} has {most} outputs", counted(layout));
         let help = "a register map of your own can have more, on real links; to simulate more outputs, use { process = [...] }: `palpate init \
                     --from magnetic` writes such a rig";
-        (layout.len() > most).then_some((told, Some(help)))
+        (layout.len() > most).then_some((text, Some(help)))
     }
 }
 
@@ -144,21 +144,21 @@ impl MappedDevice {
         if self.profile.transport == Transport::Rtu || !matches!(link, Link::Serial { .. }) {
             return Vec::new();
         }
-        let told = format!("{} speaks Modbus over TCP only, but its link is the serial port {link}", self.profile.name);
+        let text = format!("{} speaks Modbus over TCP only, but its link is the serial port {link}", self.profile.name);
         let help = "connect it through Ethernet or WiFi and use link = \"tcp://ADDRESS:502\". The USB port of a LabJack has a \
                     protocol of its own, which isn't Modbus. A device of your own that speaks RTU needs transport = \"rtu\" \
                     in its map";
-        vec![Misfit { role, told, help: Some(help) }]
+        vec![Misfit { role, text, help: Some(help) }]
     }
 
     fn not_emulated(&self, role: SceneDevice) -> DeviceError {
-        let told = format!(
+        let text = format!(
             "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
              seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
             self.file.name
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());
-        DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(told) }
+        DeviceError { device, doing, problem: device::DeviceProblem::Mismatch(text) }
     }
 }
 

@@ -65,8 +65,8 @@ struct UserProgram {
 fn read(table: &Table) -> Option<UserProgram> {
     let command: Vec<String> = table.texts(&driver::process)?.into_iter().map(str::to_owned).collect();
     if command.first().is_none_or(String::is_empty) {
-        let told = "`process` is the command and its arguments: [\"python3\", \"my_daq.py\"]";
-        table.complain(Problem::new(table.span_of(&driver::process), told));
+        let text = "`process` is the command and its arguments: [\"python3\", \"my_daq.py\"]";
+        table.complain(Problem::new(table.span_of(&driver::process), text));
         return None;
     }
     Some(UserProgram { command, start: seconds(table.number(&driver::start_s)?) })

@@ -64,7 +64,7 @@ fn read_stage(table: &Table, _: Beside) -> Option<Arc<dyn StageDriver>> {
         let positioners = positioners(&groups, &names);
         let help = "for example xps = [\"XY\", \"Z\"] with positioners = [\"XY.X\", \"XY.Y\", \"Z.Pos\"]";
         positioners
-            .map_err(|told| table.complain(Problem::new(table.span_of(&stage::positioners), told).help(help)))
+            .map_err(|words| table.complain(Problem::new(table.span_of(&stage::positioners), words).help(help)))
             .ok()
     });
     let (home_search, guard) = (table.flag(&stage::home_search), table.flag(&stage::guard));
@@ -109,7 +109,7 @@ fn cell_of(rig: &RigSpec) -> Option<&XpsLoadCellSpec> {
 
 impl Driver for XpsStageSpec {
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let misfit = |told: &str, help| Misfit { role: SceneDevice::Stage, told: told.to_owned(), help: Some(help) };
+        let misfit = |text: &str, help| Misfit { role: SceneDevice::Stage, text: text.to_owned(), help: Some(help) };
         let mut misfits = Vec::new();
         if self.grouping.home_search && rig.frame.z_from_stage(HOME_MM) > rig.clear_mm() {
             misfits.push(misfit(
@@ -146,8 +146,8 @@ impl Driver for XpsLoadCellSpec {
         if as_a::<XpsStageSpec>(&*rig.stage.driver).is_some() && rig.stage.link == rig.load_cell.link {
             return Vec::new();
         }
-        let told = "the load cell is on another XPS than the stage".to_owned();
-        vec![Misfit { role: SceneDevice::LoadCell, told, help: Some("use the same link and an xps driver for both") }]
+        let text = "the load cell is on another XPS than the stage".to_owned();
+        vec![Misfit { role: SceneDevice::LoadCell, text, help: Some("use the same link and an xps driver for both") }]
     }
 }
 
@@ -184,7 +184,7 @@ mod tests {
         ] {
             assert_eq!(read(groups, &names).unwrap(), read_as);
         }
-        for (groups, names, told) in [
+        for (groups, names, text) in [
             (&["XY", "Z"][..], &["X", "Y", "Z"][..], "\"X\" doesn't name its group"),
             (&["XY", "Z"], &["XY.X", "XY.Y", "ZZ.Pos"], "the group \"ZZ\" of \"ZZ.Pos\" isn't among those of `xps`"),
             (&["XY", "Z"], &["XY.X", "XY.X", "Z.Pos"], "\"XY.X\" is the positioner of two axes"),
@@ -193,7 +193,7 @@ mod tests {
             (&[], &[], "names its positioners of x, y and z"),
         ] {
             let error = read(groups, names).unwrap_err();
-            assert!(error.contains(told), "{error}");
+            assert!(error.contains(text), "{error}");
         }
     }
 }

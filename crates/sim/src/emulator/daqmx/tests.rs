@@ -131,15 +131,15 @@ async fn so_many_are_read_as_are_asked_for_or_none() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_isnt_read_in_time_is_lost_and_told_until_the_task_is_started_again() {
+async fn what_isnt_read_in_time_is_lost_and_reported_until_the_task_is_started_again() {
     let daqmx = emulator(scene());
     let task = running(&daqmx, "Dev1/ai0", 1000.0, 50);
     wait_ms(50).await;
     assert_eq!(read(&daqmx, task).map(|samples| samples.len()), Ok(50));
     wait_ms(51).await;
     assert_eq!(read(&daqmx, task), Err(-200279));
-    let told = daqmx.extended_error_info();
-    assert!(told.ends_with("\n\nTask Name: _unnamedTask<0>\n\nStatus Code: -200279"), "{told}");
+    let text = daqmx.extended_error_info();
+    assert!(text.ends_with("\n\nTask Name: _unnamedTask<0>\n\nStatus Code: -200279"), "{text}");
     wait_ms(1).await;
     assert_eq!(read(&daqmx, task), Err(-200279));
     assert_eq!((daqmx.stop_task(task), daqmx.start_task(task)), (0, 0));

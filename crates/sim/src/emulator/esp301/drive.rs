@@ -43,7 +43,7 @@ pub(super) struct Drive {
     /// True place minus count, mm.
     offset_mm: f64,
     target_mm: f64,
-    errand: AxisAction,
+    action: AxisAction,
     /// Acceleration of the move under way, mm/s^2.
     ramp_mm_s2: f64,
     speed_mm_s: f64,
@@ -80,7 +80,7 @@ impl Drive {
             motor_on: false,
             offset_mm: place_mm,
             target_mm: place_mm,
-            errand: AxisAction::Idle,
+            action: AxisAction::Idle,
             ramp_mm_s2: 0.0,
             speed_mm_s: 10.0,
             most_speed_mm_s: STAGE_SPEED_MM_S,
@@ -101,7 +101,7 @@ impl Drive {
 
     /// Whether the axis moves (`MD?` is 0), as of the last [`notice`](Self::notice).
     pub(super) fn moving(&self) -> bool {
-        self.errand != AxisAction::Idle
+        self.action != AxisAction::Idle
     }
 
     /// Time at which the controller expects the motion to end, s.
@@ -112,10 +112,10 @@ impl Drive {
     /// Applies the effects of a motion that has ended by `now_s`. Returns the error, if there is one, and its time, s.
     pub(super) fn notice(&mut self, scene: &Scene, now_s: f64) -> Option<(EspError, f64)> {
         let end_s = self.end_s(scene);
-        if self.errand == AxisAction::Idle || now_s < end_s {
+        if self.action == AxisAction::Idle || now_s < end_s {
             return None;
         }
-        match std::mem::replace(&mut self.errand, AxisAction::Idle) {
+        match std::mem::replace(&mut self.action, AxisAction::Idle) {
             AxisAction::Move(fault) => fault.map(|fault| (self.fault(fault), end_s)),
             AxisAction::Home { place_mm } => {
                 self.offset_mm = place_mm.map_or(self.offset_mm, |place_mm| place_mm - self.home_count_mm);
@@ -175,7 +175,7 @@ impl Drive {
             _ => 0.0,
         };
         self.start(place_mm, self.home_speed_mm_s, scene, now_s);
-        self.errand = AxisAction::Home { place_mm: (mode != 0).then_some(place_mm) };
+        self.action = AxisAction::Home { place_mm: (mode != 0).then_some(place_mm) };
         Ok(())
     }
 
@@ -236,7 +236,7 @@ impl Drive {
         };
         if value >= least && value <= most {
             *slot = value;
-            if let (b"VA", AxisAction::Move(_)) = (name, self.errand) {
+            if let (b"VA", AxisAction::Move(_)) = (name, self.action) {
                 self.run_at(value, scene, now_s);
             }
             return Ok(());
@@ -259,7 +259,7 @@ impl Drive {
 
     /// Returns an error if the axis moves. The emulator doesn't assume that a controller accepts a new target during a motion.
     fn stands(&self) -> Result<(), EspError> {
-        match self.errand {
+        match self.action {
             AxisAction::Idle => Ok(()),
             AxisAction::Home { .. } => Err(self.fault(AxisFault::WHILE_HOMING)),
             AxisAction::Move(_) | AxisAction::Stop => Err(self.fault(AxisFault::WHILE_MOVING)),
@@ -283,7 +283,7 @@ impl Drive {
             _ => None,
         };
         self.start(reached_mm, self.speed_mm_s, scene, now_s);
-        self.errand = AxisAction::Move(fault);
+        self.action = AxisAction::Move(fault);
     }
 
     /// Starts a motion with the lesser of `AC` and `AG`, because the scene's trajectories have one acceleration for both
@@ -302,7 +302,7 @@ impl Drive {
     }
 
     fn brake(&mut self, deceleration_mm_s2: f64, scene: &mut Scene, now_s: f64) -> bool {
-        if self.errand == AxisAction::Idle {
+        if self.action == AxisAction::Idle {
             return false;
         }
         let (place_mm, speed_mm_s) = self.commanded(scene, now_s);
@@ -312,7 +312,7 @@ impl Drive {
         let way = Trajectory::stop(now_s, (place_mm, speed_mm_s), deceleration_mm_s2.max(needed_mm_s2));
         self.target_mm = way.end_mm();
         scene.set_motion(self.axis, way, now_s);
-        let was = std::mem::replace(&mut self.errand, AxisAction::Stop);
+        let was = std::mem::replace(&mut self.action, AxisAction::Stop);
         matches!(was, AxisAction::Home { .. })
     }
 }

@@ -135,7 +135,7 @@ fn targets_are_rounded_to_the_stages_quantum() {
 }
 
 #[test]
-fn a_query_is_told_with_or_without_its_mark_and_however_it_is_spelt() {
+fn a_query_is_reported_with_or_without_its_mark_and_however_it_is_spelt() {
     let mut bench = Esp301Bench::homed();
     for tell in ["1TP?", "1TP", "01TP?", "1 tp ?", "001tp"] {
         assert_eq!(bench.say(10.0, tell), "0.0000", "{tell}");
@@ -348,7 +348,7 @@ fn a_zero_has_no_sign() {
 }
 
 #[test]
-fn encoder_counts_are_told_when_asked_for() {
+fn encoder_counts_are_reported_when_asked_for() {
     let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1PA-1.5;1SN0");
     assert_eq!(bench.say(20.0, "1TP;1SN?;1PA?"), "-300000|0|-1.5000");

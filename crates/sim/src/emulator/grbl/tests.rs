@@ -134,8 +134,8 @@ fn what_it_tells_of_itself() {
     let parameters = bench.say(40.0, b"$#\n");
     assert_eq!(parameters.matches(":0.000,0.000,0.000").count(), 9);
     assert!(parameters.starts_with("[G54:") && parameters.ends_with("[TLO:0.000] [PRB:0.000,0.000,0.000:0] ok"));
-    let told = bench.say(40.0, b"$$\n");
-    assert!(told.starts_with("$0=10 $1=255 ") && told.ends_with(" $131=25.000 $132=25.000 ok"), "{told}");
+    let text = bench.say(40.0, b"$$\n");
+    assert!(text.starts_with("$0=10 $1=255 ") && text.ends_with(" $131=25.000 $132=25.000 ok"), "{text}");
 }
 
 #[test]
@@ -278,8 +278,8 @@ fn single_bytes_act_while_a_line_waits() {
     }
     assert_eq!(bench.send(40.0, b"$J=Y1F600\n"), "");
     assert!(bench.send(40.05, b"?").starts_with("<Jog|"));
-    let told = bench.send(40.1, b"\x18");
-    assert!(told.starts_with("ALARM:3\r\n") && !told.contains("ok"), "{told}");
+    let text = bench.send(40.1, b"\x18");
+    assert!(text.starts_with("ALARM:3\r\n") && !text.contains("ok"), "{text}");
     assert_eq!(bench.say(41.0, b"$X\n"), "[MSG:Caution: Unlocked] ok");
     assert_eq!(bench.true_mm(Axis::Y, 50.0), 0.0);
 }
@@ -397,9 +397,9 @@ fn a_frame_without_switches_is_open_counts_from_zero_and_homes_nowhere() {
         (0.3, "$J=G91X1F600\n", "ok"),
         (2.0, "$22=1\n$20=1\n$1=25\n", "ok ok ok"),
     ]);
-    let told = bench.say(3.0, b"$$\n");
-    assert!(told.contains(" $1=25 ") || told.starts_with("$0=10 $1=25 "), "{told}");
-    assert!(told.contains(" $20=1 ") && told.contains(" $22=1 "), "{told}");
+    let text = bench.say(3.0, b"$$\n");
+    assert!(text.contains(" $1=25 ") || text.starts_with("$0=10 $1=25 "), "{text}");
+    assert!(text.contains(" $20=1 ") && text.contains(" $22=1 "), "{text}");
 }
 
 #[test]
@@ -444,8 +444,8 @@ async fn a_reset_ends_a_search_for_home() {
     let mut wire = Wire::to(grbl, scene.clone(), origin);
     wire.send(b"$H\n").await;
     palpate_link::time::sleep(Duration::from_millis(300)).await;
-    let told = format!("ALARM:6\r\n\r\nGrbl 1.1h ['$' for help]\r\n{UNLOCK}\r\n");
-    assert_eq!(String::from_utf8(wire.ask(b"\x18", told.len()).await).expect("ASCII"), told);
+    let text = format!("ALARM:6\r\n\r\nGrbl 1.1h ['$' for help]\r\n{UNLOCK}\r\n");
+    assert_eq!(String::from_utf8(wire.ask(b"\x18", text.len()).await).expect("ASCII"), text);
     assert!(Instant::now() - origin < Duration::from_millis(310));
     assert!(wire.is_silent().await, "the line that was cut off has no ok");
     let z_mm = scene.lock().expect("a scene").axis(Axis::Z, 60.0).0;

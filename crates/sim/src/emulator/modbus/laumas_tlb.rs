@@ -12,7 +12,7 @@ const DECIMALS: u16 = 3;
 /// Largest number of registers in one query (manual).
 const QUERY_MOST: usize = 32;
 /// Largest weight that is reported, counts.
-const TOLD_MOST: i32 = 999_999;
+const DISPLAYED_MOST: i32 = 999_999;
 /// Number of divisions beyond the range that are accepted. The second constant is the end of the converter's range, as a multiple
 /// of the range.
 const DIVISIONS_BEYOND: f64 = 9.0;
@@ -36,8 +36,8 @@ const SEMI_AUTO_ZERO: u16 = 8;
 const CONVERTER_FAULT: u16 = 1 << 1;
 const BEYOND_RANGE: u16 = 1 << 2;
 const BEYOND_CONVERTER: u16 = 1 << 3;
-const GROSS_BEYOND_TOLD: u16 = 1 << 4;
-const NET_BEYOND_TOLD: u16 = 1 << 5;
+const GROSS_BEYOND_DISPLAY: u16 = 1 << 4;
+const NET_BEYOND_DISPLAY: u16 = 1 << 5;
 const GROSS_NEGATIVE: u16 = 1 << 7;
 const NET_NEGATIVE: u16 = 1 << 8;
 const NET_SHOWN: u16 = 1 << 10;
@@ -78,8 +78,8 @@ impl LaumasTlb {
             (CONVERTER_FAULT, !force_n.is_finite()),
             (BEYOND_RANGE, force_n.abs() > self.range_n + DIVISIONS_BEYOND / COUNTS_PER_N),
             (BEYOND_CONVERTER, force_n.abs() > most_n),
-            (GROSS_BEYOND_TOLD, gross.abs() > TOLD_MOST),
-            (NET_BEYOND_TOLD, net.abs() > TOLD_MOST),
+            (GROSS_BEYOND_DISPLAY, gross.abs() > DISPLAYED_MOST),
+            (NET_BEYOND_DISPLAY, net.abs() > DISPLAYED_MOST),
             (GROSS_NEGATIVE, gross < 0),
             (NET_NEGATIVE, net < 0),
             (NET_SHOWN, self.tare.is_some()),
@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(status(&mut cell, 5.1), BEYOND_RANGE);
         assert_eq!(status(&mut cell, 5.6), BEYOND_RANGE | BEYOND_CONVERTER);
         assert_eq!(read(&mut cell, 5.6, GROSS), 5500);
-        assert_eq!(status(&mut LaumasTlb::new(2000.0), 1000.0), GROSS_BEYOND_TOLD | NET_BEYOND_TOLD);
+        assert_eq!(status(&mut LaumasTlb::new(2000.0), 1000.0), GROSS_BEYOND_DISPLAY | NET_BEYOND_DISPLAY);
     }
 
     #[test]

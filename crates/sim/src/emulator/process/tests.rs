@@ -92,7 +92,7 @@ fn a_printer_rests_on_whole_steps_and_reads_them_back() {
 }
 
 #[test]
-fn a_printer_searches_toward_the_specimen_only_if_it_is_told_to_and_ends_within_its_limits() {
+fn a_printer_searches_toward_the_specimen_only_if_it_is_reported_to_and_ends_within_its_limits() {
     let prepare = |side: &str| {
         let prepare = PREPARE.replace(r#""z": [-12.5, 12.5]"#, r#""z": [-2.0, 12.5]"#);
         prepare.replace(r#""away""#, &format!(r#""home_side": "{side}", "away""#))
@@ -160,8 +160,8 @@ fn a_stop_ends_a_search_for_home_with_an_error() {
     stage.answer(PREPARE.as_bytes(), &mut scene, 0.0);
     assert_eq!(scene.axis(Axis::X, 0.3).0, POWER_ON.x_mm, "x waits for z");
     stage.answer(br#"{"do": "stop"}"#, &mut scene, 0.3);
-    let told = b"{\"error\":\"stopped while it was being prepared\",\"id\":2}\n".to_vec();
-    assert_eq!(stage.owed(&mut scene, 1.0), Owed::Ready(told));
+    let text = b"{\"error\":\"stopped while it was being prepared\",\"id\":2}\n".to_vec();
+    assert_eq!(stage.owed(&mut scene, 1.0), Owed::Ready(text));
     // 0.3 s, 0.1 of them a ramp, and a brake like it
     assert!((scene.axis(Axis::Z, 9.0).0 - POWER_ON.z_mm - 3.0).abs() < 1e-9);
     assert!(
@@ -210,8 +210,8 @@ async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
     let refused = b"{\"error\":\"the stage is being prepared\",\"id\":3}\n";
     let moved = b"{\"id\": 3, \"do\": \"move\", \"to_mm\": {\"x\": 1}, \"speed_mm_s\": 1}\n";
     assert_eq!(wire.ask(moved, refused.len()).await, refused);
-    let told = b"{\"error\":\"stopped while it was being prepared\",\"id\":2}\n";
-    assert_eq!(wire.ask(b"{\"do\": \"stop\"}\n", told.len()).await, told);
+    let text = b"{\"error\":\"stopped while it was being prepared\",\"id\":2}\n";
+    assert_eq!(wire.ask(b"{\"do\": \"stop\"}\n", text.len()).await, text);
     // 10 mm/s take 0.1 s to brake
     let took_s = (Instant::now() - origin).as_secs_f64();
     assert!(took_s > 0.3 && took_s < 0.32, "{took_s}");

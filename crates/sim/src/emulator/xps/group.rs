@@ -56,7 +56,7 @@ pub(super) struct EmulatedGroup {
     name: String,
     pub positioners: Vec<EmulatedPositioner>,
     state: GroupStatus,
-    errand: Option<GroupAction>,
+    action: Option<GroupAction>,
     /// Whether something that a link may wait for has begun or ended.
     pub stirred: bool,
 }
@@ -116,7 +116,7 @@ impl EmulatedGroup {
             name: name.into(),
             positioners,
             state: GroupStatus::NotInitialized,
-            errand: None,
+            action: None,
             stirred: false,
         }
     }
@@ -128,7 +128,7 @@ impl EmulatedGroup {
 
     /// Whether there is a motion that an abort can stop and that hasn't been aborted.
     pub(super) fn can_be_aborted(&self) -> bool {
-        self.state == GroupStatus::Moving && self.errand.as_ref().is_some_and(|errand| errand.code == Code::DONE)
+        self.state == GroupStatus::Moving && self.action.as_ref().is_some_and(|action| action.code == Code::DONE)
     }
 
     /// Whether each positioner moves.
@@ -138,29 +138,29 @@ impl EmulatedGroup {
 
     /// Time at which the activity ends, s; infinite if it never ends by itself.
     pub(super) fn end_s(&self) -> f64 {
-        self.errand.as_ref().map_or(f64::INFINITY, |errand| errand.end_s)
+        self.action.as_ref().map_or(f64::INFINITY, |action| action.end_s)
     }
 
     /// Whether no link waits for the activity.
     pub(super) fn is_unattended(&self) -> bool {
-        self.errand.as_ref().is_none_or(|errand| Arc::strong_count(&errand.outcome) == 1)
+        self.action.as_ref().is_none_or(|action| Arc::strong_count(&action.outcome) == 1)
     }
 
     /// Applies the effects of everything that has ended by `now_s`.
     pub(super) fn notice(&mut self, scene: &mut Scene, now_s: f64) {
-        while let Some(errand) = self.errand.take_if(|errand| errand.end_s <= now_s) {
-            match errand.then {
-                Then::Rest(state) => self.rest(state, errand.code, &errand.outcome),
+        while let Some(action) = self.action.take_if(|action| action.end_s <= now_s) {
+            match action.then {
+                Then::Rest(state) => self.rest(state, action.code, &action.outcome),
                 Then::HomeOthers => {
                     self.positioners
                         .iter_mut()
                         .filter(|each| each.axis == Axis::Z)
                         .for_each(EmulatedPositioner::set_homed);
-                    self.home(|axis| axis != Axis::Z, Then::Homed, errand.outcome, scene, now_s);
+                    self.home(|axis| axis != Axis::Z, Then::Homed, action.outcome, scene, now_s);
                 }
                 Then::Homed => {
                     self.positioners.iter_mut().for_each(EmulatedPositioner::set_homed);
-                    self.rest(GroupStatus::ReadyFromHoming, errand.code, &errand.outcome);
+                    self.rest(GroupStatus::ReadyFromHoming, action.code, &action.outcome);
                 }
             }
         }
@@ -267,7 +267,7 @@ impl EmulatedGroup {
         let outcome = PendingReply::default();
         self.state = state;
         self.stirred = true;
-        self.errand = Some(GroupAction { end_s, then, code: Code::DONE, outcome: outcome.clone() });
+        self.action = Some(GroupAction { end_s, then, code: Code::DONE, outcome: outcome.clone() });
         outcome
     }
 
@@ -277,7 +277,7 @@ impl EmulatedGroup {
             positioner.go_home(scene, now_s);
             end_s = end_s.max(positioner.end_s(scene));
         }
-        self.errand = Some(GroupAction { end_s, then, code: Code::DONE, outcome });
+        self.action = Some(GroupAction { end_s, then, code: Code::DONE, outcome });
     }
 
     /// Starts a group motion and returns its end time, s. The axis with the longest travel time moves at its own speed. The
@@ -301,8 +301,8 @@ impl EmulatedGroup {
     /// Ends the action in progress with an error when all axes are at rest. Until then the group's state is `meanwhile`.
     fn cut_short(&mut self, meanwhile: GroupStatus, then: GroupStatus, code: Code, scene: &Scene, now_s: f64) {
         let end_s = self.positioners.iter().map(|positioner| positioner.end_s(scene)).fold(now_s, f64::max);
-        let outcome = self.errand.take().map(|errand| errand.outcome).unwrap_or_default();
-        self.errand = Some(GroupAction { end_s, then: Then::Rest(then), code, outcome });
+        let outcome = self.action.take().map(|action| action.outcome).unwrap_or_default();
+        self.action = Some(GroupAction { end_s, then: Then::Rest(then), code, outcome });
         self.state = meanwhile;
         self.stirred = true;
     }

@@ -177,6 +177,6 @@ fn least_brake_mm_s2((place_mm, speed_mm_s): (f64, f64)) -> f64 {
 /// The hardware status in words.
 pub(super) fn hardware_text(status: u32) -> String {
     let texts = [(ABOVE_HOME, "ZM high level"), (0x100, "Minus end of run"), (0x200, "Plus end of run")];
-    let told: Vec<&str> = texts.iter().filter(|(bits, _)| status & bits != 0).map(|(_, text)| *text).collect();
-    told.join(" - ")
+    let words: Vec<&str> = texts.iter().filter(|(bits, _)| status & bits != 0).map(|(_, text)| *text).collect();
+    words.join(" - ")
 }

@@ -15,7 +15,7 @@ pub fn budget_figures(found: &[MethodRow]) -> Vec<FigureFile> {
             "square grids of 1 N presses on ±6 mm; mean over {specimens} specimens of {tests} contacts each, 0.1 to 1 N"
         ),
         height_px: 420.0,
-        panels: NoiseReference::ALL.map(|noise| panel(noise.name(), noise.told(), Some(PAPER_MM), found)).to_vec(),
+        panels: NoiseReference::ALL.map(|noise| panel(noise.name(), noise.text(), Some(PAPER_MM), found)).to_vec(),
         legend: legend(methods_and_bound(), 5),
         notes: vec![
             format!("dotted: the paper's own mean error with 625 presses, {PAPER_MM} mm"),
@@ -43,14 +43,14 @@ pub fn budget_figures_of(trial: &MethodTrial, found: &[MethodRow]) -> Vec<Figure
             trial.test.truths.len()
         ),
         height_px: 420.0,
-        panels: vec![panel(&trial.scene, &trial.told, None, found)],
+        panels: vec![panel(&trial.scene, &trial.text, None, found)],
         legend: if has_bound { legend(methods_and_bound(), 5) } else { legend(methods(), 5) },
         ..Figure::default()
     };
     vec![("budget.svg".to_owned(), figure.svg())]
 }
 
-fn panel(scene: &str, told: &str, level_mm: Option<f64>, found: &[MethodRow]) -> Panel {
+fn panel(scene: &str, text: &str, level_mm: Option<f64>, found: &[MethodRow]) -> Panel {
     let of = |solver| rows_of(found, scene, solver, BUDGET);
     let first = palpate_solver::SOLVERS[0];
     let mut ticks: Vec<(f64, String)> = Vec::new();
@@ -72,7 +72,7 @@ fn panel(scene: &str, told: &str, level_mm: Option<f64>, found: &[MethodRow]) ->
     let errors_mm = || rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
     let within_mm = level_mm.or_else(|| errors_mm().next()).unwrap_or(1.0);
     let y = ChartAxis::log("location error, mean, mm", errors_mm(), (within_mm, within_mm));
-    let mut marks = vec![Mark::Title(told.to_owned())];
+    let mut marks = vec![Mark::Title(text.to_owned())];
     marks.extend(level_mm.map(|level_mm| Mark::Level(level_mm, String::new())));
     let bound = of(first).filter_map(|row| Some((row.value, row.location_bound_mm?)));
     marks.push(Mark::Curve(BOUND, bound.collect()));

@@ -27,7 +27,7 @@ fn figure(noise: NoiseReference, found: &[MethodRow]) -> Figure {
     });
     let [narrow, wide] = STATED_PERCENT;
     Figure {
-        title: format!("How often the true value is within the stated interval; {}", noise.told()),
+        title: format!("How often the true value is within the stated interval; {}", noise.text()),
         subtitle: format!(
             "share of answers within the stated {narrow} % (markers) and {wide} % half-width (dashed); dotted: as stated; \
              calibrated with 1 N at {presses} places on ±6 mm, {points} contacts at each value"

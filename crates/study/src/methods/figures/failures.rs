@@ -24,7 +24,7 @@ fn figure(noise: NoiseReference, found: &[MethodRow]) -> Figure {
         errors.chain(harms.iter().map(|harm| silent(harm, noise, found))).collect::<Vec<Panel>>()
     });
     Figure {
-        title: format!("Where each method fails, and whether it reports that; {}", noise.told()),
+        title: format!("Where each method fails, and whether it reports that; {}", noise.text()),
         subtitle: format!(
             "above: mean error (dotted: 1 mm); below: share of answers off by more than 1 mm or 0.1 N and not flagged; calibrated \
              with 1 N at {presses} places on ±6 mm, {points} contacts at each value"

@@ -56,7 +56,7 @@ fn legend(entries: impl Iterator<Item = (Look, String)>, in_a_line: usize) -> Ve
 }
 
 /// Description of the bound for a note.
-fn told_bound(row: &MethodRow) -> Option<&'static str> {
+fn bound_name(row: &MethodRow) -> Option<&'static str> {
     Some(match row.bound? {
         CRAMER_RAO => "bound: the least mean error of any unbiased method that knows the array exactly (Cramér-Rao)",
         _ => "stated: the mean error that surrogate expects of its own answers",

@@ -1,6 +1,6 @@
 //! Mean error as a function of the time of a solve.
 
-use super::{FigureFile, legend, look, methods, told_bound};
+use super::{FigureFile, bound_name, legend, look, methods};
 use crate::methods::trial::CRAMER_RAO;
 use crate::methods::{MethodRow, MethodTrial};
 use palpate_report::chart::{Anchor, ChartAxis, Figure, Hue, LineStyle, Look, Mark, Panel};
@@ -12,7 +12,7 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Ve
     let tests = found.iter().map(|row| row.points).max().unwrap_or(0);
     let panel = |trial: &MethodTrial| {
         let rows: Vec<&MethodRow> = found.iter().filter(|row| row.scene == trial.scene).collect();
-        panel(&trial.told, &rows)
+        panel(&trial.text, &rows)
     };
     let ringed = "ringed and joined: no other method is both faster and more exact";
     let figure = Figure {
@@ -23,13 +23,13 @@ pub fn speed_accuracy_figures(trials: &[MethodTrial], found: &[MethodRow]) -> Ve
         height_px: 420.0,
         panels: trials.iter().map(panel).collect(),
         legend: legend(methods().filter(|(_, name)| name != BEST), 7),
-        notes: [Some(ringed), found.first().and_then(told_bound)].into_iter().flatten().map(str::to_owned).collect(),
+        notes: [Some(ringed), found.first().and_then(bound_name)].into_iter().flatten().map(str::to_owned).collect(),
         ..Figure::default()
     };
     vec![("speed-accuracy.svg".to_owned(), figure.svg())]
 }
 
-fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
+fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
     let point = |row: &MethodRow| Some((row.ns_per_solve?, row.mean_mm()?));
     let ends = |row: &MethodRow| {
         let (mean_mm, within_mm) = (row.mean_mm()?, row.location_error_within_mm?);
@@ -48,11 +48,11 @@ fn panel(told: &str, rows: &[&MethodRow]) -> Panel {
         errors_mm.chain(bound.iter().map(|(mm, _)| mm / 1.3)),
         (first_mm, first_mm * 1.15),
     );
-    let mut marks = vec![Mark::Title(told.to_owned())];
-    if let Some((mm, told)) = bound {
+    let mut marks = vec![Mark::Title(text.to_owned())];
+    if let Some((mm, text)) = bound {
         marks.push(Mark::Level(mm, String::new()));
         // to the left and below there is no method that is both faster and nearer
-        marks.push(Mark::Words((x.range.0, mm), (6.0, 15.0), Anchor::Start, told));
+        marks.push(Mark::Words((x.range.0, mm), (6.0, 15.0), Anchor::Start, text));
     }
     let mut front: Vec<(f64, f64)> =
         rows.iter().filter(|row| row.pareto == Some(true)).filter_map(|row| point(row)).collect();

@@ -136,7 +136,7 @@ async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn garbage_is_told_to_be_and_the_next_call_answered() {
+async fn garbage_is_reported_to_be_and_the_next_call_answered() {
     let (_, [mut wire, ..], _) = wired().await;
     wire.send(&[b'x'; 5000]).await;
     // four inboxes full, and what is left of the fifth ends with the line

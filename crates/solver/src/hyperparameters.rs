@@ -7,7 +7,7 @@ use faer::Mat;
 
 /// Most likely correlation of some values.
 #[derive(Clone, Debug)]
-pub(super) struct Sought {
+pub(super) struct Hyperparameters {
     pub correlation: Correlation,
     /// Noise variance divided by the process' variance, one value for each output.
     pub noise_ratio: Vec<f64>,
@@ -41,7 +41,7 @@ const NOISE_ALIKE: f64 = 1.5;
 /// Number of rounds in which the noise ratios and their mean are found alternately.
 const ROUNDS_OF_NOISE: usize = 5;
 
-impl Sought {
+impl Hyperparameters {
     /// Returns the most likely correlation of values (row-major, places x outputs) measured at places (row-major, places x
     /// dimensions). Requires at least one place; all numbers must be finite.
     pub(crate) fn of(places: &[f64], dimensions: usize, values: &[f64], outputs: usize, manner: Regression) -> Self {
@@ -97,7 +97,7 @@ impl Sought {
         let noise_ratio = noise(correlation).iter().map(|noise| noise.ratio).collect();
         // scaling the rows scaled the determinant too
         let scaled = few_counts.map_or(0.0, |counts| 0.5 * outputs as f64 * counts.iter().map(|c| c.ln()).sum::<f64>());
-        Sought { correlation, noise_ratio, likelihood: likelihood + scaled, is_weighted: counts.is_some() }
+        Hyperparameters { correlation, noise_ratio, likelihood: likelihood + scaled, is_weighted: counts.is_some() }
     }
 }
 

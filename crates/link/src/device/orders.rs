@@ -5,7 +5,7 @@ use tokio::sync::Notify;
 
 /// Requests for a motion under way, from the code that watches the force meanwhile.
 #[derive(Debug, Default)]
-pub struct Reins {
+pub struct MotionOrders {
     pulled: Notify,
     order: Cell<Option<MotionOrder>>,
     stopped: Cell<bool>,
@@ -20,7 +20,7 @@ pub enum MotionOrder {
     Speed(f64),
 }
 
-impl Reins {
+impl MotionOrders {
     /// Requests a stop. Later requests can't cancel it.
     pub fn stop(&self) {
         if !self.stopped.replace(true) {
@@ -59,15 +59,15 @@ mod tests {
 
     #[test]
     fn a_stop_is_not_taken_back_and_only_the_last_speed_counts() {
-        let reins = Reins::default();
-        reins.speed(2.0);
-        reins.speed(1.0);
-        assert_eq!((reins.take(), reins.take()), (Some(MotionOrder::Speed(1.0)), None));
-        reins.speed(0.5);
-        reins.stop();
-        reins.speed(3.0);
-        assert_eq!((reins.take(), reins.stopped()), (Some(MotionOrder::Stop), true));
-        reins.stop();
-        assert_eq!(reins.take(), None);
+        let orders = MotionOrders::default();
+        orders.speed(2.0);
+        orders.speed(1.0);
+        assert_eq!((orders.take(), orders.take()), (Some(MotionOrder::Speed(1.0)), None));
+        orders.speed(0.5);
+        orders.stop();
+        orders.speed(3.0);
+        assert_eq!((orders.take(), orders.stopped()), (Some(MotionOrder::Stop), true));
+        orders.stop();
+        assert_eq!(orders.take(), None);
     }
 }
