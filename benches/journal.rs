@@ -4,10 +4,11 @@
 //! `cargo bench --bench journal`. The disk is the one that holds the system's temporary folder.
 
 use cpu_time::ProcessTime;
-use palpate_control::{AirReadings, Lesson};
+use palpate_control::{LearnedContact, NoLoadReadings};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::{
-    Air, Durability, Ledger, Left, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
+    Durability, Ledger, Left, NoLoad, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts,
+    RunFolder,
 };
 use palpate_data::recipe::Phase;
 use std::path::Path;
@@ -75,18 +76,18 @@ fn contact(press: u64) -> RecordedContact {
     };
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
     let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
-    let air = |n| {
-        let force = AirReadings { mean_n: wave(n) / 900.0, sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
-        Air { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
+    let no_load = |n| {
+        let force = NoLoadReadings { mean_n: wave(n) / 900.0, sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+        NoLoad { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
     };
     RecordedContact {
         press,
         levels: vec![row.rounded()],
         budgets: Vec::new(),
         truth: vec![truth.rounded()],
-        lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
-        air_before: air(8),
-        air_after: air(9),
+        learned_contact: Some(LearnedContact::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7) / 11.0, path }),
+        no_load_before: no_load(8),
+        no_load_after: no_load(9),
         left: Some(Left { z_mm: -wave(8) / 3.0 }),
     }
 }

@@ -6,7 +6,7 @@ use cpu_time::ProcessTime;
 use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig;
-use palpate_run::run::{Cancel, Listener, RunJob, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, execute};
 use std::time::{Duration, Instant};
 
 const RUNS: u64 = 5;
@@ -64,7 +64,7 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(walk(job, &mut Silent));
+    let ending = runtime.block_on(execute(job, &mut Silent));
     assert!(ending.status() == Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).expect("the tables");
     Cost {

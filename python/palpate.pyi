@@ -185,7 +185,7 @@ class Model:
     def solve(self, readings: ArrayLike) -> Any:
         """Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
 
-        Readings are the outputs minus those in air, in the unit of the calibration. One reading gives a `Contact`, a batch a
+        Readings are the outputs minus those without load, in the unit of the calibration. One reading gives a `Contact`, a batch a
         `Frame` with a row for each reading and the attributes of a `Contact` as columns (unit is 0 if there is none). The numbers
         are those of `palpate solve`, to the last bit. Each call is a session of its own: an output that breaks within a batch is
         excluded from the rest of the batch. Other threads continue meanwhile.

@@ -75,7 +75,7 @@ pub(crate) struct Setting {
     seed: u64,
 }
 
-/// One output of the array: where it is, what it gives in air, and per newton at its middle.
+/// One output of the array: where it is, what it gives without load, and per newton at its middle.
 pub(crate) struct Taxel {
     pub(crate) x_mm: f64,
     pub(crate) y_mm: f64,

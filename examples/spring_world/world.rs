@@ -15,7 +15,7 @@ const NEXT_PLACE_MM: f64 = 0.3;
 const TRACE_S: f64 = 0.005;
 
 /// Furthest that a creep goes, mm; how fast a drop is, mm/s.
-const CREEP_MM: f64 = 0.5;
+const SLOW_RETRACT_MM: f64 = 0.5;
 const DROP_MM_S: f64 = 20.0;
 
 /// How long a specimen takes to rise or sink, s.
@@ -144,7 +144,7 @@ impl World {
         let brakes_softer = self.fault("stage-soft-brakes").unwrap_or(1.0);
         self.axes.iter_mut().for_each(|axis| axis.tick(Law { speed_times, brakes_softer, ..law }));
         if let Some((since_s, mm_s)) = self.since("stage-creeps")
-            && since_s * mm_s < CREEP_MM
+            && since_s * mm_s < SLOW_RETRACT_MM
         {
             self.axes[2].at_mm -= mm_s * TICK_S;
         }

@@ -2,7 +2,7 @@
 
     python3 ros2_contact.py --ros-args -p model:=sensor.palpate -p frame_id:=fingertip
 
-Subscribes to `outputs` (std_msgs/Float32MultiArray: one reading minus that in air, in the unit of the calibration) and publishes
+Subscribes to `outputs` (std_msgs/Float32MultiArray: one reading minus that without load, in the unit of the calibration) and publishes
 `contact` (geometry_msgs/PointStamped, in m) and `force` (geometry_msgs/WrenchStamped, in N, along -z of the frame) for credible
 contacts. The tests run it against a stand-in of rclpy; it has not run in ROS itself.
 """

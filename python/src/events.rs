@@ -42,7 +42,7 @@ static RUNNING: Mutex<Vec<Weak<RunThread>>> = Mutex::new(Vec::new());
 pub struct PyEvents {
     out: PathBuf,
     planned: usize,
-    walker: Arc<RunThread>,
+    runner: Arc<RunThread>,
     /// `None` while a thread waits for the next event, and when the events are closed.
     heard: Mutex<Option<RunEvents>>,
     is_closed: AtomicBool,
@@ -138,15 +138,15 @@ fn manner(pace: Option<f64>, durability: Option<String>, confirmed: &[String]) -
 
 impl PyEvents {
     fn of(heard: RunEvents) -> Self {
-        let walker = heard.walker().clone();
+        let runner = heard.runner().clone();
         let mut running = lock(&RUNNING);
-        running.retain(|walker| walker.strong_count() > 0);
-        running.push(Arc::downgrade(&walker));
+        running.retain(|runner| runner.strong_count() > 0);
+        running.push(Arc::downgrade(&runner));
         drop(running);
         PyEvents {
             out: heard.path().to_owned(),
             planned: heard.planned(),
-            walker,
+            runner,
             heard: Mutex::new(Some(heard)),
             is_closed: AtomicBool::new(false),
         }
@@ -208,12 +208,12 @@ impl PyEvents {
     /// Latest reading of the load cell, N, relative to its zero.
     #[getter]
     fn force_n(&self) -> f64 {
-        self.walker.force_n()
+        self.runner.force_n()
     }
 
     /// Stops the run after the press under way, as Ctrl-C does on the command line. The remaining events still follow.
     fn stop(&self) {
-        self.walker.stop();
+        self.runner.stop();
     }
 
     /// Stops the run at once, and returns when the stage is parked. No event follows.
@@ -221,7 +221,7 @@ impl PyEvents {
         self.is_closed.store(true, Ordering::SeqCst);
         let heard = lock(&self.heard).take();
         py.detach(|| {
-            self.walker.park();
+            self.runner.park();
             drop(heard);
         });
     }
@@ -271,7 +271,7 @@ impl Drop for PyEvents {
 pub fn park_at_exit(py: Python<'_>) -> PyResult<()> {
     let park = PyCFunction::new_closure(py, None, None, |arguments, _| {
         let running: Vec<Arc<RunThread>> = lock(&RUNNING).iter().filter_map(Weak::upgrade).collect();
-        arguments.py().detach(|| running.iter().for_each(|walker| walker.park()));
+        arguments.py().detach(|| running.iter().for_each(|runner| runner.park()));
     })?;
     py.import("atexit")?.call_method1("register", (park,))?;
     Ok(())

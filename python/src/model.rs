@@ -107,7 +107,7 @@ impl PyModel {
 
     /// Solves one reading, shape (outputs,), or a batch, shape (rows, outputs). A missing output is NaN.
     ///
-    /// Readings are the outputs minus those in air, in the unit of the calibration. One reading gives a `Contact`, a batch a
+    /// Readings are the outputs minus those without load, in the unit of the calibration. One reading gives a `Contact`, a batch a
     /// `Frame` with a row for each reading. The numbers are those of `palpate solve`, to the last bit. Each call is a session of
     /// its own: an output that breaks within a batch is excluded from the rest of the batch. Other threads continue meanwhile.
     fn solve<'py>(&self, py: Python<'py>, readings: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {

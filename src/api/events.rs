@@ -36,7 +36,7 @@ pub enum RunEvent {
     },
     /// A place was touched again before the run continues.
     Retouched(Retouch),
-    /// The indenter rests in air.
+    /// The indenter rests without load.
     Rests {
         /// Duration, s.
         seconds: f64,
@@ -51,7 +51,7 @@ pub enum RunEvent {
 pub struct RunEvents {
     path: PathBuf,
     planned: usize,
-    walker: Arc<RunThread>,
+    runner: Arc<RunThread>,
     queue: Arc<Queue>,
     /// Levels that are handed out before the queue.
     levels: VecDeque<Press>,
@@ -132,26 +132,26 @@ impl RunEvents {
         let (cancel, queue) = (Cancel::default(), Arc::new(Queue::default()));
         let (force, asked, heard) = (Arc::new(AtomicU64::default()), cancel.clone(), queue.clone());
         let latest = force.clone();
-        let walk = move || {
+        let execute = move || {
             let shown = |force_n: f64| latest.store(force_n.to_bits(), Ordering::Relaxed);
-            let walked = catch_unwind(AssertUnwindSafe(|| begun.walk(&asked, &shown, &mut Heard(&heard))));
-            let end = walked.unwrap_or_else(|_| Err(Failure::of_panic()));
+            let executed = catch_unwind(AssertUnwindSafe(|| begun.execute(&asked, &shown, &mut Heard(&heard))));
+            let end = executed.unwrap_or_else(|_| Err(Failure::of_panic()));
             lock(&heard.state).end = Some(end);
             heard.changed.notify_all();
         };
-        let thread = thread::Builder::new().name("run".to_owned()).spawn(walk);
+        let thread = thread::Builder::new().name("run".to_owned()).spawn(execute);
         let thread = thread.map_err(|why| Failure::usage(miette::miette!("no thread for the run: {why}")))?;
-        let walker = Arc::new(RunThread { cancel, force, thread: Mutex::new(Some(thread)) });
-        Ok(RunEvents { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false })
+        let runner = Arc::new(RunThread { cancel, force, thread: Mutex::new(Some(thread)) });
+        Ok(RunEvents { path, planned, runner, queue, levels: VecDeque::new(), taken: 0, is_over: false })
     }
 
     /// Returns the events of a run that was complete already: only its end.
     pub fn of_complete(path: PathBuf, planned: usize) -> RunEvents {
-        let walker = RunThread { cancel: Cancel::default(), force: Arc::default(), thread: Mutex::default() };
+        let runner = RunThread { cancel: Cancel::default(), force: Arc::default(), thread: Mutex::default() };
         let state = EventQueue { end: Some(Ok(Status::Complete)), ..EventQueue::default() };
         let queue = Queue { state: Mutex::new(state), changed: Condvar::new() };
-        let (walker, queue) = (Arc::new(walker), Arc::new(queue));
-        RunEvents { path, planned, walker, queue, levels: VecDeque::new(), taken: 0, is_over: false }
+        let (runner, queue) = (Arc::new(runner), Arc::new(queue));
+        RunEvents { path, planned, runner, queue, levels: VecDeque::new(), taken: 0, is_over: false }
     }
 
     /// Returns the folder of the run.
@@ -165,8 +165,8 @@ impl RunEvents {
     }
 
     /// Returns the thread of the run.
-    pub fn walker(&self) -> &Arc<RunThread> {
-        &self.walker
+    pub fn runner(&self) -> &Arc<RunThread> {
+        &self.runner
     }
 
     /// Waits for the next event for at most this time.
@@ -229,7 +229,7 @@ impl RunEvents {
 
 impl Drop for RunEvents {
     fn drop(&mut self) {
-        self.walker.park();
+        self.runner.park();
     }
 }
 
@@ -332,7 +332,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let count = 2 * CONTACTS_MAX + 5;
         let mut events = started(&folder, &random(count));
-        let thread = lock(&events.walker.thread).take();
+        let thread = lock(&events.runner.thread).take();
         thread.unwrap().join().unwrap();
         assert_eq!(lock(&events.queue.state).contacts.len(), CONTACTS_MAX);
         let (presses, others, end) = drained(&mut events);
@@ -377,7 +377,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut events = started(&folder, &random(20_000));
         while !matches!(events.next(LONG), Next::Event(RunEvent::Pressed(_))) {}
-        events.walker().stop();
+        events.runner().stop();
         let (_, others, end) = drained(&mut events);
         assert_eq!(others.last(), Some(&RunEvent::Ended(Status::Stopped)));
         assert!(matches!(end, Next::Over));

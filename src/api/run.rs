@@ -17,7 +17,7 @@ use palpate_data::recipe::{Plan, Recipe};
 use palpate_document::TEXT_MAX_BYTES;
 use palpate_link::time::{run_virtually, spawn};
 use palpate_run::rig::{Consequence, Difference, RigSpec, differences};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, keep_pace, walk};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute, keep_pace};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -126,7 +126,7 @@ pub fn resume(options: &ResumeOptions, note: Note<'_>) -> Result<Resumed, Failur
 /// Bad input, a device, a safety rule or the record.
 pub fn run(options: &RunOptions, listener: &mut dyn Listener) -> Result<(PathBuf, RunResults), Failure> {
     let mut begun = begin(options)?;
-    begun.walk(&Cancel::default(), &|_| {}, listener)?;
+    begun.execute(&Cancel::default(), &|_| {}, listener)?;
     Ok((begun.path().to_owned(), begun.results(EvaluateChoice::Best)?))
 }
 
@@ -243,14 +243,14 @@ impl OpenedRun {
     ///
     /// # Errors
     /// A device failed, a safety rule was broken, or the record couldn't be stored.
-    pub fn walk(
+    pub fn execute(
         &mut self,
         cancel: &Cancel,
         shown: &dyn Fn(f64),
         listener: &mut dyn Listener,
     ) -> Result<Status, Failure> {
         let OpenedRun { plan, rig, folder, pace, .. } = self;
-        let (ending, finished) = walked(plan, rig, folder, *pace, cancel, (shown, listener))?;
+        let (ending, finished) = executed(plan, rig, folder, *pace, cancel, (shown, listener))?;
         let status = ending.status();
         match ending {
             Ending { halt: None | Some(Halt::Cancelled), unparked: None, .. } => {
@@ -272,7 +272,7 @@ impl OpenedRun {
 
 /// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
 /// `heard` is called for every force, N, and for every event.
-pub(crate) fn walked(
+pub(crate) fn executed(
     plan: &Plan,
     spec: &RigSpec,
     folder: &mut RunFolder,
@@ -281,12 +281,12 @@ pub(crate) fn walked(
     heard: (&dyn Fn(f64), &mut dyn Listener),
 ) -> Result<(Ending, Result<(), DatasetError>), Failure> {
     let began = Instant::now();
-    let ending = execute(spec.is_simulated(), async {
+    let ending = block_on(spec.is_simulated(), async {
         if let Some(pace) = pace {
             drop(spawn(keep_pace(pace)));
         }
         let (shown, listener) = heard;
-        walk(RunJob { plan, spec, ledger: folder, cancel, shown }, listener).await
+        execute(RunJob { plan, spec, ledger: folder, cancel, shown }, listener).await
     })?;
     let cell_unchecked = spec.load_cell.check.is_some() && ending.cell.is_none() && ending.status() == Status::Complete;
     let finished = folder.finish(SessionEnd { cell_unchecked, ..ending.end(now(), began.elapsed().as_secs_f64()) });
@@ -294,7 +294,7 @@ pub(crate) fn walked(
 }
 
 /// Executes what a rig's drivers do: in virtual time with a simulated rig, else in real time.
-pub(crate) fn execute<T>(virtual_time: bool, work: impl Future<Output = T>) -> Result<T, Failure> {
+pub(crate) fn block_on<T>(virtual_time: bool, work: impl Future<Output = T>) -> Result<T, Failure> {
     if virtual_time {
         return Ok(run_virtually(work));
     }

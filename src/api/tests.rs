@@ -31,7 +31,7 @@ fn a_run_is_made_read_and_fitted() {
     let folder = tempfile::tempdir().unwrap();
     let mut begun = begin(&example(folder.path())).unwrap();
     let (presses, forces, planned) = (Cell::new(0), Cell::new(0_u64), begun.planned());
-    let status = begun.walk(&Cancel::default(), &|_| forces.set(forces.get() + 1), &mut Counted(&presses)).unwrap();
+    let status = begun.execute(&Cancel::default(), &|_| forces.set(forces.get() + 1), &mut Counted(&presses)).unwrap();
     assert_eq!((status, presses.get()), (Status::Complete, planned));
     assert!(forces.get() > 1000);
     let notes = RefCell::new(Vec::new());
@@ -52,12 +52,12 @@ fn a_stopped_run_resumes_and_a_complete_one_is_complete() {
     let mut begun = begin(&example(folder.path())).unwrap();
     let (cancel, presses) = (Cancel::default(), Cell::new(0));
     cancel.ask();
-    assert_eq!(begun.walk(&cancel, &|_| {}, &mut Counted(&presses)).unwrap(), Status::Stopped);
+    assert_eq!(begun.execute(&cancel, &|_| {}, &mut Counted(&presses)).unwrap(), Status::Stopped);
     assert_eq!(presses.get(), 0);
     drop(begun);
     let options = ResumeOptions { run: folder.path().join("run"), ..ResumeOptions::default() };
     let Resumed::Begun(mut begun) = resume(&options, &|_| {}).unwrap() else { panic!("it is complete") };
-    assert_eq!(begun.walk(&Cancel::default(), &|_| {}, &mut Deaf).unwrap(), Status::Complete);
+    assert_eq!(begun.execute(&Cancel::default(), &|_| {}, &mut Deaf).unwrap(), Status::Complete);
     let planned = begun.planned();
     drop(begun);
     assert!(matches!(

@@ -16,7 +16,7 @@ use std::process::ExitCode;
 const EXAMPLES: &str = "\
 Examples:
   palpate adapt --from runs/monday --with runs/tuesday --out sensor.palpate
-  palpate adapt --from sibling.csv --with few.csv --out A-018.palpate
+  palpate adapt --from sensor of the same family.csv --with few.csv --out A-018.palpate
 
 The old presses are corrected to what the sensor would read now: each unit's gain
 and position change where the new presses show a change. Then the method is

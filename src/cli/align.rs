@@ -6,7 +6,7 @@ use super::progress::Progress;
 use super::rig_file::{check_text, replace};
 use super::signals::{First, heed};
 use crate::api::Failure;
-use crate::api::run::execute;
+use crate::api::run::block_on;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::Frame;
 use palpate_core::quantity::round;
@@ -49,7 +49,7 @@ pub(super) fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;
     let cancel = heed(First::Stop, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(&plan, 0, false, cancel.clone());
-    let found = execute(spec.is_simulated(), align(&spec, seed, &cancel, &mut progress))?;
+    let found = block_on(spec.is_simulated(), align(&spec, seed, &cancel, &mut progress))?;
     progress.end();
     let found = found.map_err(|error| match error {
         AlignError::Halted(ending) => Failure::ended(*ending),

@@ -6,12 +6,12 @@ use super::output::OutputArgs;
 use super::signals::{First, heed};
 use super::summary::beside;
 use crate::api::Failure;
-use crate::api::run::execute;
+use crate::api::run::block_on;
 use miette::Diagnostic;
-use palpate_control::{Hum, Reaction, Trip};
+use palpate_control::{MainsInterference, Reaction, Trip};
 use palpate_link::device::Identity;
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
-use palpate_run::run::{CellInAir, Examination, ForceCheck, NOISE_SHARE, ShownBy, Weighing, examine};
+use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::process::ExitCode;
@@ -45,7 +45,7 @@ const FRESH_SHARE: f64 = 0.7;
 /// Allowed move of the zero in either direction in the proposed `air_n`, as a fraction of the force limit.
 const ZERO_MOVES_SHARE: f64 = 0.2;
 
-/// Typical window of recipes, used to calculate the hum that remains in it, s.
+/// Typical window of recipes, used to calculate the mains interference that remains in it, s.
 const WINDOW_S: f64 = 0.2;
 
 /// Zero, as a fraction of the force limit, above which little of the cell's range remains.
@@ -82,7 +82,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
         None => ForceCheck::Press,
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
-    let found = execute(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
+    let found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
     let place = (args.rig.rig.as_path(), text.as_str(), invented);
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
@@ -90,7 +90,7 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
     args.output.print(&text, &json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.json)))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
-    match (failed, found.air, found.shown) {
+    match (failed, found.no_load, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
         (None, Some(Err(trip)), _) | (None, _, Some(Err(trip))) => Err(Failure::halted(trip.into())),
         (None, _, shown) => {
@@ -128,18 +128,18 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             let _ = writeln!(text, "{role:<11}{shortest:>7.1} ms{median:>7.1} ms{longest:>7.1} ms");
         }
     }
-    if let Some(Ok(air)) = &found.air {
-        let CellInAir { zero, fresh_share, outputs_sigma_v } = air;
+    if let Some(Ok(no_load)) = &found.no_load {
+        let NoLoadCell { zero, fresh_share, outputs_sigma_v } = no_load;
         let _ = writeln!(
             text,
             "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",
-            "in air",
+            "without load",
             zero.offset_n,
             1000.0 * zero.sigma_n
         );
         let _ = writeln!(text, "{:<11}{:.0} % of the readings are new", "", 100.0 * fresh_share);
-        if let Some(hum) = zero.hum {
-            let _ = writeln!(text, "{:<11}{}", "", hum_text(&hum));
+        if let Some(mains) = zero.mains {
+            let _ = writeln!(text, "{:<11}{}", "", mains_text(&mains));
         }
         if spec.load_cell.air_n.is_none() {
             let [least_n, most_n] = proposed_air_n(zero.offset_n, spec.limits.force_n);
@@ -179,21 +179,26 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
     text
 }
 
-/// Describes the mains hum, and the part of it that means leave.
-fn hum_text(hum: &Hum) -> String {
-    let (hz, amplitude_mn) = (hum.hz, 1000.0 * hum.amplitude_n);
-    match hum.whole_s {
+/// Describes the mains interference, and the part of it that means leave.
+fn mains_text(mains: &MainsInterference) -> String {
+    let (hz, amplitude_mn) = (mains.hz, 1000.0 * mains.amplitude_n);
+    match mains.whole_s {
         Some(whole_s) => {
-            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: means span whole periods, {:.0} ms", 1000.0 * whole_s)
+            format!(
+                "mains interference of {amplitude_mn:.1} mN at {hz} Hz: means span whole periods, {:.0} ms",
+                1000.0 * whole_s
+            )
         }
         None => {
-            let left_mn = 1000.0 * hum.left_n(WINDOW_S);
-            format!("hum of {amplitude_mn:.1} mN at {hz} Hz: the cell is too slow, {left_mn:.1} mN remain in a window")
+            let left_mn = 1000.0 * mains.left_n(WINDOW_S);
+            format!(
+                "mains interference of {amplitude_mn:.1} mN at {hz} Hz: the cell is too slow, {left_mn:.1} mN remain in a window"
+            )
         }
     }
 }
 
-/// Returns the proposed range of the load cell's reading in air, assuming that the present reading is air. In both directions it
+/// Returns the proposed range of the load cell's reading without load, assuming that the present reading is air. In both directions it
 /// allows the same move as the zero may have in a run.
 fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
     let rounded = |n: f64| (n * 1000.0).round() / 1000.0;
@@ -222,15 +227,15 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
         }
     }
     match &found.shown {
-        None if matches!(found.air, Some(Ok(_))) => advice.push(format!("load_cell: {NOT_SHOWN}: {SHOW}")),
+        None if matches!(found.no_load, Some(Ok(_))) => advice.push(format!("load_cell: {NOT_SHOWN}: {SHOW}")),
         Some(Err(trip)) if found.weighed.is_none() => advice.push(format!("load_cell: {trip}")),
         _ => {}
     }
     let limit_n = spec.limits.force_n;
-    match &found.air {
+    match &found.no_load {
         Some(Err(trip)) => advice.push(format!("load_cell: {trip}")),
-        Some(Ok(air)) => {
-            let sigma_n = air.zero.sigma_n;
+        Some(Ok(no_load)) => {
+            let sigma_n = no_load.zero.sigma_n;
             if sigma_n > NOISE_SHARE * limit_n {
                 advice.push(format!(
                     "load_cell: its noise of {sigma_n:.4} N is over {} % of the force limit: a run won't start. Filter it, or \
@@ -238,17 +243,17 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                     100.0 * NOISE_SHARE
                 ));
             }
-            if air.zero.offset_n.abs() > ZERO_SHARE * limit_n {
+            if no_load.zero.offset_n.abs() > ZERO_SHARE * limit_n {
                 advice.push(format!(
-                    "load_cell: it reads {:.3} N in air. This is subtracted, but check whether it is preloaded or something touches it",
-                    air.zero.offset_n
+                    "load_cell: it reads {:.3} N without load. This is subtracted, but check whether it is preloaded or something touches it",
+                    no_load.zero.offset_n
                 ));
             }
-            if air.fresh_share < FRESH_SHARE && air.zero.frozen_after.is_some() {
+            if no_load.fresh_share < FRESH_SHARE && no_load.zero.frozen_after.is_some() {
                 advice.push(format!(
                     "load_cell: only {:.0} % of the readings are new: check whether it converts {} times a second \
                      (`conversions_hz`)",
-                    100.0 * air.fresh_share,
+                    100.0 * no_load.fresh_share,
                     spec.load_cell.conversions_hz
                 ));
             }
@@ -340,17 +345,17 @@ fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&
         error: device.as_ref().err().map(|error: &palpate_link::device::DeviceError| error.to_string()),
         exchange_ms: ms(exchanges_s),
     };
-    let air = found.air.as_ref().and_then(|air| air.as_ref().ok());
+    let no_load = found.no_load.as_ref().and_then(|no_load| no_load.as_ref().ok());
     DoctorJson {
         devices: found.devices.iter().zip(&found.exchanges_s).map(device).collect(),
-        zero_n: air.map(|air| air.zero.offset_n),
-        noise_n: air.map(|air| air.zero.sigma_n),
-        fresh_share: air.map(|air| air.fresh_share),
-        outputs_noise_v: air.and_then(|air| air.outputs_sigma_v),
+        zero_n: no_load.map(|no_load| no_load.zero.offset_n),
+        noise_n: no_load.map(|no_load| no_load.zero.sigma_n),
+        fresh_share: no_load.map(|no_load| no_load.fresh_share),
+        outputs_noise_v: no_load.and_then(|no_load| no_load.outputs_sigma_v),
         trip: found
-            .air
+            .no_load
             .as_ref()
-            .and_then(|air| air.as_ref().err())
+            .and_then(|no_load| no_load.as_ref().err())
             .or(found.shown.as_ref().and_then(|shown| shown.as_ref().err())),
         reaction_ms: ms(&found.reactions_s),
         reaction_worst_ms: found.reaction.map(|reaction| 1000.0 * reaction.worst_s()),

@@ -13,7 +13,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     ("Solve contacts", &["fit", "adapt", "solve", "serve"]),
     ("Calibrate a batch", &["batch"]),
-    ("Set up a bench", &["doctor", "align", "withdraw", "emulate", "ports", "drivers"]),
+    ("Set up a bench", &["doctor", "align", "retract", "emulate", "ports", "drivers"]),
     ("Make files to begin with", &["init", "list", "schema", "reference", "completions", "man"]),
 ];
 
@@ -61,7 +61,7 @@ const CODES: [(&str, &str, &str); 34] = [
     ),
     ("align", "0 located; 1 the specimen can't be located or is tilted", MOVES),
     (
-        "withdraw",
+        "retract",
         "0 z is at the end away from the specimen",
         "2 bad rig file, 3 the stage doesn't work, 4 the force increased",
     ),

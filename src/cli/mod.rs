@@ -32,6 +32,7 @@ mod progress;
 mod rebuild;
 mod report;
 mod resume;
+mod retract;
 mod rig_file;
 mod run;
 mod serve;
@@ -47,7 +48,6 @@ mod texts;
 mod verdict;
 mod verify;
 mod which_way;
-mod withdraw;
 
 use crate::api::shipped::RECIPES;
 use crate::api::stdin::DASH;
@@ -99,7 +99,8 @@ enum Command {
     Study(study::StudyArgs),
     Doctor(doctor::DoctorArgs),
     Align(align::AlignArgs),
-    Withdraw(withdraw::WithdrawArgs),
+    #[command(alias = "withdraw")]
+    Retract(retract::RetractArgs),
     Emulate(emulate::EmulateArgs),
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
@@ -118,6 +119,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     let matches = help::command().version(&*provenance::version().leak()).try_get_matches();
     let parsed = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
     let command = parsed.unwrap_or_else(|error| refuse(&error)).command;
+    note_former_name();
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(|_| Box::new(exit::handler())));
     let outcome = check_stdin(&command).and_then(|()| match &command {
@@ -140,7 +142,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
         Command::Study(args) => study::study(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Align(args) => align::align_rig(args),
-        Command::Withdraw(args) => withdraw::withdraw_rig(args),
+        Command::Retract(args) => retract::retract_rig(args),
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),
@@ -152,6 +154,17 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
         Command::Man(args) => shell::man(args),
     });
     outcome.unwrap_or_else(exit::report)
+}
+
+/// Former names of commands, which are still accepted.
+const RENAMED: [(&str, &str); 1] = [("withdraw", "retract")];
+
+/// Reports the present name of a command that was called by its former one.
+fn note_former_name() {
+    let first = std::env::args().nth(1).unwrap_or_default();
+    if let Some((former, now)) = RENAMED.iter().find(|(former, _)| *former == first) {
+        summary::note(&format!("note: `palpate {former}` is now `palpate {now}`"));
+    }
 }
 
 /// Checks that standard input is named once, and only by a command that doesn't read readings or serial numbers from it.

@@ -111,7 +111,7 @@ impl<'a> Progress<'a> {
     }
 
     /// What is called for every force.
-    pub(super) fn gauge(&self) -> Box<dyn Fn(f64)> {
+    pub(super) fn watched_cell(&self) -> Box<dyn Fn(f64)> {
         if !self.on_terminal {
             return Box::new(|_| {});
         }

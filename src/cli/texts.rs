@@ -217,7 +217,7 @@ mod tests {
     fn every_key_is_on_its_page() {
         for text in TextKind::value_variants() {
             let page = text.page();
-            for listed in text.keys().walk() {
+            for listed in text.keys().visit() {
                 assert!(page.contains(&format!("\n| `{}` | ", listed.key.name)), "{}", listed.path);
             }
         }

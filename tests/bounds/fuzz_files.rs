@@ -20,7 +20,7 @@ use std::fs;
 use std::path::Path;
 
 /// Presses that teach at most.
-const TEACHES: usize = 5;
+const TRAINING_PRESSES: usize = 5;
 
 /// How many problems of an input are drawn as a person sees them, and how much each may take, bytes: its lines, twice over.
 const DRAWN: usize = 2;
@@ -188,7 +188,7 @@ fn manifests() {
 /// No plan is longer than it may be, or leaves what the rig allows.
 fn check_plan(plan: &Plan, spec: &RigSpec) {
     let entries = &plan.entries;
-    assert!(!entries.is_empty() && entries.len() <= PRESSES_MAX + TEACHES, "{} entries", entries.len());
+    assert!(!entries.is_empty() && entries.len() <= PRESSES_MAX + TRAINING_PRESSES, "{} entries", entries.len());
     for entry in entries {
         let position = spec.frame.to_stage(entry.place, 0.0);
         let within =

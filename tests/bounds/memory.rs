@@ -1,12 +1,12 @@
 //! A run takes no more memory as it grows: what it has measured is on the disk, and only there. Neither does solving readings.
 
 use crate::HEAP;
-use palpate_control::{AirReadings, Lesson};
+use palpate_control::{LearnedContact, NoLoadReadings};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::answers::Answers;
 use palpate_data::dataset::readings::{ReadingFormat, Readings, StreamLines};
 use palpate_data::dataset::{
-    Air, Ledger, Mapping, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
+    Ledger, Mapping, NoLoad, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
     SessionEnd, Status,
 };
 use palpate_data::recipe::Phase;
@@ -193,20 +193,21 @@ fn contact(press: u64) -> RecordedContact {
         ..Press::default()
     };
     let truth = PressTruth { force_true_n: 1.0, force_peak_n: 1.0, depth_peak_mm: 0.5 };
-    let lesson = Some(Lesson::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
-    let air = |n: f64| {
-        let force = AirReadings { mean_n: 1e-4 * n, sigma_n: 0.003, readings: 150, age_s: 0.07 };
-        Air { force, outputs: vec![1e-5 * n; UNITS] }
+    let learned_contact =
+        Some(LearnedContact::Touch { place: Place::new(1.0, -1.0), z_mm: 0.0, path: vec![(0.1, 0.1)] });
+    let no_load = |n: f64| {
+        let force = NoLoadReadings { mean_n: 1e-4 * n, sigma_n: 0.003, readings: 150, age_s: 0.07 };
+        NoLoad { force, outputs: vec![1e-5 * n; UNITS] }
     };
-    let (air_before, air_after) = (air(press as f64), air(press as f64 + 1.0));
+    let (no_load_before, no_load_after) = (no_load(press as f64), no_load(press as f64 + 1.0));
     RecordedContact {
         press,
         levels: vec![row.rounded()],
         truth: vec![truth],
         budgets: Vec::new(),
-        lesson,
-        air_before,
-        air_after,
+        learned_contact,
+        no_load_before,
+        no_load_after,
         left: None,
     }
 }

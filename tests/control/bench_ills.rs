@@ -1,4 +1,4 @@
-//! The force with the ills of a bench: drift, wander, hum, and all at once. (a) is the true force less the set one in the window,
+//! The force with the ills of a bench: drift, wander, mains interference, and all at once. (a) is the true force less the set one in the window,
 //! (b) the true force less the recorded one, both as the scene knows them.
 //!
 //! The full tier makes one calibration of 121 presses of each ill; `PALPATE_TESTS=5` makes five of 625.
@@ -9,7 +9,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{LoadCellScene, Servo, Sine};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, bench, bench_recipe, benches, in_parallel, plan, walked};
+use palpate_testing::executions::{BENCHES, Executed, bench, bench_recipe, benches, executed, in_parallel, plan};
 
 /// How much worse than the nominal bench (a) may be at 95 %, and the most of (b), N.
 const WORSE_N: f64 = 0.0006;
@@ -25,10 +25,16 @@ pub(crate) type Ill = (&'static str, fn(&mut RigSpec));
 
 pub(crate) const ILLS: [Ill; 5] = [
     ("drift of 30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
-    ("wander of 5 mN in 25 s", |spec| cell(spec).wander = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
-    ("hum of 10 mN, 49.8 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 49.8 })),
-    ("hum of 10 mN, 50.2 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.2 })),
-    ("hum of 10 mN, 60.1 Hz", |spec| cell(spec).hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 60.1 })),
+    ("wander of 5 mN in 25 s", |spec| cell(spec).slow_drift = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
+    ("mains interference of 10 mN, 49.8 Hz", |spec| {
+        cell(spec).mains = Some(Sine { amplitude: 0.010, period_s: 1.0 / 49.8 })
+    }),
+    ("mains interference of 10 mN, 50.2 Hz", |spec| {
+        cell(spec).mains = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.2 })
+    }),
+    ("mains interference of 10 mN, 60.1 Hz", |spec| {
+        cell(spec).mains = Some(Sine { amplitude: 0.010, period_s: 1.0 / 60.1 })
+    }),
 ];
 
 fn cell(spec: &mut RigSpec) -> &mut LoadCellScene {
@@ -38,8 +44,8 @@ fn cell(spec: &mut RigSpec) -> &mut LoadCellScene {
 /// All at once, with a slow controller, play, a soft mounting and a surface that creeps.
 pub(crate) fn all(spec: &mut RigSpec) {
     let cell = cell(spec);
-    cell.hum = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.0 });
-    cell.wander = Some(Sine { amplitude: 0.005, period_s: 25.0 });
+    cell.mains = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.0 });
+    cell.slow_drift = Some(Sine { amplitude: 0.005, period_s: 25.0 });
     cell.stiffness_n_mm = Some(10.0);
     spec.scene.latencies.stage_s = (0.015, 0.045);
     spec.scene.surface_wave = Some(Sine { amplitude: 0.005, period_s: 60.0 });
@@ -59,16 +65,16 @@ fn figures(name: &'static str, output: &str, ill: impl Fn(&mut RigSpec)) -> Figu
     let mut spec = bench(name);
     ill(&mut spec);
     let seeds: Vec<u64> = (1..=seeds).collect();
-    let walks = in_parallel(&seeds, |seed| {
-        let walked = walked(&spec, &plan(&spec, &recipe, *seed));
-        assert!(walked.ending.halt.is_none(), "{name}, {output}: {:?}", walked.ending.text());
-        walked
+    let executions = in_parallel(&seeds, |seed| {
+        let executed = executed(&spec, &plan(&spec, &recipe, *seed));
+        assert!(executed.ending.halt.is_none(), "{name}, {output}: {:?}", executed.ending.text());
+        executed
     });
-    figures_of(name, output, &walks)
+    figures_of(name, output, &executions)
 }
 
-fn figures_of(name: &str, output: &str, walks: &[Walked]) -> Figures {
-    let contacts = walks.iter().flat_map(|walked| walked.ledger.contacts());
+fn figures_of(name: &str, output: &str, executions: &[Executed]) -> Figures {
+    let contacts = executions.iter().flat_map(|executed| executed.ledger.contacts());
     let (mut set, mut recorded, mut peak_n) = (Vec::new(), Vec::new(), f64::NEG_INFINITY);
     for contact in contacts.filter(|contact| contact.levels[0].is_of(Phase::Calibration)) {
         let (press, truth) = (&contact.levels[0], &contact.truth[0]);
@@ -121,16 +127,16 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
     for (name, _) in benches() {
         for drift_n in [0.3, -0.3] {
             let mut spec = bench(name);
-            let nominal = [walked(&spec, &plan(&spec, &recipe, 1))];
+            let nominal = [executed(&spec, &plan(&spec, &recipe, 1))];
             cell(&mut spec).drift_n_s = drift_n / nominal[0].ending.t_s;
-            let drifted = [walked(&spec, &plan(&spec, &recipe, 1))];
-            let Walked { ending, ledger, .. } = &drifted[0];
+            let drifted = [executed(&spec, &plan(&spec, &recipe, 1))];
+            let Executed { ending, ledger, .. } = &drifted[0];
             assert!(ending.halt.is_none(), "{name}, {drift_n} N: {:?}", ending.text());
             let is_zero = |record: &&Record| matches!(record, Record::Zero { .. });
             let zeros = ledger.records().iter().filter(is_zero).count();
             assert!(zeros >= 3, "{name}, {drift_n} N: {zeros} zeros");
             let [nominal, found] =
-                [&nominal, &drifted].map(|walks| figures_of(name, &format!("{drift_n} N in all"), walks));
+                [&nominal, &drifted].map(|executions| figures_of(name, &format!("{drift_n} N in all"), executions));
             assert!(
                 found.set_p95_n <= nominal.set_p95_n + DRIFTED_WORSE_N,
                 "{name}, {drift_n} N: {} N",
@@ -151,7 +157,7 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
         ("+30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),
         ("-30 mN/min", |spec| cell(spec).drift_n_s = -0.030 / 60.0),
         ("+50 mN/min", |spec| cell(spec).drift_n_s = 0.050 / 60.0),
-        ("5 mN in 25 s", |spec| cell(spec).wander = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
+        ("5 mN in 25 s", |spec| cell(spec).slow_drift = Some(Sine { amplitude: 0.005, period_s: 25.0 })),
     ];
     for (name, _) in benches() {
         for (output, ill) in ills {
@@ -159,7 +165,7 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
             spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
             ill(&mut spec);
             for seed in 1..=5 {
-                let Walked { ending, ledger, .. } = &walked(&spec, &plan(&spec, recipe, seed));
+                let Executed { ending, ledger, .. } = &executed(&spec, &plan(&spec, recipe, seed));
                 assert!(ending.halt.is_none(), "{name}, {output}, seed {seed}: {:?}", ending.text());
                 for contact in ledger.contacts() {
                     let off_n = contact.truth[0].force_true_n - contact.levels[0].force_n.unwrap();

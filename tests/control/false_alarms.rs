@@ -4,13 +4,15 @@
 //! The shares of the limits come from the ledger: its contacts go through a new map and a new response, as in a run.
 
 use crate::bench_ills::{ILLS, all};
-use palpate_control::{AIR_READINGS, ContactMap, LearnedOutputs, Lesson, MeasuredContact, Strategy, Taught, Zero};
+use palpate_control::{
+    ContactMap, LearnedContact, LearnedCurve, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Strategy, Zero,
+};
 use palpate_core::quantity::{Place, RandomStream, stream};
 use palpate_data::dataset::{Flag, Memory, Record, RecordedContact};
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::Edges;
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, bench_with_taxels, in_parallel, must_be_none, plan, walked};
+use palpate_testing::executions::{BENCHES, Executed, bench_with_taxels, executed, in_parallel, must_be_none, plan};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
@@ -104,8 +106,8 @@ impl Calibration {
         Calibration { seed, pressed, text: output, spec, recipe }
     }
 
-    fn walked(&self) -> Outcome {
-        let Walked { ending, ledger, .. } = walked(&self.spec, &plan(&self.spec, &self.recipe, self.seed));
+    fn executed(&self) -> Outcome {
+        let Executed { ending, ledger, .. } = executed(&self.spec, &plan(&self.spec, &self.recipe, self.seed));
         let presses = ledger.contacts().count();
         let alarm = ending.text().map(|why| format!("{}, after {presses} presses: {why}", self.text));
         Outcome { presses, alarm, shares: shares(&self.spec, &ledger) }
@@ -217,7 +219,7 @@ fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
     let (mut all, mut cell_n) = (BTreeMap::<_, Share>::new(), 0.0);
     for record in ledger.records() {
         if let Record::Zero { sigma_n, .. } = record {
-            cell_n = Zero::with_noise(*sigma_n).sigma_mean_n(AIR_READINGS);
+            cell_n = Zero::with_noise(*sigma_n).sigma_mean_n(NO_LOAD_READINGS);
         }
         let mut take = |rule, press: u64, share: f64| {
             let entry = all.entry(rule).or_default();
@@ -239,20 +241,20 @@ fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
             response.share(&felt).into_iter().for_each(|share| take("outputs-differ", share));
             response.learn(felt);
         }
-        let Some(lesson) = &contact.lesson else { continue };
-        if let Some((place, from_n, to_n, way_mm)) = rise(lesson, &map)
-            && let Some(taught) = map.taught(place)
+        let Some(learned_contact) = &contact.learned_contact else { continue };
+        if let Some((place, from_n, to_n, way_mm)) = rise(learned_contact, &map)
+            && let Some(learned_curve) = map.learned_curve(place)
         {
-            let softer = softer(&taught, from_n, to_n, way_mm);
-            match taught.share(from_n, to_n, way_mm) {
+            let softer = softer(&learned_curve, from_n, to_n, way_mm);
+            match learned_curve.share(from_n, to_n, way_mm) {
                 None => take("softer-than-taught, before ten", softer),
-                Some(share) if is_softer(&taught, from_n, to_n, way_mm) => {
+                Some(share) if is_softer(&learned_curve, from_n, to_n, way_mm) => {
                     take("softer-than-taught", share.max(softer));
                 }
                 Some(share) => take("stiffer-than-taught", share),
             }
         }
-        map.learn(lesson);
+        map.learn(learned_contact);
     }
     all
 }
@@ -267,35 +269,37 @@ fn felt(contact: &RecordedContact, cell_n: f64) -> Option<MeasuredContact> {
 }
 
 /// The rise of the force that a press showed: its place, from and to which force, N, and over which distance, mm.
-fn rise(lesson: &Lesson, map: &ContactMap) -> Option<(Place, f64, f64, f64)> {
-    match lesson {
-        Lesson::Touch { place, path, .. } => {
+fn rise(learned_contact: &LearnedContact, map: &ContactMap) -> Option<(Place, f64, f64, f64)> {
+    match learned_contact {
+        LearnedContact::Touch { place, path, .. } => {
             let (&(from_mm, from_n), &(to_mm, to_n)) = (path.first()?, path.last()?);
             (to_mm > from_mm && to_n > from_n).then_some((*place, from_n, to_n, to_mm - from_mm))
         }
-        Lesson::Shot { place, z_mm, force_n, .. } => Some((*place, 0.0, *force_n, z_mm - map.expect(*place).z_mm)),
+        LearnedContact::Shot { place, z_mm, force_n, .. } => {
+            Some((*place, 0.0, *force_n, z_mm - map.expect(*place).z_mm))
+        }
     }
 }
 
 /// Share of the distance that a press may take, by the limit that holds: that of a prediction, or of the softest press around.
-fn softer(taught: &Taught, from_n: f64, to_n: f64, way_mm: f64) -> f64 {
-    let most_mm = taught.longest_mm(from_n, to_n) - WAY_MM;
-    match taught.share(from_n, to_n, way_mm) {
+fn softer(learned_curve: &LearnedCurve, from_n: f64, to_n: f64, way_mm: f64) -> f64 {
+    let most_mm = learned_curve.longest_mm(from_n, to_n) - WAY_MM;
+    match learned_curve.share(from_n, to_n, way_mm) {
         Some(_) => 1.0 + (way_mm / most_mm).ln() / LEAST,
         None => 1.0 + (way_mm / most_mm).ln() / (1.0 / SOFTEST_SHARE).ln(),
     }
 }
 
 /// Whether the distance is longer than predicted.
-fn is_softer(taught: &Taught, from_n: f64, to_n: f64, way_mm: f64) -> bool {
-    taught.share(from_n, to_n, 1.0001 * way_mm) > taught.share(from_n, to_n, way_mm)
+fn is_softer(learned_curve: &LearnedCurve, from_n: f64, to_n: f64, way_mm: f64) -> bool {
+    learned_curve.share(from_n, to_n, 1.0001 * way_mm) > learned_curve.share(from_n, to_n, way_mm)
 }
 
 #[test]
 fn a_sound_calibration_raises_no_alarm_and_comes_near_none() {
     let calibrations: Vec<Calibration> =
         (0..campaign::size(CALIBRATIONS.0, CALIBRATIONS.1)).map(Calibration::new).collect();
-    let outcomes = in_parallel(&calibrations, Calibration::walked);
+    let outcomes = in_parallel(&calibrations, Calibration::executed);
     let mut broken: Vec<String> = outcomes.iter().filter_map(|outcome| outcome.alarm.clone()).collect();
     let mut tables: BTreeMap<&str, (Share, &str)> = BTreeMap::new();
     for (calibration, outcome) in calibrations.iter().zip(&outcomes) {

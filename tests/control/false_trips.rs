@@ -3,7 +3,7 @@
 use palpate_control::Strategy;
 use palpate_data::recipe::Phase;
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, bench, in_parallel, must_be_none, plan, walked};
+use palpate_testing::executions::{BENCHES, Executed, bench, executed, in_parallel, must_be_none, plan};
 
 /// The shipped recipe's calibration, coarser in the quick tier; and the paper's test points, N and mm.
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
@@ -57,10 +57,11 @@ struct Figures {
 
 impl Figures {
     /// Of the presses of one phase, in the order they were made.
-    fn of(walks: &[&Walked], phase: Phase) -> Figures {
+    fn of(executions: &[&Executed], phase: Phase) -> Figures {
         let (mut errors_n, mut over_n, mut times_s) = (Vec::new(), f64::NEG_INFINITY, Vec::new());
-        for walked in walks {
-            let contacts: Vec<_> = walked.ledger.contacts().filter(|contact| contact.levels[0].is_of(phase)).collect();
+        for executed in executions {
+            let contacts: Vec<_> =
+                executed.ledger.contacts().filter(|contact| contact.levels[0].is_of(phase)).collect();
             for contact in &contacts {
                 let (force_set_n, truth) = (contact.levels[0].force_set_n.unwrap(), &contact.truth[0]);
                 errors_n.push((truth.force_true_n - force_set_n).abs());
@@ -115,7 +116,7 @@ struct Calibration {
 }
 
 impl Calibration {
-    fn walked(&self) -> Walked {
+    fn executed(&self) -> Executed {
         let mut spec = bench(self.bench);
         spec.scene.load_cell.as_mut().expect("a load cell").noise_n = self.noise_n;
         let head = RECIPE.split("[[step]]").next().expect("what is before the steps");
@@ -131,11 +132,11 @@ impl Calibration {
                 &POINTS.replacen("count = 100", &format!("count = {}", if campaign::is_quick() { 20 } else { 100 }), 1);
         }
         let text = text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", self.strategy.name()), 1);
-        let walked = walked(&spec, &plan(&spec, &text, self.seed));
+        let executed = executed(&spec, &plan(&spec, &text, self.seed));
         let output = format!("{}, {} N, {}, seed {}", self.bench, self.noise_n, self.strategy.name(), self.seed);
-        assert!(walked.ending.halt.is_none(), "{output}: {:?}", walked.ending.text());
-        assert!(walked.truth.is_within(&spec), "{output}: {:?}", walked.truth);
-        walked
+        assert!(executed.ending.halt.is_none(), "{output}: {:?}", executed.ending.text());
+        assert!(executed.truth.is_within(&spec), "{output}: {:?}", executed.truth);
+        executed
     }
 }
 
@@ -166,14 +167,14 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
         jobs.extend(seeds(10).map(|seed| whole(NOISIER_N, seed)).chain(alone));
         let raster: Vec<Calibration> =
             seeds(2).map(|seed| Calibration { points: false, raster: true, ..whole(NOISE_N, seed) }).collect();
-        let raster = in_parallel(&raster, Calibration::walked);
+        let raster = in_parallel(&raster, Calibration::executed);
         // the bound is reckoned for steps of 0.5 mm from place to place
         let raster = Figures::of(&raster.iter().collect::<Vec<_>>(), Phase::Calibration);
         raster.print(&format!("{bench}, map, in raster order"));
-        let walks = in_parallel(&jobs, Calibration::walked);
-        let those = |noise_n: f64, grid: bool, points: bool| -> Vec<&Walked> {
+        let executions = in_parallel(&jobs, Calibration::executed);
+        let those = |noise_n: f64, grid: bool, points: bool| -> Vec<&Executed> {
             let fits = |job: &Calibration| job.noise_n == noise_n && job.grid == grid && job.points == points;
-            jobs.iter().zip(&walks).filter(|(job, _)| fits(job)).map(|(_, walked)| walked).collect()
+            jobs.iter().zip(&executions).filter(|(job, _)| fits(job)).map(|(_, executed)| executed).collect()
         };
         let all = [those(NOISE_N, true, true), those(NOISE_N, true, false)].concat();
         let nominal = Figures::of(&all, Phase::Calibration);
@@ -215,8 +216,8 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
                 points: false,
                 raster: false,
             };
-            let walks = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), Calibration::walked);
-            let figures = Figures::of(&walks.iter().collect::<Vec<_>>(), Phase::Calibration);
+            let executions = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), Calibration::executed);
+            let figures = Figures::of(&executions.iter().collect::<Vec<_>>(), Phase::Calibration);
             let output = format!("{bench}, {}", strategy.name());
             figures.print(&output);
             missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{output}: {what}")));

@@ -8,7 +8,7 @@ use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Walked, Worst, bench, end_of, in_parallel, must_be_none, plan, walked};
+use palpate_testing::executions::{BENCHES, Executed, Worst, bench, end_of, executed, in_parallel, must_be_none, plan};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
@@ -30,7 +30,7 @@ const PAIR_SPEED_MM_S: f64 = 5.0;
 const EARLY: u64 = 5;
 
 /// Presses of a plan: those that teach, and ordinary ones; fewer where each takes long.
-const TEACHES: usize = 5;
+const TRAINING_PRESSES: usize = 5;
 const ORDINARY: usize = 5;
 const ORDINARY_SLOW: usize = 2;
 const SLOW_MM_S: f64 = 1.0;
@@ -117,7 +117,7 @@ impl Case {
         );
         let mut plan = plan(spec, &text, self.seed);
         let ordinary = if self.speed_mm_s < SLOW_MM_S { ORDINARY_SLOW } else { ORDINARY };
-        plan.entries.truncate(if self.strategy == Strategy::Map { TEACHES + ordinary } else { ordinary });
+        plan.entries.truncate(if self.strategy == Strategy::Map { TRAINING_PRESSES + ordinary } else { ordinary });
         plan
     }
 
@@ -139,7 +139,7 @@ impl Case {
             if self.seed.is_multiple_of(EARLY) { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
         let mut fault = |&kind| SceneFault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
         spec.scene.faults = self.kinds.iter().map(&mut fault).collect();
-        let Walked { ending, truth, virtual_s, ledger, .. } = &walked(&spec, &plan);
+        let Executed { ending, truth, virtual_s, ledger, .. } = &executed(&spec, &plan);
         Outcome {
             case: self.clone(),
             faults: spec.scene.faults.clone(),
@@ -194,7 +194,7 @@ fn run_all(cases: &[Case]) -> Vec<Outcome> {
     let (keys, sound_cases): (Vec<String>, Vec<Case>) = sound_cases.into_iter().unzip();
     let sounds = in_parallel(&sound_cases, |case| {
         let spec = case.spec();
-        let Walked { ending, ready_s, virtual_s, .. } = walked(&spec, &case.plan(&spec));
+        let Executed { ending, ready_s, virtual_s, .. } = executed(&spec, &case.plan(&spec));
         assert!(ending.halt.is_none() && ending.unparked.is_none(), "{}: {:?}", case.key(), ending.text());
         Sound { ready_s, virtual_s }
     });
@@ -342,7 +342,7 @@ impl Outcome {
         match self.case.kinds[0] {
             // the zero was taken with it
             FaultKind::Noisy | FaultKind::DriftedZero if from_s < self.ready_s => true,
-            // noise is compared with the zero's in the air before a press, and a specimen is another from the next contact on
+            // noise is compared with the zero's without load before a press, and a specimen is another from the next contact on
             FaultKind::Noisy | FaultKind::HardContact => begun_after(2),
             // one contact slips, once: its window was over
             FaultKind::Slip => {

@@ -7,7 +7,7 @@ use palpate_control::{FIRST_APPROACH_MM_S, Strategy};
 use palpate_core::quantity::{Axis, Place, stream};
 use palpate_sim::scene::{ContactLaw, FaultKind, Mounting, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, walked_with};
+use palpate_testing::executions::{BENCHES, Deaths, bench, end_of, executed_with, in_parallel, must_be_none, plan};
 use rand::RngExt;
 
 /// How far the surface may really be from where the frame says, either way, mm.
@@ -56,10 +56,10 @@ fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limi
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
         let from_s = rng.random_range(0.0..FAILS_S);
         spec.scene.faults = fault.into_iter().map(|kind| SceneFault { kind, from_s, value: None }).collect();
-        let walked = walked_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
-        let end = end_of(&walked.ending);
+        let executed = executed_with(&spec, &plan(&spec, &recipe(strategy), nth + 1), Deaths::Tried, &|_| {});
+        let end = end_of(&executed.ending);
         let output = format!("{name}, {strategy:?}, {fault:?} at {from_s:.2} s, off by {off_mm:+.2} mm: {end}");
-        let worst_n = walked.truth.force_n.max(walked.orphaned.force_n);
+        let worst_n = executed.truth.force_n.max(executed.orphaned.force_n);
         let most_n = spec.limits.force_n + PEAK_N;
         let mut broken = Vec::new();
         if worst_n > most_n || worst_n.is_nan() {
@@ -103,8 +103,8 @@ fn something_hard_in_the_way_bears_what_the_speed_of_the_approach_makes_of_it() 
         spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
         spec.scene.contact = ContactLaw { linear_n_mm: HARD_N_MM, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
-        let walked = walked_with(&spec, &plan(&spec, &recipe(Strategy::Guarded), nth + 1), Deaths::Tried, &|_| {});
-        (speed_mm_s, name, walked.truth.force_n, walked.orphaned.force_n)
+        let executed = executed_with(&spec, &plan(&spec, &recipe(Strategy::Guarded), nth + 1), Deaths::Tried, &|_| {});
+        (speed_mm_s, name, executed.truth.force_n, executed.orphaned.force_n)
     });
     let mut broken = Vec::new();
     for (speed_mm_s, most_n) in SPEEDS {

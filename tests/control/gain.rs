@@ -9,7 +9,7 @@ use palpate_run::run::{
     Cancel, ForceCheck, KnownWeight, LoadCellVerdict, Weighing, WeightMeasurement, examine, judged,
 };
 use palpate_testing::campaign;
-use palpate_testing::walks::{bench, bench_recipe, benches, end_of, in_parallel, plan, run_virtually, walked};
+use palpate_testing::executions::{bench, bench_recipe, benches, end_of, executed, in_parallel, plan, run_virtually};
 
 const WEIGHT_N: f64 = 0.5;
 
@@ -60,9 +60,9 @@ fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_kn
                 let u = check.standard_uncertainty();
                 assert!((check.gain - 1.01).abs() <= 1.02 * u_share + 4.0 * check.gain_sd, "{name}: {check:?}");
                 spec.load_cell.check = Some(check.clone());
-                let walked = walked(&spec, &plan(&spec, &recipe(), seed));
-                assert!(walked.ending.halt.is_none(), "{name}: {:?}", walked.ending.text());
-                let contacts = walked.ledger.contacts().filter(|contact| contact.levels[0].is_of(Phase::Calibration));
+                let executed = executed(&spec, &plan(&spec, &recipe(), seed));
+                assert!(executed.ending.halt.is_none(), "{name}: {:?}", executed.ending.text());
+                let contacts = executed.ledger.contacts().filter(|contact| contact.levels[0].is_of(Phase::Calibration));
                 let off_n = |set_n: f64, true_n: f64| (true_n - set_n).abs();
                 let mut errors_n: Vec<f64> = contacts
                     .map(|contact| off_n(contact.levels[0].force_set_n.unwrap(), contact.truth[0].force_true_n))
@@ -85,8 +85,8 @@ fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_kn
 
 /// What becomes of a cell of this gain: what noticed it, how many presses were recorded by then, and the true peak force, N.
 fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
-    let walked = walked(spec, &plan(spec, &recipe(), seed));
-    (end_of(&walked.ending), walked.ledger.contacts().count(), walked.truth.force_n)
+    let executed = executed(spec, &plan(spec, &recipe(), seed));
+    (end_of(&executed.ending), executed.ledger.contacts().count(), executed.truth.force_n)
 }
 
 #[test]

@@ -6,7 +6,7 @@ use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::{Instrument, Shared};
 use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::campaign;
-use palpate_testing::walks::{BENCHES, Deaths, Walked, Worst, bench, end_of, in_parallel, plan, walked_with};
+use palpate_testing::executions::{BENCHES, Deaths, Executed, Worst, bench, end_of, executed_with, in_parallel, plan};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -18,7 +18,7 @@ const EVERY: (usize, usize) = (97, 1);
 const LATE_S: f64 = 10.0;
 
 /// Presses that teach, and presses.
-const TEACHES: usize = 5;
+const TRAINING_PRESSES: usize = 5;
 const PRESSES: usize = 3;
 
 /// The stage's last command before it is homed, and how many park it after a window: both are waited for.
@@ -101,7 +101,7 @@ impl Setup {
         spec
     }
 
-    fn walked(&self, deaths: Deaths, seed: u64, tamper: &dyn Fn(&mut SimulatedRig)) -> Walked {
+    fn executed(&self, deaths: Deaths, seed: u64, tamper: &dyn Fn(&mut SimulatedRig)) -> Executed {
         let text = format!(
             "name = \"host\"\nchecks = \"{}\"\n[press]\nforce_tolerance_n = 0.01\nhold_s = 0.0\nsample_s = 0.1\nstrategy = \"{}\"\n\
              [[step]]\nphase = \"calibration\"\nrandom = {{ count = 10, x_mm = [-0.4, 0.4], y_mm = [-0.4, 0.4] }}\n\
@@ -111,14 +111,14 @@ impl Setup {
         );
         let spec = self.spec();
         let mut plan = plan(&spec, &text, seed);
-        plan.entries.truncate(if self.strategy == Strategy::Map { TEACHES + PRESSES } else { PRESSES });
-        walked_with(&spec, &plan, deaths, tamper)
+        plan.entries.truncate(if self.strategy == Strategy::Map { TRAINING_PRESSES + PRESSES } else { PRESSES });
+        executed_with(&spec, &plan, deaths, tamper)
     }
 
     /// The same with a mishap at the stage's `at`-th command; how many commands there were.
-    fn struck(&self, mishap: Mishap, at: usize) -> (Walked, usize) {
+    fn struck(&self, mishap: Mishap, at: usize) -> (Executed, usize) {
         let commands = Arc::new(AtomicUsize::new(0));
-        let walked = self.walked(Deaths::Ignored, 4, &|rig| {
+        let executed = self.executed(Deaths::Ignored, 4, &|rig| {
             let fate =
                 Arc::new(Mutex::new(Fate { mishap, at, commands: commands.clone(), struck_s: None, now_s: 0.0 }));
             for device in [&mut rig.stage, &mut rig.load_cell] {
@@ -126,7 +126,7 @@ impl Setup {
                 device.replace(Arc::new(Mutex::new(Beset { device: instrument, fate: fate.clone(), held: None })));
             }
         });
-        (walked, commands.load(Ordering::Relaxed))
+        (executed, commands.load(Ordering::Relaxed))
     }
 }
 
@@ -249,10 +249,10 @@ fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
     let seeds = campaign::size(1, 2) as u64;
     let jobs: Vec<(Setup, u64)> =
         setups(speeds).into_iter().flat_map(|setup| (1..=seeds).map(move |seed| (setup, seed))).collect();
-    let walks = in_parallel(&jobs, |(setup, seed)| setup.walked(Deaths::Tried, *seed, &|_| {}));
+    let executions = in_parallel(&jobs, |(setup, seed)| setup.executed(Deaths::Tried, *seed, &|_| {}));
     let mut messages = 0;
     let mut all = Worst::default();
-    for ((setup, seed), Walked { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&walks) {
+    for ((setup, seed), Executed { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&executions) {
         assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.text());
         assert!(orphaned.force_n >= truth.force_n - PEAK_N, "{setup:?}: {truth:?}, {orphaned:?}");
         assert!(orphaned.is_within(&setup.spec()), "{setup:?}, seed {seed}: {orphaned:?}");
@@ -288,22 +288,22 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
     if every > 1 {
         println!("each {every}th command");
     }
-    let walks = in_parallel(&jobs, |&(setup, mishap, at, _)| setup.struck(mishap, at).0);
+    let executions = in_parallel(&jobs, |&(setup, mishap, at, _)| setup.struck(mishap, at).0);
     let mut broken = Vec::new();
     let mut rows: BTreeMap<String, Row> = BTreeMap::new();
-    for ((setup, mishap, at, commands), walked) in jobs.iter().zip(&walks) {
+    for ((setup, mishap, at, commands), executed) in jobs.iter().zip(&executions) {
         let row = rows.entry(format!("{mishap:?}")).or_default();
         row.runs += 1;
-        row.worst.join(walked.truth);
-        row.longest_s = row.longest_s.max(walked.virtual_s);
-        let end = end_of(&walked.ending);
+        row.worst.join(executed.truth);
+        row.longest_s = row.longest_s.max(executed.virtual_s);
+        let end = end_of(&executed.ending);
         *row.ends.entry(end).or_default() += 1;
         let may_be_missed = mishap.may_be_missed(*at, *commands);
-        if end == "-" && !may_be_missed || !walked.truth.is_within(&setup.spec()) || walked.virtual_s > LONGEST_S {
-            let output = walked.ending.text();
+        if end == "-" && !may_be_missed || !executed.truth.is_within(&setup.spec()) || executed.virtual_s > LONGEST_S {
+            let output = executed.ending.text();
             broken.push(format!(
                 "{setup:?} {mishap:?} at {at}: {:?}, {:.0} s, {output:?}",
-                walked.truth, walked.virtual_s
+                executed.truth, executed.virtual_s
             ));
         }
     }

@@ -2,8 +2,9 @@
 //! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
 
 use palpate_control::{
-    AIR_READINGS, AirReadings, Branch, ContactMap, Context, ForceLevel, ForceLoop, Lesson, LoopCommand, LoopEvent,
-    Moment, Permit, Permitted, PressTask, SafetyRule, Shot, Softest, Steer, Strategy, Timing, Zero, safe_speed_mm_s,
+    Branch, ContactMap, Context, ForceLevel, ForceLoop, LearnedContact, LoopCommand, LoopEvent, Moment,
+    NO_LOAD_READINGS, NoLoadReadings, Permit, Permitted, PressTask, SafetyRule, Shot, Softest, Steer, Strategy, Timing,
+    Zero, safe_speed_mm_s,
 };
 use palpate_core::quantity::{Axis, Limits, Place, RandomStream, Steps, stream};
 use palpate_testing::campaign;
@@ -81,7 +82,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> Draw {
     let permit = Permit::new(limits, reaction_s, acceleration_mm_s2, &zero).on(steps);
     let place = Place::new(rng.random_range(-6.0..6.0), rng.random_range(-6.0..6.0));
     let task = task(rng, &limits);
-    let map = taught(rng, &limits, truthful);
+    let map = learned_curve(rng, &limits, truthful);
     let expected = map.expect(place);
     let asks = task.strategy == Strategy::Map && task.levels.len() == 1;
     let shot: Option<Shot> = asks.then(|| map.shot(place, task.most_n(), &limits)).flatten();
@@ -93,7 +94,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> Draw {
         zero_age_s: 0.0,
         expected,
         shot,
-        softest: Softest { declared_n_mm: None, taught: map.taught(place) },
+        softest: Softest { declared_n_mm: None, learned_curve: map.learned_curve(place) },
         clear_mm: expected.first_mm - rng.random_range(0.05..0.5),
         approach_mm_s: 2.0,
         speed_mm_s: 10f64.powf(rng.random_range(-1.0..1.4)),
@@ -133,7 +134,7 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
 }
 
 /// A map taught by presses on a plane whose curve is a parabola, or by anything.
-fn taught(rng: &mut RandomStream, limits: &Limits, truthful: bool) -> ContactMap {
+fn learned_curve(rng: &mut RandomStream, limits: &Limits, truthful: bool) -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let n_mm = limits.stiffness_n_mm * rng.random_range(0.2..0.6);
     let surface_mm = rng.random_range(-0.15..0.15);
@@ -144,10 +145,16 @@ fn taught(rng: &mut RandomStream, limits: &Limits, truthful: bool) -> ContactMap
         let mut any = |mm: f64| mm + rng.random_range(-1.0..=1.0) * (0.003 + wild);
         let touch_mm = any(surface_mm);
         let path = [0.1, 0.3, 0.6, 0.9].map(|share| share * limits.force_n).map(|n| (any(at(n)), n)).to_vec();
-        map.learn(&Lesson::Touch { place, z_mm: touch_mm, path });
+        map.learn(&LearnedContact::Touch { place, z_mm: touch_mm, path });
         if !truthful && rng.random_bool(0.3) {
             let (force_n, expected_n) = (any_of(rng), any_of(rng));
-            map.learn(&Lesson::Shot { place, z_mm: at(1.0), force_n, expected_n, faded: rng.random_range(-0.1..0.1) });
+            map.learn(&LearnedContact::Shot {
+                place,
+                z_mm: at(1.0),
+                force_n,
+                expected_n,
+                faded: rng.random_range(-0.1..0.1),
+            });
         }
     }
     map
@@ -224,7 +231,7 @@ fn answers(command: &LoopCommand, event: &LoopEvent) -> bool {
     matches!(
         (command, event),
         (LoopCommand::Average(_), LoopEvent::Averaged { .. })
-            | (LoopCommand::Move(_) | LoopCommand::Depart(_), LoopEvent::Moved { .. })
+            | (LoopCommand::Move(_) | LoopCommand::LeaveContact(_), LoopEvent::Moved { .. })
             | (LoopCommand::Dwell(_), LoopEvent::Dwelt)
             | (LoopCommand::Sample(_), LoopEvent::Sampled { .. })
     )
@@ -280,7 +287,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let mut output = Printed::at(start_mm);
     let mut event = LoopEvent::Begin {
         z_mm: start_mm,
-        air: AirReadings { mean_n: 0.0, sigma_n, readings: AIR_READINGS, age_s: 0.0 },
+        no_load: NoLoadReadings { mean_n: 0.0, sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0 },
     };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
@@ -306,7 +313,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
                 output.now_s += seconds;
                 LoopEvent::Dwelt
             }
-            LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
+            LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
                 output.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &output, granted));
                 if granted.z_mm() > output.z_mm {
@@ -359,7 +366,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Printed, Vec<&'static str>) {
         let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
         LoopEvent::Begin {
             z_mm,
-            air: AirReadings { mean_n, sigma_n, readings: if sound { AIR_READINGS } else { 0 }, age_s: 0.0 },
+            no_load: NoLoadReadings { mean_n, sigma_n, readings: if sound { NO_LOAD_READINGS } else { 0 }, age_s: 0.0 },
         }
     };
     let mut before: Option<LoopCommand> = None;
@@ -390,7 +397,7 @@ fn drive_with_garbage(seed: u64) -> (u64, Draw, Printed, Vec<&'static str>) {
                 broken.extend(broken_wait(*seconds));
                 LoopEvent::Dwelt
             }
-            LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
+            LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
                 output.note_surface(&draw);
                 broken.extend(broken_promise(&draw, &output, granted));
                 for _ in 0..3 {
@@ -492,17 +499,18 @@ fn a_press_that_is_over_moves_nothing_any_more() {
     for seed in 0..steps_wanted() / 1000 {
         let (_, mut draw, output, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
-        let air = AirReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: AIR_READINGS, age_s: 0.0 };
+        let no_load =
+            NoLoadReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0 };
         for event in [
             LoopEvent::Averaged { force_n },
             LoopEvent::Moved { z_mm },
             LoopEvent::Dwelt,
             LoopEvent::Sampled { force_n },
-            LoopEvent::Begin { z_mm, air },
+            LoopEvent::Begin { z_mm, no_load },
         ] {
             draw.press.see(force_n, output.now_s);
             let command = draw.press.next(event, Moment { now_s: output.now_s, age_s: 0.0 });
-            if let LoopCommand::Move(granted) | LoopCommand::Depart(granted) = command {
+            if let LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) = command {
                 assert!(granted.z_mm() <= z_mm + ROUNDING, "seed {seed}: it is over, and {event:?} has it {granted:?}");
             }
         }

@@ -8,7 +8,7 @@ use palpate_core::quantity::{Place, Steps, stream};
 use palpate_data::recipe::Plan;
 use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::{FaultKind, Mounting, SceneFault};
-use palpate_testing::walks::{end_of, in_parallel, must_be_none, plan, walked};
+use palpate_testing::executions::{end_of, executed, in_parallel, must_be_none, plan};
 use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -48,9 +48,9 @@ fn seven_by_seven(spec: &RigSpec, strategy: Strategy, seed: u64) -> Plan {
 fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stood() {
     for strategy in Strategy::ALL {
         let spec = printer();
-        let walked = walked(&spec, &seven_by_seven(&spec, strategy, 1));
-        assert!(walked.ending.halt.is_none(), "{strategy:?}: {:?}", walked.ending.text());
-        let rows: Vec<_> = walked.ledger.contacts().collect();
+        let executed = executed(&spec, &seven_by_seven(&spec, strategy, 1));
+        assert!(executed.ending.halt.is_none(), "{strategy:?}: {:?}", executed.ending.text());
+        let rows: Vec<_> = executed.ledger.contacts().collect();
         let (mut worst_n, mut presses) = (0.0f64, 0);
         for contact in &rows {
             let (press, truth) = (&contact.levels[0], &contact.truth[0]);
@@ -63,8 +63,8 @@ fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stoo
                 assert!((steps - steps.round()).abs() < 1e-3, "{strategy:?}: {at_mm} mm is no step");
             }
         }
-        println!("{strategy:?}: {presses} presses, {worst_n:.4} N off at most; peak {:.4} N", walked.truth.force_n);
-        assert!(presses == 49 && worst_n < 0.02 && walked.truth.force_n < FORCE_N + 0.02, "{strategy:?}");
+        println!("{strategy:?}: {presses} presses, {worst_n:.4} N off at most; peak {:.4} N", executed.truth.force_n);
+        assert!(presses == 49 && worst_n < 0.02 && executed.truth.force_n < FORCE_N + 0.02, "{strategy:?}");
     }
 }
 
@@ -75,8 +75,8 @@ fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
     let sound: Vec<(f64, f64)> = Strategy::ALL
         .map(|strategy| {
             let spec = printer();
-            let walked = walked(&spec, &seven_by_seven(&spec, strategy, 1));
-            (walked.ready_s, walked.virtual_s)
+            let executed = executed(&spec, &seven_by_seven(&spec, strategy, 1));
+            (executed.ready_s, executed.virtual_s)
         })
         .to_vec();
     let seeds: Vec<u64> = (1..=runs).collect();
@@ -92,8 +92,8 @@ fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
         let off_mm = rng.random_range(-0.25..0.25);
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
         spec.scene.faults = vec![SceneFault { kind, from_s: rng.random_range(from_s), value: None }];
-        let walked = walked(&spec, &seven_by_seven(&spec, Strategy::ALL[nth], seed));
-        (seed, kind, end_of(&walked.ending), walked.truth, spec)
+        let executed = executed(&spec, &seven_by_seven(&spec, Strategy::ALL[nth], seed));
+        (seed, kind, end_of(&executed.ending), executed.truth, spec)
     });
     let mut ends = BTreeMap::<&str, usize>::new();
     let (mut force_n, mut depth_mm, mut broken) = (0.0f64, 0.0f64, Vec::new());

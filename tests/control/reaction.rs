@@ -6,10 +6,10 @@ use palpate_data::recipe::Entry;
 use palpate_link::time::Instant;
 use palpate_link::wire::Connector;
 use palpate_run::rig::{EmulatedDevice, RigSpec};
-use palpate_run::run::{Cancel, Halt, Listener, RunJob, walk_on};
+use palpate_run::run::{Cancel, Halt, Listener, RunJob, execute_on};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{FaultKind, Scene, SceneFault};
-use palpate_testing::walks::{plan, run_virtually};
+use palpate_testing::executions::{plan, run_virtually};
 use palpate_testing::{campaign, exchanged, shipped_text};
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
@@ -127,7 +127,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
         let (mut ledger, mut begin) = (Memory::default(), Begin(None));
         let job = RunJob { plan: &plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(spec.open(1).expect("drivers"), job, &mut begin).await;
+        let ending = execute_on(spec.open(1).expect("drivers"), job, &mut begin).await;
         assert!(ending.halt.is_none(), "{:?}", ending.text());
         let last_s = ledger.contacts().last().expect("a press").levels[0].t_s.expect("a time");
         (begin.0.expect("presses") - origin).as_secs_f64()..last_s
@@ -160,7 +160,7 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
         rig.instruments.load_cell = spec.load_cell_on(&to_cell, origin).expect("a driver");
         let (mut ledger, cancel) = (Memory::default(), Cancel::default());
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, job, &mut Begin(None)).await;
+        let ending = execute_on(rig, job, &mut Begin(None)).await;
         assert!(matches!(ending.halt, Some(Halt::Tripped(_))), "at {from_s} s: {:?}", ending.text());
         let heard = std::mem::take(&mut *heard.lock().unwrap());
         (heard, origin)

@@ -104,8 +104,8 @@ fn a_noisy_load_cell_doesnt_cost_force() {
             scene.load_cell = Some(LoadCellScene { noise_n: 0.02, offset_n: 0.0, ..LoadCellScene::default() })
         });
         let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
-        let walked = bench.walk(None);
-        assert_eq!(walked.ending.status(), Status::Complete, "seed {seed}: {:?}", walked.ending.text());
+        let executed = bench.execute(None);
+        assert_eq!(executed.ending.status(), Status::Complete, "seed {seed}: {:?}", executed.ending.text());
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
         // the tolerance, and what a window's mean of 20 readings is known to: 2.5 sd of 4.5 mN
@@ -135,12 +135,12 @@ fn depth_is_held_where_the_specimen_yields_late() {
         let deepest_n = contact.force_n(spec.limits.depth_mm);
         let load = format!("force_n = {:.3}", (deepest_n * 1.02).min(2.0));
         let mut bench = Bench::new(spec, &recipe("[[-4, 1], [3, 3]]", &load), 3);
-        let walked = bench.walk(None);
-        assert!(walked.ending.unparked.is_none(), "specimen {i}");
+        let executed = bench.execute(None);
+        assert!(executed.ending.unparked.is_none(), "specimen {i}");
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "specimen {i}: {peak_n} N, {depth_mm} mm");
         // 10 % for what the branches add
-        assert!(walked.shown_most_n <= 1.1 * deepest_n, "specimen {i}: {} of {deepest_n} N", walked.shown_most_n);
+        assert!(executed.shown_most_n <= 1.1 * deepest_n, "specimen {i}: {} of {deepest_n} N", executed.shown_most_n);
     }
 }
 
@@ -149,7 +149,7 @@ fn depth_is_held_where_the_specimen_yields_late() {
 #[test]
 fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
     let text = recipe("[[-4, 3], [4.5, 4.5]]", "staircase = { to_n = 1.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }");
-    let whole = Bench::new(rig_with(|_, _| {}), &text, 9).walk(None).readings;
+    let whole = Bench::new(rig_with(|_, _| {}), &text, 9).execute(None).readings;
     assert!(whole > 500, "{whole} readings");
     // five levels at each of two places, each once
     let rows: Vec<(u64, u64)> = (0..2).flat_map(|press| (0..5).map(move |level| (press, level))).collect();
@@ -157,12 +157,12 @@ fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
     while stopped_at < whole {
         let output = format!("stop at reading {stopped_at} of {whole}");
         let mut bench = Bench::new(rig_with(|_, _| {}), &text, 9);
-        let walked = bench.walk(Some(stopped_at));
-        assert!(matches!(walked.ending.halt, Some(Halt::Cancelled)), "{output}: {:?}", walked.ending.text());
-        bench.assert_parked(&walked, &output);
-        assert_eq!(walked.ending.status(), Status::Stopped, "{output}");
-        assert!(walked.readings <= stopped_at + 1, "{output}: {} readings", walked.readings);
-        bench.folder.finish(walked.ending.end(String::new(), 0.0)).unwrap();
+        let executed = bench.execute(Some(stopped_at));
+        assert!(matches!(executed.ending.halt, Some(Halt::Cancelled)), "{output}: {:?}", executed.ending.text());
+        bench.assert_parked(&executed, &output);
+        assert_eq!(executed.ending.status(), Status::Stopped, "{output}");
+        assert!(executed.readings <= stopped_at + 1, "{output}: {} readings", executed.readings);
+        bench.folder.finish(executed.ending.end(String::new(), 0.0)).unwrap();
         bench.must_complete(&output);
         bench.folder.rebuild().unwrap();
         assert_eq!(bench.rows_on_disk(), rows, "{output}");

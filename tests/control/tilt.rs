@@ -7,8 +7,8 @@ use palpate_run::run::{AlignError, Alignment, Cancel, Listener, align};
 use palpate_sim::emulator::{Instrument, Shared};
 use palpate_sim::scene::{Mounting, Scene, SceneDevice};
 use palpate_testing::campaign;
+use palpate_testing::executions::{Deaths, bench, executed, executed_with, in_parallel, plan, run_virtually};
 use palpate_testing::safety::{STAIRCASE, recipe, rig_with, truthful};
-use palpate_testing::walks::{Deaths, bench, in_parallel, plan, run_virtually, walked, walked_with};
 use proptest::prelude::*;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -115,17 +115,17 @@ struct Recorded {
 }
 
 fn recorded(spec: &RigSpec, plan: &Plan) -> Recorded {
-    let walked = walked(spec, plan);
-    assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.text());
+    let executed = executed(spec, plan);
+    assert!(executed.ending.halt.is_none(), "{:?}", executed.ending.text());
     let (mut sum, mut levels, mut contacts) = (Recorded::default(), 0.0, 0.0);
-    for contact in walked.ledger.contacts() {
+    for contact in executed.ledger.contacts() {
         for (row, truth) in contact.levels.iter().zip(&contact.truth) {
             sum.force_off_n += row.force_n.expect("a force") - truth.force_true_n;
             sum.force_n += truth.force_true_n;
             levels += 1.0;
         }
         let deepest = contact.levels.len() / 2;
-        let gained = |of: &dyn Fn(usize) -> f64| of(deepest) - of(1); // level 0 is in air
+        let gained = |of: &dyn Fn(usize) -> f64| of(deepest) - of(1); // level 0 is without load
         // nothing relaxes, so that the true force tells the depth along the normal
         let real_mm = gained(&|level| spec.scene.contact.depth_mm(contact.truth[level].force_true_n));
         sum.depth_off_mm += gained(&|level| contact.levels[level].depth_mm.expect("a depth")) - real_mm;
@@ -223,15 +223,15 @@ fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, state
     let text = recipe("[[-4, 4], [4, -4], [0, 0], [-4, -4], [4, 4]]", "force_n = 1.0")
         .replace("[press]\n", &format!("[press]\nstrategy = \"{strategy}\"\n"));
     let seen = Arc::new(Mutex::new(Seen::default()));
-    let walked = walked_with(&spec, &plan(&spec, &text, seed), Deaths::Ignored, &|rig| {
+    let executed = executed_with(&spec, &plan(&spec, &text, seed), Deaths::Ignored, &|rig| {
         let stage = rig.stage.instrument().expect("it has a link").clone();
         rig.stage.replace(Arc::new(Mutex::new(Sideways { stage, seen: seen.clone() })));
     });
     let Seen { commands, under_n } = *seen.lock().expect("one thread");
-    prop_assert_eq!((under_n, walked.truth.slid_mm), (0.0, 0.0));
-    prop_assert!(walked.ending.halt.is_none(), "{:?}", walked.ending.text());
+    prop_assert_eq!((under_n, executed.truth.slid_mm), (0.0, 0.0));
+    prop_assert!(executed.ending.halt.is_none(), "{:?}", executed.ending.text());
     prop_assert!(commands >= 5, "{} commands", commands);
-    prop_assert!(walked.truth.is_within(&spec), "{:?}", walked.truth);
+    prop_assert!(executed.truth.is_within(&spec), "{:?}", executed.truth);
     Ok(())
 }
 

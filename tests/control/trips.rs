@@ -17,9 +17,9 @@ fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
         });
         let depth_limit_mm = spec.limits.depth_mm;
         let mut bench = Bench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
-        let walked = bench.must_trip(&[SafetyRule::OutOfReach], &format!("seed {seed}"));
+        let executed = bench.must_trip(&[SafetyRule::OutOfReach], &format!("seed {seed}"));
         // nothing relaxes and nothing is noise, so that the force tells the depth
-        let depth_mm = (walked.shown_most_n - COUNT_N) / 0.3;
+        let depth_mm = (executed.shown_most_n - COUNT_N) / 0.3;
         assert!(depth_mm <= depth_limit_mm, "seed {seed}: {depth_mm} mm");
     }
 }
@@ -44,12 +44,12 @@ fn a_surface_beyond_the_declared_uncertainty_is_not_pressed_beyond_the_limit() {
             truthful(scene);
         });
         let mut bench = Bench::new(spec, &recipe("[[-5, -5]]", "force_n = 2.0"), seed);
-        let walked = bench.walk(None);
-        assert!(walked.ending.unparked.is_none(), "seed {seed}: {:?}", walked.ending.text());
-        assert!(walked.shown_most_n <= 2.0 + COUNT_N, "seed {seed}: {} N", walked.shown_most_n);
+        let executed = bench.execute(None);
+        assert!(executed.ending.unparked.is_none(), "seed {seed}: {:?}", executed.ending.text());
+        assert!(executed.shown_most_n <= 2.0 + COUNT_N, "seed {seed}: {} N", executed.shown_most_n);
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
-        tripped += u32::from(walked.ending.status() == Status::Tripped);
+        tripped += u32::from(executed.ending.status() == Status::Tripped);
     }
     assert!(tripped > 0, "some surface lies beyond the declared uncertainty");
 }
@@ -90,15 +90,15 @@ fn permit() -> Permit {
 #[test]
 fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
     // a bump: the force is there 0.2 mm before the earliest surface that the learned plane allows
-    let standing =
+    let sensor_state =
         MotionContext { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
-    let deepest_mm = permit().deepest_mm(&standing);
+    let deepest_mm = permit().deepest_mm(&sensor_state);
     let force_n = 0.1 + 2.0 * (deepest_mm + 0.2);
     assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
     // with force to spare it is the depth that binds, and it counts from no later than here
     let limits = Limits { force_n: 50.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
-    let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&standing) + 0.2;
+    let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&sensor_state) + 0.2;
     assert!(depth_mm <= 1.6, "{depth_mm} mm");
 }
 

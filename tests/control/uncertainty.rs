@@ -5,7 +5,7 @@
 use palpate_core::quantity::{COVERAGE, LoadCellCertificate, StatedError, stream};
 use palpate_run::run::Ending;
 use palpate_testing::campaign;
-use palpate_testing::walks::{bench, in_parallel, must_be_none, plan, walked};
+use palpate_testing::executions::{bench, executed, in_parallel, must_be_none, plan};
 use rand::distr::{Distribution, Uniform};
 use rand_distr::StandardNormal;
 
@@ -49,14 +49,14 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
             };
             spec.load_cell.certificate =
                 Some(LoadCellCertificate { number: "1".into(), date: "2026-05-04".into(), stated });
-            let walked = walked(&spec, &plan(&spec, &recipe, nth + 1));
-            let Ending { halt: None, unparked: None, .. } = walked.ending else { panic!("{:?}", walked.ending) };
+            let executed = executed(&spec, &plan(&spec, &recipe, nth + 1));
+            let Ending { halt: None, unparked: None, .. } = executed.ending else { panic!("{:?}", executed.ending) };
             let of = |contact: &palpate_data::dataset::RecordedContact| {
                 let (press, truth) = (&contact.levels[0], &contact.truth[0]);
                 let error_n = press.force_n.expect("a force") - truth.force_true_n;
                 error_n / press.u_force_n.expect("a certificate makes an uncertainty")
             };
-            walked.ledger.contacts().map(of).collect::<Vec<f64>>()
+            executed.ledger.contacts().map(of).collect::<Vec<f64>>()
         });
         for (n, force_n) in FORCES_N.iter().enumerate() {
             let covered = errors.iter().filter(|of_rig| of_rig[n].abs() <= COVERAGE).count();

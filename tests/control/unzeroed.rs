@@ -9,8 +9,8 @@ use palpate_run::run::{Cancel, ForceCheck, examine};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
 use palpate_sim::scene::{FaultKind, Mounting, Scene, SceneDevice, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::walks::{
-    BENCHES, Deaths, bench, end_of, in_parallel, must_be_none, plan, run_virtually, walked_with,
+use palpate_testing::executions::{
+    BENCHES, Deaths, bench, end_of, executed_with, in_parallel, must_be_none, plan, run_virtually,
 };
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -85,26 +85,26 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
             spec.frame.down = Down::Plus;
         }
         let swap = |rig: &mut SimulatedRig| *rig = real.emulators(nth).expect("emulators");
-        let walked = walked_with(&spec, &plan(&spec, RECIPE, nth), Deaths::Ignored, &swap);
-        let end = end_of(&walked.ending);
-        let zeroed = walked.ready_s > 0.0;
+        let executed = executed_with(&spec, &plan(&spec, RECIPE, nth), Deaths::Ignored, &swap);
+        let end = end_of(&executed.ending);
+        let zeroed = executed.ready_s > 0.0;
         let output = format!(
             "{name}, {wrong:?}, surface {from_end_mm:+.2} mm from the end: {end}, {:.3} N",
-            walked.truth.force_n
+            executed.truth.force_n
         );
         let mut broken = Vec::new();
         // an XPS homes its group whole: x and y move before anything shows that z is in contact
-        let slid = walked.truth.slid_mm > 0.0 && name != "bench-fast";
-        if walked.truth.force_n > real.limits.force_n + PEAK_N || slid {
+        let slid = executed.truth.slid_mm > 0.0 && name != "bench-fast";
+        if executed.truth.force_n > real.limits.force_n + PEAK_N || slid {
             broken.push(output.clone());
         }
         if zeroed {
             broken.push(format!("{output}: a zero was taken"));
         }
-        if wrong == Wrong::DownDeadCell && (end != "outputs-moved" || walked.truth.depth_mm > FELT_MM) {
-            broken.push(format!("{output}, {:.3} mm deep", walked.truth.depth_mm));
+        if wrong == Wrong::DownDeadCell && (end != "outputs-moved" || executed.truth.depth_mm > FELT_MM) {
+            broken.push(format!("{output}, {:.3} mm deep", executed.truth.depth_mm));
         }
-        (wrong, end, walked.truth.force_n, broken)
+        (wrong, end, executed.truth.force_n, broken)
     });
     for wrong in Wrong::ALL {
         let of_it = || seen.iter().filter(|(kind, ..)| *kind == wrong);
@@ -128,8 +128,8 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
         let cancel = Cancel::default();
         let found = run_virtually(examine(&spec, nth, &cancel, ForceCheck::Nobody));
         match found {
-            Ok(found) if matches!(found.air, Some(Ok(_))) => None,
-            Ok(found) => Some(format!("{name}, {nth}: {:?}", found.air)),
+            Ok(found) if matches!(found.no_load, Some(Ok(_))) => None,
+            Ok(found) => Some(format!("{name}, {nth}: {:?}", found.no_load)),
             Err(halt) => Some(format!("{name}, {nth}: {halt:?}")),
         }
     });
@@ -178,9 +178,9 @@ fn a_stage_that_does_not_stop_is_reported_with_the_emergency_stop() {
         let stage = rig.stage.instrument().expect("it has a link").clone();
         rig.stage.replace(Arc::new(Mutex::new(Unstoppable(stage))));
     };
-    let walked = walked_with(&spec, &plan(&spec, RECIPE, 1), Deaths::Ignored, &swap);
-    assert_eq!(end_of(&walked.ending), "not-stopped", "{:?}", walked.ending.text());
-    let output = walked.ending.text().expect("a reason");
+    let executed = executed_with(&spec, &plan(&spec, RECIPE, 1), Deaths::Ignored, &swap);
+    assert_eq!(end_of(&executed.ending), "not-stopped", "{:?}", executed.ending.text());
+    let output = executed.ending.text().expect("a reason");
     assert!(output.contains("the stage does not stop: press the emergency stop"), "{output}");
     assert!(!output.contains("has stopped"), "{output}");
 }

@@ -3,8 +3,8 @@
 use palpate_data::dataset::{Memory, RecordedContact};
 use palpate_link::time::run_virtually;
 use palpate_run::rig;
-use palpate_run::run::{Cancel, Listener, RunJob, walk};
-use palpate_testing::walks::{in_parallel, in_tokios_virtual_time};
+use palpate_run::run::{Cancel, Listener, RunJob, execute};
+use palpate_testing::executions::{in_parallel, in_tokios_virtual_time};
 use palpate_testing::{campaign, shipped_text};
 
 /// Presses of a recipe that are made in the quick tier.
@@ -42,8 +42,8 @@ fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
     let mut deaf = Deaf;
-    let walk = walk(job, &mut deaf);
-    let ending = if ours { run_virtually(walk) } else { in_tokios_virtual_time(walk) };
+    let execute = execute(job, &mut deaf);
+    let ending = if ours { run_virtually(execute) } else { in_tokios_virtual_time(execute) };
     let output = [format!("{:?} {} s", ending.text(), ending.t_s)].into_iter();
     output.chain(memory.contacts().map(|contact: &RecordedContact| format!("{contact:?}"))).collect()
 }

@@ -9,8 +9,8 @@ use palpate_run::rig::RigSpec;
 use palpate_run::run::Remaining;
 use palpate_sim::scene::{ContactLaw, FaultKind, SceneDevice, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::walks::{
-    BENCHES, Deaths, Walked, bench_with_taxels, end_of, in_parallel, must_be_none, plan, walked, walked_with,
+use palpate_testing::executions::{
+    BENCHES, Deaths, Executed, bench_with_taxels, end_of, executed, executed_with, in_parallel, must_be_none, plan,
 };
 use palpate_testing::wire::{WireFault, put_on_wire};
 use rand::RngExt;
@@ -172,22 +172,22 @@ impl Case {
 
     fn run(seed: u64) -> Outcome {
         let case = Case::new(seed);
-        let sound = walked(&case.spec, &case.plan);
+        let sound = executed(&case.spec, &case.plan);
         let unsound = sound.ending.text();
         let (begin_s, end_s) =
             if case.is_early { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s.max(sound.ready_s)) };
         let from_s = begin_s + case.onset * (end_s - begin_s);
         let mut spec = case.spec.clone();
-        let walked = match case.wrong {
-            Wrong::Wire(fault) => walked_with(&spec, &case.plan, Deaths::Ignored, &|rig| {
+        let executed = match case.wrong {
+            Wrong::Wire(fault) => executed_with(&spec, &case.plan, Deaths::Ignored, &|rig| {
                 put_on_wire(rig, fault, from_s, seed);
             }),
             Wrong::Risen(by_mm) | Wrong::Slips(by_mm) => {
                 spec.scene.faults.push(SceneFault { kind: FaultKind::Risen, from_s, value: Some(by_mm) });
-                self::walked(&spec, &case.plan)
+                self::executed(&spec, &case.plan)
             }
         };
-        let Walked { ending, ledger, truth, virtual_s, left_n, .. } = walked;
+        let Executed { ending, ledger, truth, virtual_s, left_n, .. } = executed;
         let before = |contact: &&RecordedContact| contact.levels[0].t_s.is_some_and(|t_s| t_s + WINDOW_S < from_s);
         let learned = ledger.contacts().filter(before).count();
         let offs: Vec<f64> = ledger

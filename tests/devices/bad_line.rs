@@ -10,7 +10,7 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::{ContactLaw, Latencies};
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
-use palpate_testing::walks::{in_parallel, run_virtually};
+use palpate_testing::executions::{in_parallel, run_virtually};
 use std::collections::BTreeMap;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;

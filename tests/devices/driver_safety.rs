@@ -10,9 +10,9 @@ use palpate_link::wire::Connector;
 use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::{Instrument, Shared, serve};
 use palpate_sim::scene::{Scene, Trajectory};
+use palpate_testing::executions::run_virtually;
 use palpate_testing::made_ready;
 use palpate_testing::safety::{rig_with, truthful};
-use palpate_testing::walks::run_virtually;
 use std::future::Future;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -175,9 +175,9 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
 }
 
 /// A driver whose far end is played by the test: line by line.
-fn scripted<F: Future<Output = ()> + Send + 'static>(play: impl FnOnce(DuplexStream) -> F) -> Esp301 {
+fn scripted<F: Future<Output = ()> + Send + 'static>(backlash: impl FnOnce(DuplexStream) -> F) -> Esp301 {
     let (near, far) = duplex(4096);
-    palpate_link::time::spawn(play(far));
+    palpate_link::time::spawn(backlash(far));
     let near = Mutex::new(Some(near));
     Esp301::new(Connector::Memory(Box::new(move || near.lock().unwrap().take().unwrap())), "script".to_owned())
 }

@@ -195,7 +195,7 @@ fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
                     at: nothing was moved. Take the indenter off or the specimen away, then add --confirmed clear";
     assert!(said.contains(expected), "{said}");
     assert!(!scripts.bench.has("stage.prepared"), "it was prepared");
-    let output = Live::start(scripts.bench.command("withdraw rig.toml --confirmed down")).end();
+    let output = Live::start(scripts.bench.command("retract rig.toml --confirmed down")).end();
     let expected = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. Bring z \
                     away from the specimen by hand";
     assert!(output.running().contains(expected), "{}", output.err);

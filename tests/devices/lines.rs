@@ -10,7 +10,7 @@ use palpate_sim::emulator::lines::{
 };
 use palpate_sim::emulator::serve;
 use palpate_sim::scene::{Scene, SceneDevice};
-use palpate_testing::walks::run_virtually;
+use palpate_testing::executions::run_virtually;
 use palpate_testing::{Bench, shipped_text};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

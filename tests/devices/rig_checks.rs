@@ -33,7 +33,7 @@ fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() 
 fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
-        let output = Bench::new().palpate_ends(0, &format!("withdraw {} --simulate", file.display()));
+        let output = Bench::new().palpate_ends(0, &format!("retract {} --simulate", file.display()));
         assert!(
             output.out.contains("away from the specimen; the load cell was read on the way"),
             "{rig}: {}",
@@ -46,9 +46,19 @@ fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
 fn a_load_cell_that_says_nothing_of_use_holds_up_no_withdrawal() {
     for kind in ["stale", "stuck", "no-sensor"] {
         let rig = shipped_text("rigs/sim.toml") + &format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 0.0\n");
-        let output = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "withdraw rig.toml");
+        let output = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "retract rig.toml");
         assert!(output.out.contains("away from the specimen"), "{kind}: {}", output.out);
     }
+}
+
+#[test]
+fn former_command_name_withdraw_is_accepted_and_reported_once() {
+    let bench = Bench::with([("rig.toml", shipped_text("rigs/sim.toml").as_str())]);
+    let former = bench.palpate_ends(0, "withdraw rig.toml");
+    assert_eq!(former.err.matches("note: `palpate withdraw` is now `palpate retract`").count(), 1, "{}", former.err);
+    let now = bench.palpate_ends(0, "retract rig.toml");
+    assert!(former.out == now.out && !now.err.contains("is now"), "{former:?} {now:?}");
+    assert!(!bench.palpate_ends(0, "--help").out.contains("withdraw"));
 }
 
 #[test]
@@ -88,7 +98,7 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
     let said = output.out.split_whitespace().collect::<Vec<_>>().join(" ");
     for expected in [
         "is over 2 % of the force limit: a run won't start",
-        "in air. This is subtracted, but check whether it is preloaded",
+        "without load. This is subtracted, but check whether it is preloaded",
     ] {
         assert!(said.contains(expected), "no {expected:?} in\n{}", output.out);
     }

@@ -8,7 +8,7 @@ use palpate_link::device::{DeviceProblem, Instruments, MotionOrders, Stage};
 use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{FaultKind, SceneFault};
-use palpate_testing::walks::run_virtually;
+use palpate_testing::executions::run_virtually;
 use palpate_testing::{Bench, SMALL, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
 

@@ -8,7 +8,7 @@ mod far;
 mod kept;
 
 use far::{Fate, Loss};
-use kept::{Kept, Walked};
+use kept::{Executed, Kept};
 use palpate_control::Strategy;
 use palpate_data::dataset::Status;
 use palpate_data::recipe::Plan;
@@ -16,8 +16,8 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::SceneDevice;
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
+use palpate_testing::executions::{Worst, bench, in_parallel, plan};
 use palpate_testing::phases::Phase;
-use palpate_testing::walks::{Worst, bench, in_parallel, plan};
 use std::collections::BTreeMap;
 
 /// How often each device is lost in each way in each phase.
@@ -28,7 +28,7 @@ const EVERY: (usize, usize) = (5, 2);
 const EVERY_ELSEWHERE: (usize, usize) = (12, 3);
 
 /// Presses that teach, and presses in which something is lost: a staircase, a plain one, and one for that to depart to.
-const TEACHES: usize = 5;
+const TRAINING_PRESSES: usize = 5;
 const PRESSES: usize = 3;
 
 /// How much longer than without a loss a run may take, s: a link is waited for, and parking is tried again.
@@ -83,7 +83,7 @@ struct Sound {
     setup: Setup,
     spec: RigSpec,
     plan: Plan,
-    walked: Walked,
+    executed: Executed,
 }
 
 #[test]
@@ -136,16 +136,16 @@ impl Sound {
     fn of(setup: Setup) -> Sound {
         let spec = setup.spec();
         let mut plan = plan(&spec, &RECIPE.replace("STRATEGY", setup.strategy.name()), 1);
-        plan.entries.truncate(if setup.strategy == Strategy::Map { TEACHES + PRESSES } else { PRESSES });
-        let walked = Kept::new(&spec, &plan).walk(&spec, &plan, None);
-        assert_eq!(walked.ending.status(), Status::Complete, "{setup:?}: {:?}", walked.ending.text());
-        assert_eq!(walked.contacts.len(), plan.entries.len(), "{setup:?}");
+        plan.entries.truncate(if setup.strategy == Strategy::Map { TRAINING_PRESSES + PRESSES } else { PRESSES });
+        let executed = Kept::new(&spec, &plan).execute(&spec, &plan, None);
+        assert_eq!(executed.ending.status(), Status::Complete, "{setup:?}: {:?}", executed.ending.text());
+        assert_eq!(executed.contacts.len(), plan.entries.len(), "{setup:?}");
         for phase in Phase::ALL {
             // each press ends above the place of the next: a run's first travels alone, which of a map's teaches
             let may_miss = phase == Phase::Travel && setup.strategy == Strategy::Map;
-            assert!(may_miss || walked.phases.contains(&Some(phase)), "{setup:?} has no {phase:?}");
+            assert!(may_miss || executed.phases.contains(&Some(phase)), "{setup:?} has no {phase:?}");
         }
-        Sound { setup, spec, plan, walked }
+        Sound { setup, spec, plan, executed }
     }
 
     /// Every phase with each device lost in each way, at messages all over it.
@@ -155,7 +155,7 @@ impl Sound {
             self.devices().into_iter().flat_map(|device| Loss::ALL.map(|loss| (device, loss))).collect();
         for phase in Phase::ALL {
             let messages: Vec<usize> =
-                (0..self.walked.phases.len()).filter(|&at| self.walked.phases[at] == Some(phase)).collect();
+                (0..self.executed.phases.len()).filter(|&at| self.executed.phases[at] == Some(phase)).collect();
             let losses = self.setup.losses.min(messages.len());
             for (i, &(device, loss)) in combined.iter().enumerate() {
                 // each device in each way at messages of its own
@@ -176,43 +176,43 @@ impl Sound {
     fn lose(&self, case: &Case) -> End {
         let Sound { spec, plan, .. } = self;
         let mut kept = Kept::new(spec, plan);
-        let walked = kept.walk(spec, plan, Some(case.fate));
-        let mut wrong = self.wrong_with(case, &walked);
-        wrong.extend(kept.wrong_on_disk(&walked.ending, &walked.contacts, plan));
-        let ended = walked.ending.halt.is_some();
+        let executed = kept.execute(spec, plan, Some(case.fate));
+        let mut wrong = self.wrong_with(case, &executed);
+        wrong.extend(kept.wrong_on_disk(&executed.ending, &executed.contacts, plan));
+        let ended = executed.ending.halt.is_some();
         if ended {
             kept = kept.reopen(spec);
-            let resumed = kept.walk(spec, plan, None);
+            let resumed = kept.execute(spec, plan, None);
             if resumed.ending.status() != Status::Complete {
                 wrong.push(format!("resumed, it ended {:?}", resumed.ending.text()));
             }
             if !resumed.worst.is_within(spec) {
                 wrong.push(format!("resumed: {:?}", resumed.worst));
             }
-            let contacts = [&walked.contacts[..], &resumed.contacts].concat();
+            let contacts = [&executed.contacts[..], &resumed.contacts].concat();
             wrong.extend(kept.wrong_on_disk(&resumed.ending, &contacts, plan).map(|wrong| format!("resumed: {wrong}")));
         }
-        let longer_s = walked.virtual_s - self.walked.virtual_s;
-        End { ended, worst: walked.worst, longer_s, wrong }
+        let longer_s = executed.virtual_s - self.executed.virtual_s;
+        End { ended, worst: executed.worst, longer_s, wrong }
     }
 
     /// What is wrong with a walk in which a device was lost.
-    fn wrong_with(&self, case: &Case, walked: &Walked) -> Vec<String> {
+    fn wrong_with(&self, case: &Case, executed: &Executed) -> Vec<String> {
         let Fate { device, at, .. } = case.fate;
-        let Walked { ending, worst, z_mm, at_rest, .. } = walked;
+        let Executed { ending, worst, z_mm, at_rest, .. } = executed;
         let mut wrong = Vec::new();
         let mut check = |right: bool, text: String| wrong.extend((!right).then_some(text));
-        check(walked.phases.get(at) == Some(&Some(case.phase)), "it struck in another phase".to_owned());
-        check(walked.virtual_s < self.walked.virtual_s + LONGER_S, format!("it took {:.0} s", walked.virtual_s));
+        check(executed.phases.get(at) == Some(&Some(case.phase)), "it struck in another phase".to_owned());
+        check(executed.virtual_s < self.executed.virtual_s + LONGER_S, format!("it took {:.0} s", executed.virtual_s));
         check(worst.is_within(&self.spec), format!("{worst:?}"));
         check(*at_rest, "an axis moves on".to_owned());
-        check(self.walked.contacts.starts_with(&walked.contacts), "what was recorded is another".to_owned());
+        check(self.executed.contacts.starts_with(&executed.contacts), "what was recorded is another".to_owned());
         let must_park = device != SceneDevice::Stage || ending.unparked.is_none();
         let parked = *z_mm <= self.spec.clear_mm() + PARKED_MM;
         check(!must_park || parked, format!("it isn't parked: z is {z_mm} mm, {:?}", ending.text()));
         check(device == SceneDevice::Stage || ending.unparked.is_none(), format!("not parked: {:?}", ending.text()));
         match &ending.halt {
-            None => check(walked.contacts.len() == self.plan.entries.len(), "it ended too soon".to_owned()),
+            None => check(executed.contacts.len() == self.plan.entries.len(), "it ended too soon".to_owned()),
             Some(_) => {
                 let failed = matches!(ending.status(), Status::Failed | Status::Tripped);
                 check(failed, format!("{:?}", ending.status()));

@@ -1,10 +1,10 @@
 //! Long runs, recorded without a rig.
 
-use palpate_control::{AirReadings, Lesson};
+use palpate_control::{LearnedContact, NoLoadReadings};
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::{
-    Air, Durability, Ledger as _, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts, RunFolder,
-    Status,
+    Durability, Ledger as _, NoLoad, Origins, Press, PressTruth, Provenance, Record, RecordedContact, RunFacts,
+    RunFolder, Status,
 };
 use palpate_data::recipe::Phase;
 use std::path::Path;
@@ -43,9 +43,9 @@ pub(crate) fn recorded(run: &Path, presses: u64) {
     let mut folder = RunFolder::create(Some(run), &origins, facts, session, &layout).unwrap();
     for number in 0..presses {
         let wave = |n: u64| ((number * 7919 + n * 104_729) % 1_000_003) as f64 / 3e6;
-        let air = |n: u64| {
-            let force = AirReadings { mean_n: wave(n), sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
-            Air { force, outputs: (0..OUTPUTS as u64).map(|output| wave(n + output)).collect() }
+        let no_load = |n: u64| {
+            let force = NoLoadReadings { mean_n: wave(n), sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+            NoLoad { force, outputs: (0..OUTPUTS as u64).map(|output| wave(n + output)).collect() }
         };
         let path = (0..6).map(|n| (wave(n), wave(n + 1))).collect();
         let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
@@ -53,9 +53,9 @@ pub(crate) fn recorded(run: &Path, presses: u64) {
             press: number,
             levels: vec![press(number)],
             truth: vec![truth.rounded()],
-            lesson: Some(Lesson::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7), path }),
-            air_before: air(8),
-            air_after: air(9),
+            learned_contact: Some(LearnedContact::Touch { place: Place::new(-5.5, 6.0), z_mm: wave(7), path }),
+            no_load_before: no_load(8),
+            no_load_after: no_load(9),
             ..RecordedContact::default()
         };
         folder.record(&Record::Contact(contact)).unwrap();

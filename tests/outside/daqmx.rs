@@ -98,7 +98,7 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
     let origin = Instant::now();
     let mut cell = DaqmxLoadCell::new(shared.clone(), 0, 2.0, 10.0, RATE_HZ, origin, identity("load_cell"));
     let mut array = DaqmxArray::new(shared, 1, 9, identity("array"));
-    let walk = async {
+    let execute = async {
         assert_eq!(cell.prepare().await.expect("a cell").role, "load_cell");
         assert_eq!(array.prepare().await.expect("an array").role, "array");
         let mut last_n = 0.0;
@@ -118,7 +118,7 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
             }
         }
     };
-    timeout(PATIENCE, walk).await.expect("in time");
+    timeout(PATIENCE, execute).await.expect("in time");
 }
 
 #[tokio::test]

@@ -16,7 +16,7 @@ const COMMANDS: [(&str, &str); 17] = [
     ("export run --format csv --json", "written"),
     ("export --model s.palpate --format c --json", "written"),
     ("import run/presses.csv --out imported --json", "ranges"),
-    ("withdraw batch --json", "z_mm"),
+    ("retract batch --json", "z_mm"),
     ("align sim --dry-run --json", "tilt_mm_per_mm"),
     ("list --json", "recipes"),
     ("drivers --json", "drivers"),

@@ -47,7 +47,7 @@ fn a_rig_that_was_changed_is_refused_by_key_and_nothing_is_changed() {
     let bench = killed();
     let began = bench.read("run/rig.toml");
     let mut changed = 0;
-    for listed in KEYS.walk() {
+    for listed in KEYS.visit() {
         let mut rig: DocumentMut = began.parse().expect("a rig");
         let mut item = Some(rig.as_item_mut());
         for name in listed.path.split('.') {

@@ -5,9 +5,9 @@ use palpate_core::quantity::WeightCheck;
 use palpate_data::dataset::{Ledger, Memory, Record, RecordedCheck, RecordedContact, Status};
 use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, expected_checks, walk};
+use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, execute, expected_checks};
+use palpate_testing::executions::{bench, plan, run_virtually};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
-use palpate_testing::walks::{bench, plan, run_virtually};
 use palpate_testing::{Bench, shipped_text};
 
 /// Five presses: fewer than the rules within a run need to compare.
@@ -39,11 +39,11 @@ impl Listener for Stopping<'_> {
 }
 
 /// Walks a plan until so many more presses are made.
-fn walked(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
+fn executed(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
     let cancel = Cancel::default();
     run_virtually(async {
         let job = RunJob { plan, spec, ledger: memory as &mut dyn Ledger, cancel: &cancel, shown: &|_| {} };
-        walk(job, &mut Stopping { cancel: &cancel, left: presses }).await
+        execute(job, &mut Stopping { cancel: &cancel, left: presses }).await
     })
 }
 
@@ -66,7 +66,7 @@ fn order(memory: &Memory) -> Vec<Option<u64>> {
 
 fn whole(spec: &RigSpec, plan: &Plan) -> Memory {
     let mut memory = Memory::default();
-    let ending = walked(spec, plan, &mut memory, usize::MAX);
+    let ending = executed(spec, plan, &mut memory, usize::MAX);
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     memory
 }
@@ -126,9 +126,9 @@ fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_
     // stopped when the check is due, and again when only the last one is missing
     let mut interrupted = Memory::default();
     for presses in [BEFORE_CHECK, plan.entries.len() - BEFORE_CHECK] {
-        assert_eq!(walked(&spec, &plan, &mut interrupted, presses).status(), Status::Stopped);
+        assert_eq!(executed(&spec, &plan, &mut interrupted, presses).status(), Status::Stopped);
     }
-    assert_eq!(walked(&spec, &plan, &mut interrupted, usize::MAX).status(), Status::Complete);
+    assert_eq!(executed(&spec, &plan, &mut interrupted, usize::MAX).status(), Status::Complete);
     assert_eq!(order(&interrupted), order_of_all);
     let numbers =
         |check: &RecordedCheck| (check.number, check.reference, check.at_end, check.contact.levels[0].place());
@@ -235,7 +235,7 @@ fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever
         let (mut memory, cancel) = (Memory::default(), Cancel::default());
         let ending = run_virtually(async {
             let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-            walk(job, &mut person).await
+            execute(job, &mut person).await
         });
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         assert_eq!(ending.cell.map(|cell| cell.problem().is_some()), found, "{gain}, {pressed_n}: {:?}", ending.cell);

@@ -46,7 +46,7 @@ force_n = 1.0
 const STAIRCASES: u64 = 2;
 const LEVELS: u64 = 5;
 const POINTS: u64 = 12;
-const TEACHES: u64 = 5;
+const TRAINING_PRESSES: u64 = 5;
 
 const STRATEGIES: [&str; 3] = ["guarded", "velocity", "map"];
 
@@ -152,9 +152,9 @@ impl Course {
 
     /// Each press and level in the order of the table.
     fn plan(&self) -> Vec<(u64, u64)> {
-        let teaches = if self.strategy == "map" { TEACHES } else { 0 };
+        let training_presses = if self.strategy == "map" { TRAINING_PRESSES } else { 0 };
         let staircases = (0..STAIRCASES).flat_map(|press| (0..LEVELS).map(move |level| (press, level)));
-        staircases.chain((STAIRCASES..STAIRCASES + POINTS + teaches).map(|press| (press, 0))).collect()
+        staircases.chain((STAIRCASES..STAIRCASES + POINTS + training_presses).map(|press| (press, 0))).collect()
     }
 
     fn file(&self, name: &str) -> &[u8] {

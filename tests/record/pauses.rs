@@ -6,10 +6,10 @@ use palpate_data::dataset::{DatasetError, Ledger, Memory, Press, Record, Recorde
 use palpate_data::recipe::Plan;
 use palpate_link::time::{Instant, sleep};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute, execute_on};
 use palpate_sim::emulator::Shared;
 use palpate_sim::scene::{FaultKind, Scene, SceneFault};
-use palpate_testing::walks::{bench, plan, run_virtually};
+use palpate_testing::executions::{bench, plan, run_virtually};
 use std::time::Duration;
 
 /// How far from where it is parked z may stand, mm: as far as a read-back may be off.
@@ -62,11 +62,11 @@ impl Listener for Restless {
     }
 }
 
-fn walked(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
+fn executed(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut Restless) -> Ending {
     let cancel = listener.cancel.clone();
     run_virtually(async {
         let job = RunJob { plan, spec, ledger, cancel: &cancel, shown: &|_| {} };
-        walk(job, listener).await
+        execute(job, listener).await
     })
 }
 
@@ -90,7 +90,7 @@ fn a_rest_is_not_cut_short_by_pauses_however_many() {
     let plan = plan(&spec, RECIPE, 1);
     for pauses in [0, 1, 3] {
         let (mut memory, mut person) = (Memory::default(), Restless::new(pauses, usize::MAX));
-        let ending = walked(&spec, &plan, &mut memory, &mut person);
+        let ending = executed(&spec, &plan, &mut memory, &mut person);
         assert_eq!((ending.status(), person.paused), (Status::Complete, pauses), "{:?}", ending.text());
         let gaps_s = gaps_s(&memory);
         assert!(gaps_s.len() == 2 && gaps_s.iter().all(|&gap_s| gap_s >= REST_S), "{pauses} pauses: {gaps_s:?}");
@@ -102,9 +102,9 @@ fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, 1));
-    assert_eq!(walked(&spec, &plan, &mut memory, &mut person).status(), Status::Stopped);
+    assert_eq!(executed(&spec, &plan, &mut memory, &mut person).status(), Status::Stopped);
     let mut person = Restless::new(2, usize::MAX);
-    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    let ending = executed(&spec, &plan, &mut memory, &mut person);
     assert_eq!((ending.status(), person.paused), (Status::Complete, 2), "{:?}", ending.text());
     assert!(memory.records().iter().any(|record| matches!(record, Record::Retouch(Retouch { .. }))));
     let gaps_s = gaps_s(&memory);
@@ -117,7 +117,7 @@ fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
     person.cancel.pause();
-    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    let ending = executed(&spec, &plan, &mut memory, &mut person);
     assert_eq!((ending.status(), person.paused), (Status::Complete, 1), "{:?}", ending.text());
     let first = memory.records().iter().position(|record| record.contact().is_some()).expect("a contact");
     let zeros = memory.records()[..first].iter().filter(|record| matches!(record, Record::Zero { .. })).count();
@@ -154,7 +154,7 @@ fn a_run_that_pauses_is_parked_meanwhile() {
         let (mut memory, rig) = (Memory::default(), spec.open_on(rig).expect("drivers"));
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
         let mut person = Looking { cancel: &cancel, z_mm: &z_mm, stood_mm: Vec::new() };
-        let ending = walk_on(rig, job, &mut person).await;
+        let ending = execute_on(rig, job, &mut person).await;
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         person.stood_mm
     });
@@ -169,7 +169,7 @@ fn a_trip_is_reported_before_the_stage_is_parked() {
     spec.scene.faults.push(SceneFault { kind: FaultKind::NoContact, from_s: 0.0, value: None });
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
-    let ending = walked(&spec, &plan, &mut memory, &mut person);
+    let ending = executed(&spec, &plan, &mut memory, &mut person);
     assert_eq!(ending.status(), Status::Tripped);
     let stated_s = memory.records().iter().find_map(|record| match record {
         Record::Trip { t_s, .. } => Some(*t_s),
@@ -216,7 +216,7 @@ fn a_press_that_cannot_be_recorded_ends_the_run_and_the_stage_is_parked() {
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, job, &mut person).await;
+        let ending = execute_on(rig, job, &mut person).await;
         (ending, z_mm(&spec, &scene, began))
     });
     assert!(matches!(ending.halt, Some(Halt::Record(_))) && ending.unparked.is_none(), "{:?}", ending.text());

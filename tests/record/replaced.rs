@@ -6,8 +6,8 @@ use palpate_data::dataset::{
     DatasetError, Journal, Origins, Provenance, Record, RecordedContact, RunFacts, RunFolder, Status,
 };
 use palpate_link::time::Instant;
-use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk_on};
-use palpate_testing::walks::{bench, plan, run_virtually};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute_on};
+use palpate_testing::executions::{bench, plan, run_virtually};
 use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ impl Listener for Meddler<'_> {
     }
 }
 
-struct Walked {
+struct Executed {
     home: Bench,
     ending: Ending,
     finished: Result<(), DatasetError>,
@@ -44,7 +44,7 @@ struct Walked {
 }
 
 /// Walks [`SMALL`] in a folder with which something is done after each press.
-fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
+fn executed(meddle: impl Fn(usize, &Path)) -> Executed {
     let (home, spec) = (Bench::new(), bench("bench-fast"));
     let (plan, path) = (plan(&spec, SMALL, 1), home.path("run"));
     let origins = Origins::new(SMALL.to_owned(), String::new(), Vec::new());
@@ -57,14 +57,14 @@ fn walked(meddle: impl Fn(usize, &Path)) -> Walked {
         let (scene, began, cancel) = (rig.scene.clone(), Instant::now(), Cancel::default());
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-        let ending = walk_on(rig, job, &mut meddler).await;
+        let ending = execute_on(rig, job, &mut meddler).await;
         let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, began.elapsed().as_secs_f64());
         (ending, spec.frame.z_from_stage(z_mm))
     });
     assert!(ending.unparked.is_none() && z_mm <= spec.clear_mm() + PARKED_MM, "not parked: {z_mm} mm");
     let finished = folder.finish(ending.end(String::new(), 0.0));
     let (acknowledged, warnings) = (meddler.acknowledged, folder.warnings().to_vec());
-    Walked { home, ending, finished, acknowledged, warnings }
+    Executed { home, ending, finished, acknowledged, warnings }
 }
 
 /// Contacts of a journal.
@@ -80,23 +80,23 @@ fn replace_by(run: &Path, content: &[u8]) {
 }
 
 /// No press after the meddling is acknowledged, and both errors say what happened.
-fn ends_for(walked: &Walked, what: &str) {
-    let output = walked.ending.text().expect("it ended early");
+fn ends_for(executed: &Executed, what: &str) {
+    let output = executed.ending.text().expect("it ended early");
     assert!(output.contains("journal.log") && output.contains(what), "{output}");
-    assert_eq!((walked.ending.status(), walked.acknowledged), (Status::Failed, BEFORE));
-    let unfinished = walked.finished.as_ref().expect_err("nothing more is written").to_string();
+    assert_eq!((executed.ending.status(), executed.acknowledged), (Status::Failed, BEFORE));
+    let unfinished = executed.finished.as_ref().expect_err("nothing more is written").to_string();
     assert!(unfinished.contains(what), "{unfinished}");
 }
 
 #[test]
 fn no_press_is_acknowledged_once_the_journal_is_removed() {
-    let walked = walked(|done, run| {
+    let executed = executed(|done, run| {
         if done == BEFORE {
             fs::remove_file(run.join("journal.log")).expect("a journal");
         }
     });
-    ends_for(&walked, "was removed");
-    assert!(!walked.home.has("run/journal.log"));
+    ends_for(&executed, "was removed");
+    assert!(!executed.home.has("run/journal.log"));
 }
 
 #[test]
@@ -107,20 +107,20 @@ fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
         |journal| [journal.as_slice(), b"another text\n"].concat(),
     ];
     for change in foreign {
-        let walked = walked(|done, run| {
+        let executed = executed(|done, run| {
             if done == BEFORE {
                 replace_by(run, &change(fs::read(run.join("journal.log")).expect("a journal")));
                 fs::copy(run.join("journal.log"), run.join("as-it-was")).expect("a copy");
             }
         });
-        ends_for(&walked, "was replaced by another file");
-        assert_eq!(walked.home.read("run/journal.log"), walked.home.read("run/as-it-was"), "it is left alone");
+        ends_for(&executed, "was replaced by another file");
+        assert_eq!(executed.home.read("run/journal.log"), executed.home.read("run/as-it-was"), "it is left alone");
     }
 }
 
 #[test]
 fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
-    let walked = walked(|done, run| {
+    let executed = executed(|done, run| {
         // the first copies lack the record that is being written then, the last one has all
         let is_replaced = [BEFORE, BEFORE + 1, SMALL_PRESSES as usize].contains(&done);
         if is_replaced {
@@ -131,22 +131,22 @@ fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
             assert!(second.contains("is being written by another program"), "{second}");
         }
     });
-    assert_eq!(walked.ending.status(), Status::Complete, "{:?}", walked.ending.text());
-    walked.finished.expect("it ends as any other");
-    assert_eq!(contacts(&walked.home.path("run/journal.log")), walked.acknowledged);
-    assert_eq!(walked.acknowledged, SMALL_PRESSES as usize);
-    assert!(walked.warnings.len() == 1 && walked.warnings[0].contains("journal.log"), "{:?}", walked.warnings);
+    assert_eq!(executed.ending.status(), Status::Complete, "{:?}", executed.ending.text());
+    executed.finished.expect("it ends as any other");
+    assert_eq!(contacts(&executed.home.path("run/journal.log")), executed.acknowledged);
+    assert_eq!(executed.acknowledged, SMALL_PRESSES as usize);
+    assert!(executed.warnings.len() == 1 && executed.warnings[0].contains("journal.log"), "{:?}", executed.warnings);
 }
 
 #[test]
 fn no_press_is_acknowledged_once_the_folder_is_moved() {
-    let walked = walked(|done, run| {
+    let executed = executed(|done, run| {
         if done == BEFORE {
             fs::rename(run, run.with_file_name("moved")).expect("another name");
         }
     });
-    ends_for(&walked, "its folder was moved");
-    assert!(!walked.home.has("run") && contacts(&walked.home.path("moved/journal.log")) >= BEFORE);
+    ends_for(&executed, "its folder was moved");
+    assert!(!executed.home.has("run") && contacts(&executed.home.path("moved/journal.log")) >= BEFORE);
 }
 
 #[test]

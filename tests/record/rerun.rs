@@ -4,9 +4,9 @@
 use palpate_data::dataset::{Journal, Memory, Record, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig;
-use palpate_run::run::{Cancel, Listener, RunJob, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, execute};
+use palpate_testing::executions::run_virtually;
 use palpate_testing::interrupted::{change_text, change_the_world, cut_to_lines, lines_before_contacts, sealed};
-use palpate_testing::walks::run_virtually;
 use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
 
 #[test]
@@ -51,15 +51,15 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     let spec = rig::parse("rig.toml", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
     let plan = Plan::new(&recipe::parse("r.toml", SMALL).expect("a recipe"), &spec.ground(), 1).expect("a plan");
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
-    let mut walk_on = |expected: &[_]| {
+    let mut execute_on = |expected: &[_]| {
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-        let ending = run_virtually(walk(job, &mut Silent));
+        let ending = run_virtually(execute(job, &mut Silent));
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         assert_eq!(memory.records()[..records.len()], *expected);
         assert_eq!(memory.contacts().count(), SMALL_PRESSES as usize);
     };
-    walk_on(&records);
-    walk_on(&records); // what is there isn't made again
+    execute_on(&records);
+    execute_on(&records); // what is there isn't made again
 }
 
 #[test]
@@ -91,8 +91,8 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
     assert_eq!(bench.manifest("run")["strategy"], "map");
     assert_eq!(bench.manifest("run")["presses_done"], 17);
     let whole = bench.read("run/presses.csv");
-    let teaches: Vec<String> = bench.column("run/presses.csv", "phase").into_iter().rev().take(5).collect();
-    assert_eq!(teaches, ["teach"; 5], "numbered after all others");
+    let training_presses: Vec<String> = bench.column("run/presses.csv", "phase").into_iter().rev().take(5).collect();
+    assert_eq!(training_presses, ["teach"; 5], "numbered after all others");
     assert_eq!(bench.read("run/calibration_matrix.csv").lines().next().map(|line| line.split(',').count()), Some(9));
 
     // as a power cut after the presses that teach would have left it

@@ -10,7 +10,7 @@ use palpate_testing::{Bench, campaign};
 use rand::RngExt;
 
 /// Sensors of one design: gains differ by 20 %, places by 0.1 mm.
-fn sibling(seed: u64) -> Skin {
+fn family_sensor(seed: u64) -> Skin {
     let taxels = Taxels { gain_spread_percent: 20.0, place_spread_mm: 0.1, ..Taxels::default() };
     Skin::new(&SkinSpec { taxels, ..scene_t() }, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
 }
@@ -84,7 +84,7 @@ impl Found {
     }
 }
 
-/// The mean over some siblings: with the old calibration, brought up to date, and calibrated in full.
+/// The mean over some sensors of the same family: with the old calibration, brought up to date, and calibrated in full.
 fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> (Found, Vec<Found>, Found) {
     let seeds = campaign::size(1, 3) as u64;
     let add = |sum: &mut Found, one: Found| {
@@ -94,12 +94,12 @@ fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> 
         sum.doubted += each * one.doubted;
         sum.within_68 += each * one.within_68;
     };
-    let old = calibration(&pressed(&mut sibling(100), grid(25, 6.0), 100));
+    let old = calibration(&pressed(&mut family_sensor(100), grid(25, 6.0), 100));
     let fitted = |calibration: &Calibration| fit("surrogate", calibration, &Setting::default()).unwrap();
     let (mut before, mut full) = (Found::default(), Found::default());
     let mut after: Vec<Found> = counts.iter().map(|_| Found::default()).collect();
     for seed in 1..=seeds {
-        let mut skin = sibling(seed);
+        let mut skin = family_sensor(seed);
         let mut rng = stream(seed, 2, "contacts");
         let mut along = || rng.random_range(-6.0..=6.0);
         let places: Vec<Place> = (0..400).map(|_| Place::new(along(), along())).collect();
@@ -154,8 +154,8 @@ fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
         let header = "x_mm,y_mm,force_n,out_1,out_2,out_3,out_4,out_5,out_6,out_7,out_8,out_9\n";
         header.to_owned() + &rows.iter().map(row).collect::<String>()
     };
-    let old = table(&pressed(&mut sibling(100), grid(13, 6.0), 100));
-    let nine = pressed(&mut sibling(1), few(9), 31);
+    let old = table(&pressed(&mut family_sensor(100), grid(13, 6.0), 100));
+    let nine = pressed(&mut family_sensor(1), few(9), 31);
     let bench = Bench::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
     let output = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
     assert!(

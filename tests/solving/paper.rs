@@ -10,7 +10,7 @@ use palpate_data::dataset::{Origins, Presses, Provenance, RecordedContact, RunFa
 use palpate_data::recipe::{self, Plan};
 use palpate_report::paper::TABLE_1_PERCENT;
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
-use palpate_run::run::{Cancel, Listener, RunJob, estimated_s, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, estimated_s, execute};
 use palpate_solver::Evaluation;
 use palpate_testing::campaign;
 use std::io::Write;
@@ -58,7 +58,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(walk(job, &mut Silent));
+    let ending = runtime.block_on(execute(job, &mut Silent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();
     let presses = folder.presses().unwrap();

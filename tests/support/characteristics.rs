@@ -23,7 +23,7 @@ pub fn characterised(text: &str) -> String {
             unit.hysteresis_percent.expect("two branches"),
             unit.hysteresis_of_reading_percent.expect("two branches"),
             unit.linearity_percent.expect("levels"),
-            unit.zero_return_percent.expect("levels in air"),
+            unit.zero_return_percent.expect("levels without load"),
             least[0],
             most[0],
             least[1],

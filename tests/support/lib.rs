@@ -7,6 +7,7 @@ pub mod book;
 pub mod campaign;
 pub mod certified;
 pub mod characteristics;
+pub mod executions;
 pub mod interrupted;
 pub mod mutation;
 pub mod phases;
@@ -19,7 +20,6 @@ pub mod skins;
 #[cfg(unix)]
 pub mod terminal;
 pub mod twins;
-pub mod walks;
 pub mod wire;
 
 use palpate_link::device::{DeviceError, Identity, MotionOrders, Stage, StageUse};

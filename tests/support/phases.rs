@@ -1,6 +1,6 @@
 //! What a press is at, told from what really happens: where the axes are and go, whether there is contact, who is asked.
 
-use super::walks::Worst;
+use super::executions::Worst;
 use palpate_core::quantity::{Axis, Frame};
 use palpate_link::time::Instant;
 use palpate_sim::scene::{Scene, SceneDevice};
@@ -20,8 +20,8 @@ const REST_MM_S: f64 = 1e-9;
 pub enum Phase {
     /// To the first place, from rest in the clear.
     Travel,
-    /// Looking at the force in air.
-    Air,
+    /// Looking at the force without load.
+    NoLoad,
     /// Toward the specimen.
     Approach,
     /// From the first contact to the first rest in it, and the look at the force there.
@@ -33,22 +33,22 @@ pub enum Phase {
     /// Force and outputs are sampled.
     Window,
     /// Out of the contact, and the look whether it is over.
-    Withdrawal,
-    /// Away sideways while z still withdraws, or has.
-    Departure,
+    Retraction,
+    /// Away sideways while z still retracts, or has.
+    LeavingContact,
 }
 
 impl Phase {
     pub const ALL: [Phase; 9] = [
         Phase::Travel,
-        Phase::Air,
+        Phase::NoLoad,
         Phase::Approach,
         Phase::Touch,
         Phase::Correction,
         Phase::Dwell,
         Phase::Window,
-        Phase::Withdrawal,
-        Phase::Departure,
+        Phase::Retraction,
+        Phase::LeavingContact,
     ];
 }
 
@@ -151,14 +151,14 @@ impl Watcher {
             self.touched_mm = Some(z_mm);
         }
         if sideways > REST_MM_S {
-            return Some(if self.touched_mm.is_some() { Phase::Departure } else { Phase::Travel });
+            return Some(if self.touched_mm.is_some() { Phase::LeavingContact } else { Phase::Travel });
         }
         if z.abs() > REST_MM_S {
             self.stepped |= self.rest.is_some_and(|(_, in_contact)| in_contact);
             self.rest = None;
             let leaves = z < 0.0 && self.touched_mm.is_some_and(|touched_mm| target_mm < touched_mm);
             return Some(match (in_contact, self.stepped) {
-                _ if leaves => Phase::Withdrawal,
+                _ if leaves => Phase::Retraction,
                 (false, _) => Phase::Approach,
                 (true, false) => Phase::Touch,
                 (true, true) => Phase::Correction,
@@ -170,8 +170,8 @@ impl Watcher {
             true if now_s - since_s > LOOK_MOST_S => Phase::Dwell,
             true if !self.stepped => Phase::Touch,
             true => Phase::Correction,
-            false if self.touched_mm.is_some() => Phase::Withdrawal,
-            false => Phase::Air,
+            false if self.touched_mm.is_some() => Phase::Retraction,
+            false => Phase::NoLoad,
         })
     }
 

@@ -1,14 +1,14 @@
 //! Whole walks through the simulated rig, real drivers and framing included, in virtual time. What really happened is asked of
 //! the scene, so that the loop is judged against the truth and not against its own load cell.
 
-use super::walks::run_virtually;
+use super::executions::run_virtually;
 use palpate_control::SafetyRule;
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{self, Origins, Provenance, RunFacts, RunFolder, Status};
 use palpate_data::recipe::{self, Plan};
 use palpate_link::time::Instant;
 use palpate_run::rig::{self, RigSpec};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute_on};
 use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 
@@ -52,7 +52,7 @@ pub struct Bench {
 }
 
 /// How a walk went.
-pub struct Walked {
+pub struct Executed {
     pub ending: Ending,
     /// The largest force the load cell was seen to read, N.
     pub shown_most_n: f64,
@@ -80,7 +80,7 @@ impl Bench {
     }
 
     /// Walks the plan; a stop is asked for at this reading of the force, if any.
-    pub fn walk(&mut self, stop_at: Option<u32>) -> Walked {
+    pub fn execute(&mut self, stop_at: Option<u32>) -> Executed {
         let (most, readings, cancel) = (Cell::new(f64::NEG_INFINITY), Cell::new(0), Cancel::default());
         let shown = |force_n: f64| {
             most.set(most.get().max(force_n));
@@ -98,18 +98,18 @@ impl Bench {
             let rig = spec.emulators(plan.seed).expect("emulators");
             let (scene, began) = (rig.scene.clone(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let ending = walk_on(rig, job, &mut Silent).await;
+            let ending = execute_on(rig, job, &mut Silent).await;
             let virtual_s = began.elapsed().as_secs_f64();
             let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, virtual_s);
             (ending, virtual_s, spec.frame.z_from_stage(z_mm))
         });
-        Walked { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
+        Executed { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
     }
 
     /// The stage stands where no surface can be: what is said of parking isn't asked.
-    pub fn assert_parked(&self, walked: &Walked, output: &str) {
-        assert!(walked.ending.unparked.is_none(), "{output}: {:?}", walked.ending.text());
-        assert!(walked.z_mm <= self.spec.clear_mm() + PARKED_MM, "{output}: z is {} mm", walked.z_mm);
+    pub fn assert_parked(&self, executed: &Executed, output: &str) {
+        assert!(executed.ending.unparked.is_none(), "{output}: {:?}", executed.ending.text());
+        assert!(executed.z_mm <= self.spec.clear_mm() + PARKED_MM, "{output}: z is {} mm", executed.z_mm);
     }
 
     /// What was recorded, in the order of its numbers.
@@ -132,9 +132,9 @@ impl Bench {
 
     /// Walks a plan that must be done whole, within every limit, each level within its tolerance.
     pub fn must_complete(&mut self, output: &str) {
-        let walked = self.walk(None);
-        assert_eq!(walked.ending.status(), Status::Complete, "{output}: {:?}", walked.ending.text());
-        self.assert_parked(&walked, output);
+        let executed = self.execute(None);
+        assert_eq!(executed.ending.status(), Status::Complete, "{output}: {:?}", executed.ending.text());
+        self.assert_parked(&executed, output);
         let (peak_n, depth_mm) = self.worst();
         let limits = self.spec.limits;
         assert!(peak_n <= limits.force_n, "{output}: {peak_n} N");
@@ -155,17 +155,17 @@ impl Bench {
     }
 
     /// Walks a plan that must end with a trip, recorded, the stage parked.
-    pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> Walked {
-        let walked = self.walk(None);
-        let Some(Halt::Tripped(trip)) = &walked.ending.halt else {
-            panic!("{output}: no trip but {:?}", walked.ending.text());
+    pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> Executed {
+        let executed = self.execute(None);
+        let Some(Halt::Tripped(trip)) = &executed.ending.halt else {
+            panic!("{output}: no trip but {:?}", executed.ending.text());
         };
         assert!(rules.contains(&trip.rule), "{output}: {trip}");
-        self.assert_parked(&walked, output);
-        assert_eq!(walked.ending.status(), Status::Tripped, "{output}");
+        self.assert_parked(&executed, output);
+        assert_eq!(executed.ending.status(), Status::Tripped, "{output}");
         assert_eq!(self.folder.manifest().trip.as_ref(), Some(trip), "{output}: the manifest");
-        assert!(walked.virtual_s < 120.0, "{output}: {} s", walked.virtual_s);
-        walked
+        assert!(executed.virtual_s < 120.0, "{output}: {} s", executed.virtual_s);
+        executed
     }
 }
 

@@ -1,6 +1,6 @@
 //! Uncertainty budget of one force: the parts of its uncertainty, after the GUM.
 
-use super::press::AirReadings;
+use super::press::NoLoadReadings;
 use super::zero::Zero;
 use palpate_core::quantity::round;
 use serde::{Deserialize, Serialize};
@@ -12,14 +12,14 @@ pub struct UncertaintyBudget {
     /// there is neither.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell_n: Option<f64>,
-    /// Zero, interpolated between the air before and the air after. The first part is the noise of both means (type A). The
+    /// Zero, interpolated between the readings without load before and after. The first part is the noise of both means (type A). The
     /// second part is any departure of the zero from a linear change between the two (type B, rectangular).
     pub zero_n: f64,
     /// Noise of the readings in the window (type A).
     pub noise_n: f64,
     /// One step of the cell's readings (type B, rectangular).
     pub resolution_n: f64,
-    /// Remainder of the mains hum (type B, arcsine).
+    /// Remainder of the mains interference (type B, arcsine).
     pub hum_n: f64,
 }
 
@@ -30,16 +30,16 @@ pub struct Averaged {
     pub readings: u32,
     /// Time that the readings took, s.
     pub seconds: f64,
-    /// Air readings before the press and after the press.
-    pub airs: [AirReadings; 2],
-    /// Position of the window between the two air readings, 0 to 1.
+    /// No-load readings before the press and after the press.
+    pub no_loads: [NoLoadReadings; 2],
+    /// Position of the window between the two no-load readings, 0 to 1.
     pub share: f64,
 }
 
 impl UncertaintyBudget {
     /// Returns the budget of a force; `cell_n` is the load cell's own standard uncertainty at this force.
     pub fn of(averaged: &Averaged, zero: &Zero, cell_n: Option<f64>) -> UncertaintyBudget {
-        let Averaged { readings, seconds, airs: [before, after], share } = *averaged;
+        let Averaged { readings, seconds, no_loads: [before, after], share } = *averaged;
         let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
         let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
         // of two means that differ by more than their noise, the zero has moved by the rest
@@ -48,7 +48,7 @@ impl UncertaintyBudget {
         let step_n = zero.step_n / 12f64.sqrt();
         // steps smaller than the noise average out with it
         let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
-        let hum_n = zero.hum.map_or(0.0, |hum| hum.left_n(seconds));
+        let hum_n = zero.mains.map_or(0.0, |mains| mains.left_n(seconds));
         let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();
         UncertaintyBudget { cell_n, zero_n, noise_n: of_mean(readings), resolution_n, hum_n }
     }
@@ -90,11 +90,11 @@ impl UncertaintyBudget {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Hum;
+    use crate::MainsInterference;
 
     fn averaged(after_n: f64) -> Averaged {
-        let air = |mean_n| AirReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05 };
-        Averaged { readings: 225, seconds: 0.2, airs: [air(0.0), air(after_n)], share: 0.5 }
+        let no_load = |mean_n| NoLoadReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05 };
+        Averaged { readings: 225, seconds: 0.2, no_loads: [no_load(0.0), no_load(after_n)], share: 0.5 }
     }
 
     #[test]
@@ -121,8 +121,9 @@ mod tests {
         assert!(
             (UncertaintyBudget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12
         );
-        let hum = |whole_s| Some(Hum { amplitude_n: 0.01, hz: 50.0, whole_s });
-        let left_n = |whole_s| UncertaintyBudget::of(&averaged(0.0), &Zero { hum: hum(whole_s), ..coarse }, None).hum_n;
+        let mains = |whole_s| Some(MainsInterference { amplitude_n: 0.01, hz: 50.0, whole_s });
+        let left_n =
+            |whole_s| UncertaintyBudget::of(&averaged(0.0), &Zero { mains: mains(whole_s), ..coarse }, None).hum_n;
         assert!((left_n(Some(0.02)) - 0.0001 / 2f64.sqrt()).abs() < 1e-12);
         assert!((left_n(None) - 0.01 / (10.0 * std::f64::consts::PI) / 2f64.sqrt()).abs() < 1e-12);
     }

@@ -12,7 +12,8 @@
 
 mod budget;
 mod curve;
-mod hum;
+mod learned_curve;
+mod mains;
 mod map;
 mod mean;
 mod neighbours;
@@ -24,27 +25,26 @@ mod response;
 mod speed;
 mod surface;
 mod task;
-mod taught;
 mod trip;
 mod watch;
 mod zero;
 
 pub use budget::{Averaged, UncertaintyBudget};
-pub use hum::Hum;
-pub use map::{ContactMap, Lesson, Shot};
+pub use learned_curve::{LearnedCurve, Sunk};
+pub use mains::MainsInterference;
+pub use map::{ContactMap, LearnedContact, Shot};
 pub use mean::{Mean, mean_of};
 pub use neighbours::LEARNED;
 pub use permit::{MotionContext, Permit, Permitted, Sideways};
 pub use press::{
-    AIR_READINGS, AirReadings, Context, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, LoopCommand, LoopEvent,
-    Moment, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
+    Context, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, LoopCommand, LoopEvent, Moment, NO_LOAD_READINGS,
+    NoLoadReadings, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
 };
 pub use profile::MotionProfile;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::Expected;
 pub use task::{Branch, ForceLevel, PressTask, Strategy};
-pub use taught::{Sunk, Taught};
 pub use trip::{SafetyRule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

@@ -1,15 +1,15 @@
 //! Knowledge from earlier presses: the surface, the curve, and how much deeper each press went.
 
 use super::curve::{Curve, CurveShape};
+use super::learned_curve::{LearnedCurve, Rise, Rises, Sunk};
 use super::neighbours::nearest;
 use super::plane::BayesianPlane;
 use super::surface::{Expected, SurfaceMap};
-use super::taught::{Rise, Rises, Sunk, Taught};
 use palpate_core::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
 /// Number of touches from which the surface is known. A plane needs three, and the fourth touch checks the plane.
-const TAUGHT: usize = 4;
+const LEARNED_LEAST: usize = 4;
 /// Least distance of the aim of a first shot from the force limit, N. This press hasn't yet shown the properties of its place.
 const SHOT_ROOM_N: f64 = 0.06;
 /// Largest force for which the curve is used, as a multiple of the largest force that the curve was learned from.
@@ -52,7 +52,7 @@ const FADE_GAIN: f64 = 0.1;
 /// Information from one press for later presses, as stored in the journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Lesson {
+pub enum LearnedContact {
     /// A guarded press: position of the surface, and growth of the force below it.
     Touch {
         /// The place, specimen frame.
@@ -131,9 +131,9 @@ impl ContactMap {
     }
 
     /// Adds the information from a press.
-    pub fn learn(&mut self, lesson: &Lesson) {
-        match lesson {
-            Lesson::Touch { place, z_mm, path } => {
+    pub fn learn(&mut self, learned_contact: &LearnedContact) {
+        match learned_contact {
+            LearnedContact::Touch { place, z_mm, path } => {
                 self.surface.learn(*place, *z_mm);
                 self.curve.learn(path.iter().map(|(z, force_n)| (z - z_mm, *force_n)));
                 if let (Some(&(from_mm, from_n)), Some(&(to_mm, to_n))) = (path.first(), path.last()) {
@@ -141,7 +141,7 @@ impl ContactMap {
                     self.rises.learn(*place, rise, self.curve.shape());
                 }
             }
-            Lesson::Shot { place, z_mm, force_n, expected_n, faded } => {
+            LearnedContact::Shot { place, z_mm, force_n, expected_n, faded } => {
                 let Some(shape) = self.curve.shape().filter(|_| *force_n > 0.0) else { return };
                 let (depth_mm, on_curve_mm) = (z_mm - self.expect(*place).z_mm, shape.depth_mm(*force_n));
                 self.rises.learn(*place, Rise { from_n: 0.0, to_n: *force_n, way_mm: depth_mm }, Some(shape));
@@ -166,7 +166,7 @@ impl ContactMap {
     pub fn shot(&self, place: Place, force_set_n: f64, limits: &Limits) -> Option<Shot> {
         let shape = self.curve.shape()?;
         let known_n = (BEYOND * self.curve.most_n()).min(limits.force_n - SHOT_ROOM_N);
-        if self.surface.touches() < TAUGHT || force_set_n > known_n {
+        if self.surface.touches() < LEARNED_LEAST || force_set_n > known_n {
             return None;
         }
         let depth_mm = shape.depth_mm(force_set_n);
@@ -187,7 +187,7 @@ impl ContactMap {
     }
 
     /// Returns how deep the presses around a place went for their force; `None` if there are too few.
-    pub fn taught(&self, place: Place) -> Option<Taught> {
+    pub fn learned_curve(&self, place: Place) -> Option<LearnedCurve> {
         self.rises.around(place, self.curve.shape(), BEYOND * self.curve.most_n())
     }
 
@@ -297,12 +297,12 @@ mod tests {
         0.02 * place.x_mm - 0.01 * place.y_mm
     }
 
-    fn touch(place: Place) -> Lesson {
+    fn touch(place: Place) -> LearnedContact {
         let path = (1..=8).map(|i| 0.125 * f64::from(i)).map(|n| (surface_mm(place) + n / 1.3, n)).collect();
-        Lesson::Touch { place, z_mm: surface_mm(place), path }
+        LearnedContact::Touch { place, z_mm: surface_mm(place), path }
     }
 
-    fn taught() -> ContactMap {
+    fn learned_curve() -> ContactMap {
         let mut map = ContactMap::new(0.3);
         for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
             map.learn(&touch(Place::new(x, y)));
@@ -311,17 +311,17 @@ mod tests {
     }
 
     /// A shot at a place as it would go: the lesson, and the miss of the force it met.
-    fn shoot(map: &ContactMap, place: Place) -> (Lesson, f64) {
+    fn shoot(map: &ContactMap, place: Place) -> (LearnedContact, f64) {
         let shot = map.shot(place, 1.0, &LIMITS).expect("the map is trusted");
         let z_mm = shot.z_mm(shot.aim_n(1.0));
         let force_n = (z_mm - surface_mm(place)) / depth_mm(place, 1.0);
         let expected_n = shot.force_n(z_mm);
-        (Lesson::Shot { place, z_mm, force_n, expected_n, faded: 0.006 }, force_n - expected_n)
+        (LearnedContact::Shot { place, z_mm, force_n, expected_n, faded: 0.006 }, force_n - expected_n)
     }
 
     #[test]
     fn a_cell_that_reads_less_changes_the_depth_and_the_force_that_it_stands_for() {
-        let (map, place) = (taught(), Place::new(1.0, 1.0));
+        let (map, place) = (learned_curve(), Place::new(1.0, 1.0));
         let sunk = map.compare([(1.0, depth_mm(place, 1.0)), (1.0, depth_mm(place, 1.0 / 0.7))]).unwrap();
         assert!((sunk.force - (1.0f64 / 0.7).ln()).abs() < 0.02 && sunk.depth > sunk.limit, "{sunk:?}");
         let same = map.compare([(1.0, depth_mm(place, 1.0)), (1.03, depth_mm(place, 1.03))]).unwrap();
@@ -332,15 +332,15 @@ mod tests {
 
     #[test]
     fn shots_along_a_raster_miss_less_and_less_and_aim_closer() {
-        let mut map = taught();
+        let mut map = learned_curve();
         let first_aim = map.shot(Place::new(-6.0, -6.0), 1.0, &LIMITS).unwrap().aim_n(1.0);
         let mut misses = Vec::new();
         for row in 0..9 {
             for column in 0..25 {
                 let place = Place::new(-6.0 + 0.5 * f64::from(column), -6.0 + 0.5 * f64::from(row));
-                let (lesson, miss_n) = shoot(&map, place);
+                let (learned_contact, miss_n) = shoot(&map, place);
                 misses.push(miss_n.abs());
-                map.learn(&lesson);
+                map.learn(&learned_contact);
             }
         }
         let last = &misses[100..];
@@ -352,10 +352,10 @@ mod tests {
 
     #[test]
     fn misses_that_are_large_cost_the_trust_and_one_alone_does_not() {
-        let mut map = taught();
+        let mut map = learned_curve();
         let miss = |force_n| {
             let place = Place::default();
-            Lesson::Shot { place, z_mm: 0.5, force_n, expected_n: 0.65, faded: 0.0 }
+            LearnedContact::Shot { place, z_mm: 0.5, force_n, expected_n: 0.65, faded: 0.0 }
         };
         map.learn(&miss(1.5));
         map.learn(&miss(0.65));
@@ -369,21 +369,21 @@ mod tests {
         let mut map = ContactMap::new(0.3);
         for (i, (x, y)) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)].into_iter().enumerate() {
             let place = Place::new(x, y);
-            let Lesson::Touch { z_mm, path, .. } = touch(place) else { unreachable!() };
+            let LearnedContact::Touch { z_mm, path, .. } = touch(place) else { unreachable!() };
             let relief_mm = if i == 4 { 0.15 } else { -0.05 };
             let path = path.into_iter().map(|(z, n)| (z + relief_mm, n)).collect();
-            map.learn(&Lesson::Touch { place, z_mm: z_mm + relief_mm, path });
+            map.learn(&LearnedContact::Touch { place, z_mm: z_mm + relief_mm, path });
         }
         assert_eq!(map.shot(Place::default(), 1.0, &LIMITS), None);
     }
 
     #[test]
     fn a_map_does_not_grow_without_bound_and_forgets_no_corner() {
-        let mut map = taught();
+        let mut map = learned_curve();
         for i in 0..2 * SHOTS_MAX {
             let place = Place::new(-6.0 + 0.05 * (i % 240) as f64, -6.0 + 0.5 * (i / 240) as f64);
-            let lesson = shoot(&map, place).0;
-            map.learn(&lesson);
+            let learned_contact = shoot(&map, place).0;
+            map.learn(&learned_contact);
         }
         assert!(map.scales.len() <= SHOTS_MAX);
         let corner = Place::new(-6.0, -6.0);

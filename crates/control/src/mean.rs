@@ -13,12 +13,12 @@ pub struct Mean {
     pub readings: u32,
 }
 
-/// Returns the mean of readings, each with its time, s, oldest first. If the zero has found hum and the readings cover at least
+/// Returns the mean of readings, each with its time, s, oldest first. If the zero has found mains interference and the readings cover at least
 /// one period of it, the mean covers the last complete periods. Otherwise all readings have the same weight. `None` if there are
 /// no readings.
 pub fn mean_of(readings: &[(f64, f64)], zero: &Zero) -> Option<Mean> {
     let (first_s, last_s) = (readings.first()?.0, readings.last()?.0);
-    let whole_s = zero.hum.and_then(|hum| hum.whole_s);
+    let whole_s = zero.mains.and_then(|mains| mains.whole_s);
     let periods = whole_s.map_or(0.0, |whole_s| ((last_s - first_s) / whole_s + 1e-9).floor());
     match whole_s.filter(|_| periods >= 1.0) {
         Some(whole_s) => Some(over(readings, last_s - periods * whole_s)),
@@ -49,22 +49,22 @@ fn over(readings: &[(f64, f64)], from_s: f64) -> Mean {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Hum;
+    use crate::MainsInterference;
     use std::f64::consts::TAU;
 
     #[test]
     fn hum_is_averaged_away_in_time_though_readings_come_irregularly() {
-        let hum = Hum { amplitude_n: 0.01, hz: 50.0, whole_s: Some(0.02) };
-        let humming = Zero { hum: Some(hum), ..Zero::with_noise(0.003) };
+        let mains = MainsInterference { amplitude_n: 0.01, hz: 50.0, whole_s: Some(0.02) };
+        let with_mains = Zero { mains: Some(mains), ..Zero::with_noise(0.003) };
         let times = (0..60).map(|i| 0.001 * f64::from(i) + if i % 3 == 0 { 0.0004 } else { 0.0 });
         let readings: Vec<(f64, f64)> = times.map(|t| (t, 1.0 + 0.01 * (TAU * 50.0 * t + 0.4).sin())).collect();
-        let mean = mean_of(&readings, &humming).unwrap();
+        let mean = mean_of(&readings, &with_mains).unwrap();
         assert!((mean.value - 1.0).abs() < 2e-4, "{mean:?}");
         assert!((mean.middle_s - 0.039).abs() < 1e-9, "two periods of the 59 ms: {mean:?}");
         let plain = mean_of(&readings[..50], &Zero::with_noise(0.003)).unwrap();
         assert!((plain.value - 1.0).abs() > 1e-3 && plain.readings == 50, "{plain:?}");
-        let short = mean_of(&readings[..10], &humming).unwrap();
+        let short = mean_of(&readings[..10], &with_mains).unwrap();
         assert_eq!(short.readings, 10, "less than a period is all there is");
-        assert_eq!(mean_of(&[], &humming), None);
+        assert_eq!(mean_of(&[], &with_mains), None);
     }
 }

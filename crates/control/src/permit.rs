@@ -23,9 +23,9 @@ const ROUNDING_MM: f64 = 1e-9;
 const HARD_N: f64 = 0.12;
 const HARD_SIGMAS: f64 = 6.0;
 
-/// Largest move of the zero between two air readings, N, and additional drift allowed for the time between them, N/s (I4). The
+/// Largest move of the zero between two no-load readings, N, and additional drift allowed for the time between them, N/s (I4). The
 /// drift is twice that of a cell that warms up. A larger or sudden move isn't a drift.
-const AIR_N: f64 = 0.020;
+const NO_LOAD_N: f64 = 0.020;
 const DRIFT_N_S: f64 = 0.001;
 /// Additional apparent drift that is allowed before a first touch, in sd of a mean.
 const DRIFT_SIGMAS: f64 = 4.0;
@@ -91,7 +91,7 @@ pub struct MotionContext {
 /// | I3 speed, by the measured reaction time | [`advance`](Self::advance) |
 /// | I4 a recent force, and a zero that moves no faster than a drift, checked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
 /// | I5 contact no stiffer than declared | [`most_n`](Self::most_n) |
-/// | I6 motion away is always allowed; a stop needs no permission | [`withdraw`](Self::withdraw) |
+/// | I6 motion away is always allowed; a stop needs no permission | [`retract`](Self::retract) |
 /// | I7 x and y move only in the clear | [`sideways`](Self::sideways) |
 #[derive(Clone, Copy, Debug)]
 pub struct Permit {
@@ -136,8 +136,8 @@ impl Permit {
     /// Force (I1): `F + 3 sigma + k (z - max(z_now, z_first)) <= F_limit`, with the rig's declared stiffness, relaxation
     /// included. Depth (I2): `z - z_first <= depth limit`, minus a margin for the error of the touched surface. Both count the steps
     /// of the stage. A load cell may read an old force, so [`MotionContext::most_mm`] bounds the end point too.
-    pub fn deepest_mm(&self, standing: &MotionContext) -> f64 {
-        let MotionContext { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *standing;
+    pub fn deepest_mm(&self, context: &MotionContext) -> f64 {
+        let MotionContext { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *context;
         if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) || most_mm.is_nan() {
             return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
         }
@@ -166,14 +166,14 @@ impl Permit {
     ///
     /// # Errors
     /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
-    pub fn advance(&self, standing: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+    pub fn advance(&self, context: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // asked for what must hold, so that a NaN is refused
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
-        let is_fresh = standing.age_s <= FRESH_S;
+        let is_fresh = context.age_s <= FRESH_S;
         if !is_fresh {
-            return Err(Trip::new(SafetyRule::Stale, standing.age_s, FRESH_S, "s"));
+            return Err(Trip::new(SafetyRule::Stale, context.age_s, FRESH_S, "s"));
         }
-        let deepest_mm = self.deepest_mm(standing);
+        let deepest_mm = self.deepest_mm(context);
         let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
         if !is_safe {
             return Err(Trip::new(SafetyRule::NotPermitted, z_mm, deepest_mm, "mm"));
@@ -186,25 +186,25 @@ impl Permit {
     /// # Errors
     /// A trip if the difference is larger.
     pub(crate) fn zero_holds(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
-        moved_no_further(SafetyRule::ZeroDrifted, moved_n, AIR_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
+        moved_no_further(SafetyRule::ZeroDrifted, moved_n, NO_LOAD_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
-    /// Whether the air moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
+    /// Whether the reading without load moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
     /// to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
     pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
         moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
     }
 
-    /// Checks that the load cell's reading in air stays the same when z moves a little away or nearer, so no contact contributes
+    /// Checks that the load cell's reading without load stays the same when z moves a little away or nearer, so no contact contributes
     /// to it.
     ///
     /// # Errors
     /// A trip if the reading changes.
-    pub fn air_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+    pub fn no_load_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(SafetyRule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
-    /// Distance that z moves to check that the air is free, mm. On this distance the declared specimen would give a small part of
+    /// Distance that z moves to check that nothing is in contact, mm. On this distance the declared specimen would give a small part of
     /// the force limit.
     pub fn sounding_mm(&self) -> f64 {
         (SOUNDING_SHARE * self.limits.force_n / self.limits.stiffness_n_mm).min(SOUNDING_MOST_MM)
@@ -241,7 +241,7 @@ impl Permit {
     ///
     /// # Errors
     /// A trip if the motion isn't directed away.
-    pub fn withdraw(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+    pub fn retract(&self, from_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         if z_mm.is_finite() && z_mm <= from_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S {
             Ok(Permitted { z_mm, speed_mm_s })
         } else {
@@ -269,7 +269,7 @@ mod tests {
 
     #[test]
     fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
-        let standing = MotionContext {
+        let context = MotionContext {
             z_mm: -12.5,
             force_n: 0.0,
             sigma_n: 0.0,
@@ -277,9 +277,9 @@ mod tests {
             first_mm: -0.3,
             most_mm: f64::INFINITY,
         };
-        assert!((permit().deepest_mm(&standing) - 0.7).abs() < 1e-12);
-        assert!(permit().advance(&standing, 0.7, 1.0).is_ok());
-        assert_eq!(permit().advance(&standing, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
+        assert!((permit().deepest_mm(&context) - 0.7).abs() < 1e-12);
+        assert!(permit().advance(&context, 0.7, 1.0).is_ok());
+        assert_eq!(permit().advance(&context, 0.71, 1.0).unwrap_err().rule, SafetyRule::NotPermitted);
     }
 
     #[test]
@@ -306,7 +306,7 @@ mod tests {
             assert!(permit().advance(&bad, 0.9, 1.0).is_err());
         }
         assert!(permit().advance(&good, f64::NAN, 1.0).is_err());
-        assert!(permit().withdraw(0.0, f64::NAN, 1.0).is_err());
+        assert!(permit().retract(0.0, f64::NAN, 1.0).is_err());
     }
 
     #[test]
@@ -334,11 +334,11 @@ mod tests {
         ) {
             let force_at = |z: f64| k * (z - surface).max(0.0);
             let start = start.min(surface + 1.9 / k);
-            let standing = MotionContext {
+            let context = MotionContext {
                 z_mm: start, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
                 most_mm: f64::INFINITY,
             };
-            if let Ok(granted) = permit().advance(&standing, wish, 5.0) {
+            if let Ok(granted) = permit().advance(&context, wish, 5.0) {
                 prop_assert!(force_at(granted.z_mm()) <= LIMITS.force_n + 1e-9);
                 prop_assert!(granted.z_mm() - surface <= LIMITS.depth_mm);
             }
@@ -354,11 +354,11 @@ mod tests {
             let steps = Steps { mm: [0.0, 0.0, step] };
             let force_at = |z: f64| k * (z - surface).max(0.0);
             let start = start.min(surface + 1.9 / k);
-            let standing = MotionContext {
+            let context = MotionContext {
                 z_mm: start + off * step, force_n: force_at(start), sigma_n: 0.0, age_s: 0.0, first_mm: surface - lead,
                 most_mm: f64::INFINITY,
             };
-            if let Ok(granted) = permit().on(steps).advance(&standing, wish, 5.0) {
+            if let Ok(granted) = permit().on(steps).advance(&context, wish, 5.0) {
                 let deepest_mm = granted.z_mm() + steps.in_position_mm(palpate_core::quantity::Axis::Z);
                 prop_assert!(deepest_mm <= start || force_at(deepest_mm) <= LIMITS.force_n + 1e-9);
                 prop_assert!(deepest_mm - surface <= LIMITS.depth_mm);

@@ -16,7 +16,7 @@ const PATTERN_SPREAD: f64 = 0.6;
 /// Standard deviation of both between contacts whose forces differ by a factor of e. Outputs aren't proportional to the force.
 const NONLINEAR: f64 = 0.1;
 /// Standard deviation of the outputs between repeated contacts, as a fraction of the largest outputs so far. A light contact repeats
-/// no better than a strong one. This can't be seen in air.
+/// no better than a strong one. This can't be seen without load.
 const REPEATS: f64 = 0.02;
 
 /// A contact as the array and the load cell measured it.

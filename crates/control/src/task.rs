@@ -44,7 +44,7 @@ impl Strategy {
 /// One force to hold and sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForceLevel {
-    /// The force, N; 0 is sampled in air.
+    /// The force, N; 0 is sampled without load.
     pub force_set_n: f64,
     /// Side from which the level is reached.
     pub branch: Branch,

@@ -36,13 +36,13 @@ pub enum SafetyRule {
     NotFinite,
     /// No good reading for too long.
     Stale,
-    /// The force in air is no longer zero, or no longer the zero of the run's start.
+    /// The force without load is no longer zero, or no longer the zero of the run's start.
     ZeroDrifted,
-    /// The noise in air is too large a fraction of the force limit.
+    /// The noise without load is too large a fraction of the force limit.
     Noisy,
     /// The force doesn't change after a step into the specimen.
     NoResponse,
-    /// The force vanished although the indenter didn't withdraw.
+    /// The force vanished although the indenter didn't retract.
     Fallen,
     /// The contact pushes harder than the declared stiffness allows.
     HardContact,
@@ -60,7 +60,7 @@ pub enum SafetyRule {
     StageSilent,
     /// There is no contact where the surface must be.
     NoContact,
-    /// The contact lasts after the indenter was withdrawn.
+    /// The contact lasts after the indenter was retracted.
     StillTouching,
     /// The force couldn't be reached within the permitted depth or force.
     OutOfReach,
@@ -76,7 +76,7 @@ pub enum SafetyRule {
     ForceRose,
     /// The force fell further than a contact within the limit can explain.
     ForceFell,
-    /// The load cell's reading in air is outside the allowed range.
+    /// The load cell's reading without load is outside the allowed range.
     ZeroOutside,
     /// The zero changes when z moves a little away: the zero was measured in contact.
     ZeroInContact,
@@ -247,7 +247,7 @@ impl SafetyRule {
                 "check whether something pulls at the indenter, or the load cell's wires are swapped"
             }
             SafetyRule::ZeroOutside => {
-                "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range in air"
+                "check whether something touches the indenter; if not, correct `load_cell.air_n`, the allowed range without load"
             }
             SafetyRule::ZeroInContact => "something touches the indenter after homing: remove it",
             SafetyRule::OutputsMoved => "the array detected a contact but the load cell didn't: check the load cell",

@@ -1,6 +1,6 @@
 //! Checks that every reading must pass.
 
-use super::press::AirReadings;
+use super::press::NoLoadReadings;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
 use palpate_core::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
@@ -21,7 +21,7 @@ const MEAN_MAX: usize = 64;
 const RISE_SHARE: f64 = 0.05;
 const RISE_SIGMAS: f64 = 6.0;
 
-/// Same limit for the withdrawal after a press, where the direction of z is already proven.
+/// Same limit for the retraction after a press, where the direction of z is already proven.
 const AWAY_SHARE: f64 = 0.1;
 
 /// Largest deceleration of a stage at a limit switch, as a multiple of its set acceleration.
@@ -44,7 +44,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Creates the rules of a rig with a zero measured in air.
+    /// Creates the rules of a rig with a zero measured without load.
     pub fn new(limits: &Limits, zero: Zero) -> Self {
         let within_n =
             Range { min: -NEGATIVE_LEAST_N.max(5.0 * zero.sigma_n), max: limits.force_n + 3.0 * zero.sigma_n };
@@ -54,7 +54,7 @@ impl Watch {
 
     /// Creates the rules for a stage that moves z away before there is a zero. The force must not rise above the reading at rest,
     /// `still`. It must not fall further than a contact within the limit can explain. A tool on the cell causes a force when it
-    /// accelerates; its weight is at most what the cell may read in air, `air_n`.
+    /// accelerates; its weight is at most what the cell may read without load, `air_n`.
     pub fn before_zero(limits: &Limits, still: Zero, air_n: Range, acceleration_mm_s2: f64) -> Self {
         let rise_n = Watch::rise_n(limits, air_n, acceleration_mm_s2) + RISE_SIGMAS * still.sigma_n;
         let within_n = Range { min: -limits.force_n - rise_n, max: rise_n };
@@ -93,12 +93,12 @@ impl Watch {
     }
 
     /// Makes forces relative to newer air from now on.
-    pub fn count_from(&mut self, air: &AirReadings) {
-        self.zero = self.zero.counted_from(air);
+    pub fn count_from(&mut self, no_load: &NoLoadReadings) {
+        self.zero = self.zero.counted_from(no_load);
         self.recent.clear();
     }
 
-    /// States that no reading is expected for a while (the stage rests in air).
+    /// States that no reading is expected for a while (the stage rests without load).
     pub fn pause(&mut self) {
         self.last_s = None;
         self.recent.clear();
@@ -118,12 +118,12 @@ impl Watch {
         self.checked(reading, self.within_n)
     }
 
-    /// Returns the same for a stage that rests in air. The zero may have moved either way since it was measured, but not beyond
+    /// Returns the same for a stage that rests without load. The zero may have moved either way since it was measured, but not beyond
     /// the limit.
     ///
     /// # Errors
     /// The broken rule.
-    pub fn in_air_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
+    pub fn no_load_n(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
         self.checked(reading, Range { min: -self.limit_n, ..self.within_n })
     }
 

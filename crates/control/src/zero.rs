@@ -1,13 +1,13 @@
-//! Zero of the load cell in air, and its noise.
+//! Zero of the load cell without load, and its noise.
 
-use super::hum::Hum;
-use super::press::AirReadings;
+use super::mains::MainsInterference;
+use super::press::NoLoadReadings;
 use palpate_core::quantity::ForceReading;
 
 /// Probability of a false alarm, per run of readings, at which repeated equal codes count as frozen.
 const FROZEN_ODDS: f64 = 1e-9;
 
-/// Fraction of repeated codes in air above which repetition doesn't indicate freezing, because the step is larger than the noise.
+/// Fraction of repeated codes without load above which repetition doesn't indicate freezing, because the step is larger than the noise.
 const REPEATS_TOO_OFTEN: f64 = 0.5;
 
 /// Least correlation of neighbouring readings that counts, in sd of a chance correlation. The second constant is the largest
@@ -15,7 +15,7 @@ const REPEATS_TOO_OFTEN: f64 = 0.5;
 const SHARED_SIGMAS: f64 = 3.0;
 const SHARED_MOST: f64 = 0.95;
 
-/// Largest ratio of the noise in air before a press to the noise at zeroing. The second constant is an additional allowance, N.
+/// Largest ratio of the noise without load before a press to the noise at zeroing. The second constant is an additional allowance, N.
 const NOISE_FACTOR: f64 = 3.0;
 const NOISE_LEAST_N: f64 = 0.001;
 
@@ -25,12 +25,12 @@ const DETECT_LEAST_N: f64 = 0.030;
 /// Least force of a single reading that counts as contact, in sd of the noise.
 const DETECT_SIGMAS: f64 = 8.0;
 
-/// Load cell reading in air; forces are relative to it.
+/// Load cell reading without load; forces are relative to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zero {
     /// Reading at zero force, N.
     pub offset_n: f64,
-    /// Standard deviation of one reading, N, hum included.
+    /// Standard deviation of one reading, N, mains interference included.
     pub sigma_n: f64,
     /// Standard deviation of one reading without the part that a mean over complete periods removes, N.
     pub noise_n: f64,
@@ -41,14 +41,14 @@ pub struct Zero {
     pub step_n: f64,
     /// Standard deviation of the offset itself, N.
     pub offset_sigma_n: f64,
-    /// Mains hum in the readings; `None` if no hum is visible.
-    pub hum: Option<Hum>,
+    /// Mains interference in the readings; `None` if no mains interference is visible.
+    pub mains: Option<MainsInterference>,
     /// Number of equal readings in a row that means a frozen cell; `None` if a healthy cell repeats its readings too.
     pub frozen_after: Option<u32>,
 }
 
 impl Zero {
-    /// Returns a zero with offset 0, of a cell with this noise and without hum.
+    /// Returns a zero with offset 0, of a cell with this noise and without mains interference.
     pub const fn with_noise(sigma_n: f64) -> Zero {
         Zero {
             offset_n: 0.0,
@@ -57,19 +57,20 @@ impl Zero {
             shared: 0.0,
             step_n: 0.0,
             offset_sigma_n: 0.0,
-            hum: None,
+            mains: None,
             frozen_after: None,
         }
     }
 
-    /// Returns the zero of at least two readings in air that are `conversion_s` apart. The caller must reject readings that
+    /// Returns the zero of at least two readings without load that are `conversion_s` apart. The caller must reject readings that
     /// aren't finite.
     pub fn of(readings: &[ForceReading], conversion_s: f64) -> Zero {
         let n = readings.len().max(2) as f64;
         let mean = readings.iter().map(|r| r.force_n).sum::<f64>() / n;
         let variance = readings.iter().map(|r| (r.force_n - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        let hum = Hum::find(readings, conversion_s);
-        let averaged = hum.filter(|hum| hum.whole_s.is_some()).map_or(0.0, |hum| hum.amplitude_n.powi(2) / 2.0);
+        let mains = MainsInterference::find(readings, conversion_s);
+        let averaged =
+            mains.filter(|mains| mains.whole_s.is_some()).map_or(0.0, |mains| mains.amplitude_n.powi(2) / 2.0);
         let noise_n = (variance - averaged).max(0.0).sqrt();
         let mut codes: Vec<f64> = readings.iter().map(|r| r.force_n).collect();
         codes.sort_by(f64::total_cmp);
@@ -77,19 +78,19 @@ impl Zero {
             offset_n: mean,
             sigma_n: variance.sqrt(),
             noise_n,
-            // hum is shared too, and averaged otherwise
-            shared: if hum.is_some() { 0.0 } else { shared(readings, mean) },
+            // mains interference is shared too, and averaged otherwise
+            shared: if mains.is_some() { 0.0 } else { shared(readings, mean) },
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),
-            hum,
+            mains,
             frozen_after: frozen_after(&codes),
         }
     }
 
     /// Returns the zero of the same cell relative to newer air.
     #[must_use]
-    pub(crate) fn counted_from(&self, air: &AirReadings) -> Zero {
-        Zero { offset_n: air.mean_n, offset_sigma_n: self.sigma_own_n(air.readings), ..*self }
+    pub(crate) fn counted_from(&self, no_load: &NoLoadReadings) -> Zero {
+        Zero { offset_n: no_load.mean_n, offset_sigma_n: self.sigma_own_n(no_load.readings), ..*self }
     }
 
     /// Standard deviation of the mean of some readings by their own noise, N, with the readings treated as independent.
@@ -109,12 +110,12 @@ impl Zero {
         self.noise_n * (fewer / f64::from(readings.max(1))).min(1.0).sqrt()
     }
 
-    /// Duration of a mean that must take at least `least_s`, s: complete periods of the hum, if there is any.
+    /// Duration of a mean that must take at least `least_s`, s: complete periods of the mains interference, if there is any.
     pub fn mean_s(&self, least_s: f64) -> f64 {
-        self.hum.map_or(least_s, |hum| hum.whole_s(least_s))
+        self.mains.map_or(least_s, |mains| mains.whole_s(least_s))
     }
 
-    /// Largest acceptable noise in air, N. Above this value the noise has grown.
+    /// Largest acceptable noise without load, N. Above this value the noise has grown.
     pub fn noise_most_n(&self) -> f64 {
         NOISE_FACTOR * self.sigma_n + NOISE_LEAST_N
     }
@@ -145,7 +146,7 @@ fn step_n(codes: &[f64]) -> f64 {
     if least.is_finite() { least } else { 0.0 }
 }
 
-/// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes in air agree. It is
+/// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes without load agree. It is
 /// doubled, because a reading can be read twice between two conversions. `codes` are sorted.
 fn frozen_after(codes: &[f64]) -> Option<u32> {
     let n = codes.len() as f64;

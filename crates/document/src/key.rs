@@ -245,13 +245,13 @@ impl Keys {
     }
 
     /// Returns every key that the table or a table within it may have, outer keys first.
-    pub fn walk(&self) -> Vec<Listed> {
+    pub fn visit(&self) -> Vec<Listed> {
         let mut listed = Vec::new();
-        self.walk_within("", &[], &mut listed);
+        self.visit_within("", &[], &mut listed);
         listed
     }
 
-    fn walk_within(&self, path: &str, cases: &[&'static str], listed: &mut Vec<Listed>) {
+    fn visit_within(&self, path: &str, cases: &[&'static str], listed: &mut Vec<Listed>) {
         let always = self.always.iter().map(|key| (key, None));
         let others = self.cases.iter().flat_map(|case| case.keys.iter().map(|key| (key, Some(case.name))));
         for (key, case) in always.chain(others) {
@@ -259,7 +259,7 @@ impl Keys {
             let cases: Vec<_> = cases.iter().copied().chain(case).collect();
             listed.push(Listed { path: path.clone(), cases: cases.clone(), key: *key });
             if let Some(keys) = key.inner() {
-                keys.walk_within(&path, &cases, listed);
+                keys.visit_within(&path, &cases, listed);
             }
         }
     }

@@ -45,10 +45,10 @@ pub fn assert_read_is_listed(keys: &'static Keys, read: impl Fn(&str)) {
     ASKED.set(Some(BTreeSet::new()));
     (0..=most_cases(keys)).for_each(|case| read(&sample(keys, case)));
     let asked = ASKED.take().unwrap_or_default();
-    let listed: BTreeSet<String> = keys.walk().into_iter().map(|listed| listed.path).collect();
+    let listed: BTreeSet<String> = keys.visit().into_iter().map(|listed| listed.path).collect();
     let alone = |these: &BTreeSet<String>, those| these.difference(those).cloned().collect::<Vec<_>>();
     assert!(asked == listed, "only listed: {:?}; only asked for: {:?}", alone(&listed, &asked), alone(&asked, &listed));
-    for listed in keys.walk() {
+    for listed in keys.visit() {
         assert_takes(&listed.key, listed.key.example);
         if let Some(default) = listed.key.default() {
             assert_takes(&listed.key, &default.to_string());
@@ -75,7 +75,7 @@ pub fn sample(keys: &Keys, case: usize) -> String {
 /// Returns the number of cases of the table with the most cases. A value that may be a table has one case at least.
 pub fn most_cases(keys: &Keys) -> usize {
     let cases = |key: &Key| Some(key.inner()?.cases.len().max(usize::from(matches!(key.kind, ValueKind::Either(_)))));
-    let inner = keys.walk().into_iter().filter_map(|listed| cases(&listed.key));
+    let inner = keys.visit().into_iter().filter_map(|listed| cases(&listed.key));
     inner.chain([keys.cases.len()]).max().unwrap_or_default()
 }
 

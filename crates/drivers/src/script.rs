@@ -19,7 +19,7 @@ pub(crate) fn scripted(script: Script) -> (Connector, JoinHandle<()>) {
     let near = Mutex::new(Some(near));
     let dial = move || near.lock().unwrap().take().expect("the link is opened once");
     let device = tokio::spawn(async move {
-        play(&mut far, script).await;
+        run_script(&mut far, script).await;
         let mut rest = Vec::new();
         far.read_to_end(&mut rest).await.unwrap();
         assert_eq!(shown(&rest), "", "sent beyond the script");
@@ -39,14 +39,14 @@ pub(crate) fn closing(scripts: &'static [Script]) -> (Connector, JoinHandle<()>)
     let device = tokio::spawn(async move {
         for script in scripts {
             let mut far = opened.recv().await.expect("the link is opened as often");
-            play(&mut far, script).await;
+            run_script(&mut far, script).await;
         }
         assert!(opened.recv().await.is_none(), "the link is opened no more often");
     });
     (Connector::Memory(Box::new(dial)), device)
 }
 
-async fn play(far: &mut DuplexStream, script: Script) {
+async fn run_script(far: &mut DuplexStream, script: Script) {
     for (sent, answered) in script {
         let mut came = vec![0; sent.len()];
         let read = far.read_exact(&mut came).await;

@@ -8,7 +8,7 @@ use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Difference between the present calibration and an older one, of the same array or of a sibling.
+/// Difference between the present calibration and an older one, of the same array or of a sensor of the same family.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayChange {
     /// Change of each output.

@@ -129,7 +129,7 @@ impl Forward {
     /// Learns from presses at held-out places: their errors, and the part of real contacts that noise alone doesn't explain.
     /// Limits that distinguish a contact from something else only get wider. Limits that distinguish a contact from no contact
     /// only get lower.
-    pub(crate) fn taught(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
+    pub(crate) fn learned_curve(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();
         // where the map is known well and noise is all that contacts leave, held-out ones leave more only as the map without them is

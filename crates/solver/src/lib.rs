@@ -119,7 +119,7 @@ pub use plane::Plane;
 pub use prepared::PreparedCalibration;
 pub use prior::Deviations;
 pub use prior::PriorError;
-pub use prior::{Belongs, DesignSpread, Deviation, Prior, SENSORS_LEAST, Sibling};
+pub use prior::{Belongs, DesignSpread, Deviation, FamilySensor, Prior, SENSORS_LEAST};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
 pub use solution::{ContactVerdict, Covariance, Solution};

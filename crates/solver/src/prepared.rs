@@ -449,7 +449,7 @@ impl<'a> PreparedCalibration<'a> {
     fn answering(&self, name: &str, trials: &[HeldPress]) -> Result<Answering, FitError> {
         let setting = self.setting();
         Ok(match self.method(name)? {
-            FittedMethod::Forward(forward) => Answering::Forward(Box::new(forward.taught(trials, &setting))),
+            FittedMethod::Forward(forward) => Answering::Forward(Box::new(forward.learned_curve(trials, &setting))),
             method => Answering::Appraised(Box::new(Appraised::new(method, trials, self.response()?, &setting))),
         })
     }

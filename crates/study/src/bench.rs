@@ -6,7 +6,7 @@ use palpate_data::recipe::Plan;
 use palpate_document::Problems;
 use palpate_link::time::run_virtually;
 use palpate_run::rig::{self, RigSpec};
-use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute};
 
 /// Simulated benches on which conditions are measured: one plant with two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,10 +54,10 @@ pub(crate) fn papers_rig() -> Result<RigSpec, Problems> {
 ///
 /// # Errors
 /// An error of the operating system: it provides no runtime.
-pub(crate) fn walked(plan: &Plan, spec: &RigSpec) -> Result<(Vec<RecordedContact>, Ending), StudyError> {
+pub(crate) fn executed(plan: &Plan, spec: &RigSpec) -> Result<(Vec<RecordedContact>, Ending), StudyError> {
     let mut memory = Memory::default();
     let job = RunJob { plan, spec, ledger: &mut memory, cancel: &Cancel::default(), shown: &|_| {} };
-    let ending = run_virtually(walk(job, &mut StudyListener));
+    let ending = run_virtually(execute(job, &mut StudyListener));
     Ok((memory.contacts().cloned().collect(), ending))
 }
 

@@ -1,6 +1,6 @@
 //! One strategy on one bench in one scene, executed to its end or its trip, with the results.
 
-use super::bench::walked;
+use super::bench::executed;
 use super::{StudyError, bound};
 use palpate_control::Strategy;
 use palpate_core::quantity::round;
@@ -128,7 +128,7 @@ impl LoopCondition {
     /// The bench can't execute the plan.
     pub fn measure(&self) -> Result<ConditionOutcome, StudyError> {
         let plan = self.plan()?;
-        let (contacts, ending) = walked(&plan, &self.spec)?;
+        let (contacts, ending) = executed(&plan, &self.spec)?;
         Ok(self.outcome(&plan, &contacts, &ending))
     }
 

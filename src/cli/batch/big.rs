@@ -9,8 +9,8 @@ const ROWS: usize = 5;
 const COLUMNS: usize = 40;
 
 /// Returns a standing in block letters of at most 40 columns, one line of letters for each word. A longer word is plain text.
-pub(super) fn big(standing: SensorState) -> String {
-    let words = standing.name().to_uppercase();
+pub(super) fn big(sensor_state: SensorState) -> String {
+    let words = sensor_state.name().to_uppercase();
     words.split(' ').map(|word| block(word).unwrap_or_else(|| format!("{word}\n"))).collect::<Vec<_>>().join("\n")
 }
 
@@ -50,15 +50,16 @@ mod tests {
 
     #[test]
     fn every_result_fits_forty_columns_and_has_all_its_letters() {
-        for standing in
-            SensorState::ALL.into_iter().filter(|standing| standing.is_judged() || *standing == SensorState::Failed)
+        for sensor_state in SensorState::ALL
+            .into_iter()
+            .filter(|sensor_state| sensor_state.is_judged() || *sensor_state == SensorState::Failed)
         {
-            let text = big(standing);
+            let text = big(sensor_state);
             assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
             let unknown = letter('?');
             assert!(
-                standing.name().to_uppercase().replace(' ', "").chars().all(|c| letter(c) != unknown),
-                "{standing:?}"
+                sensor_state.name().to_uppercase().replace(' ', "").chars().all(|c| letter(c) != unknown),
+                "{sensor_state:?}"
             );
         }
         assert_eq!(

@@ -116,7 +116,7 @@ impl Desk {
         let state = self.folder.state();
         tell(&format!("{}: {}\n", self.folder.path().display(), counted(state)))?;
         let interrupted = state.items.iter().chain(&state.reference);
-        for item in interrupted.filter(|item| item.standing == SensorState::Interrupted).take(NAMED_MOST) {
+        for item in interrupted.filter(|item| item.sensor_state == SensorState::Interrupted).take(NAMED_MOST) {
             let serial = &item.serial;
             let run = item.run.as_deref().unwrap_or_default();
             tell(&format!(
@@ -176,8 +176,10 @@ impl Desk {
         let is_on_tray = |serial: &str| tray.iter().any(|placed| placed.serial == serial);
         let due = state.reference.as_ref().filter(|item| state.is_reference_due() && !is_on_tray(&item.serial));
         let waiting = state.count(SensorState::Waiting);
-        match (due, state.items.iter().find(|item| item.standing == SensorState::Waiting && !is_on_tray(&item.serial)))
-        {
+        match (
+            due,
+            state.items.iter().find(|item| item.sensor_state == SensorState::Waiting && !is_on_tray(&item.serial)),
+        ) {
             (Some(reference), _) => format!("{place}reference sensor {} (or `later`) > ", reference.serial),
             (None, Some(next)) => format!("{place}next sensor ({}; {waiting} waiting) > ", next.serial),
             (None, None) => format!("{place}no sensor is waiting (.end, or .repeat SERIAL) > "),

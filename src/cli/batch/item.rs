@@ -11,7 +11,7 @@ use super::material::{Material, NestRig};
 use crate::api::Failure;
 use crate::api::MannerOptions;
 use crate::api::provenance::{now, session};
-use crate::api::run::{execute, walked};
+use crate::api::run::{block_on, executed};
 use palpate_data::acceptance::{Judgement, SensorVerdict, limit_used};
 use palpate_data::dataset::sensor_file::SensorFile;
 use palpate_data::dataset::{DatasetError, Labels, Recorded, RunFacts, RunFolder, Status, source_fingerprint};
@@ -103,7 +103,7 @@ impl Desk {
         let warm_up_s = self.material.file.warm_up_s;
         if warm_up_s > 0.0 {
             tell(&format!("warm-up: {warm_up_s} s; Ctrl-C stops\n"))?;
-            execute(self.material.rig.is_simulated(), async {
+            block_on(self.material.rig.is_simulated(), async {
                 if let Some(pace) = manner.pace {
                     drop(spawn(keep_pace(pace)));
                 }
@@ -167,12 +167,12 @@ impl Desk {
     /// Checks without pressing that every device answers, and that zero and noise are sound. Returns the end of a sensor that fails.
     fn quick_check(&self, sensor: &PreparedSensor) -> Result<Option<ItemOutcome>, Failure> {
         let spec = &sensor.rig.spec;
-        let found = execute(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, ForceCheck::Nobody))?;
+        let found = block_on(spec.is_simulated(), examine(spec, sensor.first.seed, &self.cancel, ForceCheck::Nobody))?;
         let halt = match found {
             Err(halt) => Some(halt),
             Ok(found) => {
                 let device = found.devices.into_iter().find_map(|(_, device)| device.err()).map(Halt::from);
-                device.or_else(|| found.air.and_then(Result::err).map(Halt::from))
+                device.or_else(|| found.no_load.and_then(Result::err).map(Halt::from))
             }
         };
         Ok(halt.map(|halt| ItemOutcome::halted(Ending::halted(halt), Vec::new(), 0.0)))
@@ -187,10 +187,10 @@ impl Desk {
             runs.push(name);
             let paused = || self.pauses(&sensor.placed.serial);
             let mut progress = Progress::new(&plan, 0, false, self.cancel.clone()).pausing(paused).warned(&self.warned);
-            let (shown, spec) = (progress.gauge(), &sensor.rig.spec);
-            let walked = walked(&plan, spec, &mut folder, manner.pace, &self.cancel, (&*shown, &mut progress));
+            let (shown, spec) = (progress.watched_cell(), &sensor.rig.spec);
+            let executed = executed(&plan, spec, &mut folder, manner.pace, &self.cancel, (&*shown, &mut progress));
             progress.end();
-            let (ending, finished) = walked?;
+            let (ending, finished) = executed?;
             summary::warn(&folder)?;
             seconds += ending.t_s;
             finished.map_err(Failure::unfinished)?;
@@ -319,9 +319,9 @@ fn result(item: &BatchSensor, judgement: Option<&Judgement>, is_on_screen: bool)
     let mut text = String::new();
     // writing to a string can't fail
     if is_on_screen {
-        let _ = writeln!(text, "\n{}\n{}", big(item.standing), item.serial);
+        let _ = writeln!(text, "\n{}\n{}", big(item.sensor_state), item.serial);
     } else {
-        let _ = writeln!(text, "{} {}", item.serial, item.standing.name().to_uppercase());
+        let _ = writeln!(text, "{} {}", item.serial, item.sensor_state.name().to_uppercase());
     }
     if let Some(judgement) = judgement {
         let worst = judgement.checks.iter().filter_map(|check| {
@@ -333,14 +333,14 @@ fn result(item: &BatchSensor, judgement: Option<&Judgement>, is_on_screen: bool)
                 format!("{name} {} {unit}, limit {} {unit}", check.shown(check.value), check.shown(Some(check.limit)));
             text += &filled(&format!("  {}", line.replace(" ,", ",").trim_end()), "    ");
         }
-        let is_listed = judgement.verdict != SensorVerdict::Accepted && item.standing != SensorState::Calibrated;
+        let is_listed = judgement.verdict != SensorVerdict::Accepted && item.sensor_state != SensorState::Calibrated;
         for reason in judgement.all_reasons().filter(|_| is_listed) {
             text += &filled(&format!("  {reason}"), "    ");
         }
     } else if let Some(reason) = &item.reason {
         text += &filled(&format!("  {reason}"), "    ");
     }
-    if !item.standing.is_judged() {
+    if !item.sensor_state.is_judged() {
         let _ = writeln!(text, "  to calibrate it again: .repeat {0}, then {0}", item.serial);
     }
     text

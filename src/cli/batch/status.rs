@@ -30,7 +30,8 @@ pub(super) struct StatusArgs {
 /// Prints the state that follows from the batch's journal.
 pub(super) fn status(args: &StatusArgs) -> Result<ExitCode, Failure> {
     let state = batch_status(&args.batch)?;
-    let counts = SensorState::ALL.map(|standing| (standing.name().replace(' ', "-"), state.count(standing)));
+    let counts =
+        SensorState::ALL.map(|sensor_state| (sensor_state.name().replace(' ', "-"), state.count(sensor_state)));
     let text = StatusJson {
         name: &state.facts.name,
         design: &state.facts.design,
@@ -72,9 +73,9 @@ pub(super) fn described(state: &BatchState) -> String {
         let _ = writeln!(text, "{} refused serial numbers, {} alarms", state.refused, state.alarms);
     }
     let mut table = TextTable::new(3, ["serial", "state", "run", "minutes"]);
-    for item in state.items.iter().filter(|item| item.standing != SensorState::Waiting || item.times > 0) {
+    for item in state.items.iter().filter(|item| item.sensor_state != SensorState::Waiting || item.times > 0) {
         let minutes = item.minutes.map(|minutes| format!("{minutes:.1}")).unwrap_or_default();
-        table.row(cells![item.serial, item.standing.name(), item.run.as_deref().unwrap_or_default(), minutes]);
+        table.row(cells![item.serial, item.sensor_state.name(), item.run.as_deref().unwrap_or_default(), minutes]);
         for remark in item.reason.iter().chain(&item.before()).chain(&item.note) {
             table.line(format!("  {remark}"));
         }
@@ -90,7 +91,7 @@ pub(super) fn described(state: &BatchState) -> String {
 
 /// Returns the number of sensors of each standing that occurs.
 pub(super) fn counted(state: &BatchState) -> String {
-    let counts = SensorState::ALL.map(|standing| (state.count(standing), standing.name()));
+    let counts = SensorState::ALL.map(|sensor_state| (state.count(sensor_state), sensor_state.name()));
     let counts: Vec<String> =
         counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, name)| format!("{count} {name}")).collect();
     format!("{} sensors, {}", state.items.len(), counts.join(", "))

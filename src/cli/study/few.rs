@@ -3,7 +3,9 @@
 use super::begun::{Common, StudyOutput, ended, number};
 use crate::api::Failure;
 use crate::cli::text_table::{TextTable, cells};
-use palpate_study::few::{FewRow, FewSize, StrangerRow, VerdictRow, few_figures, presses, strangers, verdicts};
+use palpate_study::few::{
+    FewRow, FewSize, ForeignSensorRow, VerdictRow, few_figures, foreign_sensors, presses, verdicts,
+};
 use palpate_study::ndjson;
 use std::process::ExitCode;
 
@@ -12,7 +14,7 @@ pub(super) fn study(args: &Common) -> Result<ExitCode, Failure> {
     let begun = StudyOutput::new(&args.output, "few")?;
     let size = if args.quick { FewSize::QUICK } else { FewSize::WHOLE };
     let few = begun.carried(presses(size, &begun.text()))?;
-    let strange = begun.carried(strangers(size, &begun.text()))?;
+    let strange = begun.carried(foreign_sensors(size, &begun.text()))?;
     let judged = begun.carried(verdicts(size, &begun.text()))?;
     let rows = ndjson(&few) + &ndjson(&strange) + &ndjson(&judged);
     begun.end(few_figures(&few), rows, |out| errors(&few) + &found(&strange) + &decided(&judged) + &ended(out))
@@ -38,10 +40,10 @@ fn errors(few: &[FewRow]) -> String {
     format!("{table}\n")
 }
 
-fn found(strange: &[StrangerRow]) -> String {
+fn found(strange: &[ForeignSensorRow]) -> String {
     let mut table = TextTable::new(2, ["noise", "9 presses of", "sensors", "refused", "full grid", "typical"]);
     for row in strange {
-        let StrangerRow { scene, sensors, refused, beyond, typical, .. } = row;
+        let ForeignSensorRow { scene, sensors, refused, beyond, typical, .. } = row;
         table.row(cells![scene, row.kind.text(), sensors, refused, beyond, typical]);
     }
     format!("{table}\n")

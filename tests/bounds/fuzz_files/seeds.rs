@@ -3,7 +3,7 @@
 use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder};
 use palpate_data::recipe::{self, Plan};
 use palpate_run::rig::{self, RigSpec, SIM_RIG};
-use palpate_run::run::{Cancel, Listener, RunJob, walk};
+use palpate_run::run::{Cancel, Listener, RunJob, execute};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::OnceLock;
@@ -36,7 +36,7 @@ pub(super) fn run() -> &'static Run {
         let ending = runtime.expect("a runtime").block_on(async {
             let cancel = Cancel::default();
             let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-            walk(job, &mut Unheard).await
+            execute(job, &mut Unheard).await
         });
         folder.finish(ending.end(String::new(), 0.0)).expect("a run that ends");
         let [journal, presses, manifest] =

@@ -10,17 +10,17 @@ const DECLARED_N_MM: f64 = 2.0;
 
 /// Bounds of the true force, times the limit: of most faults, of a cell's before it is taught, and of what is counted besides.
 const MOST: f64 = 1.1;
-const UNTAUGHT_CELL: f64 = 1.25;
+const UNLEARNED_CELL: f64 = 1.25;
 const OWN_MOTION: f64 = 1.05;
 
 /// The place from which a cell's fault must be noticed by what was taught.
-const TAUGHT_PLACE: u64 = 11;
+const LEARNED_PLACE: u64 = 11;
 
 /// Within this time of a rise no program can act, s; a specimen rises or sinks within a second.
 const REACTION_S: f64 = 0.1;
 
 /// Largest force that counts as none at the end, N.
-const AIR_N: f64 = 0.05;
+const NO_LOAD_N: f64 = 0.05;
 
 /// Words by which the program's output names the force that is left, or says that nothing knows it.
 const NAMES_FORCE: [&str; 6] = ["remain", "can't be known", "isn't known", "still presses", "is left on", "may press"];
@@ -65,8 +65,8 @@ impl Verdict {
         if bound_n.is_none() && max_n > LIMIT_N && code == "0" {
             falls.push(format!("unnoticed: {max_n:.2} N with exit 0"));
         }
-        // a program that was killed says nothing: a person calls `withdraw`
-        if end_n > AIR_N && !names_force && !names.contains(&"host-kill") {
+        // a program that was killed says nothing: a person calls `retract`
+        if end_n > NO_LOAD_N && !names_force && !names.contains(&"host-kill") {
             falls.push(format!("left: {end_n:.2} N, and no word of it"));
         }
         if code == "0" && number("wrong_rows") > 0.0 {
@@ -114,8 +114,8 @@ fn bound_n(run: &Value, text: &str, world: &str) -> Option<f64> {
             }
             "specimen-jumps" => OWN_MOTION * (LIMIT_N + k * value("mm", 0.3)),
             "specimen-rises" => OWN_MOTION * (LIMIT_N + k * value("mm", 1.0) * REACTION_S),
-            _ if name.starts_with("cell-") && fault["press"].as_u64().is_some_and(|press| press < TAUGHT_PLACE) => {
-                UNTAUGHT_CELL * LIMIT_N
+            _ if name.starts_with("cell-") && fault["press"].as_u64().is_some_and(|press| press < LEARNED_PLACE) => {
+                UNLEARNED_CELL * LIMIT_N
             }
             _ => 0.0,
         };

@@ -174,9 +174,11 @@ fn begin_to_press(scene: &Shared<Scene>, rng: &mut RandomStream) -> (Trajectory,
 fn could_read(press: &Trajectory, window: (f64, f64), value: f64, scale: f64) -> bool {
     let force_n = value / scale;
     let (tolerance_mm, at_mm) = (TOLERANCE_N / STIFFNESS_N_MM / scale.abs().min(1.0), -force_n / STIFFNESS_N_MM);
-    let in_air = |at_s: f64| press.position_mm(at_s) > 0.0;
+    let without_load = |at_s: f64| press.position_mm(at_s) > 0.0;
     let touches = passes(press, window, at_mm, tolerance_mm) && at_mm <= tolerance_mm;
-    touches || force_n.abs() <= TOLERANCE_N && (in_air(window.0) || in_air(window.1) || passes(press, window, 0.0, 0.0))
+    touches
+        || force_n.abs() <= TOLERANCE_N
+            && (without_load(window.0) || without_load(window.1) || passes(press, window, 0.0, 0.0))
 }
 
 async fn call<T>(name: &'static str, outcome: &mut Outcome, fate: &Shared<Fate>, done: impl Future<Output = T>) -> T {

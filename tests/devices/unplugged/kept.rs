@@ -6,10 +6,10 @@ use palpate_data::dataset::{Manifest, Origins, Provenance, RecordedContact, RunF
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::RigSpec;
-use palpate_run::run::{Cancel, Ending, Listener, RunJob, walk_on};
+use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute_on};
 use palpate_sim::emulator::Shared;
+use palpate_testing::executions::{Worst, run_virtually};
 use palpate_testing::phases::{Phase, Watcher};
-use palpate_testing::walks::{Worst, run_virtually};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -22,7 +22,7 @@ const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
 const AFTERWARDS: Duration = Duration::from_secs(5);
 
 /// How a walk went.
-pub(super) struct Walked {
+pub(super) struct Executed {
     pub ending: Ending,
     /// What was recorded, in its order.
     pub contacts: Vec<RecordedContact>,
@@ -61,9 +61,9 @@ impl Kept {
     }
 
     /// Walks what is left of the plan and ends the run.
-    pub(super) fn walk(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Walked {
+    pub(super) fn execute(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Executed {
         let folder = &mut self.folder;
-        let walked = run_virtually(async {
+        let executed = run_virtually(async {
             let mut rig = spec.emulators(plan.seed).expect("emulators");
             let watcher = Arc::new(Mutex::new(Watcher::new(rig.scene.clone(), spec.frame)));
             beset(&mut rig, &watcher, fate);
@@ -71,16 +71,16 @@ impl Kept {
             let rig = spec.open_on(rig).expect("drivers");
             let job = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &|_| {} };
             let mut notes = Notes { watcher: watcher.clone(), contacts: Vec::new() };
-            let ending = timeout(FOR_EVER, walk_on(rig, job, &mut notes)).await.expect("it doesn't end by itself");
+            let ending = timeout(FOR_EVER, execute_on(rig, job, &mut notes)).await.expect("it doesn't end by itself");
             let virtual_s = began.elapsed().as_secs_f64();
             sleep(AFTERWARDS).await;
             let mut watcher = watcher.lock().expect("the walk is over");
             let (z_mm, at_rest) = watcher.z_mm_and_rest();
             let (worst, phases) = (watcher.worst(), std::mem::take(&mut watcher.phases));
-            Walked { ending, contacts: notes.contacts, phases, worst, z_mm, at_rest, virtual_s }
+            Executed { ending, contacts: notes.contacts, phases, worst, z_mm, at_rest, virtual_s }
         });
-        folder.finish(walked.ending.end(String::new(), 0.0)).expect("a run that ends");
-        walked
+        folder.finish(executed.ending.end(String::new(), 0.0)).expect("a run that ends");
+        executed
     }
 
     /// What of a run that ended isn't on the disk as it must be: its verdict, and these contacts, each once.
@@ -127,8 +127,8 @@ struct Notes {
 
 impl Listener for Notes {
     fn begins(&mut self, entry: &Entry) {
-        let teaches = entry.phase == palpate_data::recipe::Phase::Teach;
-        self.watcher.lock().expect("a test that goes on").begins(!teaches);
+        let training_presses = entry.phase == palpate_data::recipe::Phase::Teach;
+        self.watcher.lock().expect("a test that goes on").begins(!training_presses);
     }
 
     fn recorded(&mut self, contact: &RecordedContact) {

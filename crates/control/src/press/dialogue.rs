@@ -19,7 +19,7 @@ pub struct Context {
     pub limits: Limits,
     /// Permit of the rig: decides which motions are allowed.
     pub permit: Permit,
-    /// Zero of the air before this press. The press' own zero may not be far from it.
+    /// Zero without load before this press. The press' own zero may not be far from it.
     pub zero: Zero,
     /// Age of that zero, s.
     pub zero_age_s: f64,
@@ -29,11 +29,11 @@ pub struct Context {
     pub shot: Option<Shot>,
     /// Lowest allowed stiffness of the press.
     pub softest: Softest,
-    /// Position to withdraw to, mm: clear of the surface here and on the way to the next place.
+    /// Position to retract to, mm: clear of the surface here and on the way to the next place.
     pub clear_mm: f64,
     /// Fastest approach until the first touch of the specimen, mm/s.
     pub approach_mm_s: f64,
-    /// Speed of steps in contact and of motions in air, mm/s.
+    /// Speed of steps in contact and of motions without load, mm/s.
     pub speed_mm_s: f64,
     /// Timing of the rig.
     pub timing: Timing,
@@ -50,11 +50,11 @@ pub enum LoopCommand {
     Dwell(f64),
     /// Sample force and outputs for this time, s; answered by [`LoopEvent::Sampled`].
     Sample(f64),
-    /// Withdraw for good. The next action may begin once the specimen is clear. Answered by [`LoopEvent::Moved`].
-    Depart(Permitted),
+    /// Retract for good. The next action may begin once the specimen is clear. Answered by [`LoopEvent::Moved`].
+    LeaveContact(Permitted),
     /// The contact is over.
     Done,
-    /// A rule is broken: stop, withdraw, record.
+    /// A rule is broken: stop, retract, record.
     Trip(Trip),
 }
 
@@ -66,7 +66,7 @@ pub enum LoopEvent {
         /// Position z of the indenter, read back, mm.
         z_mm: f64,
         /// Load cell readings in the clear; forces are relative to them.
-        air: AirReadings,
+        no_load: NoLoadReadings,
     },
     /// Readings were averaged.
     Averaged {
@@ -92,7 +92,7 @@ impl LoopEvent {
     /// Returns a trip if a value isn't a finite number.
     pub(super) fn check_finite(&self) -> Result<(), Trip> {
         let (number, unit) = match *self {
-            LoopEvent::Begin { z_mm, air } => (z_mm + air.mean_n + air.sigma_n, "mm"),
+            LoopEvent::Begin { z_mm, no_load } => (z_mm + no_load.mean_n + no_load.sigma_n, "mm"),
             LoopEvent::Moved { z_mm } => (z_mm, "mm"),
             LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } => (force_n, "N"),
             LoopEvent::Dwelt => return Ok(()),
@@ -101,9 +101,9 @@ impl LoopEvent {
     }
 }
 
-/// Readings in air.
+/// Readings without load.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct AirReadings {
+pub struct NoLoadReadings {
     /// Mean of the readings, N, as the cell reads it.
     pub mean_n: f64,
     /// Standard deviation of the readings, N.

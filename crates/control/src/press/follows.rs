@@ -41,10 +41,10 @@ impl ForceLoop {
         let (shown_mm, shown_n) = self.shown;
         let room_n = (UNPROVEN * limits.force_n - shown_n).max(0.0);
         let by_travel = shown_mm + room_n / limits.stiffness_n_mm;
-        match self.context.softest.taught {
-            Some(taught) => {
+        match self.context.softest.learned_curve {
+            Some(learned_curve) => {
                 let Expected { z_mm, first_mm, .. } = self.context.expected;
-                let safe_mm = (z_mm + first_mm) / 2.0 + taught.safe_mm(limits.force_n);
+                let safe_mm = (z_mm + first_mm) / 2.0 + learned_curve.safe_mm(limits.force_n);
                 by_travel.max(safe_mm).min(self.neighbours_mm())
             }
             None => by_travel,
@@ -54,8 +54,9 @@ impl ForceLoop {
     /// Deepest z by the presses around, mm: there the force would exceed the limit.
     fn neighbours_mm(&self) -> f64 {
         let set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
-        let taught = self.context.softest.taught;
-        let deepest_mm = taught.map_or(f64::INFINITY, |taught| taught.deepest_mm(self.context.limits.force_n, set_n));
+        let learned_curve = self.context.softest.learned_curve;
+        let deepest_mm = learned_curve
+            .map_or(f64::INFINITY, |learned_curve| learned_curve.deepest_mm(self.context.limits.force_n, set_n));
         self.context.expected.last_mm + deepest_mm
     }
 

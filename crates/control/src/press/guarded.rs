@@ -67,7 +67,7 @@ impl ForceLoop {
     /// Descends slowly until the force shows contact. The motion ends at a safe point even if nothing stops it.
     pub(super) fn approach(&mut self) -> Result<LoopCommand, Trip> {
         let search_mm = self.context.expected.last_mm + SEARCH_MM;
-        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()).min(search_mm));
+        let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()).min(search_mm));
         self.steps += 1;
         let looks_max = if self.context.expected.touched { LOOKS_MAX } else { FIRST_LOOKS_MAX };
         if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
@@ -142,7 +142,7 @@ impl ForceLoop {
 
     /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
     pub(super) fn pursue(&mut self) -> Result<LoopCommand, Trip> {
-        let Some((_, level)) = self.level() else { return self.depart() };
+        let Some((_, level)) = self.level() else { return self.leave_contact() };
         let limit_n = self.context.limits.force_n;
         let (side, below_n) = match level.branch {
             Branch::Loading => (1.0, BELOW_SIGMAS * self.sigma_n),
@@ -170,7 +170,7 @@ impl ForceLoop {
         let step_mm = side * way_mm;
         if side < 0.0 {
             let z_mm = self.z_mm + step_mm;
-            let granted = self.withdraw_to(z_mm)?;
+            let granted = self.retract_to(z_mm)?;
             return self.go(PressState::Stepping, LoopCommand::Move(granted));
         }
         self.step_to(PressState::Stepping, self.z_mm + step_mm)
@@ -196,7 +196,7 @@ impl ForceLoop {
         if let Some(dwell_s) = self.must_show_answer_s(wanted_mm)? {
             return self.go(PressState::Lingering, LoopCommand::Dwell(dwell_s));
         }
-        let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.standing()));
+        let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()));
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
             let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
             if force_set_n - self.force_n <= self.task.force_tolerance_n {

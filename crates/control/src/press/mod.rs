@@ -9,12 +9,12 @@ mod soft;
 mod state;
 mod velocity;
 
-use super::map::Lesson;
+use super::map::LearnedContact;
 use super::permit::{DEPTH_MARGIN_MM, MotionContext, Permitted};
 use super::profile::MotionProfile;
 use super::task::{Branch, ForceLevel, PressTask, Strategy};
 use super::trip::{SafetyRule, Trip};
-pub use dialogue::{AirReadings, Context, LoopCommand, LoopEvent, Moment, Steer};
+pub use dialogue::{Context, LoopCommand, LoopEvent, Moment, NoLoadReadings, Steer};
 pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
 pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
@@ -22,8 +22,8 @@ pub use velocity::GAIN_TIMES_DEAD_TIME;
 pub use state::ForceLoop;
 use state::{MotionInProgress, PressState, Push, SEARCH_MM, STEP_LEAST_MM, TELL_SIGMAS};
 
-/// Number of air readings that are checked before a press.
-pub const AIR_READINGS: u32 = 8;
+/// Number of readings without load that are checked before a press.
+pub const NO_LOAD_READINGS: u32 = 8;
 /// Fewest readings averaged between two motions. The second constant holds where the force is near the limit.
 const READINGS_LEAST: u32 = 4;
 const LIMIT_READINGS: u32 = 16;
@@ -37,7 +37,7 @@ const MEAN_SHARE_MOST: f64 = 0.15;
 const READ_MOST_S: f64 = 0.200;
 /// Distance that a depth limit must leave for that search beyond the surface's uncertainty, mm.
 pub const SEARCH_ROOM_MM: f64 = SEARCH_MM + DEPTH_MARGIN_MM;
-/// Fraction of a force that must remain at the next look if nothing was withdrawn.
+/// Fraction of a force that must remain at the next look if nothing was retracted.
 const LEFT_SHARE: f64 = 0.5;
 /// Largest number of stored points of a loading path.
 const PATH_MAX: usize = 12;
@@ -94,13 +94,13 @@ impl ForceLoop {
     }
 
     /// Returns the information from this press for later presses; `None` if the press never touched the specimen.
-    pub fn lesson(&self) -> Option<Lesson> {
+    pub fn learned_contact(&self) -> Option<LearnedContact> {
         let place = self.context.place;
         match self.landing {
-            Some(landing) => landing.lesson(place),
+            Some(landing) => landing.learned_contact(place),
             None => {
                 let z_mm = self.touched_mm()?;
-                Some(Lesson::Touch { place, z_mm, path: self.path.clone() })
+                Some(LearnedContact::Touch { place, z_mm, path: self.path.clone() })
             }
         }
     }
@@ -138,9 +138,9 @@ impl ForceLoop {
     fn answer(&mut self, event: LoopEvent) -> Result<LoopCommand, Trip> {
         event.check_finite()?;
         match (self.state, event) {
-            (PressState::Idle, LoopEvent::Begin { z_mm, air }) => {
+            (PressState::Idle, LoopEvent::Begin { z_mm, no_load }) => {
                 self.z_mm = z_mm;
-                self.begin(air)
+                self.begin(no_load)
             }
             (PressState::Descending | PressState::Approaching, LoopEvent::Moved { z_mm }) => {
                 let descended = self.state == PressState::Descending && z_mm < self.first_mm;
@@ -166,29 +166,29 @@ impl ForceLoop {
             (PressState::Dwelling | PressState::Lingering, LoopEvent::Dwelt) => self.average(PressState::Reading),
             (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
             (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
-            (PressState::Withdrawing, LoopEvent::Moved { z_mm }) => {
+            (PressState::Retracting, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;
                 self.average(PressState::Leaving)
             }
             (PressState::Leaving, LoopEvent::Averaged { force_n }) => self.left(force_n),
-            (PressState::Departing, LoopEvent::Moved { .. }) => Ok(LoopCommand::Done),
+            (PressState::LeavingContact, LoopEvent::Moved { .. }) => Ok(LoopCommand::Done),
             _ => Err(Trip::new(SafetyRule::NotPermitted, 0.0, 0.0, "event out of turn")),
         }
     }
 
     /// Takes the newest air reading as the zero of the forces, if the permit accepts it as air.
-    fn begin(&mut self, air: AirReadings) -> Result<LoopCommand, Trip> {
+    fn begin(&mut self, no_load: NoLoadReadings) -> Result<LoopCommand, Trip> {
         let noise_n = self.context.zero.noise_most_n();
         // asked for what must hold, so that a NaN is refused
-        let is_quiet = air.sigma_n <= noise_n && air.readings >= AIR_READINGS;
+        let is_quiet = no_load.sigma_n <= noise_n && no_load.readings >= NO_LOAD_READINGS;
         if !is_quiet {
-            return Err(Trip::new(SafetyRule::Noisy, air.sigma_n, noise_n, "N"));
+            return Err(Trip::new(SafetyRule::Noisy, no_load.sigma_n, noise_n, "N"));
         }
-        let moved_n = air.mean_n - self.context.zero.offset_n;
-        let sigma_n = self.context.zero.sigma_mean_n(air.readings);
+        let moved_n = no_load.mean_n - self.context.zero.offset_n;
+        let sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
         self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
-        self.context.zero = self.context.zero.counted_from(&air);
-        self.sigma_n = self.context.zero.sigma_mean_n(air.readings);
+        self.context.zero = self.context.zero.counted_from(&no_load);
+        self.sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
         self.force_n = 0.0;
         self.next_level()
     }
@@ -201,9 +201,9 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
-            None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.depart(),
+            None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
             None => Ok(LoopCommand::Done),
-            Some((_, ForceLevel { force_set_n: 0.0, .. })) if self.in_contact => self.withdraw(),
+            Some((_, ForceLevel { force_set_n: 0.0, .. })) if self.in_contact => self.retract(),
             Some((_, ForceLevel { force_set_n: 0.0, .. })) => self.sample(),
             Some(_) if self.in_contact => self.average(PressState::Reading),
             Some((_, level)) => match self.context.shot {
@@ -230,11 +230,11 @@ impl ForceLoop {
         self.pursue()
     }
 
-    /// Checks for a force that disappeared although nothing was withdrawn. The specimen slipped, or the cell no longer measures.
+    /// Checks for a force that disappeared although nothing was retracted. The specimen slipped, or the cell no longer measures.
     fn check_fall(&self, force_n: f64) -> Result<(), Trip> {
-        let withdrawn = self.before_mm > self.z_mm + STEP_LEAST_MM;
+        let retracted = self.before_mm > self.z_mm + STEP_LEAST_MM;
         let least_n = LEFT_SHARE * self.force_n - TELL_SIGMAS * self.sigma_n;
-        if self.in_contact && !withdrawn && force_n < least_n {
+        if self.in_contact && !retracted && force_n < least_n {
             return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
         }
         Ok(())
@@ -282,17 +282,17 @@ impl ForceLoop {
         self.next_level()
     }
 
-    fn withdraw(&mut self) -> Result<LoopCommand, Trip> {
-        let granted = self.withdraw_to(self.context.clear_mm)?;
-        self.go(PressState::Withdrawing, LoopCommand::Move(granted))
+    fn retract(&mut self) -> Result<LoopCommand, Trip> {
+        let granted = self.retract_to(self.context.clear_mm)?;
+        self.go(PressState::Retracting, LoopCommand::Move(granted))
     }
 
-    fn depart(&mut self) -> Result<LoopCommand, Trip> {
-        let granted = self.withdraw_to(self.context.clear_mm)?;
-        self.go(PressState::Departing, LoopCommand::Depart(granted))
+    fn leave_contact(&mut self) -> Result<LoopCommand, Trip> {
+        let granted = self.retract_to(self.context.clear_mm)?;
+        self.go(PressState::LeavingContact, LoopCommand::LeaveContact(granted))
     }
 
-    /// Checks that the force shows no contact any more. Then the next level follows, in air.
+    /// Checks that the force shows no contact any more. Then the next level follows, without load.
     fn left(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         let most_n = self.context.zero.detect_n();
         if force_n.abs() >= most_n {
@@ -306,7 +306,7 @@ impl ForceLoop {
 
     fn advance(&mut self, state: PressState, z_mm: f64, speed_mm_s: f64) -> Result<LoopCommand, Trip> {
         let z_mm = self.in_steps_mm(z_mm);
-        let granted = self.context.permit.advance(&self.standing(), z_mm, speed_mm_s)?;
+        let granted = self.context.permit.advance(&self.context(), z_mm, speed_mm_s)?;
         let profile =
             MotionProfile::new(z_mm - self.z_mm, granted.speed_mm_s(), self.context.timing.acceleration_mm_s2);
         self.motion =
@@ -332,11 +332,11 @@ impl ForceLoop {
         (force_n > most_n).then(|| Trip::new(SafetyRule::HardContact, force_n, most_n, "N"))
     }
 
-    /// Withdraws from the specimen. No force rule has to limit this motion.
-    fn withdraw_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
+    /// Retracts from the specimen. No force rule has to limit this motion.
+    fn retract_to(&mut self, z_mm: f64) -> Result<Permitted, Trip> {
         self.motion = None;
         let z_mm = self.in_steps_mm(z_mm);
-        self.context.permit.withdraw(self.z_mm, z_mm, self.context.speed_mm_s)
+        self.context.permit.retract(self.z_mm, z_mm, self.context.speed_mm_s)
     }
 
     fn go(&mut self, state: PressState, command: LoopCommand) -> Result<LoopCommand, Trip> {
@@ -374,7 +374,7 @@ impl ForceLoop {
         }
     }
 
-    fn standing(&self) -> MotionContext {
+    fn context(&self) -> MotionContext {
         MotionContext {
             z_mm: self.z_mm,
             force_n: self.force_n,

@@ -4,7 +4,7 @@
 use super::guarded::LEARN_SHARE;
 use super::state::{ForceLoop, Landing, PressState, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
 use super::{Branch, ForceLevel, LoopCommand, SafetyRule, Steer, Trip};
-use crate::map::{Lesson, Shot};
+use crate::map::{LearnedContact, Shot};
 use crate::profile::MotionProfile;
 use palpate_core::quantity::Place;
 
@@ -38,9 +38,9 @@ impl Landing {
         self.faded.get_or_insert((self.left_n - force_n) / force_set_n);
     }
 
-    pub(super) fn lesson(&self, place: Place) -> Option<Lesson> {
+    pub(super) fn learned_contact(&self, place: Place) -> Option<LearnedContact> {
         let Landing { z_mm, force_n, expected_n, faded, .. } = *self;
-        Some(Lesson::Shot { place, z_mm, force_n, expected_n, faded: faded? })
+        Some(LearnedContact::Shot { place, z_mm, force_n, expected_n, faded: faded? })
     }
 }
 
@@ -49,7 +49,7 @@ impl ForceLoop {
     /// press continues guarded.
     pub(super) fn shoot(&mut self, shot: Shot, level: ForceLevel) -> Result<LoopCommand, Trip> {
         let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
-        let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.standing()));
+        let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.context()));
         if shot.force_n(target_mm) < self.context.zero.detect_n() {
             return self.descend();
         }
@@ -145,9 +145,9 @@ impl ForceLoop {
         let whole = MotionProfile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         let shot_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
         let look_and_trim_s = |share| self.reading_s() + self.trim_s(share * force_set_n / stiffness);
-        // where hum makes looks long, a press that needs a correction would be sampled later than one that needs none, and its force
+        // where mains interference makes looks long, a press that needs a correction would be sampled later than one that needs none, and its force
         // would fade by less: time is kept for the correction
-        let correction_s = self.context.zero.hum.map_or(0.0, |_| look_and_trim_s(CORRECTION_SHARE));
+        let correction_s = self.context.zero.mains.map_or(0.0, |_| look_and_trim_s(CORRECTION_SHARE));
         let total_s = shot_s + correction_s + look_and_trim_s(TRIM_SHARE) + self.task.hold_s;
         (total_s / GRAIN_S).ceil() * GRAIN_S
     }
@@ -159,7 +159,7 @@ impl ForceLoop {
         EXCHANGES * timing.exchange_s + way.duration_s() + timing.settle_s
     }
 
-    /// Duration of a look at the force, s. If there is hum, it is a whole number of hum periods.
+    /// Duration of a look at the force, s. If there is mains interference, it is a whole number of periods of the mains interference.
     fn reading_s(&self) -> f64 {
         self.context.zero.mean_s(f64::from(self.readings()) * self.context.timing.conversion_s)
     }

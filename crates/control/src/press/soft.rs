@@ -4,7 +4,7 @@
 use super::guarded::RESPONSE_SHARE;
 use super::state::{ForceLoop, TELL_SIGMAS};
 use super::{SafetyRule, Trip};
-use crate::taught::{Taught, WAY_MM};
+use crate::learned_curve::{LearnedCurve, WAY_MM};
 
 /// Fraction of the declared least stiffness below which a press counts as too soft. The force relaxes while it is reached.
 const DECLARED_SHARE: f64 = 0.9;
@@ -19,7 +19,7 @@ pub struct Softest {
     /// Least stiffness that the rig declares, N/mm; `None` if the rig declares no such value.
     pub declared_n_mm: Option<f64>,
     /// Information from the presses around; `None` if there are too few.
-    pub taught: Option<Taught>,
+    pub learned_curve: Option<LearnedCurve>,
 }
 
 impl ForceLoop {
@@ -36,12 +36,12 @@ impl ForceLoop {
             return Ok(());
         }
         self.check_declared(from_mm, from_n)?;
-        self.check_taught(from_mm, from_n)
+        self.check_learned_curve(from_mm, from_n)
     }
 
     /// Compares the rise of a shot in the same way, from the lowest possible surface.
     pub(super) fn check_shot_softness(&self) -> Result<(), Trip> {
-        self.check_taught(self.context.expected.last_mm, 0.0)
+        self.check_learned_curve(self.context.expected.last_mm, 0.0)
     }
 
     /// Checks the declared stiffness at the first press only. Later presses are compared with what the first press taught.
@@ -61,16 +61,16 @@ impl ForceLoop {
         Ok(())
     }
 
-    fn check_taught(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
-        let Some(taught) = self.context.softest.taught else { return Ok(()) };
+    fn check_learned_curve(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
+        let Some(learned_curve) = self.context.softest.learned_curve else { return Ok(()) };
         let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
-        let (rose_n, expected_n) = (self.force_n - from_n, taught.force_n(from_n, way_mm) - from_n);
+        let (rose_n, expected_n) = (self.force_n - from_n, learned_curve.force_n(from_n, way_mm) - from_n);
         if rose_n < RESPONSE_SHARE * expected_n {
             return Ok(()); // no answer at all is another rule's
         }
         // a force that hasn't risen is compared as if it had: by then the way was long enough for it
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
-        let longest_mm = taught.longest_mm((from_n - noise_n).max(0.0), to_n) + self.read_back_mm();
+        let longest_mm = learned_curve.longest_mm((from_n - noise_n).max(0.0), to_n) + self.read_back_mm();
         if way_mm > longest_mm {
             return Err(Trip::new(SafetyRule::SofterThanTaught, rose_n / way_mm, rose_n / longest_mm, "N/mm"));
         }
@@ -79,7 +79,8 @@ impl ForceLoop {
 
     /// Checks at the end of the first level that the force didn't rise within a shorter distance than the presses around need.
     pub(super) fn check_stiffness(&self) -> Result<(), Trip> {
-        let Some(taught) = self.context.softest.taught.filter(|_| self.level == self.first_loaded()) else {
+        let Some(learned_curve) = self.context.softest.learned_curve.filter(|_| self.level == self.first_loaded())
+        else {
             return Ok(());
         };
         let from = match self.landing {
@@ -88,7 +89,7 @@ impl ForceLoop {
         };
         let Some((from_mm, from_n)) = from else { return Ok(()) };
         let (way_mm, rose_n, noise_n) = (self.z_mm - from_mm, self.force_n - from_n, TELL_SIGMAS * self.sigma_n);
-        let shortest_mm = taught.shortest_mm(from_n + noise_n, (self.force_n - noise_n).max(from_n + noise_n));
+        let shortest_mm = learned_curve.shortest_mm(from_n + noise_n, (self.force_n - noise_n).max(from_n + noise_n));
         if way_mm < shortest_mm - self.read_back_mm() {
             return Err(Trip::new(SafetyRule::StifferThanTaught, rose_n / way_mm, rose_n / shortest_mm, "N/mm"));
         }

@@ -34,13 +34,13 @@ pub(super) enum PressState {
     Lingering,
     Waiting,
     Sampling,
-    Withdrawing,
+    Retracting,
     Leaving,
-    Departing,
+    LeavingContact,
     Over,
 }
 
-/// One contact: find the surface from above, reach each level from its own side, hold it, sample it, withdraw.
+/// One contact: find the surface from above, reach each level from its own side, hold it, sample it, retract.
 pub struct ForceLoop {
     pub(super) task: PressTask,
     pub(super) context: Context,

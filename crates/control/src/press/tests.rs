@@ -1,7 +1,7 @@
 //! The press against a spring.
 
 use super::*;
-use crate::{ContactMap, Lesson, Permit, Timing, Zero};
+use crate::{ContactMap, LearnedContact, Permit, Timing, Zero};
 use palpate_core::quantity::{Limits, Place};
 use rand::seq::SliceRandom;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ struct PressBench {
     tolerance_n: f64,
     map: ContactMap,
     surface_mm: f64,
-    air: AirReadings,
+    no_load: NoLoadReadings,
     place: Place,
     least_n_mm: Option<f64>,
     /// Time constant of the load cell's filter, s.
@@ -40,10 +40,10 @@ struct PressBench {
 
 fn bench(levels: Arc<[ForceLevel]>, surface_mm: f64) -> PressBench {
     // what a cell of 1 kHz reads on the way from place to place
-    let air = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
+    let no_load = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
     let map = ContactMap::new(0.3);
     let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
-    PressBench { levels, strategy, tolerance_n: 0.05, map, surface_mm, air, place, least_n_mm, lag_s: 0.0 }
+    PressBench { levels, strategy, tolerance_n: 0.05, map, surface_mm, no_load, place, least_n_mm, lag_s: 0.0 }
 }
 
 impl PressBench {
@@ -66,7 +66,7 @@ impl PressBench {
             zero_age_s: 0.0,
             expected: self.map.expect(self.place),
             shot: self.map.shot(self.place, force_set_n, &LIMITS),
-            softest: Softest { declared_n_mm: self.least_n_mm, taught: self.map.taught(self.place) },
+            softest: Softest { declared_n_mm: self.least_n_mm, learned_curve: self.map.learned_curve(self.place) },
             clear_mm: -0.5,
             approach_mm_s: 2.0,
             speed_mm_s: 10.0,
@@ -85,12 +85,12 @@ impl PressBench {
 
     /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
     /// last commanded and reaches its target unless it is stopped.
-    fn walk(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, PressScript) {
+    fn execute(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, PressScript) {
         let mut press = self.press();
         let force = |z: f64| force_at(z - self.surface_mm);
-        let mut walk = PressScript { forces: vec![], moves: vec![], deepest_mm: -0.5, end: LoopCommand::Done };
+        let mut execute = PressScript { forces: vec![], moves: vec![], deepest_mm: -0.5, end: LoopCommand::Done };
         let (mut z, mut now_s) = (-0.5, 0.0);
-        let mut event = LoopEvent::Begin { z_mm: z, air: self.air };
+        let mut event = LoopEvent::Begin { z_mm: z, no_load: self.no_load };
         let mut shown_n = 0.0;
         let mut read = |z: f64, after_s: f64| {
             shown_n =
@@ -103,7 +103,7 @@ impl PressBench {
                     now_s += f64::from(readings) * 0.001;
                     LoopEvent::Averaged { force_n: read(z, f64::from(readings) * 0.001) }
                 }
-                LoopCommand::Move(granted) | LoopCommand::Depart(granted) => {
+                LoopCommand::Move(granted) | LoopCommand::LeaveContact(granted) => {
                     let (from_mm, began_s, end_mm) = (z, now_s, granted.z_mm());
                     let heading = (end_mm - z).signum();
                     let profile = MotionProfile::new(end_mm - z, granted.speed_mm_s(), 100.0);
@@ -125,8 +125,8 @@ impl PressBench {
                             }
                         }
                     }
-                    walk.deepest_mm = walk.deepest_mm.max(z);
-                    walk.moves.push(z);
+                    execute.deepest_mm = execute.deepest_mm.max(z);
+                    execute.moves.push(z);
                     LoopEvent::Moved { z_mm: z }
                 }
                 LoopCommand::Dwell(seconds) => {
@@ -135,12 +135,12 @@ impl PressBench {
                     LoopEvent::Dwelt
                 }
                 LoopCommand::Sample(_) => {
-                    walk.forces.push(force(z));
+                    execute.forces.push(force(z));
                     LoopEvent::Sampled { force_n: read(z, 0.1) }
                 }
                 end => {
-                    walk.end = end;
-                    return (press, walk);
+                    execute.end = end;
+                    return (press, execute);
                 }
             };
         }
@@ -148,7 +148,7 @@ impl PressBench {
     }
 
     fn rule(&self, force_at: impl Fn(f64) -> f64) -> (SafetyRule, PressScript) {
-        match self.walk(force_at).1 {
+        match self.execute(force_at).1 {
             PressScript { end: LoopCommand::Trip(trip), forces, moves, deepest_mm } => {
                 (trip.rule, PressScript { end: LoopCommand::Done, forces, moves, deepest_mm })
             }
@@ -158,11 +158,11 @@ impl PressBench {
 }
 
 /// A map that was taught the nominal specimen with its surface at z = 0, by five touches.
-fn taught() -> ContactMap {
+fn learned_curve() -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
     for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {
-        map.learn(&Lesson::Touch { place: Place::new(x, y), z_mm: 0.0, path: path.clone() });
+        map.learn(&LearnedContact::Touch { place: Place::new(x, y), z_mm: 0.0, path: path.clone() });
     }
     map
 }
@@ -171,7 +171,7 @@ fn mapped(force_n: f64, surface_mm: f64) -> PressBench {
     PressBench {
         strategy: Strategy::Map,
         tolerance_n: 0.01,
-        map: taught(),
+        map: learned_curve(),
         ..bench(PressTask::press(force_n), surface_mm)
     }
 }
@@ -182,13 +182,17 @@ fn a_press_reaches_its_force_from_below_and_withdraws() {
         for force_n in [0.1, 0.5, 1.0] {
             // one push leaves no point between the touch and its end: the way back is a chord
             for (strategy, touch_mm) in [(Strategy::Guarded, 0.005), (Strategy::Velocity, 0.010)] {
-                let (press, walk) =
-                    PressBench { strategy, ..bench(PressTask::press(force_n), surface_mm) }.walk(force_at);
-                assert_eq!(walk.end, LoopCommand::Done);
-                assert!((walk.forces[0] - force_n).abs() < 0.0055 && walk.forces[0] <= force_n, "{:?}", walk.forces);
+                let (press, execute) =
+                    PressBench { strategy, ..bench(PressTask::press(force_n), surface_mm) }.execute(force_at);
+                assert_eq!(execute.end, LoopCommand::Done);
+                assert!(
+                    (execute.forces[0] - force_n).abs() < 0.0055 && execute.forces[0] <= force_n,
+                    "{:?}",
+                    execute.forces
+                );
                 assert!((press.touched_mm().unwrap() - surface_mm).abs() < touch_mm, "{:?}", press.touched_mm());
-                assert!(force_at(walk.deepest_mm - surface_mm) <= force_n, "{strategy:?}");
-                assert!((walk.moves.last().unwrap() + 0.5).abs() < 1e-9);
+                assert!(force_at(execute.deepest_mm - surface_mm) <= force_n, "{strategy:?}");
+                assert!((execute.moves.last().unwrap() + 0.5).abs() < 1e-9);
             }
         }
     }
@@ -198,10 +202,11 @@ fn a_press_reaches_its_force_from_below_and_withdraws() {
 fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above() {
     let levels = PressTask::staircase(2.0, 0.5);
     for strategy in Strategy::ALL {
-        let (_, walk) = PressBench { strategy, map: taught(), ..bench(levels.clone(), 0.02) }.walk(force_at);
-        assert_eq!(walk.end, LoopCommand::Done);
-        assert_eq!(walk.forces.len(), 9);
-        for (level, force_n) in levels.iter().zip(&walk.forces) {
+        let (_, execute) =
+            PressBench { strategy, map: learned_curve(), ..bench(levels.clone(), 0.02) }.execute(force_at);
+        assert_eq!(execute.end, LoopCommand::Done);
+        assert_eq!(execute.forces.len(), 9);
+        for (level, force_n) in levels.iter().zip(&execute.forces) {
             match level.branch {
                 Branch::Loading => {
                     assert!((-0.01..=0.0).contains(&(force_n - level.force_set_n)), "{level:?} {force_n}")
@@ -212,9 +217,9 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
             }
         }
         // the z of the steps turns round just once: up to the top, then down to the clear
-        let deepest = walk.moves.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let top = walk.moves.iter().position(|&z| z == deepest).unwrap();
-        assert!(walk.moves[..=top].is_sorted() && walk.moves[top..].iter().rev().is_sorted());
+        let deepest = execute.moves.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let top = execute.moves.iter().position(|&z| z == deepest).unwrap();
+        assert!(execute.moves[..=top].is_sorted() && execute.moves[top..].iter().rev().is_sorted());
     }
 }
 
@@ -231,25 +236,25 @@ fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitte
 
 #[test]
 fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
-    let quiet = AirReadings { mean_n: 0.0, sigma_n: 0.003, readings: AIR_READINGS, age_s: 0.0 };
-    for (air, rule) in [
-        (AirReadings { mean_n: -0.04, ..quiet }, SafetyRule::ZeroDrifted),
-        (AirReadings { mean_n: 0.04, ..quiet }, SafetyRule::ZeroDrifted),
-        (AirReadings { mean_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
-        (AirReadings { sigma_n: 0.012, ..quiet }, SafetyRule::Noisy),
-        (AirReadings { sigma_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
-        (AirReadings { readings: 2, ..quiet }, SafetyRule::Noisy),
+    let quiet = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: NO_LOAD_READINGS, age_s: 0.0 };
+    for (no_load, rule) in [
+        (NoLoadReadings { mean_n: -0.04, ..quiet }, SafetyRule::ZeroDrifted),
+        (NoLoadReadings { mean_n: 0.04, ..quiet }, SafetyRule::ZeroDrifted),
+        (NoLoadReadings { mean_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
+        (NoLoadReadings { sigma_n: 0.012, ..quiet }, SafetyRule::Noisy),
+        (NoLoadReadings { sigma_n: f64::NAN, ..quiet }, SafetyRule::NotFinite),
+        (NoLoadReadings { readings: 2, ..quiet }, SafetyRule::Noisy),
     ] {
-        let (tripped, walk) = PressBench { air, ..bench(PressTask::press(1.0), 0.0) }.rule(force_at);
-        assert_eq!(tripped, rule, "{air:?}");
-        assert!(walk.moves.is_empty());
+        let (tripped, execute) = PressBench { no_load, ..bench(PressTask::press(1.0), 0.0) }.rule(force_at);
+        assert_eq!(tripped, rule, "{no_load:?}");
+        assert!(execute.moves.is_empty());
     }
 }
 
 #[test]
 fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
     // it slips away, or the cell gives what it gave; on a specimen that was never touched the surface is known less well
-    for (map, deepest_mm) in [(taught(), 1.0), (ContactMap::new(0.3), LIMITS.depth_mm)] {
+    for (map, deepest_mm) in [(learned_curve(), 1.0), (ContactMap::new(0.3), LIMITS.depth_mm)] {
         let bench = PressBench { map, ..bench(PressTask::press(1.0), 0.0) };
         let (rule, stuck) = bench.rule(|depth| force_at(depth).min(0.12));
         assert_eq!(rule, SafetyRule::NoResponse);
@@ -260,18 +265,18 @@ fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
 #[test]
 fn a_force_that_falls_by_itself_is_a_trip() {
     let slips = |depth: f64| if depth > 0.6 { 0.2 * force_at(depth) } else { force_at(depth) };
-    let (rule, walk) = bench(PressTask::press(1.0), 0.0).rule(slips);
+    let (rule, execute) = bench(PressTask::press(1.0), 0.0).rule(slips);
     assert_eq!(rule, SafetyRule::Fallen);
-    assert!(force_at(walk.deepest_mm) < 1.0);
+    assert!(force_at(execute.deepest_mm) < 1.0);
 }
 
 #[test]
 fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
     // what is left is the way of the reaction: 2 mm/s and 10 mm/s at most
     for (bench, deepest_mm) in [(bench(PressTask::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
-        let (rule, walk) = bench.rule(|depth| 20.0 * depth.max(0.0));
+        let (rule, execute) = bench.rule(|depth| 20.0 * depth.max(0.0));
         assert_eq!(rule, SafetyRule::HardContact);
-        assert!(walk.deepest_mm < deepest_mm, "{}", walk.deepest_mm);
+        assert!(execute.deepest_mm < deepest_mm, "{}", execute.deepest_mm);
     }
 }
 
@@ -279,15 +284,15 @@ fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
 fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
     for surface_mm in [-0.004, 0.0, 0.004] {
         for force_n in [0.2, 0.5, 1.0] {
-            let (press, walk) = mapped(force_n, surface_mm).walk(force_at);
-            assert_eq!(walk.end, LoopCommand::Done);
-            assert!((walk.forces[0] - force_n).abs() < 0.001, "{:?}", walk.forces);
-            assert!(walk.moves.len() <= 4, "{:?}", walk.moves);
-            let shot_n = force_at(walk.moves[0] - surface_mm);
+            let (press, execute) = mapped(force_n, surface_mm).execute(force_at);
+            assert_eq!(execute.end, LoopCommand::Done);
+            assert!((execute.forces[0] - force_n).abs() < 0.001, "{:?}", execute.forces);
+            assert!(execute.moves.len() <= 4, "{:?}", execute.moves);
+            let shot_n = force_at(execute.moves[0] - surface_mm);
             assert!((0.5 * force_n..force_n).contains(&shot_n), "{shot_n} of {force_n}");
-            assert!(force_at(walk.deepest_mm - surface_mm) < force_n + 0.001);
+            assert!(force_at(execute.deepest_mm - surface_mm) < force_n + 0.001);
             assert_eq!(press.touched_mm(), Some(0.0), "where the map has it");
-            assert!(matches!(press.lesson(), Some(Lesson::Shot { .. })));
+            assert!(matches!(press.learned_contact(), Some(LearnedContact::Shot { .. })));
         }
     }
 }
@@ -295,24 +300,25 @@ fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
 #[test]
 fn any_tolerance_is_reached_in_a_few_motions() {
     for tolerance_n in [0.0005, 0.002, 0.01, 0.05, 0.2] {
-        let (_, walk) = PressBench { tolerance_n, ..mapped(1.0, 0.01) }.walk(force_at);
-        assert_eq!(walk.end, LoopCommand::Done, "{tolerance_n} N");
-        assert!((walk.forces[0] - 1.0).abs() < tolerance_n.min(0.005), "{tolerance_n} N: {:?}", walk.forces);
-        assert!(walk.moves.len() <= 8, "{tolerance_n} N: {:?}", walk.moves);
+        let (_, execute) = PressBench { tolerance_n, ..mapped(1.0, 0.01) }.execute(force_at);
+        assert_eq!(execute.end, LoopCommand::Done, "{tolerance_n} N");
+        assert!((execute.forces[0] - 1.0).abs() < tolerance_n.min(0.005), "{tolerance_n} N: {:?}", execute.forces);
+        assert!(execute.moves.len() <= 8, "{tolerance_n} N: {:?}", execute.moves);
     }
 }
 
 #[test]
 fn what_the_map_cannot_be_trusted_with_is_pressed_guarded() {
-    let map = taught();
+    let map = learned_curve();
     assert!(map.shot(Place::default(), 1.0, &LIMITS).is_some());
     for force_n in [0.02, 1.5, 1.95, 2.0] {
         assert_eq!(map.shot(Place::default(), force_n, &LIMITS), None, "{force_n} N");
     }
     assert_eq!(ContactMap::new(0.3).shot(Place::default(), 1.0, &LIMITS), None, "before it was taught");
-    let (press, walk) = PressBench { map, strategy: Strategy::Map, ..bench(PressTask::press(2.0), 0.0) }.walk(force_at);
-    assert_eq!(walk.end, LoopCommand::Done);
-    assert!(walk.forces[0] <= 2.0 && matches!(press.lesson(), Some(Lesson::Touch { .. })));
+    let (press, execute) =
+        PressBench { map, strategy: Strategy::Map, ..bench(PressTask::press(2.0), 0.0) }.execute(force_at);
+    assert_eq!(execute.end, LoopCommand::Done);
+    assert!(execute.forces[0] <= 2.0 && matches!(press.learned_contact(), Some(LearnedContact::Touch { .. })));
 }
 
 #[test]
@@ -322,7 +328,7 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
         let mut press = bench.press();
         let force = |z: f64| force_at(z - surface_mm);
         let (mut z, mut now_s, mut touched_s) = (-0.5, 0.0, None);
-        let mut event = LoopEvent::Begin { z_mm: z, air: bench.air };
+        let mut event = LoopEvent::Begin { z_mm: z, no_load: bench.no_load };
         loop {
             event = match press.next(event, Moment { now_s, age_s: 0.0 }) {
                 LoopCommand::Average(_) => LoopEvent::Averaged { force_n: force(z) },
@@ -365,27 +371,29 @@ fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is
             [(0.5, Some(0.9), true), (0.95, Some(0.9), false), (1.0, Some(1.1), false), (0.5, None, false)]
         {
             let first = PressBench { strategy, least_n_mm, ..bench(PressTask::press(1.0), 0.0) };
-            let (_, walk) = first.walk(|depth_mm| gain * force_at(depth_mm));
-            let is_soft = matches!(&walk.end, LoopCommand::Trip(trip) if trip.rule == SafetyRule::SofterThanDeclared);
+            let (_, execute) = first.execute(|depth_mm| gain * force_at(depth_mm));
+            let is_soft =
+                matches!(&execute.end, LoopCommand::Trip(trip) if trip.rule == SafetyRule::SofterThanDeclared);
             assert!(
-                is_soft == trips && (trips || walk.end == LoopCommand::Done),
+                is_soft == trips && (trips || execute.end == LoopCommand::Done),
                 "{strategy:?}, {gain}: {:?}",
-                walk.end
+                execute.end
             );
-            assert!(!trips || force_at(walk.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(walk.deepest_mm));
+            assert!(!trips || force_at(execute.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(execute.deepest_mm));
         }
         // what was touched before is no first press
-        let later = PressBench { strategy, least_n_mm: Some(1.4), map: taught(), ..bench(PressTask::press(1.0), 0.0) };
-        assert_eq!(later.walk(force_at).1.end, LoopCommand::Done);
+        let later =
+            PressBench { strategy, least_n_mm: Some(1.4), map: learned_curve(), ..bench(PressTask::press(1.0), 0.0) };
+        assert_eq!(later.execute(force_at).1.end, LoopCommand::Done);
     }
 }
 
 #[test]
 fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy() {
     for strategy in Strategy::ALL {
-        let bench = PressBench { strategy, map: taught(), ..bench(PressTask::press(1.0), 0.0) };
+        let bench = PressBench { strategy, map: learned_curve(), ..bench(PressTask::press(1.0), 0.0) };
         assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, SafetyRule::SofterThanTaught, "{strategy:?}");
-        assert_eq!(bench.walk(|depth_mm| 0.65 * force_at(depth_mm)).1.end, LoopCommand::Done, "{strategy:?}");
+        assert_eq!(bench.execute(|depth_mm| 0.65 * force_at(depth_mm)).1.end, LoopCommand::Done, "{strategy:?}");
     }
 }
 
@@ -411,10 +419,10 @@ fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
                     let stiff = edge + (1.0 - edge) * (inward_mm / 2.0).min(1.0);
                     let bench =
                         PressBench { strategy, place, map, tolerance_n: 0.01, ..bench(PressTask::press(0.8), 0.0) };
-                    let (press, walk) = bench.walk(|depth_mm| stiff * force_at(depth_mm));
-                    assert_eq!(walk.end, LoopCommand::Done, "{strategy:?}, edges of {edge}, {place:?}");
+                    let (press, execute) = bench.execute(|depth_mm| stiff * force_at(depth_mm));
+                    assert_eq!(execute.end, LoopCommand::Done, "{strategy:?}, edges of {edge}, {place:?}");
                     map = bench.map;
-                    press.lesson().iter().for_each(|lesson| map.learn(lesson));
+                    press.learned_contact().iter().for_each(|learned_contact| map.learn(learned_contact));
                     presses += 1;
                 }
             }
@@ -428,18 +436,18 @@ fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
 fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
     let mut worst = 0.0f64;
     for strategy in Strategy::ALL {
-        for map in [ContactMap::new(0.3), taught()] {
+        for map in [ContactMap::new(0.3), learned_curve()] {
             for force_n in [1.0, 1.9] {
                 for stiffness in [0.2, 0.5, 1.0] {
                     for lag_s in [0.2, 0.5, 1.0, 1.5] {
                         let slow =
                             PressBench { strategy, map: map.clone(), lag_s, ..bench(PressTask::press(force_n), 0.02) };
-                        let (_, walk) = slow.walk(|depth_mm| stiffness * 2.0 * depth_mm.max(0.0));
-                        let true_n = stiffness * 2.0 * (walk.deepest_mm - 0.02);
+                        let (_, execute) = slow.execute(|depth_mm| stiffness * 2.0 * depth_mm.max(0.0));
+                        let true_n = stiffness * 2.0 * (execute.deepest_mm - 0.02);
                         assert!(
-                            matches!(walk.end, LoopCommand::Trip(_)),
+                            matches!(execute.end, LoopCommand::Trip(_)),
                             "{strategy:?}, {stiffness}, {lag_s} s: {:?}",
-                            walk.end
+                            execute.end
                         );
                         worst = worst.max(true_n);
                     }
@@ -452,12 +460,12 @@ fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
 }
 
 /// A map that was taught the nominal specimen by twelve touches, 1 mm apart.
-fn taught_around() -> ContactMap {
+fn learned_around() -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
     for i in 0..12 {
         let place = Place::new(f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.0);
-        map.learn(&Lesson::Touch { place, z_mm: 0.0, path: path.clone() });
+        map.learn(&LearnedContact::Touch { place, z_mm: 0.0, path: path.clone() });
     }
     map
 }
@@ -465,21 +473,21 @@ fn taught_around() -> ContactMap {
 #[test]
 fn a_gain_that_changes_after_ten_presses_is_found_at_the_next_press() {
     for strategy in Strategy::ALL {
-        let bench = PressBench { strategy, map: taught_around(), ..bench(PressTask::press(0.8), 0.0) };
+        let bench = PressBench { strategy, map: learned_around(), ..bench(PressTask::press(0.8), 0.0) };
         for (gain, rules) in [
             (0.5, [SafetyRule::SofterThanTaught, SafetyRule::NoResponse]),
             (0.65, [SafetyRule::SofterThanTaught, SafetyRule::NoResponse]),
             (1.6, [SafetyRule::StifferThanTaught, SafetyRule::HardContact]),
             (2.0, [SafetyRule::StifferThanTaught, SafetyRule::HardContact]),
         ] {
-            let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
-            let found = matches!(&walk.end, LoopCommand::Trip(trip) if rules.contains(&trip.rule));
-            assert!(found, "{strategy:?}, {gain}: {:?}", walk.end);
-            assert!(force_at(walk.deepest_mm) <= 1.1 * LIMITS.force_n, "{strategy:?}, {gain}");
+            let (_, execute) = bench.execute(|depth_mm| gain * force_at(depth_mm));
+            let found = matches!(&execute.end, LoopCommand::Trip(trip) if rules.contains(&trip.rule));
+            assert!(found, "{strategy:?}, {gain}: {:?}", execute.end);
+            assert!(force_at(execute.deepest_mm) <= 1.1 * LIMITS.force_n, "{strategy:?}, {gain}");
         }
         for gain in [0.9, 1.0, 1.1] {
-            let (_, walk) = bench.walk(|depth_mm| gain * force_at(depth_mm));
-            assert_eq!(walk.end, LoopCommand::Done, "{strategy:?}, {gain}");
+            let (_, execute) = bench.execute(|depth_mm| gain * force_at(depth_mm));
+            assert_eq!(execute.end, LoopCommand::Done, "{strategy:?}, {gain}");
         }
     }
 }

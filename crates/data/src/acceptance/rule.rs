@@ -66,7 +66,7 @@ pub enum LimitedFigure {
     Linearity,
     /// Largest zero return of a unit, % of full scale.
     ZeroReturn,
-    /// Largest noise of a channel in air, % of its largest output in the calibration.
+    /// Largest noise of a channel without load, % of its largest output in the calibration.
     Noise,
     /// Number of dead or saturated channels.
     BrokenChannels,

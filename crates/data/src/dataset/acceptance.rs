@@ -115,16 +115,16 @@ impl Evidence<'_> {
         self.runs.iter().find_map(failed)
     }
 
-    /// Returns the noisiest channel in air. The noise is the difference between the air readings before successive presses of a
+    /// Returns the noisiest channel without load. The noise is the difference between the readings without load before successive presses of a
     /// run, so drift doesn't count.
     fn noise(&self) -> Option<Worst> {
         let contacts = || self.runs.iter().map(|run| run.contacts.as_slice());
-        let channels = contacts().flatten().map(|contact| contact.air_before.outputs.len()).min().unwrap_or(0);
+        let channels = contacts().flatten().map(|contact| contact.no_load_before.outputs.len()).min().unwrap_or(0);
         let changes = contacts().map(|contacts| contacts.len().saturating_sub(1)).sum::<usize>();
         let percent = |channel: usize| {
             let calibrated = self.presses.sound(Phase::Calibration);
             let full_scale = calibrated.map(|press| press.outputs[channel].abs()).fold(0.0, f64::max);
-            let output = |contact: &RecordedContact| contact.air_before.outputs[channel];
+            let output = |contact: &RecordedContact| contact.no_load_before.outputs[channel];
             let pairs = contacts().flat_map(|contacts| contacts.windows(2));
             let squares: f64 = pairs.map(|pair| (output(&pair[1]) - output(&pair[0])).powi(2)).sum();
             (full_scale > 0.0).then(|| 100.0 * (squares / (2 * changes) as f64).sqrt() / full_scale)

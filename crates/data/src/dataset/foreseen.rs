@@ -25,7 +25,7 @@ pub fn foreseen(rule: &AcceptanceRule, plan: &Plan, truths: &Truths) -> Judgemen
     let presses = Presses::new(&plan.name, staircases(plan, truths.layout), Vec::new());
     let evidence = Evidence { presses: &presses, layout: Some(truths.layout), runs: Vec::new(), u_place_mm: None };
     let mut worst = evidence.worst(rule);
-    // each press measures the noise in air
+    // each press measures the noise without load
     worst.push(Worst { figure: LimitedFigure::Noise, value: 0.0, upper: Some(0.0), n: plan.entries.len(), missing: 0 });
     let measured = Measured {
         calibration_presses,

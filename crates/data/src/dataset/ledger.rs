@@ -74,7 +74,7 @@ mod tests {
     fn memory_keeps_what_a_walk_asks_for_again() {
         let mut memory = Memory::default();
         assert!(!memory.has(3));
-        let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, hum: None, outputs: vec![] };
+        let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, mains: None, outputs: vec![] };
         let contact = RecordedContact { press: 3, ..RecordedContact::default() };
         let records = [zero.clone(), Record::Contact(contact.clone()), zero];
         records.iter().for_each(|record| memory.record(record).unwrap());

@@ -73,7 +73,7 @@ pub use places::SAME_PLACE_MM;
 pub use press::Presence;
 pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};
 pub use presses::Presses;
-pub use record::{Air, Left, Peaks, PressTruth, Record, RecordedContact, Retouch};
+pub use record::{Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, Retouch};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use session::{
     Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts, SessionEnd,

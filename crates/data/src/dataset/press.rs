@@ -79,23 +79,23 @@ columns! {
     y_mm: f64, Needed, 6;
     /// Commanded force, N.
     force_set_n: Option<f64>, Run, 6;
-    /// Mean force in the window, N, relative to the air before and after the press.
+    /// Mean force in the window, N, relative to the readings without load before and after the press.
     force_n: Option<f64>, Optional, 6;
     /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
     u_force_n: Option<f64>, Sparse, 6;
-    /// Depth below the surface touched in this press, mm; 0 in air.
+    /// Depth below the surface touched in this press, mm; 0 without load.
     depth_mm: Option<f64>, Run, 5;
     /// Start of the window, s since the run's start.
     t_s: Option<f64>, Optional, 4;
-    /// Mean output of each channel in the window minus its output in air, in the array's unit.
+    /// Mean output of each channel in the window minus its output without load, in the array's unit.
     outputs: Vec<f64>, Needed, 7;
     /// Faults of the press; empty if there are none.
     flags: Vec<Flag>, Optional, 0;
     /// z of the stage in the window, read back, stage frame, mm.
     z_mm: Option<f64>, Run, 5;
-    /// Reading of the load cell in air before the press, N.
+    /// Reading of the load cell without load before the press, N.
     air_before_n: Option<f64>, Sparse, 6;
-    /// Reading of the load cell in air after the press, N. The zero of the force is interpolated in time between the two air
+    /// Reading of the load cell without load after the press, N. The zero of the force is interpolated in time between the two air
     /// readings.
     air_after_n: Option<f64>, Sparse, 6;
 }

@@ -2,7 +2,7 @@
 
 use super::journal::Logged;
 use super::{FORMAT, Loss, Press, Provenance, RecordedCheck, RecordedText, RunFacts, SessionEnd};
-use palpate_control::{AirReadings, Hum, Lesson, Trip, UncertaintyBudget};
+use palpate_control::{LearnedContact, MainsInterference, NoLoadReadings, Trip, UncertaintyBudget};
 use palpate_core::quantity::Identity;
 use palpate_core::quantity::{Place, any_number, round};
 use serde::{Deserialize, Serialize};
@@ -20,18 +20,19 @@ pub enum Record {
     Text(RecordedText),
     /// Identities reported by the devices.
     Devices(Vec<Identity>),
-    /// The zero was measured in air.
+    /// The zero was measured without load.
     Zero {
         /// Time, s since the run's start.
         t_s: f64,
-        /// The load cell's reading in air, N.
+        /// The load cell's reading without load, N.
         offset_n: f64,
         /// Standard deviation of one reading, N.
         sigma_n: f64,
-        /// Mains hum in the reading; `None` if no hum can be seen.
+        /// Mains interference in the reading; `None` if no mains interference can be seen.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        hum: Option<Hum>,
-        /// Outputs in air, in the array's unit.
+        #[serde(rename = "hum")]
+        mains: Option<MainsInterference>,
+        /// Outputs without load, in the array's unit.
         outputs: Vec<f64>,
     },
     /// An entry of the plan was measured completely.
@@ -108,12 +109,15 @@ pub struct RecordedContact {
     /// True values at each level, in a simulated run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<PressTruth>,
-    /// Data that the force loop learned from the contact for later contacts; `None` if the entry never left the air.
-    pub lesson: Option<Lesson>,
-    /// Air readings before the contact: the zero of the outputs, and the first zero of the forces.
-    pub air_before: Air,
-    /// Air readings after the contact. The zero of the forces is interpolated in time between the two air readings.
-    pub air_after: Air,
+    /// Data that the force loop learned from the contact for later contacts; `None` if the entry never came into contact.
+    #[serde(rename = "lesson")]
+    pub learned_contact: Option<LearnedContact>,
+    /// No-load readings before the contact: the zero of the outputs, and the first zero of the forces.
+    #[serde(rename = "air_before")]
+    pub no_load_before: NoLoad,
+    /// No-load readings after the contact. The zero of the forces is interpolated in time between the two no-load readings.
+    #[serde(rename = "air_after")]
+    pub no_load_after: NoLoad,
     /// State from which the next press begins; `None` after the last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left: Option<Left>,
@@ -133,12 +137,12 @@ pub struct Left {
     pub z_mm: f64,
 }
 
-/// Readings of load cell and array in air.
+/// Readings of load cell and array without load.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Air {
+pub struct NoLoad {
     /// Readings of the load cell.
     #[serde(flatten)]
-    pub force: AirReadings,
+    pub force: NoLoadReadings,
     /// Mean of each output, in the array's unit.
     pub outputs: Vec<f64>,
 }

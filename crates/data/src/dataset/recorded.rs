@@ -33,7 +33,7 @@ pub struct Recorded {
     pub manifest: Manifest,
     /// Texts that the run uses.
     pub texts: Texts,
-    /// Zeros measured in air: time, s since the run's start, and the load cell's reading, N.
+    /// Zeros measured without load: time, s since the run's start, and the load cell's reading, N.
     pub zeros: Vec<(f64, f64)>,
     /// Broken rules: time, s, the press and the rule.
     pub trips: Vec<(f64, Option<u64>, Trip)>,

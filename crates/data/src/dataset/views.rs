@@ -154,7 +154,7 @@ pub const CHARACTERISTIC_COLUMNS: [Characteristic; 10] = [
     },
     Characteristic {
         name: "zero_return_percent",
-        definition: "Output in air after the load minus output in air before the load.",
+        definition: "Output without load after the load minus output without load before the load.",
         of: |unit| unit.zero_return_percent,
     },
     Characteristic {

@@ -51,7 +51,7 @@ keys! {
         linearity_percent: Number(PERCENT), Allowed, "limit of the nonlinearity of every unit, % of full scale", "5.0";
         zero_return_percent: Number(PERCENT), Allowed, "limit of the zero return of every unit, % of full scale", "1.0";
         noise_percent: Number(PERCENT), Allowed,
-            "limit of the noise of every channel in air, % of its largest output in the calibration", "0.5";
+            "limit of the noise of every channel without load, % of its largest output in the calibration", "0.5";
         broken_channels_most: Whole(0, CHANNELS_MAX), Allowed, "largest number of channels that are dead or saturated in calibration and test", "0";
         flagged_presses_most: Whole(0, PRESSES_CEILING as u64), Allowed,
             "largest number of flagged presses in calibration and test together", "5";

@@ -8,14 +8,14 @@ mod keys;
 mod parse;
 mod plan;
 mod step;
-mod teach;
+mod training;
 
 pub use accept::{Accept, parse_rule};
 pub use parse::parse;
 pub use plan::{Ground, Plan};
 pub use step::UnitChoice;
 pub use step::{Checks, GridOrder, Manner, PRESSES_CEILING, Phase, Places, Step, StepLoad};
-pub use teach::Entry;
+pub use training::Entry;
 
 use crate::acceptance::AcceptanceRule;
 use palpate_control::Strategy;
@@ -32,7 +32,7 @@ pub const RULE_KEYS: Keys = accept::accept::KEYS;
 pub const PRESSES_MAX: usize = 100_000;
 
 /// Largest number of entries of any plan: the recipe's presses, and the presses that teach.
-pub(crate) const ENTRIES_MAX: usize = PRESSES_CEILING + teach::TEACHES;
+pub(crate) const ENTRIES_MAX: usize = PRESSES_CEILING + training::TRAINING_PRESSES;
 
 /// A recipe, parsed but not yet checked against a rig.
 #[derive(Clone, Debug)]

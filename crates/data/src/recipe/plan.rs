@@ -1,6 +1,6 @@
 //! The presses of a recipe.
 
-use super::teach::{Entry, teach};
+use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
 use palpate_control::{ForceLevel, PressTask};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
@@ -60,7 +60,7 @@ impl Plan {
             steps.push(step.visited(entries));
         }
         if problems.is_empty() {
-            teach(&mut steps, presses, ground.limits);
+            training(&mut steps, presses, ground.limits);
             let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
             Ok(Plan { name: recipe.name.clone(), seed, entries, checks: recipe.checks })

@@ -85,26 +85,29 @@ const MAPPED: &str = "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\nstrategy
                       grid = { x_mm = [-2, 2], y_mm = [-1, 2], spacing_mm = 1 }\n";
 
 /// Number, place and force of the presses that teach, which stand in front.
-fn lessons(plan: &Plan) -> Vec<(u64, f64, f64, f64)> {
-    let lessons = plan.entries.iter().take_while(|entry| entry.phase == Phase::Teach);
-    lessons.map(|entry| (entry.press, entry.place.x_mm, entry.place.y_mm, entry.task.most_n())).collect()
+fn learned_contacts(plan: &Plan) -> Vec<(u64, f64, f64, f64)> {
+    let learned_contacts = plan.entries.iter().take_while(|entry| entry.phase == Phase::Teach);
+    learned_contacts.map(|entry| (entry.press, entry.place.x_mm, entry.place.y_mm, entry.task.most_n())).collect()
 }
 
 #[test]
 fn a_plan_of_mapped_presses_begins_with_five_that_teach() {
-    let taught = plan(MAPPED, 1).unwrap();
+    let learned_curve = plan(MAPPED, 1).unwrap();
     // 5 x 4 points; of the two next to the centre, the first
     let expected =
         [(20, -2.0, -1.0, 1.0), (21, 2.0, -1.0, 1.0), (22, -2.0, 2.0, 1.0), (23, 2.0, 2.0, 1.0), (24, 0.0, 0.0, 1.0)];
-    assert_eq!(lessons(&taught), expected);
+    assert_eq!(learned_contacts(&learned_curve), expected);
     let interleaved = MAPPED.replace("spacing_mm = 1", "spacing_mm = 1, order = \"interleaved\"");
-    assert_eq!(lessons(&plan(&interleaved, 1).unwrap()), expected);
-    for lesson in &taught.entries[..5] {
-        assert_eq!((lesson.task.strategy, lesson.task.levels.len()), (Strategy::Guarded, 1));
-        assert_eq!((lesson.task.hold_s, lesson.task.sample_s, lesson.rest_after_s), (0.0, 0.1, 0.0));
+    assert_eq!(learned_contacts(&plan(&interleaved, 1).unwrap()), expected);
+    for learned_contact in &learned_curve.entries[..5] {
+        assert_eq!((learned_contact.task.strategy, learned_contact.task.levels.len()), (Strategy::Guarded, 1));
+        assert_eq!(
+            (learned_contact.task.hold_s, learned_contact.task.sample_s, learned_contact.rest_after_s),
+            (0.0, 0.1, 0.0)
+        );
     }
     // the ordinary presses there come last
-    let visits: Vec<u64> = taught.entries[5..].iter().map(|entry| entry.press).collect();
+    let visits: Vec<u64> = learned_curve.entries[5..].iter().map(|entry| entry.press).collect();
     assert_eq!(visits, [1, 2, 3, 5, 6, 8, 9, 10, 11, 12, 13, 14, 16, 17, 18, 0, 4, 7, 15, 19]);
     let ordinary = plan(&MAPPED.replace("map", "velocity"), 1).unwrap();
     assert!(ordinary.entries.iter().map(|entry| entry.press).eq(0..20));
@@ -114,11 +117,11 @@ fn a_plan_of_mapped_presses_begins_with_five_that_teach() {
 #[test]
 fn what_teaches_asks_for_the_largest_force_but_not_for_the_specimens_limit() {
     let harder = "[[step]]\nphase = \"test\"\nforce_n = 1.5\nstrategy = \"map\"\nlist = { places_mm = [[3, 3]] }\n";
-    let taught = plan(&format!("{MAPPED}{harder}"), 1).unwrap();
-    assert!(lessons(&taught).iter().all(|(.., force_n)| *force_n == 1.5));
-    assert_eq!(lessons(&taught)[3], (24, 3.0, 3.0, 1.5), "the box is that of both steps");
-    let taught = plan(&format!("{MAPPED}{}", harder.replace("1.5", "2.0")), 1).unwrap();
-    assert!(lessons(&taught).iter().all(|(.., force_n)| *force_n == 1.8));
+    let learned_curve = plan(&format!("{MAPPED}{harder}"), 1).unwrap();
+    assert!(learned_contacts(&learned_curve).iter().all(|(.., force_n)| *force_n == 1.5));
+    assert_eq!(learned_contacts(&learned_curve)[3], (24, 3.0, 3.0, 1.5), "the box is that of both steps");
+    let learned_curve = plan(&format!("{MAPPED}{}", harder.replace("1.5", "2.0")), 1).unwrap();
+    assert!(learned_contacts(&learned_curve).iter().all(|(.., force_n)| *force_n == 1.8));
 }
 
 #[test]
@@ -129,9 +132,9 @@ fn nothing_is_taught_for_a_few_presses_or_for_staircases() {
     assert!(plan(&format!("{stairs}{nine}"), 1).unwrap().entries.iter().map(|entry| entry.press).eq(0..36));
     // guarded steps are not what is learned for, but a number is still one press's own
     let guarded = nine.replace("map", "guarded");
-    let taught = plan(&format!("{guarded}{stairs}{MAPPED}{guarded}"), 1).unwrap();
-    assert_eq!(lessons(&taught)[0], (65, -2.0, -1.0, 1.0));
-    let mut numbers: Vec<u64> = taught.entries.iter().map(|entry| entry.press).collect();
+    let learned_curve = plan(&format!("{guarded}{stairs}{MAPPED}{guarded}"), 1).unwrap();
+    assert_eq!(learned_contacts(&learned_curve)[0], (65, -2.0, -1.0, 1.0));
+    let mut numbers: Vec<u64> = learned_curve.entries.iter().map(|entry| entry.press).collect();
     numbers.sort_unstable();
     assert!(numbers.into_iter().eq(0..70));
     // ten presses at one place teach it once
@@ -139,7 +142,7 @@ fn nothing_is_taught_for_a_few_presses_or_for_staircases() {
         "grid = { x_mm = [-2, 2], y_mm = [-1, 2], spacing_mm = 1 }",
         &format!("list = {{ places_mm = [{}] }}", ["[1, 1]"; 10].join(", ")),
     );
-    assert_eq!(lessons(&plan(&here, 1).unwrap()), [(10, 1.0, 1.0, 1.0)]);
+    assert_eq!(learned_contacts(&plan(&here, 1).unwrap()), [(10, 1.0, 1.0, 1.0)]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use palpate_link::time::{Instant, sleep};
 use palpate_link::wire::daqmx::{AUTO, DIFF, Functions, HeldUp, NRSE, NiDaqmx, PSEUDO_DIFF, RSE, TaskHandle};
 use std::time::Duration;
 
-/// Amount of unread data that the library may hold, s. Nothing is read while the indenter rests in air.
+/// Amount of unread data that the library may hold, s. Nothing is read while the indenter rests without load.
 const BUFFER_S: f64 = 10.0;
 
 /// Largest age of unread data. Older data are discarded together with the task, and sampling starts again, well before the buffer

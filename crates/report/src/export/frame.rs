@@ -51,7 +51,7 @@ pub enum Values {
 }
 
 /// Definition of the matrices' columns of outputs.
-const OUTPUT: &str = "Mean output of the channel in the window minus its output in air, in the array's unit.";
+const OUTPUT: &str = "Mean output of the channel in the window minus its output without load, in the array's unit.";
 
 /// Returns every frame that a run has: presses, matrices, characteristics and truth. Frames without rows are left out, except
 /// the presses.

@@ -51,7 +51,7 @@ fn of_run(run: &Recorded) -> Markup {
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
     if facts.imported.is_none() {
-        rows.push(("zero in air", zeros(run)));
+        rows.push(("zero without load", zeros(run)));
     }
     let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_text(*t_s, *press, trip)));
     rows.extend(trips);

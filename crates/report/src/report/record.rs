@@ -56,7 +56,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             "with the strategy map: the force is increased from below and stops about four standard deviations of a measured force "
             "short, so that the true force does not exceed the set force. A sensor that relaxes loses some more force until the window." }
         p.note { "The true force is known only in a simulated run; negative: it stayed below the set force. Zero drift: forces count from "
-            "the air before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged "
+            "the readings without load before and after each press, so it is not in them. Time: from one window to the next of the same phase. Flagged "
             "presses are included." }
     };
     Some(Section::new("Force control", &before, drawn))
@@ -115,15 +115,15 @@ fn held(runs: &[Recorded]) -> Vec<Controlled> {
     held
 }
 
-/// Returns phase, press, and the move of the load cell's reading in air since the run began, mN.
+/// Returns phase, press, and the move of the load cell's reading without load since the run began, mN.
 fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     let mut drifts = Vec::new();
     let mut presses = presses(runs);
     for run in runs {
-        let first_n = run.contacts.first().map_or(0.0, |first| first.air_before.force.mean_n);
+        let first_n = run.contacts.first().map_or(0.0, |first| first.no_load_before.force.mean_n);
         for (press, contact) in presses.by_ref().take(run.contacts.len()) {
             let phase = contact.levels.first().and_then(|level| level.phase);
-            let moved_mn = 1000.0 * (contact.air_after.force.mean_n - first_n);
+            let moved_mn = 1000.0 * (contact.no_load_after.force.mean_n - first_n);
             drifts.extend(phase.map(|phase| (phase, press, moved_mn)));
         }
     }

@@ -13,12 +13,14 @@ type BudgetPart = (&'static str, &'static str, fn(&UncertaintyBudget) -> Option<
 /// Parts in the order in which they are listed.
 const PARTS: [BudgetPart; 5] = [
     ("load cell", "its certificate, or a check with a known weight", |budget| budget.cell_n),
-    ("zero, interpolated between the air before and after", "scatter in air; drift, rectangular", |budget| {
-        Some(budget.zero_n)
-    }),
-    ("noise in the window", "scatter in air", |budget| Some(budget.noise_n)),
+    (
+        "zero, interpolated between the readings without load before and after",
+        "scatter without load; drift, rectangular",
+        |budget| Some(budget.zero_n),
+    ),
+    ("noise in the window", "scatter without load", |budget| Some(budget.noise_n)),
     ("resolution", "smallest step read, rectangular", |budget| Some(budget.resolution_n)),
-    ("mains hum", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
+    ("mains interference", "rest after averaging whole periods, arcsine", |budget| Some(budget.hum_n)),
 ];
 
 /// Creates a row for each part of the budget; `None` if no run has budgets.

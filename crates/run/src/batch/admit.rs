@@ -42,18 +42,18 @@ impl BatchState {
             ));
         };
         let again = format!("type `.repeat {typed}` to allow it again");
-        match item.standing {
+        match item.sensor_state {
             SensorState::Waiting => {}
             // the reference sensor is measured again and again; only after a trip a person finds its cause first
-            standing if is_reference && standing != SensorState::Tripped => {}
-            standing if standing.is_judged() => {
-                return Err(format!("{typed} was calibrated already ({}): {again}", standing.name()));
+            sensor_state if is_reference && sensor_state != SensorState::Tripped => {}
+            sensor_state if sensor_state.is_judged() => {
+                return Err(format!("{typed} was calibrated already ({}): {again}", sensor_state.name()));
             }
             SensorState::Tripped => {
                 return Err(format!("{typed} ended with a safety trip: find its cause, then {again}"));
             }
             SensorState::Skipped => return Err(format!("{typed} was skipped: {again}")),
-            standing => return Err(format!("{typed} is {}: {again}", standing.name())),
+            sensor_state => return Err(format!("{typed} is {}: {again}", sensor_state.name())),
         }
         Ok(if is_reference { Admitted::Reference } else { Admitted::Sensor })
     }

@@ -7,7 +7,7 @@ use palpate_data::dataset::calibration::calibration_of_run;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial};
 use palpate_data::dataset::{Evidence, Presses, Recorded};
 use palpate_data::recipe::Phase;
-use palpate_solver::{Belongs, Deviation, ForceKnown, Model, Prior, Setting, Sibling, UnitChange};
+use palpate_solver::{Belongs, Deviation, FamilySensor, ForceKnown, Model, Prior, Setting, UnitChange};
 
 /// What decides about a sensor.
 #[derive(Clone, Copy)]
@@ -52,22 +52,22 @@ pub fn conclude(recorded: &[Recorded], basis: &Basis<'_>, is_last: bool) -> Conc
     let trial = Trial::of_run(&presses, layout);
     let u_place_mm = basis.rig.u_place_mm();
     let evidence = Evidence { presses: &presses, layout, runs: recorded.iter().collect(), u_place_mm };
-    let sibling = basis.prior.map(|prior| sibling(prior, &presses, basis.rig));
-    match sibling {
+    let family_sensor = basis.prior.map(|prior| family_sensor(prior, &presses, basis.rig));
+    match family_sensor {
         None => conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[])),
         Some(Err(why)) => {
             conclusion.judgement = basis.rule.map(|rule| evidence.judge(rule, &trial, &[]));
             conclusion.reasons.push(format!("not compared with the design: {why}"));
         }
-        Some(Ok(sibling)) => conclusion.with(sibling, basis, &evidence, &trial, is_last),
+        Some(Ok(family_sensor)) => conclusion.with(family_sensor, basis, &evidence, &trial, is_last),
     }
     conclusion
 }
 
-fn sibling(prior: &Prior, presses: &Presses, rig: &RigSpec) -> Result<Sibling, String> {
+fn family_sensor(prior: &Prior, presses: &Presses, rig: &RigSpec) -> Result<FamilySensor, String> {
     let calibration = calibration_of_run(presses, ForceKnown::default()).map_err(|why| why.to_string())?;
     let setting = Setting::of_layout(Some(&rig.array.layout));
-    prior.sibling(&calibration, &setting).map_err(|why| why.to_string())
+    prior.family_sensor(&calibration, &setting).map_err(|why| why.to_string())
 }
 
 impl Conclusion {
@@ -85,15 +85,15 @@ impl Conclusion {
 
     fn with(
         &mut self,
-        sibling: Sibling,
+        family_sensor: FamilySensor,
         basis: &Basis<'_>,
         evidence: &Evidence<'_>,
         trial: &Result<Trial<'_>, EvaluateError>,
         is_last: bool,
     ) {
-        let too_large = basis.enough_mm.filter(|enough_mm| sibling.expected_mm > *enough_mm && !is_last);
-        let too_large = too_large.and_then(|enough_mm| Some((enough_mm, basis.prior?.least_mm(&sibling))));
-        let Sibling { model, change, belongs, expected_mm, .. } = sibling;
+        let too_large = basis.enough_mm.filter(|enough_mm| family_sensor.expected_mm > *enough_mm && !is_last);
+        let too_large = too_large.and_then(|enough_mm| Some((enough_mm, basis.prior?.least_mm(&family_sensor))));
+        let FamilySensor { model, change, belongs, expected_mm, .. } = family_sensor;
         self.change = change.units;
         let by_model = |rule: &AcceptanceRule| {
             let evaluation = trial.as_ref().ok().and_then(|trial| trial.evaluate_with(model.fitted()).ok());

@@ -323,11 +323,15 @@ mod tests {
                 other => Some(other),
             });
             let mut batch = opened.expect("not held for long").unwrap();
-            let standing = |batch: &BatchFolder, serial: &str| batch.state().item(serial).unwrap().standing;
+            let sensor_state = |batch: &BatchFolder, serial: &str| batch.state().item(serial).unwrap().sensor_state;
             let expected =
                 [SensorState::Waiting, SensorState::Interrupted, SensorState::Accepted, SensorState::Accepted]
                     [kept - 2];
-            assert_eq!((standing(&batch, "A-1"), standing(&batch, "A-2")), (SensorState::Accepted, expected), "{cut}");
+            assert_eq!(
+                (sensor_state(&batch, "A-1"), sensor_state(&batch, "A-2")),
+                (SensorState::Accepted, expected),
+                "{cut}"
+            );
             // a sensor that began or has its result isn't begun again, and the batch continues
             assert_eq!(batch.state().admit("A-2", &[]).is_ok(), kept == 2, "{cut}");
             assert!(batch.state().admit("A-1", &[]).is_err());

@@ -47,7 +47,8 @@ pub struct BatchSensor {
     /// Serial number.
     pub serial: String,
     /// What became of it.
-    pub standing: SensorState,
+    #[serde(rename = "standing")]
+    pub sensor_state: SensorState,
     /// How many times it began.
     pub times: u64,
     /// Folder of its last run, relative to the batch folder.
@@ -77,10 +78,10 @@ impl BatchSensor {
     /// Returns what became of the sensor before, the last time left out; `None` if it ended once at most.
     pub fn before(&self) -> Option<String> {
         let before = match self.ends.split_last() {
-            Some((last, before)) if *last == self.standing => before,
+            Some((last, before)) if *last == self.sensor_state => before,
             _ => &self.ends,
         };
-        let before: Vec<&str> = before.iter().map(|standing| standing.name()).collect();
+        let before: Vec<&str> = before.iter().map(|sensor_state| sensor_state.name()).collect();
         (!before.is_empty()).then(|| format!("before: {}", before.join(", ")))
     }
 }
@@ -226,12 +227,12 @@ impl BatchState {
 
     /// Returns the next sensor in the order of the list.
     pub fn next(&self) -> Option<&BatchSensor> {
-        self.items.iter().find(|item| item.standing == SensorState::Waiting)
+        self.items.iter().find(|item| item.sensor_state == SensorState::Waiting)
     }
 
     /// Returns the number of sensors of a standing.
-    pub fn count(&self, standing: SensorState) -> usize {
-        self.items.iter().filter(|item| item.standing == standing).count()
+    pub fn count(&self, sensor_state: SensorState) -> usize {
+        self.items.iter().filter(|item| item.sensor_state == sensor_state).count()
     }
 
     fn add(&mut self, serial: &str) -> Result<(), String> {
@@ -255,15 +256,15 @@ impl BatchState {
     }
 
     fn ended(&mut self, ended: &Ended) -> Result<(), String> {
-        let standing = SensorState::of(ended);
+        let sensor_state = SensorState::of(ended);
         let item = self.item_mut(&ended.serial)?;
         item.run = ended.runs.last().cloned().or(item.run.take());
         (item.minutes, item.reason) = (Some(ended.minutes), ended.reasons.first().cloned());
         if !ended.reference {
             item.ends.drain(..(item.ends.len() + 1).saturating_sub(ENDS_MOST));
-            item.ends.push(standing);
+            item.ends.push(sensor_state);
         }
-        self.mark(&ended.serial, &ended.at, standing)?;
+        self.mark(&ended.serial, &ended.at, sensor_state)?;
         self.last = Some(ended.serial.clone());
         self.monitor.take_in(ended);
         match (ended.reference, ended.status) {
@@ -275,9 +276,9 @@ impl BatchState {
         Ok(())
     }
 
-    fn mark(&mut self, serial: &str, at: &str, standing: SensorState) -> Result<(), String> {
+    fn mark(&mut self, serial: &str, at: &str, sensor_state: SensorState) -> Result<(), String> {
         let item = self.item_mut(serial)?;
-        (item.standing, item.at) = (standing, Some(at.to_owned()));
+        (item.sensor_state, item.at) = (sensor_state, Some(at.to_owned()));
         Ok(())
     }
 
@@ -342,8 +343,8 @@ pub(super) mod tests {
         events.iter().for_each(|event| state.take_in(event).unwrap());
     }
 
-    fn standing(state: &BatchState, serial: &str) -> SensorState {
-        state.item(serial).unwrap().standing
+    fn sensor_state(state: &BatchState, serial: &str) -> SensorState {
+        state.item(serial).unwrap().sensor_state
     }
 
     #[test]
@@ -351,7 +352,7 @@ pub(super) mod tests {
         let mut state = begun();
         assert_eq!(state.next().unwrap().serial, "A-1");
         take(&mut state, &[began("A-1")]);
-        assert_eq!(standing(&state, "A-1"), SensorState::Interrupted, "until it ends");
+        assert_eq!(sensor_state(&state, "A-1"), SensorState::Interrupted, "until it ends");
         for (status, verdict, expected) in [
             (Status::Complete, Some(SensorVerdict::Accepted), SensorState::Accepted),
             (Status::Complete, Some(SensorVerdict::NotAccepted), SensorState::NotAccepted),
@@ -362,11 +363,11 @@ pub(super) mod tests {
             (Status::Stopped, None, SensorState::Interrupted),
         ] {
             take(&mut state, &[ended("A-1", status, verdict)]);
-            assert_eq!(standing(&state, "A-1"), expected);
+            assert_eq!(sensor_state(&state, "A-1"), expected);
         }
         let serial = || "A-1".to_owned();
         take(&mut state, &[BatchEvent::Skipped { at: at(), serial: serial() }]);
-        assert_eq!((standing(&state, "A-1"), state.next().unwrap().serial.as_str()), (SensorState::Skipped, "A-2"));
+        assert_eq!((sensor_state(&state, "A-1"), state.next().unwrap().serial.as_str()), (SensorState::Skipped, "A-2"));
         take(
             &mut state,
             &[
@@ -375,7 +376,7 @@ pub(super) mod tests {
             ],
         );
         let item = state.item("A-1").unwrap();
-        assert_eq!((item.standing, item.times, item.note.as_deref()), (SensorState::Waiting, 1, Some("n")));
+        assert_eq!((item.sensor_state, item.times, item.note.as_deref()), (SensorState::Waiting, 1, Some("n")));
         assert_eq!((state.count(SensorState::Waiting), state.mountings), (4, 1));
     }
 

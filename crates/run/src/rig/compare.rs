@@ -194,7 +194,7 @@ mod tests {
         let mut reported = BTreeSet::new();
         for case in 0..=most_cases(&KEYS) {
             let text = sample(&KEYS, case);
-            for listed in KEYS.walk() {
+            for listed in KEYS.visit() {
                 let mut rig: toml_edit::DocumentMut = text.parse().unwrap();
                 let (mut item, mut path) = (Some(rig.as_item_mut()), String::new());
                 for name in listed.path.split('.') {
@@ -224,8 +224,8 @@ mod tests {
             }
         }
         let inner: BTreeSet<String> =
-            KEYS.walk().iter().filter_map(|listed| Some(listed.path.rsplit_once('.')?.0.to_owned())).collect();
-        let listed = KEYS.walk().into_iter().map(|listed| listed.path);
+            KEYS.visit().iter().filter_map(|listed| Some(listed.path.rsplit_once('.')?.0.to_owned())).collect();
+        let listed = KEYS.visit().into_iter().map(|listed| listed.path);
         let missing: Vec<String> = listed.filter(|path| !reported.contains(path) && !inner.contains(path)).collect();
         assert_eq!(missing, [""; 0]);
     }

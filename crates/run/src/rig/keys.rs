@@ -20,7 +20,7 @@ const ACCELERATION: Bounds = Bounds::above(0.0, 100_000.0, "mm/s^2");
 /// Limits of the conversion rate. A slower cell would count as stale between two of its readings.
 const CONVERSIONS: Bounds = Bounds::within(5.0, 100_000.0, "Hz");
 const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
-const AIR: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
+const NO_LOAD: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
 /// Limits of forces in certificates and of weights.
 const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
@@ -106,8 +106,8 @@ keys! {
         link: Text, Allowed, LINK, "\"serial:///dev/ttyUSB1?baud=115200\"";
         conversions_hz: Number(CONVERSIONS), Refused, "rate of new readings", "200.0";
         lag_ms: Number(LATER), or(0.0), "delay of a reading by its filter and its transport", "2.0";
-        air_n: Range(AIR), Allowed,
-            "allowed range of its reading in air, tool included; without it, plus or minus `limits.force_n`",
+        air_n: Range(NO_LOAD), Allowed,
+            "allowed range of its reading without load, tool included; without it, plus or minus `limits.force_n`",
             "[-0.1, 0.4]";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
         check: Table(&check::KEYS), Allowed, "its gain as measured by `palpate doctor --check-weight-n`";

@@ -198,7 +198,7 @@ keys! {
         drift_n_min: Number(within(-10.0, 10.0, "N/min")), or(0.0), "drift rate of its zero", "0.03";
         wander_n: Number(FORCE), or(0.0), "amplitude of a sine drift of its zero", "0.005";
         wander_s: Number(TIME), or(25.0), "period of this sine", "25.0";
-        hum_n: Number(FORCE), or(0.0), "amplitude of the mains hum in its readings", "0.01";
+        hum_n: Number(FORCE), or(0.0), "amplitude of the mains interference in its readings", "0.01";
         hum_hz: Number(within(1.0, 1000.0, "Hz")), or(50.0), "frequency of the hum", "49.8";
         gain_error_percent: Number(within(-300.0, 300.0, "%")), or(0.0), "factor on its readings", "1.0";
         transport_ms: Number(LAG), or(0.0), "delay from a conversion until it can be read", "2.0";

@@ -117,7 +117,7 @@ pub struct LoadCellSpec {
     pub conversions_hz: f64,
     /// Delay of a force by the load cell's filter and transport, s.
     pub lag_s: f64,
-    /// Allowed reading in air, with the tool, N; `None` if not stated.
+    /// Allowed reading without load, with the tool, N; `None` if not stated.
     pub air_n: Option<Range>,
     /// Calibration certificate of the load cell.
     pub certificate: Option<LoadCellCertificate>,
@@ -209,7 +209,7 @@ impl RigSpec {
         }
     }
 
-    /// Returns the allowed reading of the load cell in air, N. If the file states none, it is the force limit in both directions.
+    /// Returns the allowed reading of the load cell without load, N. If the file states none, it is the force limit in both directions.
     pub fn air_n(&self) -> Range {
         let limit_n = self.limits.force_n;
         self.load_cell.air_n.unwrap_or(Range { min: -limit_n, max: limit_n })
@@ -332,7 +332,7 @@ pub trait StageDriver: Driver {
 }
 
 /// Returns the reason why z of an emulated stage of the usual travel can't have the travel of this rig. z travels to its end to
-/// withdraw. x and y go no further than to where they press.
+/// retract. x and y go no further than to where they press.
 pub(super) fn outside_stock(rig: &RigSpec) -> Option<String> {
     let z = rig.stage.travel.along(Axis::Z);
     let most = Range { min: -STAGE_TRAVEL_MM, max: STAGE_TRAVEL_MM };

@@ -1,4 +1,4 @@
-//! What no measurement in air shows of a rig, and a person confirms: the direction of z, the zero of a stage without switches, and
+//! What no measurement without load shows of a rig, and a person confirms: the direction of z, the zero of a stage without switches, and
 //! that nothing is in the way of a search for home toward the specimen.
 
 use palpate_core::quantity::Down;

@@ -1,14 +1,14 @@
 //! Checks before a run continues: whether this is still the same specimen, and the return to the position after the last contact.
 
 use super::Halt;
+use super::execute::{Runner, Standby};
 use super::past::{Past, TouchedPlace};
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::shift::sideways_shift;
-use super::walk::{Runner, Standby};
 use crate::rig::Home;
 use palpate_control::{MotionContext, PressTask, SafetyRule, Strategy, Trip};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{Air, Record, Retouch};
+use palpate_data::dataset::{NoLoad, Record, Retouch};
 use palpate_data::recipe::Plan;
 
 /// Largest allowed move of a surface that was touched before, mm: half of the indenter's clearance during travel.
@@ -81,34 +81,34 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// Goes to the position where the last contact ended, above the next place. The earlier air readings of the cell remain valid
+    /// Goes to the position where the last contact ended, above the next place. The earlier no-load readings of the cell remain valid
     /// if the cell still reads the same.
     pub(super) async fn go_back(&mut self, place: Place, before: Standby) -> Result<(), Halt> {
         self.go_to(place).await?;
-        self.hand.cell.open_air();
-        let now = self.hand.cell.close_air().await?;
-        let zero = *self.hand.cell.watch.zero();
+        self.rig_control.cell.begin_no_load();
+        let now = self.rig_control.cell.end_no_load().await?;
+        let zero = *self.rig_control.cell.watch.zero();
         let first_mm = self.map.expect(place).first_mm;
         // no nearer, even if a journal says so, than x and y may move
         let back_mm = before.z_mm.min(self.permit.clear_mm(first_mm));
-        if self.hand.z_mm < back_mm {
-            let standing = MotionContext {
-                z_mm: self.hand.z_mm,
+        if self.rig_control.z_mm < back_mm {
+            let sensor_state = MotionContext {
+                z_mm: self.rig_control.z_mm,
                 force_n: now.mean_n - zero.offset_n,
                 sigma_n: zero.sigma_mean_n(now.readings),
-                age_s: self.hand.cell.age_s(),
+                age_s: self.rig_control.cell.age_s(),
                 first_mm,
                 most_mm: f64::INFINITY,
             };
-            let granted = self.permit.advance(&standing, back_mm, self.hand.usage.speed_mm_s)?;
-            self.hand.move_z(granted, None).await?;
-            self.hand.cell.settle().await?;
+            let granted = self.permit.advance(&sensor_state, back_mm, self.rig_control.usage.speed_mm_s)?;
+            self.rig_control.move_z(granted, None).await?;
+            self.rig_control.cell.settle().await?;
         }
-        let is_same = |before: &Air| {
+        let is_same = |before: &NoLoad| {
             let most_n = SAME_SIGMAS * zero.sigma_mean_n(now.readings).hypot(zero.sigma_mean_n(before.force.readings));
             (now.mean_n - before.force.mean_n).abs() <= most_n
         };
-        self.standby = Some(Standby { air: before.air.filter(is_same), ..before });
+        self.standby = Some(Standby { no_load: before.no_load.filter(is_same), ..before });
         Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! Finds the real position and tilt of the specimen: presses around its expected position, and evaluates the results.
 
 use super::Cancel;
-use super::walk::{Ending, Listener, RunJob, walk};
+use super::execute::{Ending, Listener, RunJob, execute};
 use crate::rig::RigSpec;
 use palpate_core::quantity::{Frame, Place, TILT_MOST_DEG, Tilt};
 use palpate_data::dataset::{Memory, Press};
@@ -102,7 +102,7 @@ pub async fn align(
 ) -> Result<Alignment, AlignError> {
     let plan = plan(spec, seed).map_err(AlignError::Plan)?;
     let mut ledger = Memory::default();
-    let ending = walk(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
+    let ending = execute(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, listener).await;
     if ending.halt.is_some() || ending.unparked.is_some() {
         return Err(AlignError::Halted(Box::new(ending)));
     }

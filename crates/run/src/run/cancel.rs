@@ -29,7 +29,7 @@ impl Default for Cancel {
 }
 
 impl Cancel {
-    /// Requests an immediate stop, even during a press. The request can't be withdrawn.
+    /// Requests an immediate stop, even during a press. The request can't be taken back.
     pub fn ask(&self) {
         self.sender.send_replace(OperatorCommand::Stop);
     }

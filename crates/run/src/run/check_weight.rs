@@ -2,7 +2,7 @@
 //! and the stage doesn't move.
 
 use super::Halt;
-use super::hand::Gauge;
+use super::rig_control::WatchedLoadCell;
 use crate::rig::GroundTruth;
 use palpate_control::{Mean, SafetyRule, Trip, Zero, mean_of};
 use palpate_core::quantity::{COVERAGE, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
@@ -30,7 +30,7 @@ const LOOK_READINGS: usize = 4;
 /// Least duration of the window of a weight at rest, s, and least number of readings in each half.
 const WINDOW_S: f64 = 1.0;
 const HALF_READINGS: usize = 10;
-/// Least number of readings and least time for the zero in air, s.
+/// Least number of readings and least time for the zero without load, s.
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 1.0;
 /// Largest standard deviation of the gain over time.
@@ -107,30 +107,30 @@ impl WeightMeasurement {
     }
 }
 
-/// Asks the operator to put the weight on and take it off. Reads the weight each time between two readings of air. It uses the
+/// Asks the operator to put the weight on and take it off. Reads the weight each time between two readings without load. It uses the
 /// cell's own readings, without the rig's adjustment.
 ///
 /// # Errors
 /// Returns a halt if the operator stops the check, the cell fails, or the weight isn't put on, isn't taken off or doesn't repeat.
 pub(super) async fn weigh<C: LoadCell>(
-    gauge: &mut Gauge<'_, C>,
+    watched_cell: &mut WatchedLoadCell<'_, C>,
     truth: &GroundTruth,
     weighing: &mut Weighing<'_>,
 ) -> Result<WeightMeasurement, Halt> {
     let weight = weighing.weight;
     let sign = if weight.pull { -1.0 } else { 1.0 };
-    let readings = gauge.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    let zero = Zero::of(&readings, gauge.cell.conversion().as_secs_f64());
+    let readings = watched_cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let zero = Zero::of(&readings, watched_cell.cell.conversion().as_secs_f64());
     let scale = Balance { zero, weight_n: weight.weight_n };
-    let mut before = scale.window(gauge).await?.0;
+    let mut before = scale.window(watched_cell).await?.0;
     let mut weighed = WeightMeasurement { weight, gains: Vec::new(), noise: 0.0 };
     for time in 1..=WEIGHT_TIMES {
         (weighing.ask)(Ask::PutOn(time));
         truth.put_weight(sign * weight.weight_n, weight.u_n);
-        let on = scale.wait(gauge, before.value, Waits::On).await?;
+        let on = scale.wait(watched_cell, before.value, Waits::On).await?;
         (weighing.ask)(Ask::TakeOff(time));
         truth.take_weight();
-        let after = scale.wait(gauge, before.value, Waits::Off { read_n: on.value - before.value }).await?;
+        let after = scale.wait(watched_cell, before.value, Waits::Off { read_n: on.value - before.value }).await?;
         // the zero as it was when the weight was read, evenly with the time
         let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);
         let air_n = before.value + share * (after.value - before.value);
@@ -160,15 +160,20 @@ struct Balance {
 
 impl Balance {
     /// Returns the mean of a weight that is on or off, and at rest.
-    async fn wait<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, air_n: f64, waits: Waits) -> Result<Mean, Halt> {
+    async fn wait<C: LoadCell>(
+        &self,
+        watched_cell: &mut WatchedLoadCell<'_, C>,
+        air_n: f64,
+        waits: Waits,
+    ) -> Result<Mean, Halt> {
         let began = Instant::now();
         let mut last: Option<Mean> = None;
         loop {
-            let look = self.look(gauge, LOOK_S, LOOK_READINGS).await?;
+            let look = self.look(watched_cell, LOOK_S, LOOK_READINGS).await?;
             let rests = last.is_some_and(|last| self.agree(&last, &look));
             last = Some(look);
             if self.is_there(look.value - air_n, look.readings, waits) && rests {
-                let (window, halves_agree) = self.window(gauge).await?;
+                let (window, halves_agree) = self.window(watched_cell).await?;
                 if halves_agree && self.is_there(window.value - air_n, window.readings, waits) {
                     return Ok(window);
                 }
@@ -205,9 +210,9 @@ impl Balance {
     }
 
     /// Returns the mean of a window, and whether its halves agree.
-    async fn window<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>) -> Result<(Mean, bool), Halt> {
-        let first = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
-        let second = self.look(gauge, WINDOW_S / 2.0, HALF_READINGS).await?;
+    async fn window<C: LoadCell>(&self, watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<(Mean, bool), Halt> {
+        let first = self.look(watched_cell, WINDOW_S / 2.0, HALF_READINGS).await?;
+        let second = self.look(watched_cell, WINDOW_S / 2.0, HALF_READINGS).await?;
         let both = Mean {
             value: (first.value + second.value) / 2.0,
             middle_s: (first.middle_s + second.middle_s) / 2.0,
@@ -216,13 +221,18 @@ impl Balance {
         Ok((both, self.agree(&first, &second)))
     }
 
-    /// Returns the mean of some readings over complete periods of the hum, N as the cell reads.
-    async fn look<C: LoadCell>(&self, gauge: &mut Gauge<'_, C>, least_s: f64, least: usize) -> Result<Mean, Halt> {
+    /// Returns the mean of some readings over complete periods of the mains interference, N as the cell reads.
+    async fn look<C: LoadCell>(
+        &self,
+        watched_cell: &mut WatchedLoadCell<'_, C>,
+        least_s: f64,
+        least: usize,
+    ) -> Result<Mean, Halt> {
         let least_s = self.zero.mean_s(least_s);
         let mut read: Vec<(f64, f64)> = Vec::new();
-        while read.len() < least || gauge.now_s() - read[0].0 < least_s {
-            let reading = gauge.sound_reading().await?;
-            read.push((gauge.now_s(), reading.force_n));
+        while read.len() < least || watched_cell.now_s() - read[0].0 < least_s {
+            let reading = watched_cell.sound_reading().await?;
+            read.push((watched_cell.now_s(), reading.force_n));
         }
         mean_of(&read, &self.zero).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 1.0, "readings").into())
     }

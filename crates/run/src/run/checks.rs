@@ -3,8 +3,8 @@
 use super::Halt;
 use super::check_weight::{CellAfter, Weighing, weigh};
 use super::estimate::estimated_s;
+use super::execute::{Runner, Standby};
 use super::past::felt;
-use super::walk::{Runner, Standby};
 use crate::rig::RigSpec;
 use palpate_control::{Changed, MeasuredContact, PressTask, Strategy};
 use palpate_core::quantity::Place;
@@ -203,20 +203,20 @@ impl Runner<'_> {
         let (cell, weight) = (&self.conditions.spec.load_cell, self.listener.weight()?);
         let before = cell.check.as_ref()?;
         let mut weighing = Weighing { weight, ask: &mut |ask| self.listener.ask(ask) };
-        let weighed = weigh(&mut self.hand.cell, &self.hand.truth, &mut weighing).await.ok()?;
+        let weighed = weigh(&mut self.rig_control.cell, &self.rig_control.truth, &mut weighing).await.ok()?;
         Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
     }
 
     async fn check(&mut self, entry: &Entry, next: Option<Place>) -> Result<(), Halt> {
         // the press before ended in the clear above its own place or the next one; here the surface may be higher
-        self.hand.withdraw(self.park_mm()).await?;
+        self.rig_control.retract(self.park_mm()).await?;
         self.standby = None;
         let mut contact = self.press(entry, next).await?;
         let number = self.checks.made;
         contact.press = number;
         contact.levels.iter_mut().for_each(|level| level.press = number);
-        contact.lesson = None; // a check teaches nothing
-        self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
+        contact.learned_contact = None; // a check teaches nothing
+        self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, no_load: Some(contact.no_load_after.clone()) });
         let Some(check) = self.compared(contact, next.is_none()) else { return Ok(()) };
         let record = Record::Check(check);
         self.ledger.record(&record)?;

@@ -4,8 +4,8 @@ use crate::rig::RigSpec;
 use palpate_control::{MotionProfile, Strategy, TOUCH_MOST_N, safe_speed_mm_s};
 use palpate_data::recipe::Entry;
 
-/// Time of a press beyond its travel, dwell and window, s, on a stage that answers in some 12 ms. It covers the look at the air,
-/// the approach, the steps and the withdrawal.
+/// Time of a press beyond its travel, dwell and window, s, on a stage that answers in some 12 ms. It covers the look without load,
+/// the approach, the steps and the retraction.
 fn press_s(strategy: Strategy) -> f64 {
     match strategy {
         Strategy::Guarded => 1.1,

@@ -1,9 +1,9 @@
 //! Identity and speed of each device, checked without pressing.
 
 use super::check_weight::{Ask, Weighing, WeightMeasurement, weigh};
-use super::hand::RigHand;
 use super::home::{AtHome, at_home};
-use super::ready::{NOISE_SHARE, check_air};
+use super::ready::{NOISE_SHARE, check_no_load};
+use super::rig_control::AnyRigControl;
 use super::shown::{ShownBy, finger, press};
 use super::{Cancel, Halt};
 use crate::rig::RigSpec;
@@ -15,7 +15,7 @@ use palpate_link::time::Instant;
 /// Number of timed exchanges with each device.
 const TIMED: usize = 200;
 
-/// Least number of readings in air for the zero, and least time for them, s.
+/// Least number of readings without load for the zero, and least time for them, s.
 const ZERO_READINGS: usize = 200;
 const ZERO_S: f64 = 1.0;
 
@@ -26,8 +26,8 @@ pub struct Examination {
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
     /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
     pub exchanges_s: [Vec<f64>; 3],
-    /// Load cell in air, or the reason why it can't be trusted.
-    pub air: Option<Result<CellInAir, Trip>>,
+    /// Load cell without load, or the reason why it can't be trusted.
+    pub no_load: Option<Result<NoLoadCell, Trip>>,
     /// Times from a force to the braking of the stage, s: one for each pair of exchanges, conversion and lag included.
     pub reactions_s: Vec<f64>,
     /// Reaction time that a run would use.
@@ -55,9 +55,9 @@ pub enum ForceCheck<'a> {
     Finger(&'a mut dyn FnMut(Ask)),
 }
 
-/// Load cell in air.
+/// Load cell without load.
 #[derive(Clone, Copy, Debug)]
-pub struct CellInAir {
+pub struct NoLoadCell {
     /// Zero of the load cell, and its noise.
     pub zero: Zero,
     /// Fraction of the readings that differ from the reading before.
@@ -73,32 +73,31 @@ pub struct CellInAir {
 /// # Errors
 /// A person requests a stop, NI's library is required and missing, or a stage loses its position.
 pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceCheck<'_>) -> Result<Examination, Halt> {
-    let AtHome { mut hand, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
+    let AtHome { mut rig_control, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
     let mut found = Examination { devices, ..Examination::default() };
-    look(&mut hand, spec, cancel, &mut found).await?;
+    look(&mut rig_control, spec, cancel, &mut found).await?;
     let is_usable = found.devices[..2].iter().all(|(_, device)| device.is_ok());
-    if !is_usable || !matches!(found.air, Some(Ok(_))) {
+    if !is_usable || !matches!(found.no_load, Some(Ok(_))) {
         return Ok(found);
     }
-    let is_quiet = found
-        .air
-        .as_ref()
-        .is_some_and(|air| air.as_ref().is_ok_and(|air| air.zero.sigma_n <= NOISE_SHARE * spec.limits.force_n));
+    let is_quiet = found.no_load.as_ref().is_some_and(|no_load| {
+        no_load.as_ref().is_ok_and(|no_load| no_load.zero.sigma_n <= NOISE_SHARE * spec.limits.force_n)
+    });
     match asked {
         ForceCheck::Weight(mut weighing) => {
-            let weighed = unless_halted(weigh(&mut hand.cell, &hand.truth, &mut weighing).await)?;
+            let weighed = unless_halted(weigh(&mut rig_control.cell, &rig_control.truth, &mut weighing).await)?;
             found.shown = Some(weighed.as_ref().map(|_| ShownBy::Weight).map_err(Trip::clone));
             found.weighed = Some(weighed);
         }
         ForceCheck::Finger(ask) => {
             ask(Ask::Finger);
-            let touched = unless_halted(finger(&mut hand.cell, spec.limits.force_n).await)?;
+            let touched = unless_halted(finger(&mut rig_control.cell, spec.limits.force_n).await)?;
             found.shown = Some(touched.map(|()| ShownBy::Finger));
         }
         // with too much noise no press begins
         ForceCheck::Press if spec.is_simulated() && found.devices[2].1.is_ok() && is_quiet => {
-            drop(hand); // the press opens the rig again
+            drop(rig_control); // the press opens the rig again
             found.shown = Some(unless_halted(press(spec, seed, cancel).await)?.map(|()| ShownBy::Press));
         }
         ForceCheck::Press | ForceCheck::Nobody => {}
@@ -115,9 +114,14 @@ fn unless_halted<T>(result: Result<T, Halt>) -> Result<Result<T, Trip>, Halt> {
     }
 }
 
-async fn look(hand: &mut RigHand<'_>, spec: &RigSpec, cancel: &Cancel, found: &mut Examination) -> Result<(), Halt> {
+async fn look(
+    rig_control: &mut AnyRigControl<'_>,
+    spec: &RigSpec,
+    cancel: &Cancel,
+    found: &mut Examination,
+) -> Result<(), Halt> {
     let answers: Vec<bool> = found.devices.iter().map(|(_, device)| device.is_ok()).collect();
-    let mut outputs = vec![0.0; hand.array.units()];
+    let mut outputs = vec![0.0; rig_control.array.units()];
     for (device, answers) in answers.iter().enumerate() {
         for _ in 0..if *answers { TIMED } else { 0 } {
             if cancel.asked() {
@@ -125,44 +129,44 @@ async fn look(hand: &mut RigHand<'_>, spec: &RigSpec, cancel: &Cancel, found: &m
             }
             let asked = Instant::now();
             match device {
-                0 => _ = hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?,
-                1 => _ = hand.cell.cell.read().await?,
-                _ => hand.array.read(&mut outputs).await?,
+                0 => _ = rig_control.stage.position_mm(Axis::Z, &MotionOrders::default()).await?,
+                1 => _ = rig_control.cell.cell.read().await?,
+                _ => rig_control.array.read(&mut outputs).await?,
             }
             found.exchanges_s[device].push(asked.elapsed().as_secs_f64());
         }
     }
     if answers[1] {
-        found.air = Some(in_air(hand, answers[2]).await?);
+        found.no_load = Some(without_load(rig_control, answers[2]).await?);
     }
     let [stage_s, load_cell_s, _] = &found.exchanges_s;
-    if let (Some(Ok(air)), false) = (&found.air, stage_s.is_empty()) {
-        let (conversion_s, lag_s) = (hand.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
+    if let (Some(Ok(no_load)), false) = (&found.no_load, stage_s.is_empty()) {
+        let (conversion_s, lag_s) = (rig_control.cell.cell.conversion().as_secs_f64(), spec.load_cell.lag_s);
         let longest = |exchanges_s: &[f64]| exchanges_s.iter().copied().fold(0.0, f64::max);
         let pairs = stage_s.iter().zip(load_cell_s);
         found.reactions_s = pairs.map(|(stage_s, cell_s)| conversion_s + lag_s + stage_s + cell_s).collect();
         let reaction = Reaction { conversion_s, load_cell_s: longest(load_cell_s), stage_s: longest(stage_s), lag_s };
-        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &air.zero);
+        let permit = Permit::new(spec.limits, reaction.worst_s(), spec.stage.acceleration_mm_s2, &no_load.zero);
         let permit = permit.on(spec.stage.steps);
         let fastest = permit.approach_speed_mm_s(spec.limits.force_n);
         found.approach_mm_s = Some(fastest.min(spec.stage.speed_mm_s));
         found.reaction = Some(reaction);
-        if let Err(trip) = check_air(&air.zero, spec) {
-            found.air = Some(Err(trip));
+        if let Err(trip) = check_no_load(&no_load.zero, spec) {
+            found.no_load = Some(Err(trip));
         }
     }
     Ok(())
 }
 
-async fn in_air(hand: &mut RigHand<'_>, has_array: bool) -> Result<Result<CellInAir, Trip>, Halt> {
-    let readings = match hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
+async fn without_load(rig_control: &mut AnyRigControl<'_>, has_array: bool) -> Result<Result<NoLoadCell, Trip>, Halt> {
+    let readings = match rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await {
         Err(Halt::Tripped(trip)) => return Ok(Err(trip)),
         readings => readings?,
     };
     let fresh = readings.windows(2).filter(|pair| pair[0].force_n != pair[1].force_n).count();
-    let outputs_sigma_v = if has_array { Some(spread_v(&mut hand.array).await?) } else { None };
-    Ok(Ok(CellInAir {
-        zero: Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64()),
+    let outputs_sigma_v = if has_array { Some(spread_v(&mut rig_control.array).await?) } else { None };
+    Ok(Ok(NoLoadCell {
+        zero: Zero::of(&readings, rig_control.cell.cell.conversion().as_secs_f64()),
         fresh_share: fresh as f64 / (readings.len() - 1) as f64,
         outputs_sigma_v,
     }))

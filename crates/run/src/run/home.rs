@@ -1,10 +1,10 @@
 //! Homing of the stage before there is a zero: identify it, confirm the direction of z, home it, move z to the top. The cell is
 //! read all the time.
 
-use super::hand::{Gauge, Hand, RigHand};
 use super::motion::watched;
-use super::outputs_in_air::OutputsInAir;
-use super::retreat::unless_it_rises;
+use super::no_load_outputs::NoLoadOutputs;
+use super::retraction::unless_it_rises;
+use super::rig_control::{AnyRigControl, RigControl, WatchedLoadCell};
 use super::{Cancel, Halt};
 use crate::rig::{Home, HomeSide, OpenRig, RigSpec};
 use palpate_control::{MotionContext, Permit, Reaction, SafetyRule, Steer, Trip, Watch, Zero, safe_speed_mm_s};
@@ -36,8 +36,8 @@ const HOMING_LEAST_MM_S: f64 = 0.5;
 /// Distance that z moves to show its direction to the operator, mm.
 const NUDGE_MM: f64 = 1.0;
 
-/// Reason why z isn't withdrawn by a stage that would search for home toward the specimen first.
-const NO_WITHDRAWAL: &str = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. \
+/// Reason why z isn't retracted by a stage that would search for home toward the specimen first.
+const NO_RETRACTION: &str = "this stage doesn't know its position, and homes z toward the specimen (`home_side`): nothing was moved. \
                              Bring z away from the specimen by hand";
 
 /// Fall of the force, in sd of a reading, that shows that a contact ends.
@@ -55,7 +55,7 @@ const STOPPED_DEADLINE: Duration = Duration::from_secs(2);
 /// Rig whose stage is home, with z at the top. If the stage or the load cell can't be used, nothing moves, because the force
 /// couldn't be read.
 pub(super) struct AtHome<'a> {
-    pub hand: RigHand<'a>,
+    pub rig_control: AnyRigControl<'a>,
     pub stage: Result<Identity, DeviceError>,
     pub load_cell: Result<Identity, DeviceError>,
     pub array: Result<Identity, DeviceError>,
@@ -69,29 +69,29 @@ pub(super) async fn at_home<'a>(
     cancel: &'a Cancel,
     shown: &'a dyn Fn(f64),
 ) -> Result<AtHome<'a>, Halt> {
-    let mut hand = hand_of(rig, spec, cancel, shown);
-    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
-    let reaction = if load_cell.is_ok() { Some(hand.set_home_speed(spec).await?) } else { None };
-    let stage = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await?;
-    let array = unless_stopped(cancel, hand.array.prepare()).await?;
-    hand.watches_outputs = array.is_ok();
+    let mut rig_control = rig_control_of(rig, spec, cancel, shown);
+    let load_cell = unless_stopped(cancel, rig_control.cell.cell.prepare()).await?;
+    let reaction = if load_cell.is_ok() { Some(rig_control.set_home_speed(spec).await?) } else { None };
+    let stage = unless_stopped(cancel, rig_control.stage.identify(&rig_control.usage)).await?;
+    let array = unless_stopped(cancel, rig_control.array.prepare()).await?;
+    rig_control.watches_outputs = array.is_ok();
     let stage = match (stage, &reaction) {
-        (Ok(identity), Some(reaction)) => match hand.come_home(spec, &identity, reaction).await {
+        (Ok(identity), Some(reaction)) => match rig_control.come_home(spec, &identity, reaction).await {
             Ok(()) => Ok(identity),
             Err(Unmoved::Stage(error)) => Err(error),
             Err(Unmoved::Halted(halt)) => return Err(halt),
         },
         (stage, _) => stage,
     };
-    Ok(AtHome { hand, stage, load_cell, array })
+    Ok(AtHome { rig_control, stage, load_cell, array })
 }
 
-fn hand_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> RigHand<'a> {
+fn rig_control_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> AnyRigControl<'a> {
     let OpenRig { instruments, stage_use, truth, claims } = rig;
     let Instruments { stage, load_cell, array } = instruments;
-    let gauge = Gauge::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
-    let parts = Instruments { stage, load_cell: gauge, array };
-    Hand::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), truth, claims)
+    let watched_cell = WatchedLoadCell::new(load_cell, Watch::new(&spec.limits, Zero::with_noise(0.0)), cancel, shown);
+    let parts = Instruments { stage, load_cell: watched_cell, array };
+    RigControl::new(parts, spec.frame, stage_use, spec.unmeasured_timing(), truth, claims)
 }
 
 /// Moves z away from the specimen and does nothing else. The load cell is read if it answers. A stage that can't move before
@@ -99,24 +99,24 @@ fn hand_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn 
 ///
 /// # Errors
 /// The stage doesn't work, the direction of z isn't confirmed, or the force rises.
-pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Withdrawn, Halt> {
-    let mut hand = hand_of(spec.open(seed)?, spec, cancel, &|_| {});
-    let load_cell = unless_stopped(cancel, hand.cell.cell.prepare()).await?;
-    let identity = unless_stopped(cancel, hand.stage.identify(&hand.usage)).await??;
+pub async fn retract(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Retracted, Halt> {
+    let mut rig_control = rig_control_of(spec.open(seed)?, spec, cancel, &|_| {});
+    let load_cell = unless_stopped(cancel, rig_control.cell.cell.prepare()).await?;
+    let identity = unless_stopped(cancel, rig_control.stage.identify(&rig_control.usage)).await??;
     if let Some(which_way) = spec.which_way().filter(|way| !way.is_known(&identity, spec.frame.down)) {
         which_way.announce(&identity, NUDGE_MM, HomeSearch::Away).map_err(Halt::Unconfirmed)?;
     }
     if spec.stage.home_side == HomeSide::Toward {
-        if !hand.stage.is_homed().await? {
-            return Err(Halt::Unconfirmed(NO_WITHDRAWAL.to_owned()));
+        if !rig_control.stage.is_homed().await? {
+            return Err(Halt::Unconfirmed(NO_RETRACTION.to_owned()));
         }
-        hand.usage.home_search = HomeSearch::Never;
+        rig_control.usage.home_search = HomeSearch::Never;
     }
-    hand.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
+    rig_control.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
     if load_cell.is_ok() {
         // a cell that doesn't answer any more holds up nothing
-        let _ = hand.set_home_speed(spec).await;
-        let _ = hand.watch_from_rest(spec).await;
+        let _ = rig_control.set_home_speed(spec).await;
+        let _ = rig_control.watch_from_rest(spec).await;
     }
     let reading = ReadingMode::IfItAnswers;
     let z = spec.stage.travel.along(Axis::Z);
@@ -124,25 +124,26 @@ pub async fn withdraw(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<With
     // without switches nothing stops z at the end of its travel
     let way_mm = if by_hand { spec.limits.depth_mm - spec.clear_mm() } else { z.max - z.min };
     let mut nudges = 0;
-    while f64::from(nudges) * NUDGE_MM < way_mm && hand.nudge_away(reading).await? {
+    while f64::from(nudges) * NUDGE_MM < way_mm && rig_control.nudge_away(reading).await? {
         nudges += 1;
     }
     if nudges == 0 && !by_hand {
-        hand.home_all(reading).await?;
-        let top_mm = spec.frame.to_stage(hand.place, spec.top_mm()).z_mm;
-        hand.moves(reading, async |stage, usage, orders| {
-            let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
-            let at_mm = stage.position_mm(Axis::Z, orders).await?;
-            if (top_mm - at_mm) * usage.away > 0.0 {
-                stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, orders).await?;
-                stage.follow(&[Axis::Z], longest, orders).await?;
-            }
-            Ok(())
-        })
-        .await?;
+        rig_control.home_all(reading).await?;
+        let top_mm = spec.frame.to_stage(rig_control.place, spec.top_mm()).z_mm;
+        rig_control
+            .moves(reading, async |stage, usage, orders| {
+                let longest = seconds((z.max - z.min) / usage.home_speed_mm_s);
+                let at_mm = stage.position_mm(Axis::Z, orders).await?;
+                if (top_mm - at_mm) * usage.away > 0.0 {
+                    stage.begin(&[(Axis::Z, top_mm)], usage.home_speed_mm_s, orders).await?;
+                    stage.follow(&[Axis::Z], longest, orders).await?;
+                }
+                Ok(())
+            })
+            .await?;
     }
-    let z_mm = hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
-    Ok(Withdrawn { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
+    let z_mm = rig_control.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
+    Ok(Retracted { z_mm, load_cell: load_cell.err().map(|error| error.to_string()) })
 }
 
 /// Reason why the stage didn't move as ordered.
@@ -177,9 +178,9 @@ enum ReadingMode {
     IfItAnswers,
 }
 
-/// Result of the withdrawal of z.
+/// Result of the retraction of z.
 #[derive(Clone, Debug)]
-pub struct Withdrawn {
+pub struct Retracted {
     /// Position of z in stage coordinates, mm.
     pub z_mm: f64,
     /// Reason why the load cell wasn't read on the way; `None` if it was read.
@@ -199,7 +200,7 @@ pub(super) async fn unless_stopped(
     }
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Times the load cell and sets the speed of the search for home. At this speed, a search that runs into the declared
     /// specimen stops within the force limit.
     async fn set_home_speed(&mut self, spec: &RigSpec) -> Result<Reaction, Halt> {
@@ -250,9 +251,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     /// Starts the watch: from now on the force mustn't rise above its present value at rest, and the outputs mustn't leave their
     /// noise.
     async fn watch_from_rest(&mut self, spec: &RigSpec) -> Result<(), Halt> {
-        let Hand { cell, array, watches_outputs, .. } = self;
+        let RigControl { cell, array, watches_outputs, .. } = self;
         let outputs =
-            async { if *watches_outputs { OutputsInAir::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
+            async { if *watches_outputs { NoLoadOutputs::read(array, &spec.array).await.map(Some) } else { Ok(None) } };
         let (still, outputs) = tokio::join!(at_rest(cell), outputs);
         let still = still?;
         self.unzeroed = outputs?;
@@ -292,7 +293,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Asks the operator to put back what was in the way of a search for home. Only then is the air read.
+    /// Asks the operator to put back what was in the way of a search for home. Only then is the reading without load taken.
     async fn confirm_back(&mut self, spec: &RigSpec) -> Result<(), Halt> {
         let Some(person) = spec.which_way().filter(|_| self.usage.home_search == HomeSearch::Toward) else {
             return Ok(());
@@ -305,7 +306,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this
-    /// direction. No measurement in air shows the direction.
+    /// direction. No measurement without load shows the direction.
     async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
         let down = spec.frame.down;
         let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
@@ -316,7 +317,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             self.home_all(ReadingMode::Watched).await?;
             if spec.stage.home_side == HomeSide::Toward {
                 self.find_itself().await?;
-                self.creep((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
+                self.retract_slowly((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
             }
         }
         let cancel = self.cell.cancel;
@@ -342,7 +343,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             sleep(STOPPED_DEADLINE).await;
         };
-        let Hand { stage, cell, usage, array, unzeroed, .. } = self;
+        let RigControl { stage, cell, usage, array, unzeroed, .. } = self;
         let due = Cell::new(None); // how long it takes isn't known
         let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
         let motion = Box::pin(async {
@@ -354,8 +355,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             match reading {
                 ReadingMode::Watched => {
                     let fallen_n = -FALLEN_SIGMAS * cell.watch.zero().sigma_n;
-                    let steer = |gauge: &mut Gauge<'_, C>, force_n: f64| {
-                        falls.set(gauge.watch.mean_n().unwrap_or(force_n) < fallen_n);
+                    let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {
+                        falls.set(watched_cell.watch.mean_n().unwrap_or(force_n) < fallen_n);
                         Steer::On
                     };
                     let outputs = async {
@@ -405,14 +406,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         }
     }
 
-    /// Moves z to the top if z is deeper, and checks that the cell is in air there. Its reading must stay the same slightly
+    /// Moves z to the top if z is deeper, and checks that the cell is without load there. Its reading must stay the same slightly
     /// farther away, or slightly nearer if z can't go farther.
     async fn come_to_the_top(&mut self, spec: &RigSpec, reaction: &Reaction) -> Result<(), Halt> {
         self.find_itself().await?;
         let top_mm = spec.top_mm();
         if self.z_mm > top_mm {
             // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
-            self.creep(top_mm).await?;
+            self.retract_slowly(top_mm).await?;
         }
         self.confirm_back(spec).await?;
         let (here, taken) = (at_rest(&mut self.cell).await?, Instant::now());
@@ -421,7 +422,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         let (from_mm, way_mm, speed_mm_s) = (self.z_mm, permit.sounding_mm(), self.usage.home_speed_mm_s);
         let toward = |from_mm, to_mm| {
             let sigma_n = here.offset_sigma_n;
-            let standing = MotionContext {
+            let sensor_state = MotionContext {
                 z_mm: from_mm,
                 force_n: 0.0,
                 sigma_n,
@@ -429,11 +430,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 first_mm: from_mm,
                 most_mm: f64::INFINITY,
             };
-            permit.advance(&standing, to_mm, speed_mm_s)
+            permit.advance(&sensor_state, to_mm, speed_mm_s)
         };
         let is_farther = from_mm - way_mm >= spec.end_mm();
         let there = match is_farther {
-            true => permit.withdraw(from_mm, from_mm - way_mm, speed_mm_s)?,
+            true => permit.retract(from_mm, from_mm - way_mm, speed_mm_s)?,
             false => toward(from_mm, from_mm + way_mm)?,
         };
         self.cell.watch.pause();
@@ -441,10 +442,10 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.cell.settle().await?;
         let there = at_rest(&mut self.cell).await?;
         let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
-        permit.air_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
+        permit.no_load_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
             true => toward(self.z_mm, from_mm)?,
-            false => permit.withdraw(self.z_mm, from_mm, speed_mm_s)?,
+            false => permit.retract(self.z_mm, from_mm, speed_mm_s)?,
         };
         self.cell.watch.pause();
         self.move_z(back, None).await
@@ -459,7 +460,7 @@ async fn until_stopped(orders: &MotionOrders) {
 }
 
 /// Returns the cell's reading while the stage is at rest.
-async fn at_rest<C: LoadCell>(gauge: &mut Gauge<'_, C>) -> Result<Zero, Halt> {
-    let readings = gauge.sound_readings(STILL_READINGS, STILL_S).await?;
-    Ok(Zero::of(&readings, gauge.cell.conversion().as_secs_f64()))
+async fn at_rest<C: LoadCell>(watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<Zero, Halt> {
+    let readings = watched_cell.sound_readings(STILL_READINGS, STILL_S).await?;
+    Ok(Zero::of(&readings, watched_cell.cell.conversion().as_secs_f64()))
 }

@@ -1,8 +1,8 @@
 //! Motions during which the force is read.
 
 use super::Halt;
-use super::hand::{Gauge, Hand, OUTPUTS_ON_THE_WAY};
-use super::retreat::then_notify;
+use super::retraction::then_notify;
+use super::rig_control::{OUTPUTS_ON_THE_WAY, RigControl, WatchedLoadCell};
 use super::window::OutputMeans;
 use palpate_control::{ForceLoop, MotionProfile, Permit, Permitted, STALE_S, SafetyRule, Sideways, Steer, Trip};
 use palpate_core::quantity::{Axis, Place, Range, seconds};
@@ -27,7 +27,7 @@ const SILENT_S: f64 = 0.5;
 /// progress.
 const CONVERSIONS_HEARD: f64 = 4.0;
 
-/// Interval between looks at z during the withdrawal from a contact.
+/// Interval between looks at z during the retraction from a contact.
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// Axes that move the indenter from place to place.
@@ -40,7 +40,7 @@ struct Driven {
     stopped: bool,
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Moves along z to a permitted end. The force is read meanwhile and passed to the press, which may change the speed or stop
     /// the motion.
     pub(super) async fn move_z(&mut self, granted: Permitted, mut press: Option<&mut ForceLoop>) -> Result<(), Halt> {
@@ -65,9 +65,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         Ok(())
     }
 
-    /// Withdraws from a contact for good, and continues sideways as soon as the z that was read back is clear. Later readings are
-    /// in air. `first_mm` is the earliest z at which contact is possible, here and at the next place.
-    pub(super) async fn depart(
+    /// Retracts from a contact for good, and continues sideways as soon as the z that was read back is clear. Later readings are
+    /// without load. `first_mm` is the earliest z at which contact is possible, here and at the next place.
+    pub(super) async fn leave_contact(
         &mut self,
         granted: Permitted,
         next: Place,
@@ -77,24 +77,24 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if next == self.place {
             self.move_z(granted, None).await?;
             self.cell.settle().await?;
-            self.open_air();
+            self.begin_no_load();
             return Ok(());
         }
         let (target_mm, frame) = (self.stage_z_mm(granted.z_mm()), self.frame);
         let there = frame.to_stage(next, granted.z_mm());
         let sideways = SIDEWAYS.map(|axis| (axis, there.along(axis)));
-        let withdrawal =
+        let retraction =
             MotionProfile::new(granted.z_mm() - self.z_mm, granted.speed_mm_s(), self.usage.acceleration_mm_s2);
-        let clears_s = withdrawal.reaches_s(self.z_mm - permit.clear_mm(first_mm));
+        let clears_s = retraction.reaches_s(self.z_mm - permit.clear_mm(first_mm));
         let (way_mm, speed_mm_s) = (way_mm(self.place, next), self.usage.speed_mm_s);
         let travel_s = MotionProfile::new(way_mm, speed_mm_s, self.usage.acceleration_mm_s2).duration_s();
-        let due_after = seconds(withdrawal.duration_s() + travel_s);
+        let due_after = seconds(retraction.duration_s() + travel_s);
         let (orders, force_n, clear, due) =
             (MotionOrders::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
         // a slow cell still shows the contact when z has long left it
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
-        let ends_after = seconds(withdrawal.duration_s() + heard_s);
+        let ends_after = seconds(retraction.duration_s() + heard_s);
         let stage = &mut self.stage;
         // pinned where it is: it is large, and moving it into the next would copy it
         let motion = Box::pin(async {
@@ -129,19 +129,19 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             let places_mm = stage.follow(&[Axis::X, Axis::Y, Axis::Z], Duration::ZERO, &orders).await?;
             Ok((places_mm, refused))
         });
-        self.outputs_in_air = OutputMeans::default();
+        self.no_load_outputs = OutputMeans::default();
         let motion = async {
             let moved = motion.await;
             due.set(None); // what is still awaited is the array
             moved
         };
-        let motion = with_outputs(motion, &clear, &mut self.array, &mut self.outputs_in_air);
-        let steer = |gauge: &mut Gauge<'_, C>, now_n: f64| {
+        let motion = with_outputs(motion, &clear, &mut self.array, &mut self.no_load_outputs);
+        let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, now_n: f64| {
             // two readings make a force: a lone outlier sends nothing sideways
-            let mean_n = gauge.watch.mean_n().unwrap_or(now_n);
+            let mean_n = watched_cell.watch.mean_n().unwrap_or(now_n);
             force_n.set(mean_n);
-            if clear.get() && !gauge.is_air_open() {
-                gauge.open_air();
+            if clear.get() && !watched_cell.is_no_load_open() {
+                watched_cell.begin_no_load();
             }
             if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
         };
@@ -164,7 +164,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.cell.watch.pause();
         let force_n = self.cell.mean_n(SIDEWAYS_READINGS).await?;
         let Sideways { .. } = permit.sideways(self.z_mm, first_mm, force_n)?;
-        self.open_air();
+        self.begin_no_load();
         let target = self.frame.to_stage(place, self.z_mm);
         let targets = SIDEWAYS.map(|axis| (axis, target.along(axis)));
         let touch_n = permit.detect_n();
@@ -177,7 +177,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
     }
 
     /// Moves z slowly away from the specimen to a position; every force is checked.
-    pub(super) async fn creep(&mut self, z_mm: f64) -> Result<(), Halt> {
+    pub(super) async fn retract_slowly(&mut self, z_mm: f64) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         self.cell.watch.pause();
         let speed_mm_s = self.usage.home_speed_mm_s;
@@ -212,7 +212,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             ends.set(Some(Instant::now() + expected));
             Ok(stage.follow(&axes, expected, &orders).await?)
         });
-        let steered = |gauge: &mut Gauge<'_, C>, force_n: f64| steer(force_n, gauge.now_s());
+        let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| steer(force_n, watched_cell.now_s());
         let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
         let stopped = orders.stopped();
         // a motion that ran its way ended when its profile did, however late that was heard
@@ -223,7 +223,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 
     /// Returns the halt for a force that appeared while x and y moved, so that nothing is dragged along.
     fn touched_on_the_way(&self, touch_n: f64) -> Halt {
-        self.cell.in_air(Trip::new(SafetyRule::StillTouching, touch_n, touch_n, "N")).into()
+        self.cell.without_load(Trip::new(SafetyRule::StillTouching, touch_n, touch_n, "N")).into()
     }
 
     /// Checks that x and y are at their targets.
@@ -281,11 +281,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
 /// Runs a motion to its end while every force is watched. Both always run to their end, so that no exchange is dropped half-way.
 /// A motion that isn't reported done long after its due time trips.
 pub(super) async fn watched<C: LoadCell, T>(
-    gauge: &mut Gauge<'_, C>,
+    watched_cell: &mut WatchedLoadCell<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
     orders: &MotionOrders,
     due: &Cell<Option<Instant>>,
-    mut steer: impl FnMut(&mut Gauge<'_, C>, f64) -> Steer,
+    mut steer: impl FnMut(&mut WatchedLoadCell<'_, C>, f64) -> Steer,
 ) -> Result<T, Halt> {
     let ended = Cell::new(false);
     let motion = async {
@@ -296,8 +296,8 @@ pub(super) async fn watched<C: LoadCell, T>(
     let watch = async {
         while !ended.get() {
             let heard = {
-                let silent_after = seconds(STALE_S) + gauge.cell.conversion();
-                let heard = gauge.force_n();
+                let silent_after = seconds(STALE_S) + watched_cell.cell.conversion();
+                let heard = watched_cell.force_n();
                 tokio::pin!(heard);
                 match timeout(silent_after, &mut heard).await {
                     Ok(heard) => heard,
@@ -314,7 +314,7 @@ pub(super) async fn watched<C: LoadCell, T>(
                     return Err(halt);
                 }
             };
-            match steer(gauge, force_n) {
+            match steer(watched_cell, force_n) {
                 Steer::On => {}
                 Steer::Stop => orders.stop(),
                 Steer::Speed(mm_s) => {

@@ -1,8 +1,8 @@
 //! Information from a record about the presses so far.
 
 use super::checks::Checking;
-use super::walk::Standby;
-use palpate_control::{ContactMap, Lesson, MeasuredContact};
+use super::execute::Standby;
+use palpate_control::{ContactMap, LearnedContact, MeasuredContact};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact};
 use palpate_data::recipe::Plan;
@@ -15,7 +15,7 @@ const KNOWN_MAX: usize = 4096;
 pub(super) struct Past {
     /// Knowledge from the presses so far.
     pub map: ContactMap,
-    /// Load cell reading in air when the run began, N; `None` before the first zero.
+    /// Load cell reading without load when the run began, N; `None` before the first zero.
     pub first_zero_n: Option<f64>,
     /// Time that has passed in the run, s.
     pub elapsed_s: f64,
@@ -89,26 +89,26 @@ impl Past {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
             Record::Devices(devices) => self.devices.clone_from(devices),
             Record::Check(check) => {
-                let RecordedContact { left, air_after, .. } = &check.contact;
-                let standby = left.map(|Left { z_mm }| Standby { z_mm, air: Some(air_after.clone()) });
+                let RecordedContact { left, no_load_after, .. } = &check.contact;
+                let standby = left.map(|Left { z_mm }| Standby { z_mm, no_load: Some(no_load_after.clone()) });
                 self.last = self.last.take().map(|(press, _)| (press, standby));
                 self.checks.take_check(check);
             }
             Record::Contact(contact) => {
                 self.checks.take_contact(contact);
-                let air = Some(contact.air_after.clone());
-                let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air });
+                let no_load = Some(contact.no_load_after.clone());
+                let standby = contact.left.map(|Left { z_mm }| Standby { z_mm, no_load });
                 self.last = Some((contact.press, standby));
-                contact.lesson.iter().for_each(|lesson| self.learn(lesson, contact));
+                contact.learned_contact.iter().for_each(|learned_contact| self.learn(learned_contact, contact));
                 self.felt.extend(felt(contact).map(|(felt, _)| felt));
             }
             _ => {}
         }
     }
 
-    fn learn(&mut self, lesson: &Lesson, contact: &RecordedContact) {
-        self.map.learn(lesson);
-        if let Lesson::Touch { place, z_mm, path } = lesson
+    fn learn(&mut self, learned_contact: &LearnedContact, contact: &RecordedContact) {
+        self.map.learn(learned_contact);
+        if let LearnedContact::Touch { place, z_mm, path } = learned_contact
             && let Some((_, force_n)) = path.last()
             && *force_n > 0.0
             && self.known.len() < KNOWN_MAX
@@ -160,9 +160,14 @@ mod tests {
     use palpate_data::dataset::Memory;
     use palpate_data::recipe::{Checks, Entry, Phase};
 
-    fn contact(press: u64, lesson: Lesson) -> Record {
+    fn contact(press: u64, learned_contact: LearnedContact) -> Record {
         let left = Some(Left { z_mm: -0.2 - press as f64 });
-        Record::Contact(RecordedContact { press, lesson: Some(lesson), left, ..RecordedContact::default() })
+        Record::Contact(RecordedContact {
+            press,
+            learned_contact: Some(learned_contact),
+            left,
+            ..RecordedContact::default()
+        })
     }
 
     /// A plan of presses at these places.
@@ -184,24 +189,26 @@ mod tests {
         Plan { name: "p".to_owned(), seed: 1, entries: (0..).zip(places).map(entry).collect(), checks: Checks::None }
     }
 
-    fn touch(x_mm: f64, y_mm: f64) -> Lesson {
-        Lesson::Touch { place: Place::new(x_mm, y_mm), z_mm: 0.02, path: vec![(0.1, 0.1), (0.5, 0.7)] }
+    fn touch(x_mm: f64, y_mm: f64) -> LearnedContact {
+        LearnedContact::Touch { place: Place::new(x_mm, y_mm), z_mm: 0.02, path: vec![(0.1, 0.1), (0.5, 0.7)] }
     }
 
     #[test]
     fn what_is_recalled_is_what_the_records_say_in_their_order() {
         let mut memory = Memory::default();
-        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, hum: None, outputs: vec![] };
-        let shot = Lesson::Shot { place: Place::new(5.0, 5.0), z_mm: 0.4, force_n: 0.5, expected_n: 0.5, faded: 0.0 };
-        let lessons = [touch(0.0, 0.0), touch(0.1, 0.0), shot, touch(6.0, 0.0), touch(0.0, 6.0)];
-        let contacts = (0..).zip(lessons.clone()).map(|(press, lesson)| contact(press, lesson));
+        let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, mains: None, outputs: vec![] };
+        let shot =
+            LearnedContact::Shot { place: Place::new(5.0, 5.0), z_mm: 0.4, force_n: 0.5, expected_n: 0.5, faded: 0.0 };
+        let learned_contacts = [touch(0.0, 0.0), touch(0.1, 0.0), shot, touch(6.0, 0.0), touch(0.0, 6.0)];
+        let contacts =
+            (0..).zip(learned_contacts.clone()).map(|(press, learned_contact)| contact(press, learned_contact));
         for record in [zero(1.0, 0.25)].into_iter().chain(contacts).chain([zero(9.0, 0.3)]) {
             memory.record(&record).unwrap();
         }
         let plan = plan(&[(0.0, 0.0), (0.1, 0.0), (6.0, 0.0), (0.0, 6.0)]);
         let past = Past::of(&memory, &plan, 0.3).unwrap();
         let mut map = ContactMap::new(0.3);
-        lessons.iter().for_each(|lesson| map.learn(lesson));
+        learned_contacts.iter().for_each(|learned_contact| map.learn(learned_contact));
         assert_eq!(format!("{:?}", past.map), format!("{map:?}"));
         assert_eq!((past.first_zero_n, past.elapsed_s), (Some(0.25), 9.0), "the first zero stays the first");
         assert_eq!(

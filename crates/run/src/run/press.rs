@@ -1,14 +1,14 @@
 //! Execution of one press.
 
 use super::Halt;
-use super::walk::Runner;
+use super::execute::Runner;
 use super::window::MeasuredWindow;
 use palpate_control::{
-    Averaged, Context, ForceLoop, Lesson, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask, Softest,
-    Strategy, UncertaintyBudget,
+    Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask,
+    Softest, Strategy, UncertaintyBudget,
 };
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, Air, Flag, Left, PressTruth, RecordedContact};
+use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
 use palpate_data::recipe::Entry;
 use palpate_link::device::Stage;
 use palpate_link::time::Instant;
@@ -20,24 +20,24 @@ pub(super) const TRAVEL_CLEARANCE_MM: f64 = 0.10;
 /// press.
 const GUARD_SIGMAS: f64 = 8.0;
 
-/// Least decrease of the air reading after a press, N, and margin in sd of a mean, that indicates a cell that sticks to the
+/// Least decrease of the reading without load after a press, N, and margin in sd of a mean, that indicates a cell that sticks to the
 /// specimen. The third constant is the additional distance at which the cell is read again, mm.
 const STICKS_N: f64 = 0.010;
 const STICKS_SIGMAS: f64 = 5.0;
 const FARTHER_MM: f64 = 0.5;
 
-/// Largest age of the air reading while the first descent continues, s. In this time the zero of a cell that drifts by 30 mN/min
+/// Largest age of the reading without load while the first descent continues, s. In this time the zero of a cell that drifts by 30 mN/min
 /// moves by 0.5 mN.
-const AIR_FRESH_S: f64 = 1.0;
+const NO_LOAD_FRESH_S: f64 = 1.0;
 
 /// Contact that has ended.
 pub(super) struct Pressed {
     levels: Vec<MeasuredLevel>,
-    air: Air,
+    no_load: NoLoad,
     /// Time of that air by the press' clock, s.
-    air_s: f64,
+    no_load_s: f64,
     pub touched_mm: Option<f64>,
-    lesson: Option<Lesson>,
+    learned_contact: Option<LearnedContact>,
 }
 
 impl Pressed {
@@ -57,7 +57,7 @@ struct MeasuredLevel {
     truth: Option<PressTruth>,
 }
 
-/// Move of the load cell's zero from the air before a press to the air after it, by the press' clock.
+/// Move of the load cell's zero from before a press to after it, by the press' clock.
 struct ZeroMoved {
     from_s: f64,
     to_s: f64,
@@ -81,18 +81,18 @@ impl Runner<'_> {
     pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<RecordedContact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
-            self.go_to(next).await?; // a staircase that ended in air is still where it was
+            self.go_to(next).await?; // a staircase that ended without load is still where it was
         }
-        let after = self.air_after(&pressed.air).await?;
-        self.hand.cell.watch.pause();
-        let Pressed { levels: mut held, air: before, air_s, touched_mm, lesson } = pressed;
+        let after = self.no_load_after(&pressed.no_load).await?;
+        self.rig_control.cell.watch.pause();
+        let Pressed { levels: mut held, no_load: before, no_load_s, touched_mm, learned_contact } = pressed;
         let moved = ZeroMoved {
-            from_s: air_s,
-            to_s: self.hand.cell.now_s() - after.force.age_s,
+            from_s: no_load_s,
+            to_s: self.rig_control.cell.now_s() - after.force.age_s,
             by_n: after.force.mean_n - before.force.mean_n,
         };
         held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
-        let along_normal = 1.0 / self.hand.frame.tilt.cosine();
+        let along_normal = 1.0 / self.rig_control.frame.tilt.cosine();
         let budget = |held: &MeasuredLevel| self.budget(held, [&before, &after], &moved).times(along_normal);
         let budgets: Vec<UncertaintyBudget> = held.iter().map(budget).collect();
         let level = |((level, held), budget): ((usize, &MeasuredLevel), &UncertaintyBudget)| dataset::Press {
@@ -103,45 +103,45 @@ impl Runner<'_> {
         };
         let levels = held.iter().enumerate().zip(&budgets).map(level).map(dataset::Press::rounded).collect();
         let truth = held.iter().filter_map(|held| held.truth.map(PressTruth::rounded)).collect();
-        let left = next.map(|_| Left { z_mm: self.hand.z_mm });
+        let left = next.map(|_| Left { z_mm: self.rig_control.z_mm });
         let budgets = budgets.into_iter().map(UncertaintyBudget::rounded).collect();
         Ok(RecordedContact {
             press: entry.press,
             levels,
             budgets,
             truth,
-            lesson,
-            air_before: before,
-            air_after: after,
+            learned_contact,
+            no_load_before: before,
+            no_load_after: after,
             left,
         })
     }
 
     /// Returns the uncertainty budget of a level's force.
-    fn budget(&self, held: &MeasuredLevel, airs: [&Air; 2], moved: &ZeroMoved) -> UncertaintyBudget {
+    fn budget(&self, held: &MeasuredLevel, no_loads: [&NoLoad; 2], moved: &ZeroMoved) -> UncertaintyBudget {
         let MeasuredWindow { force_n, middle_s, forces, seconds, .. } = held.window;
         let share = moved.share(middle_s);
-        let averaged = Averaged { readings: forces, seconds, airs: airs.map(|air| air.force), share };
+        let averaged = Averaged { readings: forces, seconds, no_loads: no_loads.map(|no_load| no_load.force), share };
         let cell_n = self.conditions.spec.load_cell.standard_uncertainty_n(force_n);
-        UncertaintyBudget::of(&averaged, self.hand.cell.watch.zero(), cell_n)
+        UncertaintyBudget::of(&averaged, self.rig_control.cell.watch.zero(), cell_n)
     }
 
-    /// Reads the air after a press. If the specimen seems to pull at the cell, the cell may stick to it, so the air is read again
+    /// Reads the load cell without load after a press. If the specimen seems to pull at the cell, the cell may stick to it, so it is read again
     /// from farther away.
-    async fn air_after(&mut self, before: &Air) -> Result<Air, Halt> {
-        let air = self.hand.close_air().await?;
-        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(air.force.readings);
-        if before.force.mean_n - air.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
-            return Ok(air);
+    async fn no_load_after(&mut self, before: &NoLoad) -> Result<NoLoad, Halt> {
+        let no_load = self.rig_control.end_no_load().await?;
+        let sigma_n = self.rig_control.cell.watch.zero().sigma_mean_n(no_load.force.readings);
+        if before.force.mean_n - no_load.force.mean_n <= STICKS_N + STICKS_SIGMAS * sigma_n {
+            return Ok(no_load);
         }
-        let (from_mm, speed_mm_s) = (self.hand.z_mm, self.hand.usage.speed_mm_s);
+        let (from_mm, speed_mm_s) = (self.rig_control.z_mm, self.rig_control.usage.speed_mm_s);
         let farther_mm = (from_mm - FARTHER_MM).max(self.conditions.spec.clear_mm()).min(from_mm);
-        self.hand.cell.watch.pause();
-        let granted = self.permit.withdraw(from_mm, farther_mm, speed_mm_s)?;
-        self.hand.move_z(granted, None).await?;
-        self.hand.cell.settle().await?;
-        self.hand.open_air();
-        self.hand.close_air().await
+        self.rig_control.cell.watch.pause();
+        let granted = self.permit.retract(from_mm, farther_mm, speed_mm_s)?;
+        self.rig_control.move_z(granted, None).await?;
+        self.rig_control.cell.settle().await?;
+        self.rig_control.begin_no_load();
+        self.rig_control.end_no_load().await
     }
 
     /// Makes a contact at a place. In a simulated contact, all random values follow from its number. So the contact is the same
@@ -154,102 +154,108 @@ impl Runner<'_> {
         next: Place,
     ) -> Result<Pressed, Halt> {
         self.go_to(place).await?;
-        self.hand.stage.forget_timing();
-        self.hand.cell.begin().await;
-        self.hand.truth.begin_press(number);
-        let mut air = self.air().await?;
-        let mut air_s = -air.force.age_s;
+        self.rig_control.stage.forget_timing();
+        self.rig_control.cell.begin().await;
+        self.rig_control.truth.begin_press(number);
+        let mut no_load = self.no_load().await?;
+        let mut no_load_s = -no_load.force.age_s;
         let first_mm = self.first_mm(place, next);
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
-        self.hand.count_from(&air);
+        self.rig_control.count_from(&no_load);
         self.zeroed = Instant::now();
-        self.hand.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
-        self.hand.cell.watch.pause();
-        self.hand.cell.force_n().await?;
+        self.rig_control.stage.guard(Some(self.guard_n())).await?; // some exchanges, in which no force is read
+        self.rig_control.cell.watch.pause();
+        self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
-        let mut known = air.outputs.clone();
-        let mut event = LoopEvent::Begin { z_mm: self.hand.z_mm, air: air.force };
+        let mut known = no_load.outputs.clone();
+        let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
         loop {
-            let moment = Moment { now_s: self.hand.cell.now_s(), age_s: self.hand.cell.age_s() };
+            let moment = Moment { now_s: self.rig_control.cell.now_s(), age_s: self.rig_control.cell.age_s() };
             event = match press.next(event, moment) {
                 LoopCommand::Average(readings) => {
-                    LoopEvent::Averaged { force_n: self.hand.cell.mean_n(readings).await? }
+                    LoopEvent::Averaged { force_n: self.rig_control.cell.mean_n(readings).await? }
                 }
                 LoopCommand::Move(granted) => {
                     if press.is_first_descent() {
-                        self.hand.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
-                        self.freshen(&mut air, &mut air_s).await?;
+                        self.rig_control.check_outputs_rest(&mut known, &self.conditions.spec.array).await?;
+                        self.freshen(&mut no_load, &mut no_load_s).await?;
                     }
-                    self.hand.move_z(granted, Some(&mut press)).await?;
-                    LoopEvent::Moved { z_mm: self.hand.z_mm }
+                    self.rig_control.move_z(granted, Some(&mut press)).await?;
+                    LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
-                LoopCommand::Depart(granted) => {
-                    self.hand.depart(granted, next, &self.permit, first_mm).await?;
-                    LoopEvent::Moved { z_mm: self.hand.z_mm }
+                LoopCommand::LeaveContact(granted) => {
+                    self.rig_control.leave_contact(granted, next, &self.permit, first_mm).await?;
+                    LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
                 LoopCommand::Dwell(seconds) => {
-                    self.hand.cell.dwell(seconds).await?;
+                    self.rig_control.cell.dwell(seconds).await?;
                     LoopEvent::Dwelt
                 }
                 LoopCommand::Sample(seconds) => {
-                    let window = self.hand.sample(seconds, self.conditions.spec.array.range_v).await?;
+                    let window = self.rig_control.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
-                    let (place, z_mm) = (self.hand.pressed, self.hand.z_mm);
+                    let (place, z_mm) = (self.rig_control.pressed, self.rig_control.z_mm);
                     levels.push(MeasuredLevel { window, place, z_mm, truth: self.truth() });
                     LoopEvent::Sampled { force_n }
                 }
                 LoopCommand::Done => break,
-                LoopCommand::Trip(trip) => return Err(self.hand.cell.at_first_touch(trip).await.into()),
+                LoopCommand::Trip(trip) => return Err(self.rig_control.cell.at_first_touch(trip).await.into()),
             };
         }
-        self.hand.stage.guard(None).await?;
+        self.rig_control.stage.guard(None).await?;
         if let (Some(last), Some(after)) = (levels.last_mut().and_then(|held| held.truth.as_mut()), self.truth()) {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
         }
-        Ok(Pressed { levels, air, air_s, touched_mm: press.touched_mm(), lesson: press.lesson() })
+        Ok(Pressed {
+            levels,
+            no_load,
+            no_load_s,
+            touched_mm: press.touched_mm(),
+            learned_contact: press.learned_contact(),
+        })
     }
 
-    /// Reads the air again during the descent before the first touch. Without this, a drifting zero would look like a touch. A
+    /// Reads the load cell without load again during the descent before the first touch. Without this, a drifting zero would look like a touch. A
     /// move larger than a drift may be a touch, so in that case the older air remains valid.
-    async fn freshen(&mut self, air: &mut Air, air_s: &mut f64) -> Result<(), Halt> {
-        let age_s = self.hand.cell.now_s() - *air_s;
-        if age_s < AIR_FRESH_S {
+    async fn freshen(&mut self, no_load: &mut NoLoad, no_load_s: &mut f64) -> Result<(), Halt> {
+        let age_s = self.rig_control.cell.now_s() - *no_load_s;
+        if age_s < NO_LOAD_FRESH_S {
             return Ok(());
         }
-        self.hand.cell.settle().await?;
-        self.hand.open_air();
-        let newer = self.hand.close_air().await?;
-        let sigma_n = self.hand.cell.watch.zero().sigma_mean_n(newer.force.readings);
-        if Permit::is_drift(newer.force.mean_n - air.force.mean_n, sigma_n, age_s) {
-            *air_s = self.hand.cell.now_s() - newer.force.age_s;
-            self.hand.count_from(&newer);
-            *air = newer;
+        self.rig_control.cell.settle().await?;
+        self.rig_control.begin_no_load();
+        let newer = self.rig_control.end_no_load().await?;
+        let sigma_n = self.rig_control.cell.watch.zero().sigma_mean_n(newer.force.readings);
+        if Permit::is_drift(newer.force.mean_n - no_load.force.mean_n, sigma_n, age_s) {
+            *no_load_s = self.rig_control.cell.now_s() - newer.force.age_s;
+            self.rig_control.count_from(&newer);
+            *no_load = newer;
         }
         Ok(())
     }
 
     /// Moves to a place in the clear.
     pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
-        let first_mm = self.first_mm(self.hand.place, place);
-        self.hand.travel(place, &self.permit, first_mm).await
+        let first_mm = self.first_mm(self.rig_control.place, place);
+        self.rig_control.travel(place, &self.permit, first_mm).await
     }
 
-    /// Returns the air readings from clearance height: those from the way here, or new ones.
-    async fn air(&mut self) -> Result<Air, Halt> {
-        match self.standby.take().and_then(|standby| standby.air) {
-            Some(air) => Ok(air),
+    /// Returns the readings without load from clearance height: those from the way here, or new ones.
+    async fn no_load(&mut self) -> Result<NoLoad, Halt> {
+        match self.standby.take().and_then(|standby| standby.no_load) {
+            Some(no_load) => Ok(no_load),
             None => {
-                self.hand.cell.watch.pause();
-                self.hand.open_air();
-                self.hand.close_air().await
+                self.rig_control.cell.watch.pause();
+                self.rig_control.begin_no_load();
+                self.rig_control.end_no_load().await
             }
         }
     }
 
     /// Reading at which the controller's own guard ends a motion, N: slightly above the force at which the watch trips.
     fn guard_n(&self) -> f64 {
-        let zero = self.hand.cell.watch.zero();
+        let zero = self.rig_control.cell.watch.zero();
         let reading_n = zero.offset_n + self.conditions.spec.limits.force_n + GUARD_SIGMAS * zero.sigma_n;
         reading_n * self.conditions.spec.load_cell.divisor() // the controller knows the cell's own readings
     }
@@ -261,18 +267,18 @@ impl Runner<'_> {
             place,
             limits,
             permit: self.permit,
-            zero: *self.hand.cell.watch.zero(),
+            zero: *self.rig_control.cell.watch.zero(),
             zero_age_s: self.zeroed.elapsed().as_secs_f64(),
             expected: self.map.expect(place),
             shot: asks.then(|| self.map.shot(place, force_set_n, &limits)).flatten(),
             softest: Softest {
                 declared_n_mm: self.conditions.spec.stiffness_least_n_mm,
-                taught: self.map.taught(place),
+                learned_curve: self.map.learned_curve(place),
             },
             clear_mm: first_mm - TRAVEL_CLEARANCE_MM,
             approach_mm_s: self.conditions.spec.stage.approach_mm_s,
-            speed_mm_s: self.hand.usage.speed_mm_s,
-            timing: self.hand.timing,
+            speed_mm_s: self.rig_control.usage.speed_mm_s,
+            timing: self.rig_control.timing,
         }
     }
 
@@ -287,7 +293,7 @@ impl Runner<'_> {
         let force_set_n = entry.task.levels[level].force_set_n;
         let in_contact = force_set_n > 0.0;
         let flags = self.flags(entry, level, held);
-        let tilt = self.hand.frame.tilt;
+        let tilt = self.rig_control.frame.tilt;
         let along_z_mm = touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm);
         dataset::Press {
             press: entry.press,
@@ -301,7 +307,7 @@ impl Runner<'_> {
             t_s: Some(self.conditions.clock.at_s(window.began)),
             outputs: window.outputs.clone(),
             flags,
-            z_mm: Some(self.hand.frame.to_stage(entry.place, *z_mm).z_mm),
+            z_mm: Some(self.rig_control.frame.to_stage(entry.place, *z_mm).z_mm),
             ..dataset::Press::default()
         }
     }
@@ -324,7 +330,7 @@ impl Runner<'_> {
 
     /// Returns the true events since the last call, in a simulated run.
     pub(super) fn truth(&self) -> Option<PressTruth> {
-        let truth = self.hand.truth.take()?;
+        let truth = self.rig_control.truth.take()?;
         Some(PressTruth {
             force_true_n: truth.force_true_n,
             force_peak_n: truth.force_peak_n,

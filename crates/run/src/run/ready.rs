@@ -1,8 +1,8 @@
 //! Prepares a rig: moves the stage to the clear, homes it, measures the time of the links, and measures the zero.
 
 use super::clock::RunClock;
-use super::hand::RigHand;
 use super::home::{AtHome, at_home};
+use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{Reaction, SafetyRule, Timing, Trip, Watch, Zero};
@@ -13,7 +13,7 @@ use palpate_link::time::Instant;
 
 /// Number of exchanges that are timed to measure the rig's reaction time.
 const TIMED: usize = 10;
-/// Least number of readings in air for the zero, and least time for them, s.
+/// Least number of readings without load for the zero, and least time for them, s.
 const ZERO_READINGS: usize = 100;
 const ZERO_S: f64 = 0.5;
 /// Largest noise of one reading, as a fraction of the force limit. With more noise, contact can't be detected in time.
@@ -23,7 +23,7 @@ const DRIFT_SHARE: f64 = 0.2;
 
 /// Rig whose instruments are identified, homed, at clearance height, timed and zeroed.
 pub(super) struct Ready<'a> {
-    pub hand: RigHand<'a>,
+    pub rig_control: AnyRigControl<'a>,
     pub devices: Vec<Identity>,
     pub reaction: Reaction,
     pub zero: Record,
@@ -44,34 +44,37 @@ pub(super) struct Conditions<'a> {
 pub(super) async fn make_ready<'a>(rig: OpenRig, conditions: &Conditions<'a>) -> Result<Ready<'a>, Halt> {
     conditions.spec.load_cell.check_gain()?;
     conditions.cancel.preparing();
-    let AtHome { mut hand, stage, load_cell, array } =
+    let AtHome { mut rig_control, stage, load_cell, array } =
         at_home(rig, conditions.spec, conditions.cancel, conditions.shown).await?;
     let (stage_identity, cell_identity) = (stage?, load_cell?);
     let array_identity = array?;
-    let reaction = time(&mut hand, conditions.spec.load_cell.lag_s).await?;
-    hand.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..hand.timing };
-    let zero = take_zero(&mut hand, conditions).await?;
+    let reaction = time(&mut rig_control, conditions.spec.load_cell.lag_s).await?;
+    rig_control.timing = Timing { exchange_s: reaction.stage_s, reaction_s: reaction.worst_s(), ..rig_control.timing };
+    let zero = take_zero(&mut rig_control, conditions).await?;
     conditions.cancel.prepared();
-    Ok(Ready { hand, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
+    Ok(Ready { rig_control, devices: vec![stage_identity, cell_identity, array_identity], reaction, zero })
 }
 
-async fn time(hand: &mut RigHand<'_>, lag_s: f64) -> Result<Reaction, Halt> {
+async fn time(rig_control: &mut AnyRigControl<'_>, lag_s: f64) -> Result<Reaction, Halt> {
     let (mut stage_s, mut load_cell_s) = (0.0f64, 0.0f64);
     for _ in 0..TIMED {
         let asked = Instant::now();
-        hand.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
+        rig_control.stage.position_mm(Axis::Z, &MotionOrders::default()).await?;
         stage_s = stage_s.max(asked.elapsed().as_secs_f64());
         let asked = Instant::now();
-        hand.cell.cell.read().await?;
+        rig_control.cell.cell.read().await?;
         load_cell_s = load_cell_s.max(asked.elapsed().as_secs_f64());
     }
-    Ok(Reaction { conversion_s: hand.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
+    Ok(Reaction { conversion_s: rig_control.cell.cell.conversion().as_secs_f64(), load_cell_s, stage_s, lag_s })
 }
 
-/// Takes the zero, in air.
-pub(super) async fn take_zero(hand: &mut RigHand<'_>, conditions: &Conditions<'_>) -> Result<Record, Halt> {
-    let readings = hand.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
-    let zero = Zero::of(&readings, hand.cell.cell.conversion().as_secs_f64());
+/// Takes the zero, without load.
+pub(super) async fn take_zero(
+    rig_control: &mut AnyRigControl<'_>,
+    conditions: &Conditions<'_>,
+) -> Result<Record, Halt> {
+    let readings = rig_control.cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let zero = Zero::of(&readings, rig_control.cell.cell.conversion().as_secs_f64());
     let most_n = NOISE_SHARE * conditions.spec.limits.force_n;
     if zero.sigma_n > most_n {
         return Err(Trip::new(SafetyRule::Noisy, zero.sigma_n, most_n, "N").into());
@@ -82,17 +85,17 @@ pub(super) async fn take_zero(hand: &mut RigHand<'_>, conditions: &Conditions<'_
             return Err(Trip::new(SafetyRule::ZeroDrifted, drift_n, most_n, "N").into());
         }
     }
-    check_air(&zero, conditions.spec)?;
-    hand.cell.watch = Watch::new(&conditions.spec.limits, zero);
-    hand.open_air();
-    let outputs = hand.close_air().await?.outputs;
-    hand.air.clone_from(&outputs);
+    check_no_load(&zero, conditions.spec)?;
+    rig_control.cell.watch = Watch::new(&conditions.spec.limits, zero);
+    rig_control.begin_no_load();
+    let outputs = rig_control.end_no_load().await?.outputs;
+    rig_control.no_load.clone_from(&outputs);
     let t_s = conditions.clock.now_s();
-    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, hum: zero.hum, outputs })
+    Ok(Record::Zero { t_s, offset_n: zero.offset_n, sigma_n: zero.sigma_n, mains: zero.mains, outputs })
 }
 
-/// Checks whether the cell may have this zero in air.
-pub(super) fn check_air(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
+/// Checks whether the cell may have this zero without load.
+pub(super) fn check_no_load(zero: &Zero, spec: &RigSpec) -> Result<(), Trip> {
     let Range { min, max } = spec.air_n();
     let outside = |bound_n| Err(Trip::new(SafetyRule::ZeroOutside, zero.offset_n, bound_n, "N"));
     match zero.offset_n {

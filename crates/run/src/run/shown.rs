@@ -1,7 +1,7 @@
 //! Proof that the load cell measures force: a known weight, a finger on the tip, or a press of a simulated rig.
 
-use super::hand::Gauge;
-use super::walk::{Listener, RunJob, walk};
+use super::execute::{Listener, RunJob, execute};
+use super::rig_control::WatchedLoadCell;
 use super::{Cancel, Halt, align_plan};
 use crate::rig::RigSpec;
 use palpate_control::{SafetyRule, Trip, Zero};
@@ -36,14 +36,14 @@ pub enum ShownBy {
 ///
 /// # Errors
 /// The cell fails, reads a push as a pull, or shows nothing in time.
-pub(super) async fn finger<C: LoadCell>(gauge: &mut Gauge<'_, C>, limit_n: f64) -> Result<(), Halt> {
-    let conversion_s = gauge.cell.conversion().as_secs_f64();
-    let zero = Zero::of(&gauge.sound_readings(READINGS, LOOK_S).await?, conversion_s);
+pub(super) async fn finger<C: LoadCell>(watched_cell: &mut WatchedLoadCell<'_, C>, limit_n: f64) -> Result<(), Halt> {
+    let conversion_s = watched_cell.cell.conversion().as_secs_f64();
+    let zero = Zero::of(&watched_cell.sound_readings(READINGS, LOOK_S).await?, conversion_s);
     let least_n = (FINGER_SHARE * limit_n).max(FINGER_SIGMAS * zero.offset_sigma_n);
     let began = Instant::now();
     let mut most_n = 0.0f64;
     while began.elapsed() < FINGER_WAIT {
-        let readings = gauge.sound_readings(READINGS, LOOK_S).await?;
+        let readings = watched_cell.sound_readings(READINGS, LOOK_S).await?;
         let force_n = Zero::of(&readings, conversion_s).offset_n - zero.offset_n;
         if force_n > least_n {
             return Ok(());
@@ -68,6 +68,6 @@ pub(super) async fn press(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<
     let Ok(mut plan) = align_plan(spec, seed) else { return Ok(()) };
     plan.entries.truncate(1);
     let mut ledger = Memory::default();
-    let ending = walk(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, &mut Silent).await;
+    let ending = execute(RunJob { plan: &plan, spec, ledger: &mut ledger, cancel, shown: &|_| {} }, &mut Silent).await;
     ending.halt.or(ending.unparked).map_or(Ok(()), Err)
 }

@@ -1,6 +1,6 @@
 //! The hand with instruments of straw: what is commanded, and what isn't.
 
-use super::hand::{Gauge, Hand};
+use super::rig_control::{RigControl, WatchedLoadCell};
 use super::{Cancel, Halt};
 use crate::rig::GroundTruth;
 use palpate_control::{Permit, SafetyRule, Timing, Watch, Zero};
@@ -93,17 +93,17 @@ impl SensorArray for StrawArray {
     }
 }
 
-fn hand<'a>(
+fn rig_control<'a>(
     text: &'a RefCell<Vec<String>>,
     cancel: &'a Cancel,
     (early_n, late_n): (f64, f64),
-) -> Hand<'a, StrawStage<'a>, StrawCell, StrawArray> {
+) -> RigControl<'a, StrawStage<'a>, StrawCell, StrawArray> {
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero::with_noise(0.003);
     let cell = StrawCell { began: Instant::now(), early_n, late_n, until_s: 0.2 };
     let parts = Instruments {
         stage: StrawStage { text, at_mm: [0.0; 3], takes_s: 0.4 },
-        load_cell: Gauge::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
+        load_cell: WatchedLoadCell::new(cell, Watch::new(&limits, zero), cancel, &|_| {}),
         array: StrawArray,
     };
     let frame = Frame::level(0.0, 0.3, Down::Minus);
@@ -127,9 +127,10 @@ fn hand<'a>(
         acceleration_mm_s2: 100.0,
         reaction_s: 0.05,
     };
-    let mut hand = Hand::new(parts, frame, usage, timing, GroundTruth::new(None, Instant::now()), Claims::default());
-    hand.air = vec![0.1, 0.2];
-    hand
+    let mut rig_control =
+        RigControl::new(parts, frame, usage, timing, GroundTruth::new(None, Instant::now()), Claims::default());
+    rig_control.no_load = vec![0.1, 0.2];
+    rig_control
 }
 
 fn permit() -> Permit {
@@ -148,39 +149,39 @@ fn rule(result: Result<(), Halt>) -> SafetyRule {
 #[tokio::test(start_paused = true)]
 async fn nothing_moves_sideways_that_is_not_in_the_clear() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.0, 0.0));
-    hand.z_mm = -0.12;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), SafetyRule::NotPermitted);
+    let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
+    rig_control.z_mm = -0.12;
+    assert_eq!(rule(rig_control.travel(Place::new(1.0, 0.0), &permit(), -0.1).await), SafetyRule::NotPermitted);
     assert!(text.borrow().is_empty());
-    hand.z_mm = -0.14;
-    hand.travel(Place::new(1.0, 0.0), &permit(), -0.1).await.unwrap();
+    rig_control.z_mm = -0.14;
+    rig_control.travel(Place::new(1.0, 0.0), &permit(), -0.1).await.unwrap();
     assert_eq!(*text.borrow(), ["x to 1", "y to 0"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn nothing_moves_sideways_under_a_force() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.05, 0.05));
-    hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
+    let mut rig_control = rig_control(&text, &cancel, (0.05, 0.05));
+    rig_control.z_mm = -1.0;
+    assert_eq!(rule(rig_control.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
     assert!(text.borrow().is_empty());
 }
 
-/// A withdrawal that the permit grants, to this z.
+/// A retraction that the permit grants, to this z.
 fn away(z_mm: f64) -> palpate_control::Permitted {
-    permit().withdraw(1.0, z_mm, 10.0).unwrap()
+    permit().retract(1.0, z_mm, 10.0).unwrap()
 }
 
 #[tokio::test(start_paused = true)]
 async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.0, 0.0));
-    hand.z_mm = 0.8;
-    hand.depart(away(-0.1), Place::new(0.5, 0.0), &permit(), 0.0).await.unwrap();
+    let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
+    rig_control.z_mm = 0.8;
+    rig_control.leave_contact(away(-0.1), Place::new(0.5, 0.0), &permit(), 0.0).await.unwrap();
     assert_eq!(*text.borrow(), ["z to 0.1", "x to 0.5", "y to 0"]);
-    assert_eq!((hand.place, hand.z_mm), (Place::new(0.5, 0.0), -0.1));
-    let air = hand.cell.close_air().await.unwrap();
-    assert!(air.readings > palpate_control::AIR_READINGS && air.mean_n == 0.0, "{air:?}");
+    assert_eq!((rig_control.place, rig_control.z_mm), (Place::new(0.5, 0.0), -0.1));
+    let no_load = rig_control.cell.end_no_load().await.unwrap();
+    assert!(no_load.readings > palpate_control::NO_LOAD_READINGS && no_load.mean_n == 0.0, "{no_load:?}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -188,9 +189,9 @@ async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
     for (force_n, clear_mm, broken) in [(0.0, -0.02, SafetyRule::NotPermitted), (0.05, -0.1, SafetyRule::StillTouching)]
     {
         let (text, cancel) = (RefCell::default(), Cancel::default());
-        let mut hand = hand(&text, &cancel, (force_n, force_n));
-        hand.z_mm = 0.8;
-        assert_eq!(rule(hand.depart(away(clear_mm), Place::new(0.5, 0.0), &permit(), 0.0).await), broken);
+        let mut rig_control = rig_control(&text, &cancel, (force_n, force_n));
+        rig_control.z_mm = 0.8;
+        assert_eq!(rule(rig_control.leave_contact(away(clear_mm), Place::new(0.5, 0.0), &permit(), 0.0).await), broken);
         assert!(text.borrow().iter().any(|text| text.starts_with('z')), "{text:?}");
         assert!(text.borrow().iter().all(|text| !text.starts_with(['x', 'y'])), "{text:?}");
     }
@@ -199,10 +200,10 @@ async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
 #[tokio::test(start_paused = true)]
 async fn contact_after_x_and_y_have_begun_stops_them() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.0, 0.05));
-    hand.z_mm = 0.5;
-    let departed = hand.depart(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
-    assert_eq!(rule(departed), SafetyRule::StillTouching);
+    let mut rig_control = rig_control(&text, &cancel, (0.0, 0.05));
+    rig_control.z_mm = 0.5;
+    let left_contact = rig_control.leave_contact(away(-0.1), Place::new(5.0, 0.0), &permit(), 0.0).await;
+    assert_eq!(rule(left_contact), SafetyRule::StillTouching);
     assert_eq!(text.borrow().last().map(String::as_str), Some("stop"));
 }
 
@@ -211,15 +212,15 @@ async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() 
     // pressed and then free, by a cell that reads right and by one that reads pushes as pulls; then into something
     for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
         let (text, cancel) = (RefCell::default(), Cancel::default());
-        let mut hand = hand(&text, &cancel, forces_n);
-        hand.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to withdraw
-        let withdrawn = hand.withdraw(-0.3).await;
+        let mut rig_control = rig_control(&text, &cancel, forces_n);
+        rig_control.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to retract
+        let retracted = rig_control.retract(-0.3).await;
         if rises {
-            assert_eq!(rule(withdrawn), SafetyRule::ForceRose, "{forces_n:?}");
+            assert_eq!(rule(retracted), SafetyRule::ForceRose, "{forces_n:?}");
             // the array shows nothing here: one short retract is allowed after the stop, and no more
             assert_eq!(text.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
         } else {
-            assert!(withdrawn.is_ok(), "{forces_n:?}: {withdrawn:?}");
+            assert!(retracted.is_ok(), "{forces_n:?}: {retracted:?}");
         }
     }
 }
@@ -227,11 +228,11 @@ async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() 
 #[tokio::test(start_paused = true)]
 async fn a_stage_that_falls_silent_under_way_is_a_trip() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.0, 0.0));
-    hand.stage.takes_s = 30.0;
-    hand.z_mm = 0.5;
+    let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
+    rig_control.stage.takes_s = 30.0;
+    rig_control.z_mm = 0.5;
     let began = Instant::now();
-    assert_eq!(rule(hand.move_z(away(0.0), None).await), SafetyRule::StageSilent);
+    assert_eq!(rule(rig_control.move_z(away(0.0), None).await), SafetyRule::StageSilent);
     assert!(began.elapsed() < Duration::from_secs(1));
     assert_eq!(*text.borrow(), ["z to 0", "stop"]);
 }
@@ -239,16 +240,16 @@ async fn a_stage_that_falls_silent_under_way_is_a_trip() {
 #[tokio::test(start_paused = true)]
 async fn contact_on_the_way_stops_it() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let mut hand = hand(&text, &cancel, (0.0, 0.05));
-    hand.z_mm = -1.0;
-    assert_eq!(rule(hand.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
+    let mut rig_control = rig_control(&text, &cancel, (0.0, 0.05));
+    rig_control.z_mm = -1.0;
+    assert_eq!(rule(rig_control.travel(Place::new(1.0, 0.0), &permit(), 0.0).await), SafetyRule::StillTouching);
     assert_eq!(*text.borrow(), ["x to 1", "y to 0", "stop"]);
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_window_counts_from_the_outputs_in_air() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
-    let window = hand(&text, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
+    let window = rig_control(&text, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
     assert!((window.outputs[0] - 0.15).abs() < 1e-12 && (window.outputs[1] - 0.05).abs() < 1e-12);
     assert!((window.force_n - 0.5).abs() < 1e-12);
 }
@@ -256,14 +257,14 @@ async fn a_window_counts_from_the_outputs_in_air() {
 #[tokio::test(start_paused = true)]
 async fn every_force_is_shown_and_ages() {
     let (text, cancel, shown) = (RefCell::default(), Cancel::default(), Cell::new(0.0));
-    let mut hand = hand(&text, &cancel, (0.5, 0.5));
+    let mut rig_control = rig_control(&text, &cancel, (0.5, 0.5));
     let show = |force_n| shown.set(force_n);
-    hand.cell.shown = &show;
-    assert_eq!(hand.cell.age_s(), f64::INFINITY);
-    hand.cell.force_n().await.unwrap();
+    rig_control.cell.shown = &show;
+    assert_eq!(rig_control.cell.age_s(), f64::INFINITY);
+    rig_control.cell.force_n().await.unwrap();
     sleep(Duration::from_millis(300)).await;
     assert_eq!(shown.get(), 0.5);
-    assert!((hand.cell.age_s() - 0.3).abs() < 1e-6);
+    assert!((rig_control.cell.age_s() - 0.3).abs() < 1e-6);
     cancel.ask();
-    assert!(matches!(hand.cell.force_n().await, Err(Halt::Cancelled)));
+    assert!(matches!(rig_control.cell.force_n().await, Err(Halt::Cancelled)));
 }

@@ -1,7 +1,7 @@
 //! Readings averaged over a window.
 
 use super::Halt;
-use super::hand::Hand;
+use super::rig_control::RigControl;
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep_until};
@@ -77,14 +77,14 @@ impl OutputMeans {
 pub(super) struct MeasuredWindow {
     /// Time when the window began.
     pub began: Instant,
-    /// Mean force, N relative to the air before.
+    /// Mean force, N relative to the reading without load before.
     pub force_n: f64,
     /// Middle of the forces, s by the press' clock.
     pub middle_s: f64,
     /// Number of forces, and their duration, s.
     pub forces: u32,
     pub seconds: f64,
-    /// Mean outputs minus the outputs in air, in the array's unit.
+    /// Mean outputs minus the outputs without load, in the array's unit.
     pub outputs: Vec<f64>,
     /// Whether an output was at the end of its range.
     pub saturated: bool,
@@ -93,21 +93,21 @@ pub(super) struct MeasuredWindow {
 }
 
 impl MeasuredWindow {
-    /// Whether the array can't have measured this contact: no unit has changed since the air before, or since another contact.
+    /// Whether the array can't have measured this contact: no unit has changed since the reading without load before, or since another contact.
     pub(super) fn is_frozen(&self, before: Option<&[f64]>) -> bool {
         self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
     }
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Samples force and outputs together for `seconds`, or for complete periods of the hum, with z at rest. An output that is
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Samples force and outputs together for `seconds`, or for complete periods of the mains interference, with z at rest. An output that is
     /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
     pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<MeasuredWindow, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
-        let hums = self.cell.watch.zero().hum.is_some();
+        let mains_waves = self.cell.watch.zero().mains.is_some();
         // two readings more, so that the whole periods lie within
-        let seconds = if hums { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
+        let seconds = if mains_waves { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
         let until = began + Duration::from_secs_f64(seconds);
         self.truth.open_window();
         let mut means = OutputMeans::default();
@@ -115,13 +115,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         // the cell shows a force later, by its lag: its readings are those of the outputs' time
         let lag = Duration::from_secs_f64(self.timing.lag_s);
         // each as fast as it goes: neither waits for the other
-        let (gauge, array) = (&mut self.cell, &mut self.array);
+        let (watched_cell, array) = (&mut self.cell, &mut self.array);
         let over = Notify::new();
         let forces = async {
             let mut read: Vec<(f64, f64)> = Vec::new();
             while Instant::now() < until + lag || read.len() < READINGS_LEAST as usize {
-                match gauge.force_n().await {
-                    Ok(force_n) if Instant::now() > began + lag => read.push((gauge.now_s(), force_n)),
+                match watched_cell.force_n().await {
+                    Ok(force_n) if Instant::now() > began + lag => read.push((watched_cell.now_s(), force_n)),
                     Ok(_) => {}
                     Err(halt) => {
                         over.notify_one(); // nothing of a window is waited for that is lost
@@ -129,7 +129,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                     }
                 }
             }
-            Ok::<Option<Mean>, Halt>(mean_of(&read, gauge.watch.zero()))
+            Ok::<Option<Mean>, Halt>(mean_of(&read, watched_cell.watch.zero()))
         };
         let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
         let check = |now: &[f64], took: Duration| {
@@ -148,7 +148,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         outputs?;
         let Mean { value: force_n, middle_s, readings: forces } =
             force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
-        let outputs = means.means.iter().zip(&self.air).map(|(mean, air)| mean - air).collect();
+        let outputs = means.means.iter().zip(&self.no_load).map(|(mean, no_load)| mean - no_load).collect();
         Ok(MeasuredWindow { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
     }
 }
@@ -192,7 +192,7 @@ mod tests {
                 late: false,
             }
         };
-        assert!(window(vec![0.0, 0.0]).is_frozen(None), "as in air");
+        assert!(window(vec![0.0, 0.0]).is_frozen(None), "as without load");
         assert!(window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1])), "as in the contact before");
         assert!(!window(vec![0.2, 0.1]).is_frozen(Some(&[0.2, 0.1001])) && !window(vec![0.0, 0.1]).is_frozen(None));
     }

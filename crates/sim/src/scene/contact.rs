@@ -73,7 +73,7 @@ impl ContactState {
         }
     }
 
-    /// Sets the properties of the next contact; the tip must be in air.
+    /// Sets the properties of the next contact; the tip must be without load.
     pub(super) fn will_meet(&mut self, curve: ContactLaw, relaxes: bool) {
         self.curve = curve;
         self.relaxes = relaxes;
@@ -159,8 +159,8 @@ impl ContactState {
     }
 
     fn advance_rigidly(&mut self, depth: Depth, dt_s: f64) {
-        let stays_in_air = depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none();
-        if depth.at_rest() || stays_in_air {
+        let stays_unloaded = depth.mm <= 0.0 && depth.after(dt_s) <= 0.0 && depth.crossings(0.0, dt_s).next().is_none();
+        if depth.at_rest() || stays_unloaded {
             self.decay(dt_s);
             self.settle(depth.after(dt_s));
             return;

@@ -130,14 +130,14 @@ impl LoadCellState {
     fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {
         match self.spec {
             None => held_n,
-            Some(cell) => cell.gain * held_n + self.in_air_n(&cell, conversion) + cell.noise_n * self.draw(),
+            Some(cell) => cell.gain * held_n + self.no_load_n(&cell, conversion) + cell.noise_n * self.draw(),
         }
     }
 
     /// Reading of a conversion without a force, N, minus the white noise.
-    fn in_air_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
+    fn no_load_n(&mut self, cell: &LoadCellScene, conversion: u64) -> f64 {
         let at_s = self.began_s + conversion as f64 / self.conversions_hz;
-        let waves_n: f64 = cell.wander.iter().chain(&cell.hum).map(|wave| wave.at(at_s)).sum();
+        let waves_n: f64 = cell.slow_drift.iter().chain(&cell.mains).map(|wave| wave.at(at_s)).sum();
         cell.offset_n + cell.drift_n_s * at_s + waves_n + self.filtered_n(cell, conversion)
     }
 
@@ -162,7 +162,7 @@ impl LoadCellState {
             (false, true) => -1.0,
             (false, false) => 1.0,
         };
-        let zero_n = self.in_air_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
+        let zero_n = self.no_load_n(&cell, conversion) + faults.values(FaultKind::DriftedZero, now_s).sum::<f64>();
         let noise_n = cell.noise_n * faults.values(FaultKind::Noisy, now_s).product::<f64>();
         let most_n = faults.values(FaultKind::Saturated, now_s).fold(f64::INFINITY, f64::min);
         (share * cell.gain * held_n + zero_n + noise_n * self.draw()).min(most_n)

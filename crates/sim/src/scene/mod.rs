@@ -4,11 +4,11 @@
 //! changes. Terms that a [`SceneSpec`] doesn't name aren't computed. Emulators act on the scene: they set motions and read
 //! values.
 
+mod backlash;
 mod contact;
 mod faults;
 mod load_cell;
 mod motion;
-mod play;
 mod skin;
 mod spec;
 mod spots;
@@ -28,11 +28,11 @@ pub use spec::{
 };
 pub use truth::Truth;
 
+use backlash::Backlash;
 use contact::ContactState;
 use faults::SceneFaults;
 use load_cell::LoadCellState;
 use palpate_core::quantity::{Axis, Place, RandomStream, stream};
-use play::Play;
 use rand::RngExt;
 use spots::SpotMap;
 use surface::Surface;
@@ -62,7 +62,7 @@ pub struct Scene {
     axes: [Trajectory; 3],
     servo: Servo,
     /// Play of z.
-    play: Option<Play>,
+    backlash: Option<Backlash>,
     surface: Surface,
     surface_wave: Option<Sine>,
     /// Distance of the surface beyond its plane, into the specimen, mm.
@@ -108,7 +108,7 @@ impl Scene {
             profiles: axes.clone(),
             axes,
             servo: spec.stage.unwrap_or_default(),
-            play: spec.stage.and_then(|stage| Play::new(stage.backlash_mm)),
+            backlash: spec.stage.and_then(|stage| Backlash::new(stage.backlash_mm)),
             surface,
             surface_wave: spec.surface_wave,
             relief,
@@ -284,7 +284,8 @@ impl Scene {
     /// the force. It is at most `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
         let z = &self.axes[Axis::Z.index()];
-        let engages_s = self.play.as_ref().map_or(f64::INFINITY, |play| play.engages_in_s(z.state(self.now_s)));
+        let engages_s =
+            self.backlash.as_ref().map_or(f64::INFINITY, |backlash| backlash.engages_in_s(z.state(self.now_s)));
         let others = [
             self.now_s + engages_s,
             self.load_cell.next_knot(self.now_s, to_s),
@@ -297,12 +298,12 @@ impl Scene {
     }
 
     /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
-    /// properties of the specimen are those at the place where the stretch begins; x and y move in air.
+    /// properties of the specimen are those at the place where the stretch begins; x and y move without load.
     fn advance_smooth(&mut self, until_s: f64) {
         let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
         let z_acceleration_mm_s2 = z.2;
-        let z = self.play.as_mut().map_or(z, |play| play.follow(z, dt_s));
+        let z = self.backlash.as_mut().map_or(z, |backlash| backlash.follow(z, dt_s));
         let place = self.setting.frame.place_from_stage(x.0, y.0);
         let mut depth = self.surface.depth(x, y, z);
         if let Some(wave) = self.surface_wave {
@@ -336,7 +337,7 @@ impl Scene {
         }
     }
 
-    /// Sets the contact law for the place under the tip. The tip is in air, and will meet this place.
+    /// Sets the contact law for the place under the tip. The tip is without load, and will meet this place.
     fn lay_under_the_tip(&mut self, place: Place) {
         if let Some(linear_n_mm) = self.faults.values(FaultKind::HardContact, self.now_s).last() {
             self.contact.will_meet(ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }, false);

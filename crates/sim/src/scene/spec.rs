@@ -154,9 +154,9 @@ pub struct LoadCellScene {
     /// Drift of this offset, N/s.
     pub drift_n_s: f64,
     /// Slow periodic change of this offset; `None`: no such change.
-    pub wander: Option<Sine>,
-    /// Mains hum, added after the low-pass; `None`: no hum.
-    pub hum: Option<Sine>,
+    pub slow_drift: Option<Sine>,
+    /// Mains interference, added after the low-pass; `None`: no mains interference.
+    pub mains: Option<Sine>,
     /// Reading for a force of one newton, N.
     pub gain: f64,
     /// Time from a conversion until it can be read, s.
@@ -181,8 +181,8 @@ impl LoadCellScene {
         noise_ahead_n: 0.0,
         offset_n: 0.0,
         drift_n_s: 0.0,
-        wander: None,
-        hum: None,
+        slow_drift: None,
+        mains: None,
         gain: 1.0,
         transport_s: 0.0,
         low_pass_hz: None,

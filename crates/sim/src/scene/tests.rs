@@ -135,7 +135,7 @@ fn a_running_scene_reads_the_skin_of_its_seed() {
     let mut scene = scene(SceneSpec { skin: rich.clone(), ..plain() }, 3);
     let mut outputs = [f64::NAN; 9];
     scene.outputs(0.0, &mut outputs);
-    assert_eq!(outputs, [0.02; 9], "in air");
+    assert_eq!(outputs, [0.02; 9], "without load");
     let arrived_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
     scene.outputs(arrived_s, &mut outputs);
     let mut expected = [f64::NAN; 9];

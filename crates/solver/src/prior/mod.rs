@@ -37,7 +37,7 @@ pub struct Prior {
 }
 
 /// Few presses of a new sensor, with the prior of its design.
-pub struct Sibling {
+pub struct FamilySensor {
     /// The method for this sensor.
     pub model: Model,
     /// Change of each output, compared with the design's typical sensor.
@@ -166,7 +166,7 @@ impl Prior {
     ///
     /// # Errors
     /// The presses are of another array, or their forces are unknown.
-    pub fn sibling(&self, new: &Calibration, setting: &Setting<'_>) -> Result<Sibling, PriorError> {
+    pub fn family_sensor(&self, new: &Calibration, setting: &Setting<'_>) -> Result<FamilySensor, PriorError> {
         let outputs = self.calibration.units();
         let fit = self.fit(new)?;
         let posterior = ArrayPosterior::of(&fit, &self.units, &self.spread);
@@ -177,16 +177,22 @@ impl Prior {
         let contact_n = new.typical_force_n();
         let expected_mm = forward.expected_mean_mm(contact_n);
         let model = Model::of_forward(forward, calibration, setting).with_own_presses(new);
-        Ok(Sibling { model, change, belongs: Belongs::of(&fit, &self.units, &self.spread), expected_mm, contact_n })
+        Ok(FamilySensor {
+            model,
+            change,
+            belongs: Belongs::of(&fit, &self.units, &self.spread),
+            expected_mm,
+            contact_n,
+        })
     }
 
     /// Returns the expected mean location error of a sensor if its change were known exactly, mm. More presses can't reduce the error
     /// below it.
-    pub fn least_mm(&self, sibling: &Sibling) -> f64 {
-        let known = self.response(&sibling.change, &vec![Matrix::ZERO; self.units.len()]);
-        let calibration = self.map.changed(&self.calibration, &sibling.change);
-        let forward = Forward::new(MapKind::Smooth, known, &calibration, &sibling.model.setting());
-        forward.expected_mean_mm(sibling.contact_n)
+    pub fn least_mm(&self, family_sensor: &FamilySensor) -> f64 {
+        let known = self.response(&family_sensor.change, &vec![Matrix::ZERO; self.units.len()]);
+        let calibration = self.map.changed(&self.calibration, &family_sensor.change);
+        let forward = Forward::new(MapKind::Smooth, known, &calibration, &family_sensor.model.setting());
+        forward.expected_mean_mm(family_sensor.contact_n)
     }
 
     /// Checks whether presses are those of a sensor of the design.

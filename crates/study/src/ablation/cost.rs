@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 const READINGS: usize = 1000;
 const PASSES: usize = 60;
 /// Number of the loop's walks. The second constant is the number of presses along a side.
-const WALKS: usize = 5;
+const PLANS_RUN: usize = 5;
 const SIDE: usize = 5;
 
 /// Cost of a term.
@@ -103,7 +103,7 @@ fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
 fn us_per_press(models: [&TermModel; 2], rig: &RigSpec, size: AblationSize, seed: u64) -> Result<[f64; 2], StudyError> {
     let size = AblationSize { presses: size.presses.min(SIDE), ..size };
     let mut least = [f64::INFINITY; 2];
-    for _ in 0..WALKS {
+    for _ in 0..PLANS_RUN {
         for (model, least) in models.iter().zip(&mut least) {
             let condition = presses::condition(model, rig, size, seed);
             let began = Instant::now();

@@ -138,7 +138,7 @@ impl<'a> RepeatedSpecimen<'a> {
         let units = self.skin.len();
         let mut outputs = vec![0.0; units * touches.len()];
         for (touch, outputs) in touches.iter().zip(outputs.chunks_exact_mut(units)) {
-            self.wander(each_s);
+            self.slow_drift(each_s);
             self.touch();
             let force_n = self.reached_n(touch.force_n);
             self.read(touch.place, force_n, 0.0, outputs);
@@ -149,7 +149,7 @@ impl<'a> RepeatedSpecimen<'a> {
 
     /// Returns one staircase above a unit after a rest: zero, up to full scale and back, in one contact.
     fn staircase(&mut self, unit: usize, place: Place) -> Vec<HeldLevel> {
-        self.wander(REST_S);
+        self.slow_drift(REST_S);
         let mut outputs = vec![0.0; self.skin.len()];
         let level =
             |step: usize| (step.min(2 * STEPS - step), if step <= STEPS { Branch::Loading } else { Branch::Unloading });
@@ -157,7 +157,7 @@ impl<'a> RepeatedSpecimen<'a> {
         for (steps, branch) in (0..=2 * STEPS).map(level) {
             let force_set_n = STEP_N * steps as f64;
             if steps == 0 {
-                // in air nothing is reached, and there is no error of a contact
+                // without load nothing is reached, and there is no error of a contact
                 self.skin.forget_contact();
                 self.shares.fill(0.0);
             } else if steps == 1 && branch == Branch::Loading {
@@ -174,7 +174,7 @@ impl<'a> RepeatedSpecimen<'a> {
     }
 
     /// Advances the time.
-    fn wander(&mut self, for_s: f64) {
+    fn slow_drift(&mut self, for_s: f64) {
         let sd = self.model.drift_percent / 100.0 * self.full_scale_n * (for_s / HOUR_S).sqrt();
         for zero in self.zeros.iter_mut().filter(|_| sd > 0.0) {
             *zero += sd * normal(&mut self.drift);
@@ -268,7 +268,7 @@ mod tests {
         let drifting = with("drift of zeros", &base, true);
         let after = |seed: u64, pieces: u32| {
             let mut specimen = RepeatedSpecimen::new(&drifting, &rig, seed);
-            (0..pieces).for_each(|_| specimen.wander(HOUR_S / f64::from(pieces)));
+            (0..pieces).for_each(|_| specimen.slow_drift(HOUR_S / f64::from(pieces)));
             specimen.zeros
         };
         for pieces in [1, 16] {

@@ -1,7 +1,7 @@
 //! The paper's claims about its curves, each compared with computed results.
 
 use super::array::StudiedArray;
-use super::line::{FIGURE_4_TO, FIGURE_5_TO, UNITS, on_line, walk_left, walk_right};
+use super::line::{FIGURE_4_TO, FIGURE_5_TO, UNITS, follow_left, follow_right, on_line};
 use super::turning::{ContactArea, NEAR_R, Survey, descend, last};
 use palpate_core::mechanics::{Medium, Passage, TaxelResponse, lambda};
 use palpate_core::quantity::ArrayLayout;
@@ -121,7 +121,7 @@ fn two_units() -> PaperClaim {
 /// Turning of r on a line as in Figure 4, and r at the turning.
 fn figure_4_turning(n: usize, s: f64) -> Option<(f64, f64)> {
     let line = StudiedArray::line(n, s);
-    let d = walk_right(&line, 0.0, FIGURE_4_TO).turning_mm?;
+    let d = follow_right(&line, 0.0, FIGURE_4_TO).turning_mm?;
     Some((d, line.r(on_line(0.0), on_line(d))?))
 }
 
@@ -182,7 +182,7 @@ fn wide_spacing() -> PaperClaim {
     for s in [0.8, 1.0, 1.2, 1.4, 2.0] {
         let line = StudiedArray::line(UNITS, s);
         let fall = line.r(on_line(0.0), on_line(SMALL)).map(|r| (1.0 - r) / (SMALL * SMALL));
-        let near = walk_right(&line, 0.0, FIGURE_4_TO).near_mm;
+        let near = follow_right(&line, 0.0, FIGURE_4_TO).near_mm;
         let [above, midway] = [0.0, s / 2.0].map(|d1| line.bend(on_line(d1), 0.0));
         let text =
             |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
@@ -260,11 +260,11 @@ fn figure_5() -> PaperClaim {
     let (mut found, mut numbers, mut least) = (Vec::new(), Map::new(), f64::INFINITY);
     for k in 0..6 {
         let d1 = 1.5 * f64::from(k);
-        let walks = [("left", walk_left(&line, d1)), ("right", walk_right(&line, d1, FIGURE_5_TO))];
-        for (side, walk) in walks {
+        let paths = [("left", follow_left(&line, d1)), ("right", follow_right(&line, d1, FIGURE_5_TO))];
+        for (side, follow) in paths {
             let name = format!("turns_{side}_of_{}", format!("{d1:.1}").replace('.', "_"));
-            numbers.insert(name, walk.turning_mm.into());
-            if let Some(d) = walk.turning_mm {
+            numbers.insert(name, follow.turning_mm.into());
+            if let Some(d) = follow.turning_mm {
                 found.push(format!("{d1:.1} {side} {d:.4}"));
                 least = least.min(d);
             }
@@ -282,8 +282,8 @@ fn figure_5() -> PaperClaim {
 fn always() -> PaperClaim {
     let line = StudiedArray::line(UNITS, 1.0);
     let first = |d1: f64| {
-        let walks = [walk_left(&line, d1), walk_right(&line, d1, FIGURE_5_TO)];
-        walks.iter().filter_map(|walk| walk.turning_mm).fold(f64::INFINITY, f64::min)
+        let paths = [follow_left(&line, d1), follow_right(&line, d1, FIGURE_5_TO)];
+        paths.iter().filter_map(|follow| follow.turning_mm).fold(f64::INFINITY, f64::min)
     };
     // either half for itself: the line is the same from both of its ends
     let least =

@@ -1,7 +1,7 @@
 //! The curves of the paper's Figures 3 to 5.
 
 use super::array::StudiedArray;
-use super::turning::ArrayWalk;
+use super::turning::PathSearch;
 use palpate_core::mechanics::lambda;
 use palpate_core::quantity::Place;
 use std::f64::consts::PI;
@@ -61,7 +61,7 @@ impl LineCurve {
     pub(crate) fn turnings(&self) -> [Option<f64>; 2] {
         let array = StudiedArray::line(self.n, self.s);
         let to = self.points.last().map_or(0.0, |(d2, _)| *d2);
-        [walk_left(&array, self.d1), walk_right(&array, self.d1, to)].map(|walk| walk.turning_mm)
+        [follow_left(&array, self.d1), follow_right(&array, self.d1, to)].map(|follow| follow.turning_mm)
     }
 }
 
@@ -71,11 +71,11 @@ pub(super) fn on_line(d: f64) -> Place {
 }
 
 /// Walks from d1 to the right, up to `to`.
-pub(super) fn walk_right(array: &StudiedArray, d1: f64, to: f64) -> ArrayWalk {
-    array.walk(on_line(d1), 0.0, to - d1, WALK_STEP)
+pub(super) fn follow_right(array: &StudiedArray, d1: f64, to: f64) -> PathSearch {
+    array.follow(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
 /// Walks from d1 to the left, down to 0.
-pub(super) fn walk_left(array: &StudiedArray, d1: f64) -> ArrayWalk {
-    array.walk(on_line(d1), PI, d1, WALK_STEP)
+pub(super) fn follow_left(array: &StudiedArray, d1: f64) -> PathSearch {
+    array.follow(on_line(d1), PI, d1, WALK_STEP)
 }

@@ -18,7 +18,7 @@ pub use claims::PaperClaim;
 pub use design::{ASSUMED_SD, Course, DesignError, DesignFindings, NominalArray};
 pub use figures::{design_figures, figures};
 pub use line::LineCurve;
-pub use turning::ArrayWalk;
+pub use turning::PathSearch;
 pub use turning::Survey;
 pub use turning::{ContactArea, NEAR_R, Turning};
 

@@ -78,7 +78,7 @@ pub struct Turning {
 
 /// Behaviour of r on one path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ArrayWalk {
+pub struct PathSearch {
     /// Distance at which r decreased to [`NEAR_R`], mm.
     pub near_mm: Option<f64>,
     /// Distance at which r turned, mm.
@@ -92,9 +92,9 @@ impl StudiedArray {
     }
 
     /// Moves a second contact from a first contact over this distance in a direction.
-    pub fn walk(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> ArrayWalk {
-        let mut walk = ArrayWalk::default();
-        let Some(aim) = self.aim(from) else { return walk };
+    pub fn follow(&self, from: Place, direction_rad: f64, reach_mm: f64, step_mm: f64) -> PathSearch {
+        let mut follow = PathSearch::default();
+        let Some(aim) = self.aim(from) else { return follow };
         let (sin, cos) = direction_rad.sin_cos();
         let at = |mm: f64| aim.r_and_slope(Place::new(from.x_mm + mm * cos, from.y_mm + mm * sin), direction_rad);
         let rising = RISING / self.response().passage().depth_mm;
@@ -104,17 +104,17 @@ impl StudiedArray {
         for step in 1..=steps {
             let (before_mm, mm) = ((step - 1) as f64 * step_mm, (step as f64 * step_mm).min(reach_mm));
             let Some((r, slope)) = at(mm) else { continue };
-            if walk.near_mm.is_none() && r < NEAR_R {
-                walk.near_mm = Some(last(before_mm, mm, is_near));
+            if follow.near_mm.is_none() && r < NEAR_R {
+                follow.near_mm = Some(last(before_mm, mm, is_near));
             }
-            if walk.turning_mm.is_none() && slope > rising {
-                walk.turning_mm = Some(last(before_mm, mm, is_falling));
+            if follow.turning_mm.is_none() && slope > rising {
+                follow.turning_mm = Some(last(before_mm, mm, is_falling));
             }
-            if walk.near_mm.is_some() && walk.turning_mm.is_some() {
+            if follow.near_mm.is_some() && follow.turning_mm.is_some() {
                 break;
             }
         }
-        walk
+        follow
     }
 }
 
@@ -146,25 +146,25 @@ impl Survey {
     pub fn new(array: &StudiedArray, area: &ContactArea, pitch_mm: f64, rays: usize) -> Survey {
         let step_mm = array.step_mm(pitch_mm);
         let starts: Vec<(Place, f64)> = (1..=rays).map(|ray| start(area, ray)).collect();
-        let walks = in_parallel(&starts, |&(from, direction_rad)| {
-            array.walk(from, direction_rad, area.reach_mm(from, direction_rad), step_mm)
+        let paths = in_parallel(&starts, |&(from, direction_rad)| {
+            array.follow(from, direction_rad, area.reach_mm(from, direction_rad), step_mm)
         });
-        let ordered = |distance_mm: fn(&ArrayWalk) -> Option<f64>| {
-            let found = starts.iter().zip(&walks).filter_map(|(&(from, direction_rad), walk)| {
-                Some(Turning { from, direction_rad, distance_mm: distance_mm(walk)? })
+        let ordered = |distance_mm: fn(&PathSearch) -> Option<f64>| {
+            let found = starts.iter().zip(&paths).filter_map(|(&(from, direction_rad), follow)| {
+                Some(Turning { from, direction_rad, distance_mm: distance_mm(follow)? })
             });
             let mut found: Vec<Turning> = found.collect();
             found.sort_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm));
             found
         };
-        let turned = ordered(|walk| walk.turning_mm);
+        let turned = ordered(|follow| follow.turning_mm);
         let followed =
             in_parallel(&turned[..turned.len().min(FOLLOWED)], |turning| follow(array, area, turning, step_mm / FINER));
         Survey {
             rays,
             turned_mm: turned.iter().map(|turning| turning.distance_mm).collect(),
             first: followed.into_iter().min_by(|a, b| a.distance_mm.total_cmp(&b.distance_mm)),
-            near: ordered(|walk| walk.near_mm),
+            near: ordered(|follow| follow.near_mm),
         }
     }
 
@@ -196,12 +196,12 @@ fn follow(array: &StudiedArray, area: &ContactArea, turning: &Turning, step_mm: 
         let from = Place::new(*x_mm, *y_mm);
         // one that turns later than the one that is followed is of no use
         let reach_mm = area.reach_mm(from, *direction_rad).min(turning.distance_mm + step_mm);
-        array.walk(from, *direction_rad, reach_mm, step_mm).turning_mm.unwrap_or(f64::INFINITY)
+        array.follow(from, *direction_rad, reach_mm, step_mm).turning_mm.unwrap_or(f64::INFINITY)
     };
     let from = [turning.from.x_mm, turning.from.y_mm, turning.direction_rad];
     let steps = [8.0 * step_mm, 8.0 * step_mm, 8.0 * step_mm / turning.distance_mm.max(step_mm)];
-    let readings_a_walk = array.places().len() as f64 * (turning.distance_mm / step_mm).max(1.0);
-    let affordable = SEARCH_READINGS / (readings_a_walk * (2 * from.len() * FOLLOWED) as f64);
+    let readings_a_path = array.places().len() as f64 * (turning.distance_mm / step_mm).max(1.0);
+    let affordable = SEARCH_READINGS / (readings_a_path * (2 * from.len() * FOLLOWED) as f64);
     let rounds = (affordable as usize).clamp(ROUNDS.1, ROUNDS.0);
     let ([x_mm, y_mm, direction_rad], distance_mm) = descend(from, steps, rounds, distance_mm);
     Turning { from: Place::new(x_mm, y_mm), direction_rad, distance_mm }
@@ -263,10 +263,10 @@ mod tests {
     #[test]
     fn a_way_is_walked_to_where_r_turns_and_no_farther() {
         let line = StudiedArray::line(3, 1.0);
-        let whole = line.walk(Place::default(), 0.0, 2.0, 0.02);
+        let whole = line.follow(Place::default(), 0.0, 2.0, 0.02);
         assert!((whole.turning_mm.unwrap() - 1.5405).abs() < 1e-4, "{whole:?}");
-        assert_eq!(line.walk(Place::default(), 0.0, 1.54, 0.02).turning_mm, None);
-        let near = StudiedArray::line(9, 1.0).walk(Place::default(), 0.0, 2.0, 0.02);
+        assert_eq!(line.follow(Place::default(), 0.0, 1.54, 0.02).turning_mm, None);
+        let near = StudiedArray::line(9, 1.0).follow(Place::default(), 0.0, 2.0, 0.02);
         assert!(near.turning_mm.is_none() && (near.near_mm.unwrap() - 0.200).abs() < 1e-3, "{near:?}");
     }
 }

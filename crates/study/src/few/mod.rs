@@ -2,20 +2,20 @@
 //!
 //! The sensors are simulated: the paper's array under a bonded layer, with the noise of its Table 1. They differ in the gain, the
 //! place and the depth of each unit. The prior is made from full calibrations of other sensors. [`presses`] finds the error as a
-//! function of the number of presses, [`strangers`] whether sensors that aren't of the design are found, and [`verdicts`] whether
+//! function of the number of presses, [`foreign sensors`] whether sensors that aren't of the design are found, and [`verdicts`] whether
 //! few presses decide like a full calibration.
 
 mod design;
 mod figure;
+mod foreign_sensors;
 mod presses;
-mod strangers;
 mod verdicts;
 
 pub use design::SensorDesign;
 pub use figure::few_figures;
+pub use foreign_sensors::ForeignSensor;
+pub use foreign_sensors::{ForeignSensorRow, foreign_sensors};
 pub use presses::{FewRow, Way, presses};
-pub use strangers::Stranger;
-pub use strangers::{StrangerRow, strangers};
 pub use verdicts::{VerdictRow, verdicts};
 
 use super::StudyError;
@@ -29,10 +29,10 @@ pub struct FewSize {
     pub without: usize,
     /// Number of new contacts on each sensor.
     pub tests: usize,
-    /// Number of good sensors in the search for strangers.
+    /// Number of good sensors in the search for foreign sensors.
     pub good: usize,
-    /// Number of strangers of each kind.
-    pub strangers: usize,
+    /// Number of foreign sensors of each kind.
+    pub foreign_sensors: usize,
     /// Number of sensors that are judged.
     pub judged: usize,
 }
@@ -40,12 +40,12 @@ pub struct FewSize {
 impl FewSize {
     /// Complete study.
     pub const WHOLE: FewSize =
-        FewSize { sensors: 150, without: 20, tests: 300, good: 1000, strangers: 100, judged: 1000 };
+        FewSize { sensors: 150, without: 20, tests: 300, good: 1000, foreign_sensors: 100, judged: 1000 };
     /// Small study for a first look, and for tests. Its numbers mean little.
-    pub const QUICK: FewSize = FewSize { sensors: 6, without: 1, tests: 100, good: 20, strangers: 4, judged: 10 };
+    pub const QUICK: FewSize = FewSize { sensors: 6, without: 1, tests: 100, good: 20, foreign_sensors: 4, judged: 10 };
 }
 
-/// First seeds of the sensors that make the prior, of the new sensors, of the good ones and strangers, and of the judged ones.
+/// First seeds of the sensors that make the prior, of the new sensors, of the good ones and foreign sensors, and of the judged ones.
 const PRIOR_SEEDS: u64 = 0;
 const NEW_SEEDS: u64 = 1000;
 const GOOD_SEEDS: u64 = 10_000;
@@ -77,13 +77,17 @@ mod tests {
             let design = SensorDesign::papers(*noise);
             let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
             let presses = design.calibration(NEW_SEEDS, &grid(SIDE)).unwrap();
-            let sibling = prior.sibling(&presses, &setting).unwrap();
+            let family_sensor = prior.family_sensor(&presses, &setting).unwrap();
             let whole = fit("surrogate", &presses, &setting).unwrap();
-            assert_eq!(sibling.belongs, Belongs::Typical);
+            assert_eq!(family_sensor.belongs, Belongs::Typical);
             for at in [Place::new(0.0, 0.0), Place::new(3.0, 2.0), Place::new(-5.0, 1.0)] {
-                let [sibling, whole] =
-                    [sibling.model.fitted(), &whole].map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
-                assert!((sibling / whole - 1.0).abs() < 0.1, "{} {at:?}: {sibling} mm, {whole} mm", noise.name());
+                let [family_sensor, whole] = [family_sensor.model.fitted(), &whole]
+                    .map(|fitted| fitted.expected(at, 1.0).unwrap().mean_distance_mm());
+                assert!(
+                    (family_sensor / whole - 1.0).abs() < 0.1,
+                    "{} {at:?}: {family_sensor} mm, {whole} mm",
+                    noise.name()
+                );
             }
         }
     }
@@ -99,7 +103,7 @@ mod tests {
             let test = design.test(seed, 300);
             let few = |columns, rows| {
                 let presses = design.calibration(seed, &cells(columns, rows)).unwrap();
-                mean_errors(prior.sibling(&presses, &setting).unwrap().model.fitted(), &test).location_mm
+                mean_errors(prior.family_sensor(&presses, &setting).unwrap().model.fitted(), &test).location_mm
             };
             let whole = fit("surrogate", &design.calibration(seed, &grid(SIDE)).unwrap(), &setting).unwrap();
             let found = [few(1, 1), few(3, 3), few(5, 5), mean_errors(&whole, &test).location_mm];
@@ -111,15 +115,15 @@ mod tests {
     }
 
     /// Number of sensors of each kind: quick and full.
-    const STRANGERS: (usize, usize) = (1, 4);
+    const FOREIGN_SENSORS: (usize, usize) = (1, 4);
 
     #[test]
     fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
-        let sensors = GOOD_SEEDS..GOOD_SEEDS + campaign::size(STRANGERS.0, STRANGERS.1) as u64;
+        let sensors = GOOD_SEEDS..GOOD_SEEDS + campaign::size(FOREIGN_SENSORS.0, FOREIGN_SENSORS.1) as u64;
         for noise in noises() {
             let design = SensorDesign::papers(*noise);
             let prior = design.prior().unwrap();
-            for kind in Stranger::ALL {
+            for kind in ForeignSensor::ALL {
                 let is_refused = |seed: &u64| {
                     let readings = kind.read(&design, *seed, &cells(3, 3));
                     let belongs = prior.belongs(&readings.calibration().unwrap()).unwrap();
@@ -127,7 +131,7 @@ mod tests {
                 };
                 let refused = sensors.clone().filter(is_refused).count();
                 println!("{}: {refused} of {} refused, {kind:?}", noise.name(), sensors.clone().count());
-                assert_eq!(refused, if kind == Stranger::Good { 0 } else { sensors.clone().count() }, "{kind:?}");
+                assert_eq!(refused, if kind == ForeignSensor::Good { 0 } else { sensors.clone().count() }, "{kind:?}");
             }
             for seed in sensors.clone() {
                 let thicker = design.with_layer(1.1).calibration(seed, &cells(3, 3)).unwrap();

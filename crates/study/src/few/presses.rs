@@ -1,6 +1,6 @@
 //! Error of a new sensor as a function of the number of its presses.
 
-use super::super::bench::{StudyBench, walked};
+use super::super::bench::{StudyBench, executed};
 use super::super::condition::{WINDOW_S, last_s};
 use super::super::methods::specimen::{CALIBRATION_N, FORCES_N, NoiseReference, Touch, grid};
 use super::super::minutes::{HANDLING_MIN, TOLERANCE_N};
@@ -160,11 +160,11 @@ impl FewTry {
             Way::WrongPrior => wrong,
             Way::PriorCells | Way::PriorChosen | Way::PriorGrid => prior,
         };
-        let sibling = prior.sibling(&new, &setting).map_err(broken)?;
+        let family_sensor = prior.family_sensor(&new, &setting).map_err(broken)?;
         Ok(SensorResult {
-            errors: mean_errors(sibling.model.fitted(), &test),
-            expected_mm: Some(sibling.expected_mm),
-            is_typical: Some(sibling.belongs == Belongs::Typical),
+            errors: mean_errors(family_sensor.model.fitted(), &test),
+            expected_mm: Some(family_sensor.expected_mm),
+            is_typical: Some(family_sensor.belongs == Belongs::Typical),
         })
     }
 
@@ -202,7 +202,7 @@ fn minutes(touches: &[Touch]) -> Result<Option<f64>, StudyError> {
     let places = touches.iter().map(|touch| (touch.place, 0..0)).collect();
     let step = Step::new(Phase::Calibration, Places::List(places), StepLoad::Force(CALIBRATION_N), manner);
     let plan = Plan::new(&Recipe::new("few", vec![step]), &spec.ground(), SENSORS)?;
-    let (contacts, ending) = walked(&plan, &spec)?;
+    let (contacts, ending) = executed(&plan, &spec)?;
     let run_min = last_s(&contacts.iter().collect::<Vec<_>>()).map(|seconds| seconds / 60.0);
     Ok(run_min.filter(|_| ending.halt.is_none()).map(|run_min| HANDLING_MIN + run_min))
 }

@@ -31,7 +31,7 @@ pub struct VerdictRow {
     pub accepted_wrongly: usize,
     /// Number of sensors within the limit that are not accepted.
     pub rejected_wrongly: usize,
-    /// Number of sensors within the limit that are refused as strangers.
+    /// Number of sensors within the limit that are refused as foreign sensors.
     pub refused_wrongly: usize,
     /// Number of sensors that are not decided.
     pub not_decided: usize,
@@ -100,9 +100,9 @@ fn sensor(
         of_units.for_each(|percent| *percent *= factor);
     });
     let setting = Setting { appraised: false, ..Setting::of_layout(Some(design.layout())) };
-    let sibling = prior.sibling(&design.calibration(seed, &cells(3, 3))?, &setting).map_err(broken)?;
+    let family_sensor = prior.family_sensor(&design.calibration(seed, &cells(3, 3))?, &setting).map_err(broken)?;
     let whole = fit(WHOLE, &design.calibration(seed, &grid(SIDE))?, &setting).map_err(broken)?;
-    let is_refused = matches!(sibling.belongs, Belongs::Outsider(_));
+    let is_refused = matches!(family_sensor.belongs, Belongs::Outsider(_));
     let contacts = design.read(seed, &touches(seed, CONTACTS), "noise of contacts");
     let test = design.read(seed, &touches(seed + 1, TEST_PRESSES), "noise of the test");
     let judged = |solver: &dyn Solver, is_refused: bool| {
@@ -113,7 +113,7 @@ fn sensor(
             JudgedSensor { is_bad, is_refused, verdict }
         })
     };
-    Ok([judged(sibling.model.fitted(), is_refused), judged(&whole, false)])
+    Ok([judged(family_sensor.model.fitted(), is_refused), judged(&whole, false)])
 }
 
 fn touches(seed: u64, count: usize) -> Vec<Touch> {

@@ -8,7 +8,7 @@ mod figure;
 
 pub use figure::minutes_figures;
 
-use super::bench::{StudyBench, walked};
+use super::bench::{StudyBench, executed};
 use super::condition::{WINDOW_S, last_s, phase};
 use super::methods::cramer_rao::MeanBound;
 use super::methods::specimen::{CALIBRATION_N, FORCES_N, HALF_MM, KnownReadings, anywhere};
@@ -136,7 +136,7 @@ struct MinutesTry {
 }
 
 /// Results of a job: minutes, and in each family the method's results for the contacts.
-struct Walked {
+struct Executed {
     minutes: f64,
     tallies: Vec<Tally>,
     /// Smallest possible error on these contacts if outputs are proportional to the force.
@@ -158,12 +158,12 @@ pub fn minutes(size: MinutesSize, seed: u64, text: OnProgress<'_>) -> Result<Vec
         .collect();
     // what takes longest first, so that no processor waits for another at the end
     jobs.sort_by_key(|job| std::cmp::Reverse(job.presses()));
-    let walked = carried_out(&jobs, text, |job| job.carry_out(&spec, size.tests))?;
+    let executed = carried_out(&jobs, text, |job| job.carry_out(&spec, size.tests))?;
     let mut rows = Vec::new();
     for (index, family) in UnitFamily::ALL.into_iter().enumerate() {
         for way in &ways {
-            let of_it = jobs.iter().zip(&walked).filter(|(job, _)| MinutesTry { seed: way.seed, ..**job } == *way);
-            rows.push(row(way, family, index, &of_it.map(|(_, walked)| walked).collect::<Vec<_>>()));
+            let of_it = jobs.iter().zip(&executed).filter(|(job, _)| MinutesTry { seed: way.seed, ..**job } == *way);
+            rows.push(row(way, family, index, &of_it.map(|(_, executed)| executed).collect::<Vec<_>>()));
         }
     }
     let mark = |row: &MinutesRow| (row.found.scene.clone(), row.found.minutes.zip(row.found.mean_mm()));
@@ -189,9 +189,9 @@ impl MinutesTry {
         self.side * self.side * self.repeats
     }
 
-    fn carry_out(&self, spec: &RigSpec, tests: usize) -> Result<Result<Walked, String>, StudyError> {
+    fn carry_out(&self, spec: &RigSpec, tests: usize) -> Result<Result<Executed, String>, StudyError> {
         let plan = self.plan(spec)?;
-        let (contacts, ending) = walked(&plan, spec)?;
+        let (contacts, ending) = executed(&plan, spec)?;
         if let Some(halt) = &ending.halt {
             return Ok(Err(match halt {
                 Halt::Tripped(trip) => trip.rule.name().to_owned(),
@@ -206,7 +206,7 @@ impl MinutesTry {
         let touches = anywhere(tests, FORCES_N, &mut stream(self.seed, 0, "fresh contacts"));
         let test = KnownReadings::of(&mut skin, &touches, &mut stream(self.seed, 0, "noise of fresh contacts"));
         let tallies = UnitFamily::ALL.map(|family| self.tally(family, &contacts, &test, spec));
-        Ok(Ok(Walked {
+        Ok(Ok(Executed {
             minutes: HANDLING_MIN + run_min,
             tallies: tallies.into_iter().collect::<Result<Vec<Tally>, StudyError>>()?,
             least: MeanBound::over(&skin, &spec.scene.skin, spec.limits.force_n, &test),
@@ -244,14 +244,14 @@ impl MinutesTry {
     }
 }
 
-fn row(way: &MinutesTry, family: UnitFamily, index: usize, walked: &[&Result<Walked, String>]) -> MinutesRow {
-    let rule = walked.iter().find_map(|walked| walked.as_ref().err().cloned());
-    let whole: Vec<&Walked> =
-        walked.iter().filter_map(|walked| walked.as_ref().ok()).filter(|_| rule.is_none()).collect();
+fn row(way: &MinutesTry, family: UnitFamily, index: usize, executed: &[&Result<Executed, String>]) -> MinutesRow {
+    let rule = executed.iter().find_map(|executed| executed.as_ref().err().cloned());
+    let whole: Vec<&Executed> =
+        executed.iter().filter_map(|executed| executed.as_ref().ok()).filter(|_| rule.is_none()).collect();
     let mut sum = Tally::default();
-    whole.iter().for_each(|walked| sum.add(walked.tallies[index].clone()));
-    let least = MeanBound::mean(whole.iter().map(|walked| walked.least)).filter(|_| family == UnitFamily::Inside);
-    let minutes = whole.iter().map(|walked| walked.minutes).sum::<f64>() / whole.len() as f64;
+    whole.iter().for_each(|executed| sum.add(executed.tallies[index].clone()));
+    let least = MeanBound::mean(whole.iter().map(|executed| executed.least)).filter(|_| family == UnitFamily::Inside);
+    let minutes = whole.iter().map(|executed| executed.minutes).sum::<f64>() / whole.len() as f64;
     MinutesRow {
         strategy: way.strategy,
         side: way.side,

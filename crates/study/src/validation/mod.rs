@@ -3,7 +3,7 @@
 
 mod page;
 
-use super::bench::{papers_rig, walked};
+use super::bench::{executed, papers_rig};
 use super::curves::{PaperClaim, curves};
 use super::{OnProgress, StudyError, carried_out, ndjson};
 use palpate_data::dataset::Presses;
@@ -67,7 +67,7 @@ fn protocol(seed: u64) -> Result<ValidationOutcome, StudyError> {
     let rig = papers_rig()?;
     let (file, text) = RECIPE;
     let plan = Plan::new(&recipe::parse(file, text)?, &rig.ground(), seed)?;
-    let (contacts, ending) = walked(&plan, &rig)?;
+    let (contacts, ending) = executed(&plan, &rig)?;
     let broken = |why: String| StudyError::Broken { seed, why };
     if let Some(why) = ending.text() {
         return Err(broken(why));

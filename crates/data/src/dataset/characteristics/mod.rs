@@ -47,7 +47,7 @@ pub struct UnitCharacteristics {
     pub linearity_percent: Option<f64>,
     /// Uncertainty of the linearity, %.
     pub linearity_known: Option<RepeatUncertainty>,
-    /// Output in air after the load minus output in air before the load.
+    /// Output without load after the load minus output without load before the load.
     pub zero_return_percent: Option<f64>,
     /// Uncertainty of the zero return, %.
     pub zero_return_known: Option<RepeatUncertainty>,
@@ -75,7 +75,7 @@ impl UnitCharacteristics {
 
 /// Returns the characteristics, one row for each unit. Every characteristic needs an output other than 0 at the top force. A
 /// repeatability needs two repeats of a level. A hysteresis needs a level between zero and the top force on both branches. A
-/// linearity needs three levels. A zero return needs the air before and after.
+/// linearity needs three levels. A zero return needs the readings without load before and after.
 pub fn characterise(staircases: &Staircases, repeatability: Repeatability) -> Vec<UnitCharacteristics> {
     let series: Vec<Vec<CorrectedSeries>> = staircases
         .readings

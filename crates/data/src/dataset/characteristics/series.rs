@@ -12,8 +12,8 @@ pub(super) struct CorrectedSeries {
     line: FittedLine,
     /// Corrected outputs by branch.
     corrected: [BTreeMap<LevelMicronewton, Vec<f64>>; 2],
-    /// Outputs at 0 N by branch, as read. In air there is no force to which they could be corrected.
-    in_air: [Vec<f64>; 2],
+    /// Outputs at 0 N by branch, as read. Without load there is no force to which they could be corrected.
+    without_load: [Vec<f64>; 2],
     top: LevelMicronewton,
     /// Mean loading output at the largest set force with a reading.
     at_top: f64,
@@ -33,18 +33,18 @@ impl CorrectedSeries {
     pub(super) fn of(readings: &[HeldLevel]) -> Option<CorrectedSeries> {
         let line = FittedLine::through(readings)?;
         let mut corrected = [BTreeMap::new(), BTreeMap::new()];
-        let mut in_air = [Vec::new(), Vec::new()];
+        let mut without_load = [Vec::new(), Vec::new()];
         for reading in readings {
             let at_set_force = reading.output + line.slope * (reading.force_set_n - reading.force_n);
             let outputs: &mut Vec<f64> = corrected[reading.branch as usize].entry(reading.level()).or_default();
             outputs.push(at_set_force);
             if reading.level() == 0 {
-                in_air[reading.branch as usize].push(reading.output);
+                without_load[reading.branch as usize].push(reading.output);
             }
         }
         let (top, at_top) = corrected[Branch::Loading as usize].last_key_value()?;
         let (top, at_top) = (*top, mean(at_top));
-        Some(CorrectedSeries { line, corrected, in_air, top, at_top })
+        Some(CorrectedSeries { line, corrected, without_load, top, at_top })
     }
 
     /// Returns the largest set force with a reading, and the mean loading output there.
@@ -81,9 +81,9 @@ impl CorrectedSeries {
         if loading.len() > 2 { loading.iter().filter_map(off).reduce(RepeatMean::worse) } else { None }
     }
 
-    /// Returns the mean output in air after the staircases minus the mean before them.
+    /// Returns the mean output without load after the staircases minus the mean before them.
     pub(super) fn zero_return(&self) -> Option<RepeatMean> {
-        let [before, after] = &self.in_air;
+        let [before, after] = &self.without_load;
         if before.is_empty() || after.is_empty() { None } else { RepeatMean::of_difference(before, after) }
     }
 }

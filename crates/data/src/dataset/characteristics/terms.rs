@@ -51,7 +51,7 @@ const LINEARITY: DefinedTerm = DefinedTerm {
 /// Term for the output that remains after a load.
 const ZERO_RETURN: DefinedTerm = DefinedTerm {
     name: "zero return",
-    definition: "the mean output at the level of 0 N, in air, after the staircases less that before them, as read, in % of \
+    definition: "the mean output at the level of 0 N, without load, after the staircases less that before them, as read, in % of \
         full scale; of several places the largest in magnitude (as zero error in ISO 376)",
 };
 

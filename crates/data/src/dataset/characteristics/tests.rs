@@ -105,11 +105,11 @@ fn linearity_is_the_largest_distance_from_the_least_squares_line() {
 fn zero_return_is_the_air_after_less_the_air_before() {
     // two staircases: 0.01 before and 0.03 after, 0.02 before and 0.03 after: 0.015 of 2 on average
     let read = |before: f64, after: f64| {
-        let air = move |level: usize| [before, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, after][level];
-        held(Place::default(), move |level, _, force_n| force_n + air(level))
+        let no_load = move |level: usize| [before, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, after][level];
+        held(Place::default(), move |level, _, force_n| force_n + no_load(level))
     };
     let mut readings = [read(0.01, 0.03), read(0.02, 0.03)].concat();
-    // what the load cell reads in air is its own
+    // what the load cell reads without load is its own
     readings.iter_mut().filter(|reading| reading.force_set_n == 0.0).for_each(|reading| reading.force_n = 0.004);
     assert_near(one_unit(readings.clone(), Repeatability::ThreeSd).zero_return_percent, 0.75);
     assert_near(one_unit(read(0.03, 0.01), Repeatability::ThreeSd).zero_return_percent, -1.0);

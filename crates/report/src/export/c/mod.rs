@@ -73,7 +73,7 @@ impl File {
             self.text,
             "/* {title}: {method}, written by palpate {version}.\n\n   C99, single precision, no heap, needs the math library. \
              Compile this file once. Where it is used:\n\n       #define PALPATE_DECLARATIONS\n       #include \"this file\"\n\n   \
-             and call palpate_solve with the outputs of a reading, without the outputs in air. */\n\
+             and call palpate_solve with the outputs of a reading, without the outputs without load. */\n\
              #ifndef PALPATE_SENSOR\n#define PALPATE_SENSOR\n\n#define PALPATE_OUTPUTS {outputs} /* outputs of a reading */\n\n{BEGIN}\
              #endif\n\n#if !defined(PALPATE_DECLARATIONS) && !defined(PALPATE_DEFINITIONS)\n#define PALPATE_DEFINITIONS\n\n\
              {EXACT}#include <math.h>\n\n"

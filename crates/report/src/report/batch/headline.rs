@@ -22,7 +22,7 @@ pub(super) struct Yield {
 impl Yield {
     /// Returns the yield by the present standing of each sensor.
     pub(super) fn of(history: &History) -> Yield {
-        let count = |standing| history.state.count(standing);
+        let count = |sensor_state| history.state.count(sensor_state);
         let accepted = count(SensorState::Accepted);
         let judged = accepted + count(SensorState::NotAccepted) + count(SensorState::NotDecided);
         Yield { accepted, judged, interval: share_interval(accepted, judged) }
@@ -79,16 +79,19 @@ pub(super) fn section(history: &History) -> Markup {
                 strong { "No sensor has a verdict" }
             }
         }
-        div.tables { (standings(history)) (facts(history)) }
+        div.tables { (sensor_states(history)) (facts(history)) }
     };
     under("Yield", &body)
 }
 
-fn standings(history: &History) -> Markup {
+fn sensor_states(history: &History) -> Markup {
     let state = &history.state;
-    let counts = SensorState::ALL.map(|standing| (standing, state.count(standing)));
-    let row = |(standing, count): (SensorState, usize)| {
-        vec![words(standing.name()), number(&format!("standing.{}", sensors::key(standing)), count as f64, 0, "")]
+    let counts = SensorState::ALL.map(|sensor_state| (sensor_state, state.count(sensor_state)));
+    let row = |(sensor_state, count): (SensorState, usize)| {
+        vec![
+            words(sensor_state.name()),
+            number(&format!("standing.{}", sensors::key(sensor_state)), count as f64, 0, ""),
+        ]
     };
     let mut rows: Vec<Vec<Markup>> = counts.into_iter().filter(|(_, count)| *count > 0).map(row).collect();
     rows.push(vec![words("all"), number("sensors", state.items.len() as f64, 0, "")]);

@@ -20,15 +20,15 @@ const LISTED_MOST: usize = 20;
 const REASONS_MOST: usize = 3;
 
 /// Returns the name of a standing as a key.
-pub(super) fn key(standing: SensorState) -> String {
-    standing.name().replace(' ', "-")
+pub(super) fn key(sensor_state: SensorState) -> String {
+    sensor_state.name().replace(' ', "-")
 }
 
 /// Lists the sensors that ended otherwise than accepted, now or before, with the reasons. `None` if there are none.
 pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<PageLink>) -> Option<Markup> {
     let is_expected =
         |end: &SensorState| matches!(end, SensorState::Accepted | SensorState::Calibrated | SensorState::Waiting);
-    let is_listed = |item: &&BatchSensor| !item.ends.iter().chain([&item.standing]).all(is_expected);
+    let is_listed = |item: &&BatchSensor| !item.ends.iter().chain([&item.sensor_state]).all(is_expected);
     let results = by_serial(history);
     let all: Vec<&BatchSensor> = history.state.items.iter().filter(is_listed).collect();
     let rest = all.len().saturating_sub(LISTED_MOST);
@@ -56,7 +56,7 @@ pub(super) fn conspicuous(history: &History, links: &dyn Fn(&Ended) -> Vec<PageL
 /// What became of a sensor, this time and the times before.
 fn result(item: &BatchSensor) -> Markup {
     html! {
-        (item.standing.name())
+        (item.sensor_state.name())
         @if let Some(before) = item.before() { " (" (before) ")" }
     }
 }

@@ -188,11 +188,11 @@ mod tests {
     use std::time::Duration;
 
     fn answers(force_n: f64, requests: &str) -> String {
-        let (mut gauge, mut scene) = (Mark10::new(10.0), pressed(force_n));
+        let (mut watched_cell, mut scene) = (Mark10::new(10.0), pressed(force_n));
         let mut inbox = requests.as_bytes().to_vec();
         let mut answers = Vec::new();
-        while let Some(request) = gauge.take_request(&mut inbox) {
-            answers.extend(gauge.answer(&request, &mut scene, 1.0));
+        while let Some(request) = watched_cell.take_request(&mut inbox) {
+            answers.extend(watched_cell.answer(&request, &mut scene, 1.0));
         }
         assert!(inbox.is_empty() || !inbox.contains(&b'\r'));
         String::from_utf8(answers).expect("text")
@@ -209,11 +209,11 @@ mod tests {
 
     #[test]
     fn zero_and_polarity_are_as_the_manual_states() {
-        let (mut gauge, mut scene) = (Mark10::new(10.0), pressed(1.0));
-        assert_eq!(gauge.answer(b"Z", &mut scene, 1.0), b"");
-        assert_eq!(gauge.answer(b"?", &mut scene, 1.0), b"0.000 N\r\n");
-        let mut air = crate::emulator::tests::scene();
-        assert_eq!(gauge.answer(b"?", &mut air, 1.0), b"-1.000 N\r\n");
+        let (mut watched_cell, mut scene) = (Mark10::new(10.0), pressed(1.0));
+        assert_eq!(watched_cell.answer(b"Z", &mut scene, 1.0), b"");
+        assert_eq!(watched_cell.answer(b"?", &mut scene, 1.0), b"0.000 N\r\n");
+        let mut no_load = crate::emulator::tests::scene();
+        assert_eq!(watched_cell.answer(b"?", &mut no_load, 1.0), b"-1.000 N\r\n");
         assert_eq!(answers(1.0, "IPOL1\r?\rOPOL1\r?\r"), "-1.000 N\r\n1.000 N\r\n");
     }
 
@@ -228,13 +228,13 @@ mod tests {
 
     #[test]
     fn aout_pushes_readings_and_ends_with_0() {
-        let (mut gauge, mut scene) = (opened(SerialBoard::new(Mark10::new(10.0))), pressed(0.5));
-        assert!(listen(&mut gauge, &mut scene, 0.0, 1.0).is_empty());
+        let (mut watched_cell, mut scene) = (opened(SerialBoard::new(Mark10::new(10.0))), pressed(0.5));
+        assert!(listen(&mut watched_cell, &mut scene, 0.0, 1.0).is_empty());
         for (command, per_second) in [("AOUT50", 50), ("AOUT1", 50), ("AOUT250", 250), ("AOUT0", 0)] {
             use crate::emulator::Instrument;
-            let from_s = gauge.sent().next_back().map_or(1.0, |sent| sent.last_byte_s.ceil());
-            assert_eq!(gauge.answer(command.as_bytes(), &mut scene, from_s), b"");
-            let heard = listen(&mut gauge, &mut scene, from_s, from_s + 1.0);
+            let from_s = watched_cell.sent().next_back().map_or(1.0, |sent| sent.last_byte_s.ceil());
+            assert_eq!(watched_cell.answer(command.as_bytes(), &mut scene, from_s), b"");
+            let heard = listen(&mut watched_cell, &mut scene, from_s, from_s + 1.0);
             let bytes: Vec<u8> = heard.into_iter().flat_map(|(_, bytes)| bytes).collect();
             let lines = bytes.split(|&byte| byte == b'\n').filter(|line| *line == b"0.500 N\r").count();
             assert!(lines.abs_diff(per_second) <= 1, "{command}: {lines}");
@@ -243,8 +243,8 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn a_question_during_continuous_output_never_splits_a_line() {
-        let gauge = SerialBoard::new(Mark10::new(10.0)).on(Port::serial(2400.0));
-        let mut wire = Wire::to(shared(gauge), shared(scene()), Instant::now());
+        let watched_cell = SerialBoard::new(Mark10::new(10.0)).on(Port::serial(2400.0));
+        let mut wire = Wire::to(shared(watched_cell), shared(scene()), Instant::now());
         wire.send(b"AOUT25\r").await;
         for _ in 0..100 {
             wire.send(b"HELLO\r").await;

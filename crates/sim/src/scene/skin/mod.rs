@@ -65,7 +65,7 @@ enum Reads {
 }
 
 impl Skin {
-    /// Creates the taxels of a specimen, in air. Gains, true places, depths, errors and hysteresis belong to a unit and hold for
+    /// Creates the taxels of a specimen, without load. Gains, true places, depths, errors and hysteresis belong to a unit and hold for
     /// all its channels; each channel's error is a separate draw. `full_scale_n` is the largest specified force. The properties
     /// of the specimen (gains, true places, depths) depend on `seed` alone, each from its own stream.
     ///
@@ -152,7 +152,7 @@ impl Skin {
         }
     }
 
-    /// Ends the contact. In air there is no error.
+    /// Ends the contact. Without load there is no error.
     pub fn forget_contact(&mut self) {
         for channel in &mut self.channels {
             (channel.error_of_reading, channel.error) = (0.0, 0.0);

@@ -39,7 +39,7 @@ impl Elastomer {
     }
 }
 
-/// Size of the taxels, their reading in air, and their differences, which are uniform draws that belong to the specimen.
+/// Size of the taxels, their reading without load, and their differences, which are uniform draws that belong to the specimen.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Taxels {
     /// Radius of the disc over which each taxel averages the stress, mm; 0: a point.
@@ -50,7 +50,7 @@ pub struct Taxels {
     pub place_spread_mm: f64,
     /// Largest difference of a depth from the elastomer's depth either way, %. A deeper taxel has a smaller but wider response.
     pub depth_spread_percent: f64,
-    /// Reading of all taxels in air, reading units.
+    /// Reading of all taxels without load, reading units.
     pub baseline: f64,
 }
 

@@ -1,18 +1,18 @@
-//! Tests of a real bench's imperfections: a zero that drifts and changes slowly, hum, a wrong gain, filtered noise, play, a stage
+//! Tests of a real bench's imperfections: a zero that drifts and changes slowly, mains interference, a wrong gain, filtered noise, play, a stage
 //! that yields, a surface that creeps.
 
 use super::*;
 
-/// Scene of [`plain`] with another cell, in air.
-fn in_air(cell: LoadCellScene) -> Scene {
+/// Scene of [`plain`] with another cell, without load.
+fn without_load(cell: LoadCellScene) -> Scene {
     scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1)
 }
 
 #[test]
 fn the_zero_drifts_wanders_and_hums_with_the_time() {
-    let wander = Some(Sine { amplitude: 0.005, period_s: 24.0 });
-    let hum = Some(Sine { amplitude: 0.01, period_s: 0.02 });
-    let mut scene = in_air(LoadCellScene { drift_n_s: 5e-4, wander, hum, ..LoadCellScene::IDEAL });
+    let slow_drift = Some(Sine { amplitude: 0.005, period_s: 24.0 });
+    let mains = Some(Sine { amplitude: 0.01, period_s: 0.02 });
+    let mut scene = without_load(LoadCellScene { drift_n_s: 5e-4, slow_drift, mains, ..LoadCellScene::IDEAL });
     // conversions come every 5 ms: 6.005 s is a quarter of a turn of both
     let read_n = scene.load_cell_n(6.005);
     let expected_n = 5e-4 * 6.005 + 0.005 * (std::f64::consts::TAU * 6.005 / 24.0).sin() + 0.01;
@@ -24,7 +24,7 @@ fn the_zero_drifts_wanders_and_hums_with_the_time() {
 
 #[test]
 fn a_wrong_gain_scales_the_force_and_nothing_else() {
-    let mut scene = in_air(LoadCellScene { gain: 0.5, offset_n: 0.2, ..LoadCellScene::IDEAL });
+    let mut scene = without_load(LoadCellScene { gain: 0.5, offset_n: 0.2, ..LoadCellScene::IDEAL });
     let arrived_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
     let true_n = scene.true_force_n(arrived_s + 10.0);
     assert!((scene.load_cell_n(arrived_s + 10.004) - 0.2 - 0.5 * true_n).abs() < 1e-4);
@@ -32,7 +32,8 @@ fn a_wrong_gain_scales_the_force_and_nothing_else() {
 
 #[test]
 fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
-    let mut scene = in_air(LoadCellScene { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCellScene::IDEAL });
+    let mut scene =
+        without_load(LoadCellScene { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCellScene::IDEAL });
     let read: Vec<f64> = (1..4000).map(|i| scene.load_cell_n(f64::from(i) * 0.005 + 1e-6)).collect();
     let square = read.iter().map(|n| n * n).sum::<f64>() / read.len() as f64;
     let shared = read.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / read.len() as f64 / square;
@@ -43,7 +44,7 @@ fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
 
 #[test]
 fn a_transport_of_many_conversions_repeats_none_as_a_press_begins() {
-    let mut scene = in_air(LoadCellScene { noise_n: 0.003, transport_s: 0.05, ..LoadCellScene::IDEAL });
+    let mut scene = without_load(LoadCellScene { noise_n: 0.003, transport_s: 0.05, ..LoadCellScene::IDEAL });
     scene.begin_press(3, 1.0);
     let read: Vec<f64> = (0..20).map(|i| scene.load_cell_n(1.0 + f64::from(i) * 0.005 + 1e-6)).collect();
     assert!(read.windows(2).all(|pair| pair[0] != pair[1]), "{read:?}");

@@ -1,7 +1,7 @@
-//! The way out: stops the stage, sees that it rests, and withdraws from the specimen, whether the load cell can be trusted or not.
+//! The way out: stops the stage, sees that it rests, and retracts from the specimen, whether the load cell can be trusted or not.
 
 use super::Halt;
-use super::hand::{Gauge, Hand};
+use super::rig_control::{RigControl, WatchedLoadCell};
 use palpate_control::{MotionProfile, SafetyRule, Trip, check_sound};
 use palpate_core::quantity::{Axis, seconds};
 use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
@@ -9,13 +9,13 @@ use palpate_link::time::{Instant, sleep, timeout};
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// Number of attempts for a withdrawal. An unreliable link mostly answers the second time, and a guard left by an earlier program
+/// Number of attempts for a retraction. An unreliable link mostly answers the second time, and a guard left by an earlier program
 /// triggers once. A third attempt costs only seconds.
-const WITHDRAW_TRIES: usize = 3;
+const RETRACT_TRIES: usize = 3;
 
-/// Number of successive readings that must show a rise of the force before the rise stops a withdrawal.
+/// Number of successive readings that must show a rise of the force before the rise stops a retraction.
 const RISE_READINGS: usize = 5;
-/// Longest wait for the reading in progress at the end of a withdrawal.
+/// Longest wait for the reading in progress at the end of a retraction.
 const LAST_READING_DEADLINE: Duration = Duration::from_millis(250);
 
 /// Time between two read-backs of a stage that was stopped, and the longest wait until two of them agree.
@@ -24,7 +24,7 @@ const REST_DEADLINE: Duration = Duration::from_secs(2);
 /// Largest difference between them of a stage at rest, mm, on any axis.
 const REST_MM: f64 = 0.003;
 
-/// Number of rises against which a withdrawal continues while position and outputs show that z moves away.
+/// Number of rises against which a retraction continues while position and outputs show that z moves away.
 const RISES_MAX: usize = 50;
 /// Fraction of the outputs' change against air that must remain at most for the outputs to have fallen.
 const FALLEN_SHARE: f64 = 0.98;
@@ -61,19 +61,19 @@ impl Remaining {
     }
 }
 
-impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
-    /// Stops all axes and withdraws to the clear, whether the load cell answers or not. It is used to park, and also at the very
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Stops all axes and retracts to the clear, whether the load cell answers or not. It is used to park, and also at the very
     /// start, because an earlier program may have left the axes in contact.
-    pub(super) async fn withdraw(&mut self, z_mm: f64) -> Result<(), Halt> {
-        let mut withdrawn = Ok(());
-        for _ in 0..WITHDRAW_TRIES {
-            withdrawn = self.stop_and_retreat(z_mm).await;
+    pub(super) async fn retract(&mut self, z_mm: f64) -> Result<(), Halt> {
+        let mut retracted = Ok(());
+        for _ in 0..RETRACT_TRIES {
+            retracted = self.stop_and_retract(z_mm).await;
             // what rose once is not tried again
-            if matches!(withdrawn, Ok(()) | Err(Halt::Tripped(_))) {
+            if matches!(retracted, Ok(()) | Err(Halt::Tripped(_))) {
                 break;
             }
         }
-        withdrawn
+        retracted
     }
 
     /// Stops all axes and reads their positions back until they rest.
@@ -108,21 +108,21 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         if force_n.abs() < LEFT_LEAST_N { Remaining::Nothing } else { Remaining::Force(force_n) }
     }
 
-    /// Stops the stage and withdraws z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
+    /// Stops the stage and retracts z. An axis that still brakes takes no target, so it is at rest before it is sent away. A
     /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
-    async fn stop_and_retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+    async fn stop_and_retract(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.stage.stop().await?;
         // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
         let _ = self.stage.guard(None).await;
         self.stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
-        self.retreat(z_mm).await
+        self.retract_at_any_force(z_mm).await
     }
 
-    /// Withdraws at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
+    /// Retracts at any force, whether or not the load cell answers. It is used for parking, when the load cell may have failed.
     ///
     /// A force that rises stops the motion, because z may move the wrong way. It continues if z was read back going away and the
     /// outputs fall: then the load cell shows an old rise. Where the array shows nothing, z goes a short distance farther and stops.
-    async fn retreat(&mut self, z_mm: f64) -> Result<(), Halt> {
+    async fn retract_at_any_force(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.read_back_z().await?;
         let mut felt = self.felt().await;
         for _ in 0..RISES_MAX {
@@ -130,7 +130,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
                 return Ok(());
             }
             let from_mm = self.z_mm;
-            let Err(halt) = self.retreat_once(z_mm, true).await else { return Ok(()) };
+            let Err(halt) = self.retract_once(z_mm, true).await else { return Ok(()) };
             if !matches!(&halt, Halt::Tripped(trip) if trip.rule == SafetyRule::ForceRose) {
                 return Err(halt);
             }
@@ -141,7 +141,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             match (felt, now) {
                 (Some(before), Some(now)) if is_away && now < FALLEN_SHARE * before => {}
                 (None, None) if is_away => {
-                    self.retreat_once((self.z_mm - SPARE_MM).max(z_mm), false).await?;
+                    self.retract_once((self.z_mm - SPARE_MM).max(z_mm), false).await?;
                     self.stage.stop().await?;
                     return Err(halt);
                 }
@@ -149,15 +149,15 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
             }
             felt = now;
         }
-        self.retreat_once(z_mm, true).await
+        self.retract_once(z_mm, true).await
     }
 
-    async fn retreat_once(&mut self, z_mm: f64, is_watched: bool) -> Result<(), Halt> {
+    async fn retract_once(&mut self, z_mm: f64, is_watched: bool) -> Result<(), Halt> {
         let (target_mm, from_mm) = (self.stage_z_mm(z_mm), self.stage_z_mm(self.z_mm));
         let speed_mm_s = self.usage.speed_mm_s;
         let profile = MotionProfile::new(target_mm - from_mm, speed_mm_s, self.usage.acceleration_mm_s2);
         let orders = MotionOrders::default();
-        let Hand { stage, cell, .. } = self;
+        let RigControl { stage, cell, .. } = self;
         let motion = async {
             stage.begin(&[(Axis::Z, target_mm)], speed_mm_s, &orders).await?;
             Ok(stage.follow(&[Axis::Z], seconds(profile.duration_s()), &orders).await?)
@@ -167,12 +167,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> Hand<'_, S, C, A> {
         self.arrived_z(places_mm.first().copied(), target_mm).await
     }
 
-    /// Returns how far the outputs are from those in air, in sd of one reading; `None` if they show no contact, or aren't known.
+    /// Returns how far the outputs are from those without load, in sd of one reading; `None` if they show no contact, or aren't known.
     async fn felt(&mut self) -> Option<f64> {
         let mut now = vec![0.0; self.array.units()];
         self.array.read(&mut now).await.ok()?;
         let sigma = self.output_sigma();
-        let change = now.iter().zip(&self.air).map(|(now, air)| (now - air).powi(2)).sum::<f64>().sqrt() / sigma;
+        let change =
+            now.iter().zip(&self.no_load).map(|(now, no_load)| (now - no_load).powi(2)).sum::<f64>().sqrt() / sigma;
         (change.is_finite() && change > SHOWN_SIGMAS * (now.len() as f64).sqrt()).then_some(change)
     }
 }
@@ -205,13 +206,13 @@ async fn positions<S: Stage>(stage: &mut S) -> Result<[f64; 3], Halt> {
 
 /// Runs a motion away from the specimen until it ends or the force rises. A cell that doesn't answer doesn't delay the motion.
 pub(super) async fn unless_it_rises<C: LoadCell, T>(
-    gauge: &mut Gauge<'_, C>,
+    watched_cell: &mut WatchedLoadCell<'_, C>,
     motion: impl Future<Output = Result<T, Halt>>,
     orders: &MotionOrders,
 ) -> Result<T, Halt> {
     let over = Notify::new();
     let motion = then_notify(motion, &over);
-    let (moved, risen) = tokio::join!(motion, gauge.rises(&over, orders));
+    let (moved, risen) = tokio::join!(motion, watched_cell.rises(&over, orders));
     risen?;
     moved
 }
@@ -223,10 +224,10 @@ pub(super) async fn then_notify<T>(motion: impl Future<Output = T>, over: &Notif
     moved
 }
 
-impl<C: LoadCell> Gauge<'_, C> {
-    /// Reads until a withdrawal is over. It stops the withdrawal if the force rises above its lowest value and above zero,
+impl<C: LoadCell> WatchedLoadCell<'_, C> {
+    /// Reads until a retraction is over. It stops the retraction if the force rises above its lowest value and above zero,
     /// because z then moves the wrong way. A cell that reads pushes as pulls rises to zero on the way out. A cell that doesn't
-    /// answer or gives no number doesn't stop the withdrawal.
+    /// answer or gives no number doesn't stop the retraction.
     async fn rises(&mut self, over: &Notify, orders: &MotionOrders) -> Result<(), Trip> {
         let most_n = self.watch.rise_most_n();
         let none_n = self.watch.zero().offset_n;

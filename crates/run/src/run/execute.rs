@@ -3,15 +3,15 @@
 use super::check_weight::{Ask, CellAfter, KnownWeight};
 use super::checks::Checking;
 use super::clock::RunClock;
-use super::hand::RigHand;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
+use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{AIR_READINGS, ContactMap, LearnedOutputs, MeasuredContact, Permit, Reaction};
+use palpate_control::{ContactMap, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
-    Air, Ledger, Left, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
+    Ledger, Left, NoLoad, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
 };
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::Identity;
@@ -21,7 +21,7 @@ use std::pin::Pin;
 use std::time::Duration;
 
 /// Drift of the zero since it was last completely determined, as a fraction of the force limit, above which it is determined
-/// again. Then noise and hum are up to date too.
+/// again. Then noise and mains interference are up to date too.
 const NEW_ZERO_SHARE: f64 = 0.05;
 
 /// Task of a walk: a plan on a rig, recorded in a ledger.
@@ -65,7 +65,7 @@ pub trait Listener {
     fn recorded(&mut self, _contact: &RecordedContact) {}
     /// Reports that a check is on disk.
     fn checked(&mut self, _check: &RecordedCheck) {}
-    /// Reports that the indenter rests in air for this time, s.
+    /// Reports that the indenter rests without load for this time, s.
     fn rests(&mut self, _seconds: f64) {}
     /// Returns the weight that a person can put on the tip after the run; `None` if no person is there, or the weight isn't known.
     fn weight(&mut self) -> Option<KnownWeight> {
@@ -81,9 +81,9 @@ pub trait Listener {
 }
 
 /// Makes every press of the plan that isn't recorded yet. The stage is always parked in the clear at the end.
-pub async fn walk(job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+pub async fn execute(job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     match job.spec.open(job.plan.seed) {
-        Ok(rig) => walk_on(rig, job, listener).await,
+        Ok(rig) => execute_on(rig, job, listener).await,
         Err(error) => Ending::halted(error),
     }
 }
@@ -92,15 +92,15 @@ pub async fn walk(job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
 ///
 /// The future is boxed so that the library compiles it once. Code that is `async` is compiled again in each program that awaits
 /// it.
-pub fn walk_on<'w, 'e: 'w>(
+pub fn execute_on<'w, 'e: 'w>(
     rig: OpenRig,
     job: RunJob<'e>,
     listener: &'w mut dyn Listener,
 ) -> Pin<Box<dyn Future<Output = Ending> + 'w>> {
-    Box::pin(walk_from(rig, job, listener))
+    Box::pin(execute_from(rig, job, listener))
 }
 
-async fn walk_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     let RunJob { plan, spec, ledger, cancel, shown } = job;
     let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
@@ -110,17 +110,17 @@ async fn walk_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
     let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None };
     match make_ready(rig, &conditions).await {
-        Ok(Ready { hand, devices, reaction, zero }) => {
-            let permit = permit(&hand, spec, &reaction);
+        Ok(Ready { rig_control, devices, reaction, zero }) => {
+            let permit = permit(&rig_control, spec, &reaction);
             let (map, response) =
                 (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
-            let full_zero_n = hand.cell.watch.zero().offset_n;
+            let full_zero_n = rig_control.cell.watch.zero().offset_n;
             let (pressing, standby, felt, zeroed) = (None, None, None, Instant::now());
-            let mut walker = Runner {
+            let mut runner = Runner {
                 plan,
                 ledger,
                 listener,
-                hand,
+                rig_control,
                 permit,
                 map,
                 response,
@@ -133,19 +133,19 @@ async fn walk_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -
                 felt,
                 checks: Checking::default(),
             };
-            ending.halt = walker.begin(past, devices, &zero).await.err();
+            ending.halt = runner.begin(past, devices, &zero).await.err();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
-            let peaks = walker.truth().map(|truth| {
+            let peaks = runner.truth().map(|truth| {
                 let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
                 Peaks { force_peak_n, depth_peak_mm }
             });
-            note_trip(walker.ledger, &ending, walker.pressing, peaks, clock.now_s());
-            ending.unparked = walker.leave(ending.halt.as_ref()).await.err();
+            note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
+            ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {
                 let doubted = ending.unparked.as_ref().or(ending.halt.as_ref());
-                ending.remaining = walker.hand.remaining(doubted).await;
+                ending.remaining = runner.rig_control.remaining(doubted).await;
             } else {
-                ending.cell = walker.weigh_after().await;
+                ending.cell = runner.weigh_after().await;
             }
         }
         Err(halt) => {
@@ -207,8 +207,8 @@ fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks
     }
 }
 
-fn permit(hand: &RigHand<'_>, spec: &RigSpec, reaction: &Reaction) -> Permit {
-    Permit::new(spec.limits, reaction.worst_s(), hand.usage.acceleration_mm_s2, hand.cell.watch.zero())
+fn permit(rig_control: &AnyRigControl<'_>, spec: &RigSpec, reaction: &Reaction) -> Permit {
+    Permit::new(spec.limits, reaction.worst_s(), rig_control.usage.acceleration_mm_s2, rig_control.cell.watch.zero())
         .on(spec.stage.steps)
 }
 
@@ -216,8 +216,8 @@ fn permit(hand: &RigHand<'_>, spec: &RigSpec, reaction: &Reaction) -> Permit {
 pub(super) struct Standby {
     /// Position in the clear above the next place, specimen frame, mm.
     pub z_mm: f64,
-    /// Readings in air on the way there; `None` if the air may have changed since.
-    pub air: Option<Air>,
+    /// Readings without load on the way there; `None` if the reading without load may have changed since.
+    pub no_load: Option<NoLoad>,
 }
 
 /// Driver of the run, which goes from press to press.
@@ -225,7 +225,7 @@ pub(super) struct Runner<'a> {
     pub plan: &'a Plan,
     pub ledger: &'a mut dyn Ledger,
     pub listener: &'a mut dyn Listener,
-    pub hand: RigHand<'a>,
+    pub rig_control: AnyRigControl<'a>,
     pub permit: Permit,
     pub map: ContactMap,
     /// Outputs that the presses so far have shown.
@@ -236,9 +236,9 @@ pub(super) struct Runner<'a> {
     pub pressing: Option<u64>,
     /// State after the last contact, if nothing has happened since.
     pub standby: Option<Standby>,
-    /// Time of the air that forces are relative to.
+    /// Time of the readings without load that forces are relative to.
     pub zeroed: Instant,
-    /// Load cell reading in air at the last complete measurement of the zero, N.
+    /// Load cell reading without load at the last complete measurement of the zero, N.
     pub full_zero_n: f64,
     /// Last contact in which the array was sampled: place, force, and outputs, V.
     pub felt: Option<((Place, f64), Vec<f64>)>,
@@ -283,10 +283,10 @@ impl Runner<'_> {
     async fn leave(&mut self, halt: Option<&Halt>) -> Result<(), Halt> {
         match halt {
             Some(Halt::Tripped(_) | Halt::Device(_)) => {
-                self.hand.stop_and_see().await?;
-                self.hand.withdraw(self.conditions.spec.top_mm()).await
+                self.rig_control.stop_and_see().await?;
+                self.rig_control.retract(self.conditions.spec.top_mm()).await
             }
-            _ => self.hand.withdraw(self.park_mm()).await,
+            _ => self.rig_control.retract(self.park_mm()).await,
         }
     }
 
@@ -300,9 +300,10 @@ impl Runner<'_> {
             if let Some((felt, _)) = felt(&contact) {
                 self.response.take(self.with_noise(felt))?;
             }
-            contact.lesson.iter().for_each(|lesson| self.map.learn(lesson));
-            let drifted_n = contact.air_after.force.mean_n - self.full_zero_n;
-            self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, air: Some(contact.air_after.clone()) });
+            contact.learned_contact.iter().for_each(|learned_contact| self.map.learn(learned_contact));
+            let drifted_n = contact.no_load_after.force.mean_n - self.full_zero_n;
+            self.standby =
+                contact.left.map(|Left { z_mm }| Standby { z_mm, no_load: Some(contact.no_load_after.clone()) });
             let record = Record::Contact(contact);
             self.ledger.record(&record)?;
             self.pressing = None;
@@ -321,13 +322,13 @@ impl Runner<'_> {
 
     /// Adds the noise of the array and of the load cell to what was felt.
     pub(super) fn with_noise(&self, felt: MeasuredContact) -> MeasuredContact {
-        let cell_n = self.hand.cell.watch.zero().sigma_mean_n(AIR_READINGS);
-        MeasuredContact { sigmas: [self.hand.output_sigma(), cell_n], ..felt }
+        let cell_n = self.rig_control.cell.watch.zero().sigma_mean_n(NO_LOAD_READINGS);
+        MeasuredContact { sigmas: [self.rig_control.output_sigma(), cell_n], ..felt }
     }
 
     /// Parks the stage until the operator continues. Then takes a new zero and goes back to where the last contact ended.
     async fn pause(&mut self, next: Place) -> Result<(), Halt> {
-        self.hand.withdraw(self.park_mm()).await?;
+        self.rig_control.retract(self.park_mm()).await?;
         if !self.listener.paused() {
             return Err(Halt::Cancelled);
         }
@@ -338,10 +339,10 @@ impl Runner<'_> {
 
     /// Takes a new zero, away from the specimen, and goes back to where the last contact ended.
     async fn zero_again(&mut self, next: Place) -> Result<(), Halt> {
-        self.hand.withdraw(self.park_mm()).await?;
-        let zero = take_zero(&mut self.hand, &self.conditions).await?;
-        self.permit = permit(&self.hand, self.conditions.spec, &self.reaction);
-        (self.zeroed, self.full_zero_n) = (Instant::now(), self.hand.cell.watch.zero().offset_n);
+        self.rig_control.retract(self.park_mm()).await?;
+        let zero = take_zero(&mut self.rig_control, &self.conditions).await?;
+        self.permit = permit(&self.rig_control, self.conditions.spec, &self.reaction);
+        (self.zeroed, self.full_zero_n) = (Instant::now(), self.rig_control.cell.watch.zero().offset_n);
         self.ledger.record(&zero)?;
         match self.standby.take() {
             Some(before) => self.go_back(next, before).await,
@@ -349,13 +350,13 @@ impl Runner<'_> {
         }
     }
 
-    /// Rests in air for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
+    /// Rests without load for this time, and pauses if the operator requests it. The rest continues during a pause and isn't shortened.
     pub(super) async fn rest(&mut self, seconds: f64, next: Place) -> Result<(), Halt> {
         let rested = Instant::now() + Duration::from_secs_f64(seconds);
         loop {
             let rest = rested.duration_since(Instant::now());
             if !rest.is_zero() {
-                self.standby = self.standby.take().map(|standby| Standby { air: None, ..standby });
+                self.standby = self.standby.take().map(|standby| Standby { no_load: None, ..standby });
                 self.listener.rests(rest.as_secs_f64());
                 self.conditions.cancel.sleep(rest).await;
             }

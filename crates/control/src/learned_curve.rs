@@ -73,7 +73,7 @@ impl Sunk {
 
 /// Information from the presses around a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Taught {
+pub struct LearnedCurve {
     shape: CurveShape,
     /// Largest force for which the curve is used, N.
     most_n: f64,
@@ -105,12 +105,12 @@ impl Rises {
 
     /// Returns the information from the presses around a place; `None` if there are too few. `most_n` is the largest force
     /// for which the curve is used, N.
-    pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>, most_n: f64) -> Option<Taught> {
+    pub(crate) fn around(&self, place: Place, shape: Option<CurveShape>, most_n: f64) -> Option<LearnedCurve> {
         let shape = shape.filter(|_| self.all.len() >= PRESSES_LEAST)?;
         let near = self.near(place);
         let softest = near.iter().map(|(_, rise)| rise.softness(shape)).fold(0.0, f64::max);
         let predicted = self.predicted(&near, place, shape);
-        (softest.is_finite() && softest > 0.0).then_some(Taught { shape, most_n, softest, predicted })
+        (softest.is_finite() && softest > 0.0).then_some(LearnedCurve { shape, most_n, softest, predicted })
     }
 
     /// Returns the ratio of the distance to that on the curve that is predicted for a place, and the standard deviation of its
@@ -138,7 +138,7 @@ impl Rises {
     }
 }
 
-impl Taught {
+impl LearnedCurve {
     /// Longest distance that a rise of the force may need at that place, mm.
     pub fn longest_mm(&self, from_n: f64, to_n: f64) -> f64 {
         let on_curve_mm = self.on_curve_mm(from_n, to_n);

@@ -1,12 +1,12 @@
 //! The instruments in use.
 
-use super::outputs_in_air::OutputsInAir;
+use super::no_load_outputs::NoLoadOutputs;
 use super::window::OutputMeans;
 use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
-use palpate_control::{AIR_READINGS, AirReadings, Mean, SafetyRule, Timing, Trip, Watch, check_sound, mean_of};
+use palpate_control::{Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
-use palpate_data::dataset::Air;
+use palpate_data::dataset::NoLoad;
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, sleep_until};
@@ -16,11 +16,11 @@ use std::collections::VecDeque;
 use std::time::Duration;
 use tokio::sync::Notify;
 
-/// Time for which readings in air are kept, s, and largest number of kept readings. The zero may have moved since older readings.
-const AIR_S: f64 = 0.3;
-const AIR_MAX: usize = 4096;
-/// Least time for reading the air, s, so that its mean is almost as good as a window's.
-const AIR_LEAST_S: f64 = 0.05;
+/// Time for which readings without load are kept, s, and largest number of kept readings. The zero may have moved since older readings.
+const NO_LOAD_S: f64 = 0.3;
+const NO_LOAD_MAX: usize = 4096;
+/// Least time of the readings without load, s, so that its mean is almost as good as a window's.
+const NO_LOAD_LEAST_S: f64 = 0.05;
 /// Largest change of an output between two looks of the first descent, in sd of a reading. The other constants allow for a
 /// converter's steps and a slow drift, as fractions of the array's range, or of the output if the range is unknown.
 const OUTPUT_SIGMAS: f64 = 10.0;
@@ -31,29 +31,29 @@ pub(super) const OUTPUT_LOOKS: usize = 3;
 /// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
 const LIGHT_SIGMAS: f64 = 4.0;
-/// Least number of output readings in air, and largest number on the way from place to place. The largest number is that of a
+/// Least number of output readings without load, and largest number on the way from place to place. The largest number is that of a
 /// window.
-const OUTPUTS_IN_AIR: u32 = 10;
+const NO_LOAD_OUTPUTS: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
 /// Instruments in use, which carry out the commands of a press.
-pub(super) struct Hand<'a, S, C, A> {
+pub(super) struct RigControl<'a, S, C, A> {
     pub stage: S,
-    pub cell: Gauge<'a, C>,
+    pub cell: WatchedLoadCell<'a, C>,
     pub array: A,
     pub frame: Frame,
     pub usage: StageUse,
     pub timing: Timing,
     pub truth: GroundTruth,
-    /// Outputs in air; outputs are relative to them.
-    pub air: Vec<f64>,
+    /// Outputs without load; outputs are relative to them.
+    pub no_load: Vec<f64>,
     /// Standard deviation of one reading of each output.
-    air_sigmas: Vec<f64>,
+    no_load_sigmas: Vec<f64>,
     /// Whether the array answers, so that its outputs are watched before there is a zero.
     pub watches_outputs: bool,
     /// Outputs before there is a zero.
-    pub unzeroed: Option<OutputsInAir>,
-    /// Outputs that are being read in air now.
-    pub outputs_in_air: OutputMeans,
+    pub unzeroed: Option<NoLoadOutputs>,
+    /// Outputs that are being read without load now.
+    pub no_load_outputs: OutputMeans,
     /// Position of the indenter: specimen frame, read back.
     pub place: Place,
     pub z_mm: f64,
@@ -64,7 +64,7 @@ pub(super) struct Hand<'a, S, C, A> {
 }
 
 /// Load cell with its watch, read no faster than it converts.
-pub(super) struct Gauge<'a, C> {
+pub(super) struct WatchedLoadCell<'a, C> {
     pub cell: C,
     pub watch: Watch,
     pub cancel: &'a Cancel,
@@ -75,23 +75,23 @@ pub(super) struct Gauge<'a, C> {
     last: Option<Instant>,
     /// Time at which the stage is at rest. No earlier force belongs to a stage at rest.
     pub settled: Instant,
-    air: ForcesInAir,
+    no_load: NoLoadForces,
 }
 
-/// Newest readings of the cell in air, collected as they arrive.
+/// Newest readings of the cell without load, collected as they arrive.
 #[derive(Debug, Default)]
-struct ForcesInAir {
-    /// Whether the current readings are readings in air.
+struct NoLoadForces {
+    /// Whether the current readings are readings without load.
     open: bool,
     /// Times of the readings, and the cell's readings, N.
     readings: VecDeque<(Instant, f64)>,
 }
 
-impl<'a, C: LoadCell> Gauge<'a, C> {
+impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     pub(super) fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
         let now = Instant::now();
-        let air = ForcesInAir::default();
-        Gauge { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, air }
+        let no_load = NoLoadForces::default();
+        WatchedLoadCell { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, no_load }
     }
 
     /// Waits until the cell's next conversion is due.
@@ -141,7 +141,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
 
     /// Returns a reading's force, N from the zero.
     pub(super) fn watched(&mut self, reading: &ForceReading) -> Result<f64, Trip> {
-        let force_n = self.watch.force_n(reading).map_err(|trip| self.in_air(trip))?;
+        let force_n = self.watch.force_n(reading).map_err(|trip| self.without_load(trip))?;
         self.take(reading, force_n);
         Ok(force_n)
     }
@@ -150,13 +150,13 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         (self.shown)(force_n);
         let now = Instant::now();
         self.last = Some(now);
-        self.air.take(now, reading.force_n);
+        self.no_load.take(now, reading.force_n);
     }
 
-    /// Returns the real cause of a broken rule: in air, noise that has grown breaks the other rules first.
-    pub(super) fn in_air(&self, trip: Trip) -> Trip {
-        let (sigma_n, most_n) = (self.air.sigma_n(), self.watch.zero().noise_most_n());
-        let noisy = self.air.open && self.air.count() >= AIR_READINGS && sigma_n > most_n;
+    /// Returns the real cause of a broken rule: without load, noise that has grown breaks the other rules first.
+    pub(super) fn without_load(&self, trip: Trip) -> Trip {
+        let (sigma_n, most_n) = (self.no_load.sigma_n(), self.watch.zero().noise_most_n());
+        let noisy = self.no_load.open && self.no_load.count() >= NO_LOAD_READINGS && sigma_n > most_n;
         match trip.rule {
             SafetyRule::WrongSign | SafetyRule::StillTouching if noisy => {
                 Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N")
@@ -171,7 +171,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         if !matches!(trip.rule, SafetyRule::SurfaceElsewhere | SafetyRule::OutputsMoved) {
             return trip;
         }
-        let mut still = ForcesInAir { open: true, ..ForcesInAir::default() };
+        let mut still = NoLoadForces { open: true, ..NoLoadForces::default() };
         for _ in 0..LIGHT_READINGS {
             let Ok(reading) = self.sound_reading().await else { return trip };
             still.take(Instant::now(), reading.force_n);
@@ -186,36 +186,36 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 
     /// Whether readings count as air.
-    pub(super) fn is_air_open(&self) -> bool {
-        self.air.open
+    pub(super) fn is_no_load_open(&self) -> bool {
+        self.no_load.open
     }
 
     /// Treats the readings from now on as air.
-    pub(super) fn open_air(&mut self) {
-        self.air = ForcesInAir { open: true, ..ForcesInAir::default() };
+    pub(super) fn begin_no_load(&mut self) {
+        self.no_load = NoLoadForces { open: true, ..NoLoadForces::default() };
     }
 
-    /// Returns the newest readings in air, and reads more until there are enough; the stage must be at rest. Later readings are
+    /// Returns the newest readings without load, and reads more until there are enough; the stage must be at rest. Later readings are
     /// no longer air.
-    pub(super) async fn close_air(&mut self) -> Result<AirReadings, Halt> {
-        if !self.air.open {
-            self.open_air();
+    pub(super) async fn end_no_load(&mut self) -> Result<NoLoadReadings, Halt> {
+        if !self.no_load.open {
+            self.begin_no_load();
         }
-        let least_s = self.watch.zero().mean_s(AIR_LEAST_S);
-        while self.air.count() < AIR_READINGS || self.air.span_s() < least_s {
+        let least_s = self.watch.zero().mean_s(NO_LOAD_LEAST_S);
+        while self.no_load.count() < NO_LOAD_READINGS || self.no_load.span_s() < least_s {
             self.due().await?;
             let reading = self.cell.read().await?;
-            let force_n = self.watch.in_air_n(&reading)?;
+            let force_n = self.watch.no_load_n(&reading)?;
             self.take(&reading, force_n);
         }
-        self.air.open = false;
-        let sigma_n = self.air.sigma_n();
-        let newest = self.air.readings.back().map_or(self.began, |(at, _)| *at);
+        self.no_load.open = false;
+        let sigma_n = self.no_load.sigma_n();
+        let newest = self.no_load.readings.back().map_or(self.began, |(at, _)| *at);
         let before = |at: Instant| -(newest - at).as_secs_f64();
-        let readings: Vec<(f64, f64)> = self.air.readings.iter().map(|&(at, n)| (before(at), n)).collect();
+        let readings: Vec<(f64, f64)> = self.no_load.readings.iter().map(|&(at, n)| (before(at), n)).collect();
         let mean =
             mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 0.0, "readings"))?;
-        Ok(AirReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
+        Ok(NoLoadReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
     }
 
     /// Age of the last good reading, s.
@@ -238,10 +238,10 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
         Ok(self.read_for(readings, least_s).await?.value)
     }
 
-    /// Least duration of a mean, independent of its number of readings, s: complete periods of the hum; 0 if there is no hum.
+    /// Least duration of a mean, independent of its number of readings, s: complete periods of the mains interference; 0 if there is no mains interference.
     pub(super) fn whole_s(&self, least_s: f64) -> f64 {
         let zero = self.watch.zero();
-        if zero.hum.is_some() { zero.mean_s(least_s) } else { 0.0 }
+        if zero.mains.is_some() { zero.mean_s(least_s) } else { 0.0 }
     }
 
     /// Returns the mean of at least `readings` readings over at least `seconds` after the first reading. Its middle is in the
@@ -265,7 +265,7 @@ impl<'a, C: LoadCell> Gauge<'a, C> {
     }
 }
 
-impl ForcesInAir {
+impl NoLoadForces {
     fn count(&self) -> u32 {
         self.readings.len() as u32
     }
@@ -286,9 +286,9 @@ impl ForcesInAir {
         if !self.open {
             return;
         }
-        let is_old = |&(at, _): &(Instant, f64)| (now - at).as_secs_f64() > AIR_S;
-        while self.readings.len() >= AIR_MAX
-            || (self.count() > AIR_READINGS && self.readings.front().is_some_and(is_old))
+        let is_old = |&(at, _): &(Instant, f64)| (now - at).as_secs_f64() > NO_LOAD_S;
+        while self.readings.len() >= NO_LOAD_MAX
+            || (self.count() > NO_LOAD_READINGS && self.readings.front().is_some_and(is_old))
         {
             self.readings.pop_front();
         }
@@ -297,12 +297,12 @@ impl ForcesInAir {
 }
 
 /// The hand of a rig. Tests have a hand with other instruments.
-pub(super) type RigHand<'a> = Hand<'a, AnyStage, AdjustedCell, AnyArray>;
+pub(super) type AnyRigControl<'a> = RigControl<'a, AnyStage, AdjustedCell, AnyArray>;
 
-impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
+impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
     /// Creates prepared instruments with a measured zero; the axes are read back.
     pub(super) fn new(
-        instruments: Instruments<S, Gauge<'a, C>, A>,
+        instruments: Instruments<S, WatchedLoadCell<'a, C>, A>,
         frame: Frame,
         usage: StageUse,
         timing: Timing,
@@ -310,10 +310,10 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         claims: Claims,
     ) -> Self {
         let Instruments { stage, load_cell: cell, array } = instruments;
-        let (air, air_sigmas) = (vec![0.0; array.units()], Vec::new());
-        let (place, z_mm, outputs_in_air) = (Place::default(), 0.0, OutputMeans::default());
+        let (no_load, no_load_sigmas) = (vec![0.0; array.units()], Vec::new());
+        let (place, z_mm, no_load_outputs) = (Place::default(), 0.0, OutputMeans::default());
         let pressed = place;
-        Hand {
+        RigControl {
             stage,
             cell,
             array,
@@ -321,11 +321,11 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
             usage,
             timing,
             truth,
-            air,
-            air_sigmas,
+            no_load,
+            no_load_sigmas,
             watches_outputs: false,
             unzeroed: None,
-            outputs_in_air,
+            no_load_outputs,
             place,
             z_mm,
             pressed,
@@ -334,32 +334,32 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
     }
 
     /// Treats the readings from now on as air.
-    pub(super) fn open_air(&mut self) {
-        self.cell.open_air();
-        self.outputs_in_air = OutputMeans::default();
+    pub(super) fn begin_no_load(&mut self) {
+        self.cell.begin_no_load();
+        self.no_load_outputs = OutputMeans::default();
     }
 
-    /// Returns the readings of cell and array in air, and reads more until there are enough; the stage must be at rest.
-    pub(super) async fn close_air(&mut self) -> Result<Air, Halt> {
-        let (gauge, array, means) = (&mut self.cell, &mut self.array, &mut self.outputs_in_air);
+    /// Returns the readings of cell and array without load, and reads more until there are enough; the stage must be at rest.
+    pub(super) async fn end_no_load(&mut self) -> Result<NoLoad, Halt> {
+        let (watched_cell, array, means) = (&mut self.cell, &mut self.array, &mut self.no_load_outputs);
         let over = Notify::new();
         let force = async {
-            let force = gauge.close_air().await;
+            let force = watched_cell.end_no_load().await;
             if force.is_err() {
                 over.notify_one(); // the stage is stopped at once
             }
             force
         };
-        let goes_on = |readings| readings < OUTPUTS_IN_AIR;
+        let goes_on = |readings| readings < NO_LOAD_OUTPUTS;
         let outputs = means.take_while(array, &over, || true, goes_on, |_, _| Ok(()));
         let (force, read) = tokio::join!(force, outputs);
         let force = force?;
         read?;
-        self.air_sigmas = means.sigmas();
-        Ok(Air { force, outputs: std::mem::take(means).means })
+        self.no_load_sigmas = means.sigmas();
+        Ok(NoLoad { force, outputs: std::mem::take(means).means })
     }
 
-    /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs in air. Before the first touch,
+    /// Checks that the outputs still equal the outputs of the last check, `known`, or the outputs without load. Before the first touch,
     /// the outputs are a second witness. A cell that reads zero with plausible noise under any load shows nothing of a contact. A
     /// touch too light to count as contact also moves the outputs; then a mean of the force shows the touch.
     pub(super) async fn check_outputs_rest(&mut self, known: &mut Vec<f64>, array: &ArraySpec) -> Result<(), Halt> {
@@ -367,7 +367,7 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         let mut worst = (0.0, 0.0);
         for _ in 0..OUTPUT_LOOKS {
             self.array.read(&mut now).await?;
-            match moved_beyond(known, &now, &self.air_sigmas, array.range_v) {
+            match moved_beyond(known, &now, &self.no_load_sigmas, array.range_v) {
                 Some(beyond) => worst = beyond,
                 None => {
                     known.clone_from(&now);
@@ -383,15 +383,15 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> Hand<'a, S, C, A> {
         Err(self.cell.at_first_touch(moved).await.into())
     }
 
-    /// Standard deviation of one output over a window, in the array's unit, by the noise in air.
+    /// Standard deviation of one output over a window, in the array's unit, by the noise without load.
     pub(super) fn output_sigma(&self) -> f64 {
-        common(&self.air_sigmas) / f64::from(OUTPUTS_IN_AIR).sqrt()
+        common(&self.no_load_sigmas) / f64::from(NO_LOAD_OUTPUTS).sqrt()
     }
 
     /// Makes forces and outputs relative to this air.
-    pub(super) fn count_from(&mut self, air: &Air) {
-        self.cell.watch.count_from(&air.force);
-        self.air.clone_from(&air.outputs);
+    pub(super) fn count_from(&mut self, no_load: &NoLoad) {
+        self.cell.watch.count_from(&no_load.force);
+        self.no_load.clone_from(&no_load.outputs);
     }
 }
 

@@ -1,18 +1,18 @@
-//! `palpate withdraw`.
+//! `palpate retract`.
 
 use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
 use super::signals::{First, heed};
 use crate::api::Failure;
-use crate::api::run::execute;
-use palpate_run::run::{Withdrawn, withdraw};
+use crate::api::run::block_on;
+use palpate_run::run::{Retracted, retract};
 use serde_json::json;
 use std::process::ExitCode;
 
 const EXAMPLES: &str = "\
 Examples:
-  palpate withdraw rigs/esp301.toml
-  palpate withdraw rigs/esp301.toml --confirmed down
+  palpate retract rigs/esp301.toml
+  palpate retract rigs/esp301.toml --confirmed down
 
 Use this command after the program has crashed. It stops the stage, and moves z to the
 end away from the specimen. x and y don't move. The load cell is read if it answers, and
@@ -21,19 +21,19 @@ a force that increases stops the stage.";
 /// Move z away from the specimen, and do nothing else
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(super) struct WithdrawArgs {
+pub(super) struct RetractArgs {
     #[command(flatten)]
     rig: OneRigArgs,
     #[command(flatten)]
     output: OutputArgs,
 }
 
-/// Withdraws, and prints the position of z.
-pub(super) fn withdraw_rig(args: &WithdrawArgs) -> Result<ExitCode, Failure> {
+/// Retracts, and prints the position of z.
+pub(super) fn retract_rig(args: &RetractArgs) -> Result<ExitCode, Failure> {
     let (_, spec, _) = args.rig.read()?;
     let cancel = heed(First::Stop, Some("stopping"))?;
-    let withdrawn = execute(spec.is_simulated(), withdraw(&spec, args.rig.seed, &cancel))?;
-    let Withdrawn { z_mm, load_cell } = withdrawn.map_err(Failure::halted)?;
+    let retracted = block_on(spec.is_simulated(), retract(&spec, args.rig.seed, &cancel))?;
+    let Retracted { z_mm, load_cell } = retracted.map_err(Failure::halted)?;
     let content = json!({ "z_mm": z_mm, "load_cell_unread": load_cell });
     let read = match load_cell {
         None => "the load cell was read on the way".to_owned(),

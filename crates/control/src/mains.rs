@@ -1,4 +1,4 @@
-//! Mains hum in the load cell's readings: found in air, and removed by means over complete periods.
+//! Mains interference in the load cell's readings: found without load, and removed by means over complete periods.
 
 use palpate_core::quantity::ForceReading;
 use serde::{Deserialize, Serialize};
@@ -7,18 +7,18 @@ use std::f64::consts::TAU;
 /// Possible frequencies of the mains, Hz.
 const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 
-/// Largest probability that noise alone shows an amplitude that counts as hum.
+/// Largest probability that noise alone shows an amplitude that counts as mains interference.
 const FALSE_ODDS: f64 = 1e-6;
 
-/// Least ratio of the hum to the noise of one reading. A smaller hum doesn't change a mean of several readings, so it isn't
+/// Least ratio of the mains interference to the noise of one reading. A smaller mains interference doesn't change a mean of several readings, so it isn't
 /// removed.
 const SHARE_LEAST: f64 = 0.15;
 
 /// Possible error of the mains frequency, as a fraction of the frequency. A mean over complete periods leaves this fraction of
-/// the hum.
+/// the mains interference.
 const MAINS_OFF_SHARE: f64 = 0.01;
 
-/// Number of conversions in a period from which a mean over one period removes the hum, even if a period isn't a whole number of
+/// Number of conversions in a period from which a mean over one period removes the mains interference, even if a period isn't a whole number of
 /// conversions.
 const DENSE: f64 = 8.0;
 
@@ -27,25 +27,25 @@ const DENSE: f64 = 8.0;
 const PERIODS_MAX: u32 = 10;
 const EVEN: f64 = 0.1;
 
-/// Mains hum in the load cell's readings.
+/// Mains interference in the load cell's readings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Hum {
-    /// Amplitude of the hum, N.
+pub struct MainsInterference {
+    /// Amplitude of the mains interference, N.
     pub amplitude_n: f64,
-    /// Frequency of the hum, Hz: that of the mains.
+    /// Frequency of the mains interference, Hz: that of the mains.
     pub hz: f64,
-    /// Time, s, over which a mean removes the hum; multiples of this time remove the hum too. `None` if the cell converts too
+    /// Time, s, over which a mean removes the mains interference; multiples of this time remove the mains interference too. `None` if the cell converts too
     /// slowly for that.
     pub whole_s: Option<f64>,
 }
 
-impl Hum {
-    /// Finds the hum in some readings in air, if there is any. Conversions are `conversion_s` apart.
-    pub fn find(readings: &[ForceReading], conversion_s: f64) -> Option<Hum> {
+impl MainsInterference {
+    /// Finds the mains interference in some readings without load, if there is any. Conversions are `conversion_s` apart.
+    pub fn find(readings: &[ForceReading], conversion_s: f64) -> Option<MainsInterference> {
         let levelled = levelled(readings);
         let n = levelled.len() as f64;
         let variance = levelled.iter().map(|(_, force_n)| force_n * force_n).sum::<f64>() / n;
-        // conversions that are a whole number of periods apart all see the hum at the same moment of its turn
+        // conversions that are a whole number of periods apart all see the mains interference at the same moment of its turn
         let shows = |hz: &f64| ((hz * conversion_s).round() - hz * conversion_s).abs() > 0.02;
         let found = MAINS_HZ.into_iter().filter(shows).map(|hz| (amplitude(&levelled, hz), hz));
         let (amplitude_n, hz) = found.max_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -53,10 +53,10 @@ impl Hum {
         let noise = (variance - amplitude_n * amplitude_n / 2.0).max(0.0);
         let by_chance_n = (-4.0 * noise * FALSE_ODDS.ln() / n).sqrt();
         let counts = amplitude_n > by_chance_n.max(SHARE_LEAST * noise.sqrt()) && n >= 20.0;
-        counts.then(|| Hum { amplitude_n, hz, whole_s: whole_s(hz, conversion_s) })
+        counts.then(|| MainsInterference { amplitude_n, hz, whole_s: whole_s(hz, conversion_s) })
     }
 
-    /// Returns the part of the hum that remains in a mean over `seconds`, standard deviation, N. For complete periods, this part
+    /// Returns the part of the mains interference that remains in a mean over `seconds`, standard deviation, N. For complete periods, this part
     /// comes from the error of the mains frequency.
     pub fn left_n(&self, seconds: f64) -> f64 {
         let left = match self.whole_s {
@@ -72,7 +72,7 @@ impl Hum {
     }
 }
 
-/// Shortest time over which a mean removes the hum completely, s.
+/// Shortest time over which a mean removes the mains interference completely, s.
 fn whole_s(hz: f64, conversion_s: f64) -> Option<f64> {
     let a_period = 1.0 / (hz * conversion_s);
     if a_period >= DENSE {
@@ -109,7 +109,7 @@ mod tests {
     use rand::distr::Distribution;
     use rand_distr::StandardNormal;
 
-    /// Half a second of readings with 3 mN of noise, a drift, and a hum.
+    /// Half a second of readings with 3 mN of noise, a drift, and mains interference.
     fn readings(conversions_hz: f64, hum_n: f64, hum_hz: f64, seed: u64) -> Vec<ForceReading> {
         let mut rng = stream(seed, 0, "hum");
         let reading = |i: usize| {
@@ -124,11 +124,13 @@ mod tests {
     #[test]
     fn hum_is_found_with_its_frequency_and_noise_is_not_taken_for_it() {
         for (conversions_hz, hum_hz, mains_hz) in [(1000.0, 49.8, 50.0), (1000.0, 60.1, 60.0), (240.0, 50.2, 50.0)] {
-            let hum = Hum::find(&readings(conversions_hz, 0.01, hum_hz, 1), 1.0 / conversions_hz).unwrap();
-            assert_eq!(hum.hz, mains_hz);
-            assert!((hum.amplitude_n - 0.01).abs() < 0.001, "{hum:?}");
+            let mains =
+                MainsInterference::find(&readings(conversions_hz, 0.01, hum_hz, 1), 1.0 / conversions_hz).unwrap();
+            assert_eq!(mains.hz, mains_hz);
+            assert!((mains.amplitude_n - 0.01).abs() < 0.001, "{mains:?}");
         }
-        let false_alarms = (0..2000).filter(|&seed| Hum::find(&readings(1000.0, 0.0, 50.0, seed), 0.001).is_some());
+        let false_alarms =
+            (0..2000).filter(|&seed| MainsInterference::find(&readings(1000.0, 0.0, 50.0, seed), 0.001).is_some());
         assert_eq!(false_alarms.count(), 0);
     }
 
@@ -141,14 +143,14 @@ mod tests {
             assert!((sum / count as f64).abs() < 0.05, "{conversions_hz} Hz, {count}: {}", sum / count as f64);
         }
         assert_eq!(whole_s(50.0, 0.02), Some(0.04), "it can't be seen there, and find says so");
-        assert_eq!(Hum::find(&readings(50.0, 0.01, 50.0, 1), 0.02), None);
+        assert_eq!(MainsInterference::find(&readings(50.0, 0.01, 50.0, 1), 0.02), None);
     }
 
     #[test]
     fn times_are_rounded_up_to_whole_periods() {
-        let hum = Hum { amplitude_n: 0.01, hz: 50.0, whole_s: Some(0.02) };
-        let whole = [0.001, 0.02, 0.021, 0.1].map(|least_s| hum.whole_s(least_s));
+        let mains = MainsInterference { amplitude_n: 0.01, hz: 50.0, whole_s: Some(0.02) };
+        let whole = [0.001, 0.02, 0.021, 0.1].map(|least_s| mains.whole_s(least_s));
         assert!(whole.iter().zip([0.02, 0.02, 0.04, 0.1]).all(|(a, b)| (a - b).abs() < 1e-12), "{whole:?}");
-        assert_eq!(Hum { whole_s: None, ..hum }.whole_s(0.03), 0.03);
+        assert_eq!(MainsInterference { whole_s: None, ..mains }.whole_s(0.03), 0.03);
     }
 }

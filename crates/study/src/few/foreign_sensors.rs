@@ -13,7 +13,7 @@ use serde::Serialize;
 /// Kinds of sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Stranger {
+pub enum ForeignSensor {
     /// A sensor of the design.
     Good,
     /// The layer is 30 % thicker.
@@ -36,13 +36,13 @@ pub enum Stranger {
 
 /// Result of one kind of sensors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct StrangerRow {
+pub struct ForeignSensorRow {
     /// Name of the study.
     pub study: &'static str,
     /// Letter of the noise.
     pub scene: &'static str,
     /// Kind of the sensors.
-    pub kind: Stranger,
+    pub kind: ForeignSensor,
     /// Number of presses.
     pub presses: usize,
     /// Number of sensors.
@@ -55,34 +55,34 @@ pub struct StrangerRow {
     pub typical: usize,
 }
 
-impl Stranger {
+impl ForeignSensor {
     /// All kinds, good sensors first.
-    pub const ALL: [Stranger; 11] = [
-        Stranger::Good,
-        Stranger::ThickerLayer,
-        Stranger::ThinnerLayer,
-        Stranger::DeadUnit,
-        Stranger::WeakUnit,
-        Stranger::AllGains,
-        Stranger::Rotated(3.0),
-        Stranger::Rotated(10.0),
-        Stranger::Rotated(180.0),
-        Stranger::Mirrored,
-        Stranger::Swapped,
+    pub const ALL: [ForeignSensor; 11] = [
+        ForeignSensor::Good,
+        ForeignSensor::ThickerLayer,
+        ForeignSensor::ThinnerLayer,
+        ForeignSensor::DeadUnit,
+        ForeignSensor::WeakUnit,
+        ForeignSensor::AllGains,
+        ForeignSensor::Rotated(3.0),
+        ForeignSensor::Rotated(10.0),
+        ForeignSensor::Rotated(180.0),
+        ForeignSensor::Mirrored,
+        ForeignSensor::Swapped,
     ];
 
     /// Returns the name for people.
     pub fn text(self) -> String {
         match self {
-            Stranger::Good => "good sensors".to_owned(),
-            Stranger::ThickerLayer => "layer 30 % thicker".to_owned(),
-            Stranger::ThinnerLayer => "layer 30 % thinner".to_owned(),
-            Stranger::DeadUnit => "a dead unit".to_owned(),
-            Stranger::WeakUnit => "one unit x 0.3".to_owned(),
-            Stranger::AllGains => "all gains x 3".to_owned(),
-            Stranger::Rotated(deg) => format!("rotated by {deg} degrees"),
-            Stranger::Mirrored => "mirrored".to_owned(),
-            Stranger::Swapped => "two channels swapped".to_owned(),
+            ForeignSensor::Good => "good sensors".to_owned(),
+            ForeignSensor::ThickerLayer => "layer 30 % thicker".to_owned(),
+            ForeignSensor::ThinnerLayer => "layer 30 % thinner".to_owned(),
+            ForeignSensor::DeadUnit => "a dead unit".to_owned(),
+            ForeignSensor::WeakUnit => "one unit x 0.3".to_owned(),
+            ForeignSensor::AllGains => "all gains x 3".to_owned(),
+            ForeignSensor::Rotated(deg) => format!("rotated by {deg} degrees"),
+            ForeignSensor::Mirrored => "mirrored".to_owned(),
+            ForeignSensor::Swapped => "two channels swapped".to_owned(),
         }
     }
 
@@ -104,22 +104,22 @@ impl Stranger {
             readings
         };
         match self {
-            Stranger::Good => read(design, touches),
-            Stranger::ThickerLayer => read(&design.with_layer(1.3), touches),
-            Stranger::ThinnerLayer => read(&design.with_layer(0.7), touches),
-            Stranger::DeadUnit => faulty(TaxelFaultKind::Dead),
-            Stranger::WeakUnit => faulty(TaxelFaultKind::Drifted(-70.0)),
-            Stranger::AllGains => {
+            ForeignSensor::Good => read(design, touches),
+            ForeignSensor::ThickerLayer => read(&design.with_layer(1.3), touches),
+            ForeignSensor::ThinnerLayer => read(&design.with_layer(0.7), touches),
+            ForeignSensor::DeadUnit => faulty(TaxelFaultKind::Dead),
+            ForeignSensor::WeakUnit => faulty(TaxelFaultKind::Drifted(-70.0)),
+            ForeignSensor::AllGains => {
                 let mut readings = read(design, touches);
                 readings.outputs.iter_mut().for_each(|output| *output *= 3.0);
                 readings
             }
-            Stranger::Rotated(deg) => {
+            ForeignSensor::Rotated(deg) => {
                 let (sin, cos) = deg.to_radians().sin_cos();
                 seen(&|at| Place::new(cos * at.x_mm + sin * at.y_mm, cos * at.y_mm - sin * at.x_mm))
             }
-            Stranger::Mirrored => seen(&|at| Place::new(-at.x_mm, at.y_mm)),
-            Stranger::Swapped => {
+            ForeignSensor::Mirrored => seen(&|at| Place::new(-at.x_mm, at.y_mm)),
+            ForeignSensor::Swapped => {
                 let other = (unit + 1 + rng.random_range(0..units - 1)) % units;
                 let mut readings = read(design, touches);
                 readings.outputs.chunks_exact_mut(units).for_each(|row| row.swap(unit, other));
@@ -133,18 +133,18 @@ impl Stranger {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn strangers(size: FewSize, text: OnProgress<'_>) -> Result<Vec<StrangerRow>, StudyError> {
+pub fn foreign_sensors(size: FewSize, text: OnProgress<'_>) -> Result<Vec<ForeignSensorRow>, StudyError> {
     let touches = cells(3, 3);
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
         let design = SensorDesign::papers(noise);
         let prior = design.prior()?;
-        for kind in Stranger::ALL {
-            let sensors = if kind == Stranger::Good { size.good } else { size.strangers };
+        for kind in ForeignSensor::ALL {
+            let sensors = if kind == ForeignSensor::Good { size.good } else { size.foreign_sensors };
             let seeds: Vec<u64> = (0..sensors as u64).map(|sensor| GOOD_SEEDS + sensor).collect();
             let found = carried_out(&seeds, text, |&seed| checked(&prior, &kind.read(&design, seed, &touches)))?;
             let count = |is: fn(&Belongs) -> bool| found.iter().filter(|found| is(found)).count();
-            rows.push(StrangerRow {
+            rows.push(ForeignSensorRow {
                 study: "strangers",
                 scene: noise.name(),
                 kind,

@@ -2,7 +2,7 @@
 
 /// Mechanical play of an axis, and the position of the indenter in it.
 #[derive(Clone)]
-pub(super) struct Play {
+pub(super) struct Backlash {
     half_mm: f64,
     /// Position of the indenter minus the controller's position, mm.
     offset_mm: f64,
@@ -11,10 +11,10 @@ pub(super) struct Play {
 /// Position, speed and acceleration: mm, mm/s, mm/s^2.
 type Kinematics = (f64, f64, f64);
 
-impl Play {
+impl Backlash {
     /// Creates a play with this total size, mm; `None` if the size is zero.
-    pub(super) fn new(backlash_mm: f64) -> Option<Play> {
-        (backlash_mm > 0.0).then_some(Play { half_mm: backlash_mm / 2.0, offset_mm: 0.0 })
+    pub(super) fn new(backlash_mm: f64) -> Option<Backlash> {
+        (backlash_mm > 0.0).then_some(Backlash { half_mm: backlash_mm / 2.0, offset_mm: 0.0 })
     }
 
     /// Time after which an axis in this state has taken up the play, s from now; infinite if the play is already taken up or the
@@ -62,19 +62,19 @@ mod tests {
 
     #[test]
     fn the_indenter_waits_for_the_play_each_time_the_axis_turns() {
-        let mut play = Play::new(0.004).unwrap();
-        let run = |play: &mut Play, from_mm: f64, speed: f64| {
-            let engages_s = play.engages_in_s((from_mm, speed, 0.0));
+        let mut backlash = Backlash::new(0.004).unwrap();
+        let run = |backlash: &mut Backlash, from_mm: f64, speed: f64| {
+            let engages_s = backlash.engages_in_s((from_mm, speed, 0.0));
             let first_s = engages_s.min(0.01);
-            play.follow((from_mm, speed, 0.0), first_s);
-            let then = play.follow((from_mm + first_s * speed, speed, 0.0), 0.01 - first_s);
+            backlash.follow((from_mm, speed, 0.0), first_s);
+            let then = backlash.follow((from_mm + first_s * speed, speed, 0.0), 0.01 - first_s);
             (engages_s, then.0 + then.1 * (0.01 - first_s))
         };
-        let (engages_s, at_mm) = run(&mut play, 0.0, 1.0);
+        let (engages_s, at_mm) = run(&mut backlash, 0.0, 1.0);
         assert!((engages_s - 0.002).abs() < 1e-12 && (at_mm - 0.008).abs() < 1e-12, "{engages_s} {at_mm}");
-        let (engages_s, at_mm) = run(&mut play, 0.010, 1.0);
+        let (engages_s, at_mm) = run(&mut backlash, 0.010, 1.0);
         assert!(engages_s.is_infinite() && (at_mm - 0.018).abs() < 1e-12, "{engages_s} {at_mm}");
-        let (engages_s, at_mm) = run(&mut play, 0.020, -1.0);
+        let (engages_s, at_mm) = run(&mut backlash, 0.020, -1.0);
         assert!((engages_s - 0.004).abs() < 1e-12 && (at_mm - 0.012).abs() < 1e-12, "{engages_s} {at_mm}");
     }
 }

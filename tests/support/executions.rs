@@ -10,7 +10,7 @@ use palpate_link::device::Identity;
 pub use palpate_link::time::run_virtually;
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::{self, RigSpec, SimulatedRig};
-use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, walk_on};
+use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute_on};
 use palpate_sim::emulator::{Instrument, Owed, Shared};
 use palpate_sim::scene::{Scene, SceneDevice, Truth};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -69,7 +69,7 @@ pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
 }
 
 /// How a walk went.
-pub struct Walked {
+pub struct Executed {
     pub ending: Ending,
     pub ledger: Memory,
     /// The worst that happened, until everything was at rest again.
@@ -127,8 +127,8 @@ impl Listener for Silent {
 pub type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
 
 /// Walks a plan.
-pub fn walked(spec: &RigSpec, plan: &Plan) -> Walked {
-    walked_with(spec, plan, Deaths::Ignored, &|_| {})
+pub fn executed(spec: &RigSpec, plan: &Plan) -> Executed {
+    executed_with(spec, plan, Deaths::Ignored, &|_| {})
 }
 
 /// Whether it is asked after every message what would come of it if it were the last.
@@ -139,7 +139,7 @@ pub enum Deaths {
 }
 
 /// Walks a plan on a rig that was tampered with.
-pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Walked {
+pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Executed {
     run_virtually(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
@@ -151,7 +151,7 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
         let mut listener = Silent { began, ready_s: 0.0 };
-        let ending = timeout(FOR_EVER, walk_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
+        let ending = timeout(FOR_EVER, execute_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
         sleep(AFTERWARDS).await; // what was told and came late is done by then
         let now_s = began.elapsed().as_secs_f64();
@@ -160,7 +160,7 @@ pub fn walked_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) 
         let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
         eye.seen.truth.take(at_rest);
         let Seen { truth, orphaned, messages } = eye.seen;
-        Walked {
+        Executed {
             ending,
             ledger,
             truth,

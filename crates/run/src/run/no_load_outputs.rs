@@ -1,7 +1,7 @@
-//! The outputs while the stage moves in air. They show a contact that a dead load cell doesn't show.
+//! The outputs while the stage moves without load. They show a contact that a dead load cell doesn't show.
 
 use super::Halt;
-use super::hand::{OUTPUT_LOOKS, moved_beyond};
+use super::rig_control::{OUTPUT_LOOKS, moved_beyond};
 use super::window::OutputMeans;
 use crate::rig::ArraySpec;
 use palpate_control::{SafetyRule, Trip};
@@ -17,11 +17,11 @@ const READINGS: u32 = 20;
 /// Distance that the stage moves between two looks at the outputs, mm. Three looks must show a contact within 0.5 mm.
 const LOOK_EVERY_MM: f64 = 0.1;
 /// Age from which a look replaces the outputs that count as air. Outputs drift.
-const AIR_FRESH: Duration = Duration::from_secs(1);
+const NO_LOAD_FRESH: Duration = Duration::from_secs(1);
 
 /// Outputs of a stage that has not touched anything since they were read.
 #[derive(Clone, Debug)]
-pub(super) struct OutputsInAir {
+pub(super) struct NoLoadOutputs {
     known: Vec<f64>,
     sigmas: Vec<f64>,
     known_at: Instant,
@@ -29,13 +29,13 @@ pub(super) struct OutputsInAir {
     unit: String,
 }
 
-impl OutputsInAir {
+impl NoLoadOutputs {
     /// Reads the outputs of a stage at rest.
     pub(super) async fn read<A: SensorArray>(array: &mut A, spec: &ArraySpec) -> Result<Self, Halt> {
         let mut means = OutputMeans::default();
         means.take_while(array, &Notify::new(), || true, |readings| readings < READINGS, |_, _| Ok(())).await?;
         let sigmas = means.sigmas();
-        Ok(OutputsInAir {
+        Ok(NoLoadOutputs {
             known: means.means,
             sigmas,
             known_at: Instant::now(),
@@ -73,7 +73,7 @@ impl OutputsInAir {
                 }
                 None => {
                     looks = 0;
-                    if self.known_at.elapsed() > AIR_FRESH {
+                    if self.known_at.elapsed() > NO_LOAD_FRESH {
                         self.renew(&now);
                     }
                 }
