@@ -16,11 +16,11 @@ const RECIPES: [(&str, &str); 2] = [
     ("recipes/calibrate.toml", include_str!("../recipes/calibrate.toml")),
 ];
 
-struct Silent;
+struct SilentBench;
 
-impl Listener for Silent {}
+impl Listener for SilentBench {}
 
-struct Cost {
+struct PaperBenchCost {
     wall: Duration,
     cpu: Duration,
     virtual_s: f64,
@@ -29,9 +29,9 @@ struct Cost {
 
 fn main() {
     for (file, text) in RECIPES {
-        let mut costs: Vec<Cost> = (1..=RUNS).map(|seed| run(file, text, seed)).collect();
+        let mut costs: Vec<PaperBenchCost> = (1..=RUNS).map(|seed| run(file, text, seed)).collect();
         costs.sort_by_key(|cost| cost.wall);
-        let Cost { wall, cpu, virtual_s, presses } = &costs[costs.len() / 2];
+        let PaperBenchCost { wall, cpu, virtual_s, presses } = &costs[costs.len() / 2];
         println!(
             "{file}: {:.2} s wall ({:.2} to {:.2}), {:.2} s CPU, {virtual_s:.0} s of virtual time, {presses} presses: \
              {:.2} ms CPU a press",
@@ -49,7 +49,7 @@ fn main() {
 }
 
 /// One whole run, from the texts to the last table.
-fn run(file: &str, text: &str, seed: u64) -> Cost {
+fn run(file: &str, text: &str, seed: u64) -> PaperBenchCost {
     let parent = tempfile::tempdir().expect("a folder for the run");
     let (began, cpu_began) = (Instant::now(), ProcessTime::now());
     let recipe = recipe::parse(file, text).expect("the shipped recipe");
@@ -64,10 +64,10 @@ fn run(file: &str, text: &str, seed: u64) -> Cost {
         tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().expect("a runtime");
     let cancel = Cancel::default();
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(execute(job, &mut Silent));
+    let ending = runtime.block_on(execute(job, &mut SilentBench));
     assert!(ending.status() == Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).expect("the tables");
-    Cost {
+    PaperBenchCost {
         wall: began.elapsed(),
         cpu: cpu_began.elapsed(),
         virtual_s: folder.manifest().virtual_s,

@@ -5,9 +5,9 @@ use palpate_run::run::Listener;
 use palpate_solver::Session;
 
 /// Prints each press when it is on disk.
-struct Printed;
+struct PrintPresses;
 
-impl Listener for Printed {
+impl Listener for PrintPresses {
     fn recorded(&mut self, contact: &palpate_data::dataset::RecordedContact) {
         let press = &contact.levels[0];
         println!("press {}: {:.2}, {:.2} mm", press.press, press.x_mm, press.y_mm);
@@ -17,7 +17,7 @@ impl Listener for Printed {
 fn main() -> Result<(), Failure> {
     let folder = std::env::temp_dir().join(format!("palpate-example-{}", std::process::id()));
     let options = RunOptions { recipe: "data/example/short.toml".into(), out: Some(folder), ..RunOptions::default() };
-    let (run, _) = api::run(&options, &mut Printed)?;
+    let (run, _) = api::run(&options, &mut PrintPresses)?;
     let method = MethodOptions { solver: "surrogate".to_owned(), ..MethodOptions::default() };
     let sensor = api::fit(&run, &method, &|line| eprintln!("{line}"))?;
     let reading = [0.534, 0.102, 0.021, 0.381, 0.088, 0.021, 0.046, 0.055, 0.027];

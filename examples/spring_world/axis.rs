@@ -8,7 +8,7 @@ const SLOWEST_MM_S: f64 = 0.05;
 const NEARLY_RESTS: f64 = 4.0;
 
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Axis {
+pub(crate) struct WorldAxis {
     pub(crate) at_mm: f64,
     target_mm: f64,
     /// Where it goes after the target.
@@ -27,9 +27,9 @@ pub(crate) struct Law {
     pub(crate) brakes_softer: f64,
 }
 
-impl Axis {
-    pub(crate) fn at(at_mm: f64) -> Axis {
-        Axis { at_mm, target_mm: at_mm, ..Axis::default() }
+impl WorldAxis {
+    pub(crate) fn at(at_mm: f64) -> WorldAxis {
+        WorldAxis { at_mm, target_mm: at_mm, ..WorldAxis::default() }
     }
 
     pub(crate) fn start(&mut self, target_mm: f64, then_mm: Option<f64>, speed_mm_s: f64) {

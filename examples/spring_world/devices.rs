@@ -1,6 +1,6 @@
 //! The three devices: requests in, answers out, over connections on loopback. A client copies them from and to palpate.
 
-use crate::world::{Command, World};
+use crate::world::{World, WorldCommand};
 use std::io::{self, BufRead, BufReader, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,17 +16,17 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// What is answered later than at once is written by a thread of its own.
 type Writer = Arc<Mutex<TcpStream>>;
 
-pub(crate) type Shared = Arc<Mutex<World>>;
+pub(crate) type WorldShared = Arc<Mutex<World>>;
 
 /// The world, moved up to now.
-pub(crate) fn now(world: &Shared) -> MutexGuard<'_, World> {
+pub(crate) fn now(world: &WorldShared) -> MutexGuard<'_, World> {
     let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
     world.advance();
     world
 }
 
 /// Serves every client that connects, until the program ends.
-pub(crate) fn serve(world: &Shared) -> io::Result<u16> {
+pub(crate) fn serve(world: &WorldShared) -> io::Result<u16> {
     let listener = TcpListener::bind(("127.0.0.1", 0))?;
     let port = listener.local_addr()?.port();
     let world = world.clone();
@@ -58,7 +58,7 @@ pub(crate) fn client(role: &str, port: u16) -> io::Result<()> {
     answers.lines().try_for_each(|line| writeln!(said, "{}", line?))
 }
 
-fn attend(world: &Shared, stream: TcpStream) -> Option<()> {
+fn attend(world: &WorldShared, stream: TcpStream) -> Option<()> {
     stream.set_nodelay(true).ok()?;
     let writer: Writer = Arc::new(Mutex::new(stream.try_clone().ok()?));
     let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
@@ -73,7 +73,7 @@ fn attend(world: &Shared, stream: TcpStream) -> Option<()> {
 }
 
 /// Acts on a request and answers; none if the device has ended.
-fn answer(world: &Shared, writer: &Writer, role: &str, line: &str) -> Option<()> {
+fn answer(world: &WorldShared, writer: &Writer, role: &str, line: &str) -> Option<()> {
     let class = if role == "load_cell" { "cell" } else { role };
     let mut state = now(world);
     if state.fault(&format!("{class}-dead")).is_some() {
@@ -86,11 +86,11 @@ fn answer(world: &Shared, writer: &Writer, role: &str, line: &str) -> Option<()>
             format!("\"role\": \"{role}\", \"protocol\": 1, \"identity\": \"spring world\"{units}")
         }
         Some("stop") => {
-            state.command(Command::Stop);
+            state.command(WorldCommand::Stop);
             return Some(());
         }
         Some("speed") => {
-            state.command(Command::Speed(number(line, "speed_mm_s")?));
+            state.command(WorldCommand::Speed(number(line, "speed_mm_s")?));
             return Some(());
         }
         Some("status") => {
@@ -105,7 +105,7 @@ fn answer(world: &Shared, writer: &Writer, role: &str, line: &str) -> Option<()>
             let travel_mm = ["x", "y", "z"].map(|axis| range(line, axis).unwrap_or([0.0, 0.0]));
             state.prepare(travel_mm, number(line, "acceleration_mm_s2").unwrap_or(100.0));
             let home_mm_s = number(line, "home_speed_mm_s").unwrap_or(1.0);
-            state.command(Command::Move { to_mm: [None, None, Some(travel_mm[2][1])], speed_mm_s: home_mm_s });
+            state.command(WorldCommand::Move { to_mm: [None, None, Some(travel_mm[2][1])], speed_mm_s: home_mm_s });
             drop(state);
             let (world, writer) = (world.clone(), writer.clone());
             thread::spawn(move || {
@@ -172,7 +172,7 @@ fn moved(state: &mut World, line: &str) -> String {
     let beyond = |axis: usize| to_mm[axis].is_some_and(|mm| mm < travel_mm[axis][0] || mm > travel_mm[axis][1]);
     match number(line, "speed_mm_s") {
         Some(speed_mm_s) if !(0..3).any(beyond) => {
-            state.command(Command::Move { to_mm, speed_mm_s });
+            state.command(WorldCommand::Move { to_mm, speed_mm_s });
             String::new()
         }
         _ => "\"error\": \"beyond the travel\"".to_owned(),

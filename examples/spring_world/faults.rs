@@ -6,7 +6,7 @@
 
 /// A kind of fault: its name, its parameter with a default, values for a campaign, and what it does.
 #[derive(Debug)]
-pub(crate) struct Kind {
+pub(crate) struct WorldKind {
     pub(crate) name: &'static str,
     pub(crate) parameter: &'static str,
     pub(crate) default: f64,
@@ -20,12 +20,12 @@ const fn kind(
     default: f64,
     tried: &'static [f64],
     meaning: &'static str,
-) -> Kind {
-    Kind { name, parameter, default, tried, meaning }
+) -> WorldKind {
+    WorldKind { name, parameter, default, tried, meaning }
 }
 
 /// Every kind. The word before the first hyphen is its class.
-pub(crate) const KINDS: [Kind; 95] = [
+pub(crate) const KINDS: [WorldKind; 95] = [
     kind("stage-lost", "count", 1.0, &[1.0, 3.0], "answers are lost"),
     kind("stage-late", "s", 0.3, &[0.1, 0.3, 1.0, 2.5], "every answer is late"),
     kind("stage-twice", "n", 1.0, &[], "every answer comes twice"),
@@ -139,7 +139,7 @@ pub(crate) struct Fault {
 }
 
 /// What a trigger looks at.
-pub(crate) struct Moment {
+pub(crate) struct WorldMoment {
     pub(crate) now_s: f64,
     pub(crate) press: u32,
     pub(crate) force_n: f64,
@@ -185,7 +185,7 @@ impl Fault {
     }
 
     /// Begins it if its moment has come; returns whether it began now.
-    pub(crate) fn look(&mut self, moment: &Moment) -> bool {
+    pub(crate) fn look(&mut self, moment: &WorldMoment) -> bool {
         let due = self.fired_s.is_none()
             && moment.press >= self.at_press
             && moment.now_s >= self.at_s

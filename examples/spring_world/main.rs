@@ -17,7 +17,7 @@ mod sensors;
 mod setting;
 mod world;
 
-use setting::{STRATEGIES, Setting};
+use setting::{STRATEGIES, WorldSetting};
 use std::env;
 use std::process::ExitCode;
 
@@ -54,7 +54,7 @@ fn kinds() {
     }
 }
 
-fn task(words: &[String]) -> Result<run::Task, String> {
+fn task(words: &[String]) -> Result<run::WorldTask, String> {
     let option = |name: &str| words.iter().position(|word| word == name).and_then(|at| words.get(at + 1));
     let seed = option("--seed").map_or(Ok(1), |seed| seed.parse()).map_err(|_| "--seed takes a whole number")?;
     let share = option("--stiffness").map(|share| share.parse()).transpose();
@@ -63,12 +63,12 @@ fn task(words: &[String]) -> Result<run::Task, String> {
     let presses = presses.map_err(|_| "--presses takes a whole number")?;
     let named = |name: &String| STRATEGIES.into_iter().find(|strategy| strategy == name).ok_or("an unknown strategy");
     let strategy = option("--strategy").map(named).transpose()?;
-    Ok(run::Task {
+    Ok(run::WorldTask {
         palpate: option("--palpate").ok_or("--palpate names the program")?.into(),
         fault: option("--fault").map_or("none", String::as_str).to_owned(),
         seed,
         share,
         keep: option("--keep").map(Into::into),
-        setting: Setting::new(seed, share, strategy, presses),
+        setting: WorldSetting::new(seed, share, strategy, presses),
     })
 }

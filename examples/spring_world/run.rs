@@ -1,8 +1,8 @@
 //! One run of palpate in a world: rig and recipe, the program, signals to it, and what came of it as a line of JSON.
 
-use crate::devices::{self, Shared, now};
+use crate::devices::{self, WorldShared, now};
 use crate::faults::Fault;
-use crate::setting::{Setting, TOLERANCE_N};
+use crate::setting::{TOLERANCE_N, WorldSetting};
 use crate::world::World;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -31,18 +31,18 @@ const ROW_NOISE_N: f64 = 0.01;
 const HERE_MM: f64 = 0.02;
 const READS: usize = 3;
 
-pub(crate) struct Task {
+pub(crate) struct WorldTask {
     pub(crate) palpate: PathBuf,
     pub(crate) fault: String,
     pub(crate) seed: u64,
     /// True stiffness as a share of the declared one, where it was given.
     pub(crate) share: Option<f64>,
     pub(crate) keep: Option<PathBuf>,
-    pub(crate) setting: Setting,
+    pub(crate) setting: WorldSetting,
 }
 
 /// Carries a run out; returns the line that describes it.
-pub(crate) fn carry_out(task: Task) -> Result<String, String> {
+pub(crate) fn carry_out(task: WorldTask) -> Result<String, String> {
     let faults = Fault::parse_all(&task.fault)?;
     let folder = task
         .keep
@@ -57,11 +57,11 @@ pub(crate) fn carry_out(task: Task) -> Result<String, String> {
     text
 }
 
-fn made_in(task: &Task, faults: Vec<Fault>, folder: &Path) -> io::Result<String> {
+fn made_in(task: &WorldTask, faults: Vec<Fault>, folder: &Path) -> io::Result<String> {
     fs::create_dir_all(folder)?;
     let (recipe, description) = (task.setting.recipe(), describe(&task.setting));
     let world = World::new(task.setting.clone(), faults, task.seed);
-    let world: Shared = Arc::new(Mutex::new(world));
+    let world: WorldShared = Arc::new(Mutex::new(world));
     let port = devices::serve(&world)?;
     let this = std::env::current_exe()?;
     let command = |role: &str| format!("[{:?}, {role:?}, \"{port}\"]", this.display().to_string());
@@ -89,12 +89,12 @@ fn made_in(task: &Task, faults: Vec<Fault>, folder: &Path) -> io::Result<String>
     fs::write(folder.join("force-each-5-ms.txt"), trace)?;
     let rows = fs::read_to_string(folder.join("run/presses.csv")).unwrap_or_default();
     let (rows, wrong, worst_n) = compare(&rows, &state.seen.reads);
-    let line = Line { task, code, took, words: &words, rows, wrong, worst_n, description };
+    let line = WorldLine { task, code, took, words: &words, rows, wrong, worst_n, description };
     Ok(line.json(&state))
 }
 
 /// Waits for the end of the program, and sends it the signals of the faults that begin.
-fn attend(world: &Shared, mut child: Child) -> io::Result<(String, Duration)> {
+fn attend(world: &WorldShared, mut child: Child) -> io::Result<(String, Duration)> {
     let began = Instant::now();
     let mut resume_at = None;
     loop {
@@ -169,7 +169,7 @@ fn compare(table: &str, reads: &[[f64; 3]]) -> (usize, usize, f64) {
     (pressed.len(), wrong, worst_n)
 }
 
-fn describe(setting: &Setting) -> String {
+fn describe(setting: &WorldSetting) -> String {
     format!(
         "{} k={:.2} k2={:.2} hz={} n={} presses={}",
         setting.strategy,
@@ -182,8 +182,8 @@ fn describe(setting: &Setting) -> String {
 }
 
 /// What a run came to.
-struct Line<'a> {
-    task: &'a Task,
+struct WorldLine<'a> {
+    task: &'a WorldTask,
     code: String,
     took: Duration,
     words: &'a str,
@@ -193,7 +193,7 @@ struct Line<'a> {
     description: String,
 }
 
-impl Line<'_> {
+impl WorldLine<'_> {
     fn json(&self, state: &World) -> String {
         let (seen, fired) = (&state.seen, state.faults.iter().filter(|fault| fault.name != "none"));
         let fired: Vec<String> = fired

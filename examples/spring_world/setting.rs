@@ -56,7 +56,7 @@ impl Random {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct Setting {
+pub(crate) struct WorldSetting {
     pub(crate) stiffness_n_mm: f64,
     pub(crate) stiffening_n_mm2: f64,
     pub(crate) surface_mm: f64,
@@ -85,14 +85,14 @@ pub(crate) struct Taxel {
 
 const PITCH_MM: f64 = 4.5;
 
-impl Setting {
+impl WorldSetting {
     /// The world of a seed; `share` is the true stiffness as a share of the declared one.
     pub(crate) fn new(
         seed: u64,
         share: Option<f64>,
         strategy: Option<&'static str>,
         presses: Option<usize>,
-    ) -> Setting {
+    ) -> WorldSetting {
         let mut random = Random::new(seed);
         let drawn = random.between(0.2, 1.0);
         let stiffness_n_mm = DECLARED_N_MM * share.unwrap_or(drawn);
@@ -101,7 +101,7 @@ impl Setting {
         let room_n_mm = (DECLARED_N_MM - stiffness_n_mm).max(0.0);
         let stiffening_n_mm2 = if stiffens { random.between(0.0, room_n_mm) / (2.0 * DEPTH_MM) } else { 0.0 };
         let reach_n = (stiffness_n_mm + stiffening_n_mm2 * DEPTH_MM * DEPTH_SHARE) * DEPTH_MM * DEPTH_SHARE;
-        Setting {
+        WorldSetting {
             stiffness_n_mm,
             stiffening_n_mm2,
             surface_mm: random.between(-0.2, 0.2),

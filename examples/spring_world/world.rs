@@ -2,9 +2,9 @@
 //!
 //! It moves in real time, in ticks of 0.5 ms, whenever somebody asks. z counts up, away from the specimen.
 
-use crate::axis::{Axis, Law, TICK_S};
-use crate::faults::{Fault, Moment};
-use crate::setting::{DEPTH_MM, Random, Setting};
+use crate::axis::{Law, TICK_S, WorldAxis};
+use crate::faults::{Fault, WorldMoment};
+use crate::setting::{DEPTH_MM, Random, WorldSetting};
 use std::time::Instant;
 
 /// Force from which the tip counts as touching, N, and how far to the side the next place is, mm.
@@ -24,7 +24,7 @@ const SINK_S: f64 = 0.2;
 
 /// What the world has seen.
 #[derive(Debug, Default)]
-pub(crate) struct Seen {
+pub(crate) struct WorldSeen {
     pub(crate) force_max_n: f64,
     pub(crate) max_at_s: f64,
     /// Largest true force before the first fault, and from then on.
@@ -41,18 +41,18 @@ pub(crate) struct Seen {
 }
 
 pub(crate) struct World {
-    pub(crate) setting: Setting,
+    pub(crate) setting: WorldSetting,
     pub(crate) faults: Vec<Fault>,
-    pub(crate) seen: Seen,
-    pub(crate) axes: [Axis; 3],
+    pub(crate) seen: WorldSeen,
+    pub(crate) axes: [WorldAxis; 3],
     /// z as a faithful stage would have it.
-    faithful: Axis,
+    faithful: WorldAxis,
     /// Where that was lowest in this contact, or was sent.
     granted_mm: f64,
     pub(crate) travel_mm: Option<[[f64; 2]; 3]>,
     acceleration_mm_s2: f64,
     /// What is commanded later: when, and what.
-    later: Vec<(f64, Command)>,
+    later: Vec<(f64, WorldCommand)>,
     /// How much deeper the controller holds z than it reports, mm.
     hidden_mm: f64,
     began: Instant,
@@ -74,21 +74,21 @@ pub(crate) struct World {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) enum Command {
+pub(crate) enum WorldCommand {
     Move { to_mm: [Option<f64>; 3], speed_mm_s: f64 },
     Speed(f64),
     Stop,
 }
 
 impl World {
-    pub(crate) fn new(setting: Setting, faults: Vec<Fault>, seed: u64) -> World {
+    pub(crate) fn new(setting: WorldSetting, faults: Vec<Fault>, seed: u64) -> World {
         World {
-            axes: [Axis::at(0.5), Axis::at(-0.5), Axis::at(setting.top_mm - 0.3)],
-            faithful: Axis::at(setting.top_mm - 0.3),
+            axes: [WorldAxis::at(0.5), WorldAxis::at(-0.5), WorldAxis::at(setting.top_mm - 0.3)],
+            faithful: WorldAxis::at(setting.top_mm - 0.3),
             granted_mm: setting.top_mm,
             setting,
             faults,
-            seen: Seen::default(),
+            seen: WorldSeen::default(),
             travel_mm: None,
             acceleration_mm_s2: 100.0,
             later: Vec::new(),
@@ -213,7 +213,7 @@ impl World {
     }
 
     fn look_at_faults(&mut self, force_n: f64) {
-        let moment = Moment { now_s: self.now_s, press: self.press, force_n, height_mm: self.height_mm() };
+        let moment = WorldMoment { now_s: self.now_s, press: self.press, force_n, height_mm: self.height_mm() };
         for index in 0..self.faults.len() {
             if !self.faults[index].look(&moment) {
                 continue;
@@ -257,15 +257,16 @@ impl World {
     }
 
     /// Takes a command now, or later if a fault delays it.
-    pub(crate) fn command(&mut self, command: Command) {
-        let toward = matches!(&command, Command::Move { to_mm: [_, _, Some(z_mm)], .. } if *z_mm < self.faithful.at_mm);
+    pub(crate) fn command(&mut self, command: WorldCommand) {
+        let toward =
+            matches!(&command, WorldCommand::Move { to_mm: [_, _, Some(z_mm)], .. } if *z_mm < self.faithful.at_mm);
         if toward && self.has_fired() {
             self.seen.toward_after += 1;
         }
         let (delay_s, ignored) = match &command {
-            Command::Move { .. } => (self.fault("stage-late-move"), false),
-            Command::Speed(_) => (None, self.acting("stage-no-speed").is_some()),
-            Command::Stop => (self.fault("stage-late-stop"), self.acting("stage-no-stop").is_some()),
+            WorldCommand::Move { .. } => (self.fault("stage-late-move"), false),
+            WorldCommand::Speed(_) => (None, self.acting("stage-no-speed").is_some()),
+            WorldCommand::Stop => (self.fault("stage-late-stop"), self.acting("stage-no-stop").is_some()),
         };
         self.obey_faithfully(&command);
         match delay_s {
@@ -275,22 +276,24 @@ impl World {
         }
     }
 
-    fn obey_faithfully(&mut self, command: &Command) {
+    fn obey_faithfully(&mut self, command: &WorldCommand) {
         match command {
-            Command::Move { to_mm: [_, _, Some(z_mm)], speed_mm_s } => self.faithful.start(*z_mm, None, *speed_mm_s),
-            Command::Move { .. } => {}
-            Command::Speed(mm_s) => self.faithful.speed_mm_s = *mm_s,
-            Command::Stop => self.faithful.brake(),
+            WorldCommand::Move { to_mm: [_, _, Some(z_mm)], speed_mm_s } => {
+                self.faithful.start(*z_mm, None, *speed_mm_s)
+            }
+            WorldCommand::Move { .. } => {}
+            WorldCommand::Speed(mm_s) => self.faithful.speed_mm_s = *mm_s,
+            WorldCommand::Stop => self.faithful.brake(),
         }
     }
 
-    fn obey(&mut self, command: &Command) {
+    fn obey(&mut self, command: &WorldCommand) {
         match command {
-            Command::Stop => self.axes.iter_mut().for_each(Axis::brake),
-            Command::Speed(mm_s) => {
+            WorldCommand::Stop => self.axes.iter_mut().for_each(WorldAxis::brake),
+            WorldCommand::Speed(mm_s) => {
                 self.axes.iter_mut().filter(|axis| axis.moving).for_each(|axis| axis.speed_mm_s = *mm_s);
             }
-            Command::Move { to_mm, speed_mm_s } => {
+            WorldCommand::Move { to_mm, speed_mm_s } => {
                 if self.fault("stage-stands").or(self.fault("stage-says-target")).is_some() {
                     return;
                 }

@@ -58,15 +58,15 @@ fn planned(spec: &RigSpec, text: &str, presses_max: usize) -> Result<usize, Vec<
 
 /// What something cost.
 #[derive(Debug)]
-struct Cost {
+struct LongPlanCost {
     cpu_s: f64,
     /// The most that was held at once until now.
     bytes: usize,
 }
 
-fn measured<T>(work: impl FnOnce() -> T) -> (T, Cost) {
+fn measured<T>(work: impl FnOnce() -> T) -> (T, LongPlanCost) {
     let (before, began) = (HEAP.allocated(), ThreadTime::now());
     let result = work();
     let cpu_s = began.elapsed().as_secs_f64();
-    (result, Cost { cpu_s, bytes: HEAP.max_allocated().saturating_sub(before) })
+    (result, LongPlanCost { cpu_s, bytes: HEAP.max_allocated().saturating_sub(before) })
 }

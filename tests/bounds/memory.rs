@@ -93,7 +93,8 @@ fn readings_are_answered_and_none_is_held() {
     for (readings, format) in [(CSV_READINGS, ReadingFormat::Csv), (JSON_READINGS, ReadingFormat::Ndjson)] {
         let session = Session::new(Model::fit("pearson", calibration.clone(), &Setting::default()).unwrap());
         let mut answers = Answers::new(Readings::new("stdin", 3, Some(format), Mapping::default()), session);
-        let mut lines = StreamLines::new("stdin", Repeated { block: block(readings), at: 0, left: READINGS / 1000 });
+        let mut lines =
+            StreamLines::new("stdin", MemoryRepeated { block: block(readings), at: 0, left: READINGS / 1000 });
         let (mut answered, mut unsolved, mut before) = (0, 0, 0);
         while let Some(line) = lines.read_next().unwrap() {
             let answer = answers.answer(line).unwrap().expect("no line is blank");
@@ -145,13 +146,13 @@ fn block(readings: [&str; 11]) -> Vec<u8> {
 }
 
 /// A block, so many times.
-struct Repeated {
+struct MemoryRepeated {
     block: Vec<u8>,
     at: usize,
     left: usize,
 }
 
-impl Read for Repeated {
+impl Read for MemoryRepeated {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         if self.left == 0 {
             return Ok(0);

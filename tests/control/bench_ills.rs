@@ -9,7 +9,7 @@ use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{LoadCellScene, Servo, Sine};
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Executed, bench, bench_recipe, benches, executed, in_parallel, plan};
+use palpate_testing::executions::{BENCHES, ExecutedRun, bench, bench_recipe, benches, executed, in_parallel, plan};
 
 /// How much worse than the nominal bench (a) may be at 95 %, and the most of (b), N.
 const WORSE_N: f64 = 0.0006;
@@ -53,13 +53,13 @@ pub(crate) fn all(spec: &mut RigSpec) {
 }
 
 /// What the presses of some seeds came to, N.
-struct Figures {
+struct BenchIllFigures {
     set_p95_n: f64,
     recorded_p95_n: f64,
     peak_n: f64,
 }
 
-fn figures(name: &'static str, output: &str, ill: impl Fn(&mut RigSpec)) -> Figures {
+fn figures(name: &'static str, output: &str, ill: impl Fn(&mut RigSpec)) -> BenchIllFigures {
     let seeds = campaign::size(1, 1) as u64;
     let recipe = bench_recipe(seeds);
     let mut spec = bench(name);
@@ -73,7 +73,7 @@ fn figures(name: &'static str, output: &str, ill: impl Fn(&mut RigSpec)) -> Figu
     figures_of(name, output, &executions)
 }
 
-fn figures_of(name: &str, output: &str, executions: &[Executed]) -> Figures {
+fn figures_of(name: &str, output: &str, executions: &[ExecutedRun]) -> BenchIllFigures {
     let contacts = executions.iter().flat_map(|executed| executed.ledger.contacts());
     let (mut set, mut recorded, mut peak_n) = (Vec::new(), Vec::new(), f64::NEG_INFINITY);
     for contact in contacts.filter(|contact| contact.levels[0].is_of(Phase::Calibration)) {
@@ -86,7 +86,7 @@ fn figures_of(name: &str, output: &str, executions: &[Executed]) -> Figures {
         values.sort_by(f64::total_cmp);
         values[(values.len() as f64 * 0.95).ceil() as usize - 1]
     };
-    let found = Figures { set_p95_n: p95(&mut set), recorded_p95_n: p95(&mut recorded), peak_n };
+    let found = BenchIllFigures { set_p95_n: p95(&mut set), recorded_p95_n: p95(&mut recorded), peak_n };
     println!(
         "{name}, {output}: {} presses, true less set {:.2} mN (95 %), true less recorded {:.2} mN (95 %), peak {:+.1} mN",
         set.len(),
@@ -130,7 +130,7 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
             let nominal = [executed(&spec, &plan(&spec, &recipe, 1))];
             cell(&mut spec).drift_n_s = drift_n / nominal[0].ending.t_s;
             let drifted = [executed(&spec, &plan(&spec, &recipe, 1))];
-            let Executed { ending, ledger, .. } = &drifted[0];
+            let ExecutedRun { ending, ledger, .. } = &drifted[0];
             assert!(ending.halt.is_none(), "{name}, {drift_n} N: {:?}", ending.text());
             let is_zero = |record: &&Record| matches!(record, Record::Zero { .. });
             let zeros = ledger.records().iter().filter(is_zero).count();
@@ -165,7 +165,7 @@ fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
             spec.stage.travel.axes[Axis::Z.index()].max = HOME_MM;
             ill(&mut spec);
             for seed in 1..=5 {
-                let Executed { ending, ledger, .. } = &executed(&spec, &plan(&spec, recipe, seed));
+                let ExecutedRun { ending, ledger, .. } = &executed(&spec, &plan(&spec, recipe, seed));
                 assert!(ending.halt.is_none(), "{name}, {output}, seed {seed}: {:?}", ending.text());
                 for contact in ledger.contacts() {
                     let off_n = contact.truth[0].force_true_n - contact.levels[0].force_n.unwrap();

@@ -12,7 +12,7 @@ use palpate_data::dataset::{Flag, Memory, Record, RecordedContact};
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::Edges;
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Executed, bench_with_taxels, executed, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{BENCHES, ExecutedRun, bench_with_taxels, executed, in_parallel, must_be_none, plan};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
@@ -53,7 +53,7 @@ const WAY_MM: f64 = 0.010;
 
 /// What is pressed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Pressed {
+enum FalseAlarmPressed {
     Map,
     MapInterleaved,
     Guarded,
@@ -66,56 +66,56 @@ enum Pressed {
 }
 
 /// In this order, again and again: most are whole calibrations.
-const PRESSED: [Pressed; 12] = [
-    Pressed::Map,
-    Pressed::Guarded,
-    Pressed::FarApart,
-    Pressed::MapInterleaved,
-    Pressed::Velocity,
-    Pressed::Few,
-    Pressed::Points,
-    Pressed::Map,
-    Pressed::NearLimit,
-    Pressed::MapInterleaved,
-    Pressed::Paper,
-    Pressed::Guarded,
+const PRESSED: [FalseAlarmPressed; 12] = [
+    FalseAlarmPressed::Map,
+    FalseAlarmPressed::Guarded,
+    FalseAlarmPressed::FarApart,
+    FalseAlarmPressed::MapInterleaved,
+    FalseAlarmPressed::Velocity,
+    FalseAlarmPressed::Few,
+    FalseAlarmPressed::Points,
+    FalseAlarmPressed::Map,
+    FalseAlarmPressed::NearLimit,
+    FalseAlarmPressed::MapInterleaved,
+    FalseAlarmPressed::Paper,
+    FalseAlarmPressed::Guarded,
 ];
 
 /// One calibration.
-struct Calibration {
+struct FalseAlarmCalibration {
     seed: u64,
-    pressed: Pressed,
+    pressed: FalseAlarmPressed,
     text: String,
     spec: RigSpec,
     recipe: String,
 }
 
-impl Calibration {
-    fn new(nth: usize) -> Calibration {
+impl FalseAlarmCalibration {
+    fn new(nth: usize) -> FalseAlarmCalibration {
         let (seed, pressed) = (nth as u64 + 1, PRESSED[nth % PRESSED.len()]);
         let mut rng = stream(seed, 0, "false alarms");
         let (bench, _) = BENCHES[rng.random_range(0..BENCHES.len())];
         let mut spec = bench_with_taxels(bench);
         let has_edges = (nth + nth / PRESSED.len()).is_multiple_of(2);
         let with = if has_edges { give_edges(&mut spec, &mut rng) } else { give_an_ill(&mut spec, pressed, &mut rng) };
-        if pressed == Pressed::NearLimit {
+        if pressed == FalseAlarmPressed::NearLimit {
             spec.limits.depth_mm = SOFT_DEPTH_MM; // where the tip's support gives way it goes deeper
         }
         let recipe = recipe(pressed, &mut rng);
         let output = format!("calibration {seed}: {bench}, {pressed:?}, {with}");
-        Calibration { seed, pressed, text: output, spec, recipe }
+        FalseAlarmCalibration { seed, pressed, text: output, spec, recipe }
     }
 
-    fn executed(&self) -> Outcome {
-        let Executed { ending, ledger, .. } = executed(&self.spec, &plan(&self.spec, &self.recipe, self.seed));
+    fn executed(&self) -> FalseAlarmOutcome {
+        let ExecutedRun { ending, ledger, .. } = executed(&self.spec, &plan(&self.spec, &self.recipe, self.seed));
         let presses = ledger.contacts().count();
         let alarm = ending.text().map(|why| format!("{}, after {presses} presses: {why}", self.text));
-        Outcome { presses, alarm, shares: shares(&self.spec, &ledger) }
+        FalseAlarmOutcome { presses, alarm, shares: shares(&self.spec, &ledger) }
     }
 }
 
 /// How a calibration went.
-struct Outcome {
+struct FalseAlarmOutcome {
     presses: usize,
     alarm: Option<String>,
     shares: BTreeMap<&'static str, Share>,
@@ -142,9 +142,9 @@ fn give_edges(spec: &mut RigSpec, rng: &mut RandomStream) -> String {
     format!("edges of {percent:+} % at {half_mm:.2} mm, {width_mm:.2} mm wide")
 }
 
-fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut RandomStream) -> String {
+fn give_an_ill(spec: &mut RigSpec, pressed: FalseAlarmPressed, rng: &mut RandomStream) -> String {
     // the first is a drift: in the hours of the paper's protocol it leaves the range of the cell
-    let first = usize::from(pressed == Pressed::Paper);
+    let first = usize::from(pressed == FalseAlarmPressed::Paper);
     match ILLS.get(rng.random_range(first..ILLS.len() + 2)) {
         Some((output, ill)) => {
             ill(spec);
@@ -157,7 +157,7 @@ fn give_an_ill(spec: &mut RigSpec, pressed: Pressed, rng: &mut RandomStream) -> 
     }
 }
 
-fn recipe(pressed: Pressed, rng: &mut RandomStream) -> String {
+fn recipe(pressed: FalseAlarmPressed, rng: &mut RandomStream) -> String {
     let head = RECIPE.split("[[step]]").next().expect("what is before the steps");
     let strategy = |strategy: Strategy, text: &str| {
         text.replacen("strategy = \"map\"", &format!("strategy = \"{}\"", strategy.name()), 1)
@@ -172,32 +172,32 @@ fn recipe(pressed: Pressed, rng: &mut RandomStream) -> String {
             + &format!("[[step]]\nphase = \"calibration\"\nlist = {{ places_mm = [{list}] }}\nforce_n = 1.0\n")
     };
     match pressed {
-        Pressed::Map => thinned(RECIPE),
-        Pressed::MapInterleaved => {
+        FalseAlarmPressed::Map => thinned(RECIPE),
+        FalseAlarmPressed::MapInterleaved => {
             thinned(&RECIPE.replacen(COARSER.0, &format!("{}, order = \"interleaved\"", COARSER.0), 1))
         }
-        Pressed::Guarded => thinned(&strategy(Strategy::Guarded, RECIPE)),
-        Pressed::Velocity => thinned(&strategy(Strategy::Velocity, RECIPE)),
-        Pressed::NearLimit => thinned(&strategy(
+        FalseAlarmPressed::Guarded => thinned(&strategy(Strategy::Guarded, RECIPE)),
+        FalseAlarmPressed::Velocity => thinned(&strategy(Strategy::Velocity, RECIPE)),
+        FalseAlarmPressed::NearLimit => thinned(&strategy(
             one_of_them,
             &RECIPE.replacen("force_n = 1.0", &format!("force_n = {NEAR_LIMIT_N:?}"), 1),
         )),
-        Pressed::FarApart => places(&far_apart(rng)),
-        Pressed::Few => {
+        FalseAlarmPressed::FarApart => places(&far_apart(rng)),
+        FalseAlarmPressed::Few => {
             let count = rng.random_range(2..12);
             let mut place = || rng.random_range(-6.0..6.0);
             places(&(0..count).map(|_| Place::new(place(), place())).collect::<Vec<_>>())
         }
-        Pressed::Points => {
+        FalseAlarmPressed::Points => {
             let count = if campaign::is_quick() { 20 } else { 100 };
             let random =
                 format!("random = {{ count = {count}, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }}");
             strategy(one_of_them, head) + &format!("[[step]]\nphase = \"test\"\n{random}\n")
         }
-        Pressed::Paper if campaign::is_quick() => {
+        FalseAlarmPressed::Paper if campaign::is_quick() => {
             thinned(PAPER).replacen("units = \"all\"", "units = [5]", 1).replacen("count = 100", "count = 10", 1)
         }
-        Pressed::Paper => PAPER.to_owned(),
+        FalseAlarmPressed::Paper => PAPER.to_owned(),
     }
 }
 
@@ -297,9 +297,9 @@ fn is_softer(learned_curve: &LearnedCurve, from_n: f64, to_n: f64, way_mm: f64) 
 
 #[test]
 fn a_sound_calibration_raises_no_alarm_and_comes_near_none() {
-    let calibrations: Vec<Calibration> =
-        (0..campaign::size(CALIBRATIONS.0, CALIBRATIONS.1)).map(Calibration::new).collect();
-    let outcomes = in_parallel(&calibrations, Calibration::executed);
+    let calibrations: Vec<FalseAlarmCalibration> =
+        (0..campaign::size(CALIBRATIONS.0, CALIBRATIONS.1)).map(FalseAlarmCalibration::new).collect();
+    let outcomes = in_parallel(&calibrations, FalseAlarmCalibration::executed);
     let mut broken: Vec<String> = outcomes.iter().filter_map(|outcome| outcome.alarm.clone()).collect();
     let mut tables: BTreeMap<&str, (Share, &str)> = BTreeMap::new();
     for (calibration, outcome) in calibrations.iter().zip(&outcomes) {

@@ -3,7 +3,7 @@
 use palpate_control::Strategy;
 use palpate_data::recipe::Phase;
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Executed, bench, executed, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{BENCHES, ExecutedRun, bench, executed, in_parallel, must_be_none, plan};
 
 /// The shipped recipe's calibration, coarser in the quick tier; and the paper's test points, N and mm.
 const RECIPE: &str = include_str!("../../recipes/bench.toml");
@@ -47,7 +47,7 @@ const POINTS_P95_N: f64 = 0.005;
 const POINTS_OVER_N: f64 = 0.020;
 
 /// What presses came to.
-struct Figures {
+struct FalseTripFigures {
     p95_n: f64,
     most_n: f64,
     over_n: f64,
@@ -55,9 +55,9 @@ struct Figures {
     count: usize,
 }
 
-impl Figures {
+impl FalseTripFigures {
     /// Of the presses of one phase, in the order they were made.
-    fn of(executions: &[&Executed], phase: Phase) -> Figures {
+    fn of(executions: &[&ExecutedRun], phase: Phase) -> FalseTripFigures {
         let (mut errors_n, mut over_n, mut times_s) = (Vec::new(), f64::NEG_INFINITY, Vec::new());
         for executed in executions {
             let contacts: Vec<_> =
@@ -75,12 +75,12 @@ impl Figures {
         let count = errors_n.len();
         let share = |values: &[f64], share: f64| values[((values.len() as f64 * share).ceil() as usize).max(1) - 1];
         let median_s = share(&times_s, 0.5);
-        Figures { p95_n: share(&errors_n, 0.95), most_n: share(&errors_n, 1.0), over_n, median_s, count }
+        FalseTripFigures { p95_n: share(&errors_n, 0.95), most_n: share(&errors_n, 1.0), over_n, median_s, count }
     }
 
     /// The bars that are missed, by name; times only where they are asked for.
     fn missed(&self, bars: &Bars, timed: bool) -> Vec<String> {
-        let Figures { p95_n, most_n, over_n, median_s, .. } = *self;
+        let FalseTripFigures { p95_n, most_n, over_n, median_s, .. } = *self;
         let rules = [
             (p95_n <= bars.p95_n, "95 % of the windows"),
             (most_n <= bars.most_n, "the worst window"),
@@ -105,7 +105,7 @@ impl Figures {
 
 /// Whole calibrations on a bench: the load cell's noise, N; the strategy; seeds; whether the paper's points follow or stand
 /// alone.
-struct Calibration {
+struct FalseTripCalibration {
     bench: &'static str,
     noise_n: f64,
     strategy: Strategy,
@@ -115,8 +115,8 @@ struct Calibration {
     raster: bool,
 }
 
-impl Calibration {
-    fn executed(&self) -> Executed {
+impl FalseTripCalibration {
+    fn executed(&self) -> ExecutedRun {
         let mut spec = bench(self.bench);
         spec.scene.load_cell.as_mut().expect("a load cell").noise_n = self.noise_n;
         let head = RECIPE.split("[[step]]").next().expect("what is before the steps");
@@ -153,7 +153,7 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
     let mut missed = Vec::new();
     for (((bench, _), bars), noisier_bars) in BENCHES.into_iter().zip(MAP_BARS).zip(NOISIER_BARS) {
         // the first five go on with the paper's points
-        let whole = |noise_n, seed| Calibration {
+        let whole = |noise_n, seed| FalseTripCalibration {
             bench,
             noise_n,
             strategy: Strategy::Map,
@@ -162,28 +162,28 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
             points: noise_n == NOISE_N && seed <= 5,
             raster: false,
         };
-        let alone = seeds(5).map(|seed| Calibration { grid: false, points: true, ..whole(NOISE_N, seed) });
-        let mut jobs: Vec<Calibration> = seeds(10).map(|seed| whole(NOISE_N, seed)).collect();
+        let alone = seeds(5).map(|seed| FalseTripCalibration { grid: false, points: true, ..whole(NOISE_N, seed) });
+        let mut jobs: Vec<FalseTripCalibration> = seeds(10).map(|seed| whole(NOISE_N, seed)).collect();
         jobs.extend(seeds(10).map(|seed| whole(NOISIER_N, seed)).chain(alone));
-        let raster: Vec<Calibration> =
-            seeds(2).map(|seed| Calibration { points: false, raster: true, ..whole(NOISE_N, seed) }).collect();
-        let raster = in_parallel(&raster, Calibration::executed);
+        let raster: Vec<FalseTripCalibration> =
+            seeds(2).map(|seed| FalseTripCalibration { points: false, raster: true, ..whole(NOISE_N, seed) }).collect();
+        let raster = in_parallel(&raster, FalseTripCalibration::executed);
         // the bound is reckoned for steps of 0.5 mm from place to place
-        let raster = Figures::of(&raster.iter().collect::<Vec<_>>(), Phase::Calibration);
+        let raster = FalseTripFigures::of(&raster.iter().collect::<Vec<_>>(), Phase::Calibration);
         raster.print(&format!("{bench}, map, in raster order"));
-        let executions = in_parallel(&jobs, Calibration::executed);
-        let those = |noise_n: f64, grid: bool, points: bool| -> Vec<&Executed> {
-            let fits = |job: &Calibration| job.noise_n == noise_n && job.grid == grid && job.points == points;
+        let executions = in_parallel(&jobs, FalseTripCalibration::executed);
+        let those = |noise_n: f64, grid: bool, points: bool| -> Vec<&ExecutedRun> {
+            let fits = |job: &FalseTripCalibration| job.noise_n == noise_n && job.grid == grid && job.points == points;
             jobs.iter().zip(&executions).filter(|(job, _)| fits(job)).map(|(_, executed)| executed).collect()
         };
         let all = [those(NOISE_N, true, true), those(NOISE_N, true, false)].concat();
-        let nominal = Figures::of(&all, Phase::Calibration);
+        let nominal = FalseTripFigures::of(&all, Phase::Calibration);
         nominal.print(&format!("{bench}, map"));
-        let noisier = Figures::of(&those(NOISIER_N, true, false), Phase::Calibration);
+        let noisier = FalseTripFigures::of(&those(NOISIER_N, true, false), Phase::Calibration);
         noisier.print(&format!("{bench}, map, 10 mN of noise"));
-        let after = Figures::of(&those(NOISE_N, true, true), Phase::Test);
+        let after = FalseTripFigures::of(&those(NOISE_N, true, true), Phase::Test);
         after.print(&format!("{bench}, map, the paper's points after a calibration"));
-        let alone = Figures::of(&those(NOISE_N, false, true), Phase::Test);
+        let alone = FalseTripFigures::of(&those(NOISE_N, false, true), Phase::Test);
         alone.print(&format!("{bench}, map, the paper's points alone"));
         let mut must = |holds: bool, text: &str| {
             if !holds {
@@ -207,7 +207,7 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
     let mut missed = Vec::new();
     for (nth, (bench, _)) in BENCHES.into_iter().enumerate() {
         for (strategy, bars) in [(Strategy::Guarded, &GUARDED_BARS[nth]), (Strategy::Velocity, &VELOCITY_BARS[nth])] {
-            let whole = |seed| Calibration {
+            let whole = |seed| FalseTripCalibration {
                 bench,
                 noise_n: NOISE_N,
                 strategy,
@@ -216,8 +216,8 @@ fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
                 points: false,
                 raster: false,
             };
-            let executions = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), Calibration::executed);
-            let figures = Figures::of(&executions.iter().collect::<Vec<_>>(), Phase::Calibration);
+            let executions = in_parallel(&seeds(2).map(whole).collect::<Vec<_>>(), FalseTripCalibration::executed);
+            let figures = FalseTripFigures::of(&executions.iter().collect::<Vec<_>>(), Phase::Calibration);
             let output = format!("{bench}, {}", strategy.name());
             figures.print(&output);
             missed.extend(figures.missed(bars, !campaign::is_quick()).iter().map(|what| format!("{output}: {what}")));

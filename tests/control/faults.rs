@@ -8,7 +8,9 @@ use palpate_data::recipe::Plan;
 use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Executed, Worst, bench, end_of, executed, in_parallel, must_be_none, plan};
+use palpate_testing::executions::{
+    BENCHES, ExecutedRun, ExecutionWorst, bench, end_of, executed, in_parallel, must_be_none, plan,
+};
 use rand::RngExt;
 use std::collections::BTreeMap;
 
@@ -53,7 +55,7 @@ const LONGER_S: f64 = 120.0;
 
 /// One run to make.
 #[derive(Clone, Debug)]
-struct Case {
+struct FaultCase {
     bench: &'static str,
     speed_mm_s: f64,
     strategy: Strategy,
@@ -63,21 +65,21 @@ struct Case {
 }
 
 /// What came of it.
-struct Outcome {
-    case: Case,
+struct FaultOutcome {
+    case: FaultCase,
     faults: Vec<SceneFault>,
-    worst: Worst,
+    worst: ExecutionWorst,
     end: &'static str,
     text: Option<String>,
     virtual_s: f64,
     longer_s: f64,
     ready_s: f64,
-    kept: Kept,
+    kept: StoredPress,
 }
 
 /// What the presses on record came to.
 #[derive(Default)]
-struct Kept {
+struct StoredPress {
     /// When their windows began, s.
     windows_s: Vec<f64>,
     /// The most by which the true force was off the set one, and off the recorded one, in rows without a flag, N.
@@ -85,9 +87,9 @@ struct Kept {
     recorded_n: f64,
 }
 
-impl Kept {
-    fn of<'a>(contacts: impl Iterator<Item = &'a RecordedContact>) -> Kept {
-        contacts.fold(Kept::default(), |mut kept, contact| {
+impl StoredPress {
+    fn of<'a>(contacts: impl Iterator<Item = &'a RecordedContact>) -> StoredPress {
+        contacts.fold(StoredPress::default(), |mut kept, contact| {
             let (press, truth) = (&contact.levels[0], &contact.truth[0]);
             kept.windows_s.extend(press.t_s);
             if !press.is_flagged() {
@@ -100,7 +102,7 @@ impl Kept {
     }
 }
 
-impl Case {
+impl FaultCase {
     fn spec(&self) -> RigSpec {
         let mut spec = bench(self.bench);
         spec.stage.speed_mm_s = self.speed_mm_s;
@@ -122,8 +124,8 @@ impl Case {
     }
 
     /// The same without its faults.
-    fn sound(&self) -> Case {
-        Case { kinds: Vec::new(), seed: 0, ..self.clone() }
+    fn sound(&self) -> FaultCase {
+        FaultCase { kinds: Vec::new(), seed: 0, ..self.clone() }
     }
 
     fn key(&self) -> String {
@@ -131,7 +133,7 @@ impl Case {
     }
 
     /// A run, each fault striking at any instant that a sound one has.
-    fn run(&self, sound: &Sound) -> Outcome {
+    fn run(&self, sound: &FaultSound) -> FaultOutcome {
         let mut spec = self.spec();
         let plan = self.plan(&spec);
         let mut rng = stream(self.seed, 0, "onset");
@@ -139,8 +141,8 @@ impl Case {
             if self.seed.is_multiple_of(EARLY) { (0.0, sound.ready_s) } else { (sound.ready_s, sound.virtual_s) };
         let mut fault = |&kind| SceneFault { kind, from_s: rng.random_range(from_to_s.0..from_to_s.1), value: None };
         spec.scene.faults = self.kinds.iter().map(&mut fault).collect();
-        let Executed { ending, truth, virtual_s, ledger, .. } = &executed(&spec, &plan);
-        Outcome {
+        let ExecutedRun { ending, truth, virtual_s, ledger, .. } = &executed(&spec, &plan);
+        FaultOutcome {
             case: self.clone(),
             faults: spec.scene.faults.clone(),
             worst: *truth,
@@ -149,7 +151,7 @@ impl Case {
             virtual_s: *virtual_s,
             longer_s: virtual_s - sound.virtual_s,
             ready_s: sound.ready_s,
-            kept: Kept::of(ledger.contacts()),
+            kept: StoredPress::of(ledger.contacts()),
         }
     }
 
@@ -175,7 +177,7 @@ fn hard_speed_mm_s(spec: &RigSpec) -> f64 {
 }
 
 /// How a run without faults goes.
-struct Sound {
+struct FaultSound {
     ready_s: f64,
     virtual_s: f64,
 }
@@ -189,20 +191,20 @@ fn named(kinds: &[FaultKind]) -> String {
 }
 
 /// Runs all cases, each against a sound run of its own rig, speed and strategy.
-fn run_all(cases: &[Case]) -> Vec<Outcome> {
-    let sound_cases: BTreeMap<String, Case> = cases.iter().map(|case| (case.key(), case.sound())).collect();
-    let (keys, sound_cases): (Vec<String>, Vec<Case>) = sound_cases.into_iter().unzip();
+fn run_all(cases: &[FaultCase]) -> Vec<FaultOutcome> {
+    let sound_cases: BTreeMap<String, FaultCase> = cases.iter().map(|case| (case.key(), case.sound())).collect();
+    let (keys, sound_cases): (Vec<String>, Vec<FaultCase>) = sound_cases.into_iter().unzip();
     let sounds = in_parallel(&sound_cases, |case| {
         let spec = case.spec();
-        let Executed { ending, ready_s, virtual_s, .. } = executed(&spec, &case.plan(&spec));
+        let ExecutedRun { ending, ready_s, virtual_s, .. } = executed(&spec, &case.plan(&spec));
         assert!(ending.halt.is_none() && ending.unparked.is_none(), "{}: {:?}", case.key(), ending.text());
-        Sound { ready_s, virtual_s }
+        FaultSound { ready_s, virtual_s }
     });
-    let sounds: BTreeMap<String, Sound> = keys.into_iter().zip(sounds).collect();
+    let sounds: BTreeMap<String, FaultSound> = keys.into_iter().zip(sounds).collect();
     in_parallel(cases, |case| case.run(&sounds[&case.key()]))
 }
 
-fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: f64, seeds: usize) -> Vec<Case> {
+fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: f64, seeds: usize) -> Vec<FaultCase> {
     let (seeds, is_quick) = (campaign::size(1, seeds) as u64, campaign::is_quick());
     let mut cases = Vec::new();
     for kinds in kinds {
@@ -211,7 +213,7 @@ fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: 
                 for seed in 1..=seeds {
                     // one seed alone would have its faults strike at one place in every run
                     let seed = if is_quick { 1 + cases.len() as u64 } else { seed };
-                    cases.push(Case { bench, speed_mm_s, strategy, force_n, kinds: kinds.clone(), seed });
+                    cases.push(FaultCase { bench, speed_mm_s, strategy, force_n, kinds: kinds.clone(), seed });
                 }
             }
         }
@@ -235,16 +237,17 @@ fn pairs() -> Vec<Vec<FaultKind>> {
 
 /// One line a fault: how many runs, over which limit, the peaks, what ended them. Gives the runs that break a limit though
 /// they may not.
-fn report(outcomes: &[Outcome]) -> Vec<String> {
-    let mut rows: BTreeMap<String, Vec<&Outcome>> = BTreeMap::new();
+fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
+    let mut rows: BTreeMap<String, Vec<&FaultOutcome>> = BTreeMap::new();
     for outcome in outcomes {
         rows.entry(named(&outcome.case.kinds)).or_default().push(outcome);
     }
     let mut broken = Vec::new();
     for (kinds, outcomes) in &rows {
         let limits = outcomes[0].case.spec().limits;
-        let (judged, printed): (Vec<&&Outcome>, Vec<&&Outcome>) = outcomes.iter().partition(|o| o.case.is_judged());
-        let count = |over: &dyn Fn(&Worst) -> bool| judged.iter().filter(|o| over(&o.worst)).count();
+        let (judged, printed): (Vec<&&FaultOutcome>, Vec<&&FaultOutcome>) =
+            outcomes.iter().partition(|o| o.case.is_judged());
+        let count = |over: &dyn Fn(&ExecutionWorst) -> bool| judged.iter().filter(|o| over(&o.worst)).count();
         let over = [
             count(&|w| w.force_n > limits.force_n),
             count(&|w| w.depth_mm > limits.depth_mm),
@@ -263,26 +266,26 @@ fn report(outcomes: &[Outcome]) -> Vec<String> {
             worst.depth_mm,
         );
         if !printed.is_empty() {
-            let mut speeds: BTreeMap<String, Worst> = BTreeMap::new();
+            let mut speeds: BTreeMap<String, ExecutionWorst> = BTreeMap::new();
             for o in printed.iter() {
                 let key = format!("{} at {} mm/s", o.case.bench, o.case.speed_mm_s);
                 speeds.entry(key).or_default().join(o.worst);
             }
-            let output = |(key, w): (&String, &Worst)| {
+            let output = |(key, w): (&String, &ExecutionWorst)| {
                 format!("{key}: {:.2} N, {:.2} mm, slid {}", w.force_n, w.depth_mm, w.slid_mm)
             };
             println!("    faster than is safe there: {}", speeds.iter().map(output).collect::<Vec<_>>().join("; "));
         }
         broken.extend(judged.iter().filter(|o| !o.worst.is_within(&o.case.spec())).map(|o| o.text()));
         // whatever the speed, a hard contact is no deeper and nothing slides
-        let deep = |o: &&&&Outcome| o.worst.depth_mm > limits.depth_mm || o.worst.slid_mm > 0.0;
+        let deep = |o: &&&&FaultOutcome| o.worst.depth_mm > limits.depth_mm || o.worst.slid_mm > 0.0;
         broken.extend(printed.iter().filter(deep).map(|o| o.text()));
     }
     broken
 }
 
-fn worst_of(all: impl Iterator<Item = Worst>) -> Worst {
-    all.fold(Worst::default(), |mut worst, other| {
+fn worst_of(all: impl Iterator<Item = ExecutionWorst>) -> ExecutionWorst {
+    all.fold(ExecutionWorst::default(), |mut worst, other| {
         worst.join(other);
         worst
     })
@@ -323,7 +326,7 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
     }
 }
 
-impl Outcome {
+impl FaultOutcome {
     /// Whether what ended the run is something that its fault looks like. One that nobody noticed must have come too late, or be
     /// harmless, and every press on record must be right.
     fn is_fitting(&self) -> bool {
@@ -360,8 +363,8 @@ impl Outcome {
 
     fn text(&self) -> String {
         let faults = self.faults.iter().map(|fault| format!("{} from {:.3} s", name(fault.kind), fault.from_s));
-        let Outcome { case, worst, .. } = self;
-        let Worst { force_n, depth_mm, slid_mm } = worst;
+        let FaultOutcome { case, worst, .. } = self;
+        let ExecutionWorst { force_n, depth_mm, slid_mm } = worst;
         format!(
             "{}: {}, seed {}: {force_n:.3} N, {depth_mm:.3} mm, slid {slid_mm} mm, {:.0} s: {}",
             faults.collect::<Vec<_>>().join(", "),
@@ -388,8 +391,8 @@ fn no_fault_costs_a_limit_and_each_is_noticed_by_what_it_is() {
     }
     println!("-- all");
     let broken = report(&all);
-    let long: Vec<String> = all.iter().filter(|o| o.longer_s > LONGER_S).map(Outcome::text).collect();
-    let unfitting: Vec<String> = all.iter().filter(|o| !o.is_fitting()).map(Outcome::text).collect();
+    let long: Vec<String> = all.iter().filter(|o| o.longer_s > LONGER_S).map(FaultOutcome::text).collect();
+    let unfitting: Vec<String> = all.iter().filter(|o| !o.is_fitting()).map(FaultOutcome::text).collect();
     must_be_none(&[broken, long, unfitting].concat());
 }
 
@@ -423,5 +426,5 @@ fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
     println!("at the depth limit the nominal curve bears {at_limit_n:.3} N to a sudden load");
     report(&outcomes);
     let deep = outcomes.iter().filter(|o| o.worst.depth_mm > spec.limits.depth_mm || o.worst.slid_mm > 0.0);
-    must_be_none(&deep.map(Outcome::text).collect::<Vec<_>>());
+    must_be_none(&deep.map(FaultOutcome::text).collect::<Vec<_>>());
 }

@@ -6,7 +6,9 @@ use palpate_run::rig::{RigSpec, SimulatedRig};
 use palpate_sim::emulator::{Instrument, Shared};
 use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::campaign;
-use palpate_testing::executions::{BENCHES, Deaths, Executed, Worst, bench, end_of, executed_with, in_parallel, plan};
+use palpate_testing::executions::{
+    BENCHES, Deaths, ExecutedRun, ExecutionWorst, bench, end_of, executed_with, in_parallel, plan,
+};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
@@ -87,21 +89,21 @@ struct Commands {
 
 /// A rig, and how it is pressed with.
 #[derive(Clone, Copy, Debug)]
-struct Setup {
+struct HostSetup {
     bench: &'static str,
     speed_mm_s: f64,
     strategy: Strategy,
     checks: &'static str,
 }
 
-impl Setup {
+impl HostSetup {
     fn spec(&self) -> RigSpec {
         let mut spec = bench(self.bench);
         spec.stage.speed_mm_s = self.speed_mm_s;
         spec
     }
 
-    fn executed(&self, deaths: Deaths, seed: u64, tamper: &dyn Fn(&mut SimulatedRig)) -> Executed {
+    fn executed(&self, deaths: Deaths, seed: u64, tamper: &dyn Fn(&mut SimulatedRig)) -> ExecutedRun {
         let text = format!(
             "name = \"host\"\nchecks = \"{}\"\n[press]\nforce_tolerance_n = 0.01\nhold_s = 0.0\nsample_s = 0.1\nstrategy = \"{}\"\n\
              [[step]]\nphase = \"calibration\"\nrandom = {{ count = 10, x_mm = [-0.4, 0.4], y_mm = [-0.4, 0.4] }}\n\
@@ -116,11 +118,11 @@ impl Setup {
     }
 
     /// The same with a mishap at the stage's `at`-th command; how many commands there were.
-    fn struck(&self, mishap: Mishap, at: usize) -> (Executed, usize) {
+    fn struck(&self, mishap: Mishap, at: usize) -> (ExecutedRun, usize) {
         let commands = Arc::new(AtomicUsize::new(0));
         let executed = self.executed(Deaths::Ignored, 4, &|rig| {
             let fate =
-                Arc::new(Mutex::new(Fate { mishap, at, commands: commands.clone(), struck_s: None, now_s: 0.0 }));
+                Arc::new(Mutex::new(HostFate { mishap, at, commands: commands.clone(), struck_s: None, now_s: 0.0 }));
             for device in [&mut rig.stage, &mut rig.load_cell] {
                 let instrument = device.instrument().expect("it has a link").clone();
                 device.replace(Arc::new(Mutex::new(Beset { device: instrument, fate: fate.clone(), held: None })));
@@ -130,17 +132,17 @@ impl Setup {
     }
 }
 
-fn setups(speeds_mm_s: &[f64]) -> Vec<Setup> {
+fn setups(speeds_mm_s: &[f64]) -> Vec<HostSetup> {
     let with_speed = |&speed_mm_s: &f64| {
         BENCHES.into_iter().flat_map(move |(bench, _)| {
-            Strategy::ALL.map(|strategy| Setup { bench, speed_mm_s, strategy, checks: "end" })
+            Strategy::ALL.map(|strategy| HostSetup { bench, speed_mm_s, strategy, checks: "end" })
         })
     };
     speeds_mm_s.iter().flat_map(with_speed).collect()
 }
 
 /// What is in store for a rig.
-struct Fate {
+struct HostFate {
     mishap: Mishap,
     /// At which of the stage's commands, counted from 0.
     at: usize,
@@ -152,7 +154,7 @@ struct Fate {
 /// A device on a link with which something happens.
 struct Beset {
     device: Shared<dyn Instrument>,
-    fate: Shared<Fate>,
+    fate: Shared<HostFate>,
     /// An answer that lies on the link.
     held: Option<Vec<u8>>,
 }
@@ -247,12 +249,12 @@ impl Instrument for Beset {
 fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
     let speeds: &[f64] = if campaign::is_quick() { &[25.0] } else { &[0.5, 5.0, 25.0] };
     let seeds = campaign::size(1, 2) as u64;
-    let jobs: Vec<(Setup, u64)> =
+    let jobs: Vec<(HostSetup, u64)> =
         setups(speeds).into_iter().flat_map(|setup| (1..=seeds).map(move |seed| (setup, seed))).collect();
     let executions = in_parallel(&jobs, |(setup, seed)| setup.executed(Deaths::Tried, *seed, &|_| {}));
     let mut messages = 0;
-    let mut all = Worst::default();
-    for ((setup, seed), Executed { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&executions) {
+    let mut all = ExecutionWorst::default();
+    for ((setup, seed), ExecutedRun { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&executions) {
         assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.text());
         assert!(orphaned.force_n >= truth.force_n - PEAK_N, "{setup:?}: {truth:?}, {orphaned:?}");
         assert!(orphaned.is_within(&setup.spec()), "{setup:?}, seed {seed}: {orphaned:?}");
@@ -264,9 +266,9 @@ fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
 
 /// What the runs with one mishap came to.
 #[derive(Default)]
-struct Row {
+struct HostRow {
     runs: usize,
-    worst: Worst,
+    worst: ExecutionWorst,
     longest_s: f64,
     ends: BTreeMap<&'static str, usize>,
 }
@@ -277,7 +279,7 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
     let mut jobs = Vec::new();
     for setup in setups(&[25.0]) {
         let sound = |checks| {
-            let (sound, commands) = Setup { checks, ..setup }.struck(Mishap::None, 0);
+            let (sound, commands) = HostSetup { checks, ..setup }.struck(Mishap::None, 0);
             assert!(sound.ending.halt.is_none(), "{setup:?}: {:?}", sound.ending.text());
             commands
         };
@@ -290,7 +292,7 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
     }
     let executions = in_parallel(&jobs, |&(setup, mishap, at, _)| setup.struck(mishap, at).0);
     let mut broken = Vec::new();
-    let mut rows: BTreeMap<String, Row> = BTreeMap::new();
+    let mut rows: BTreeMap<String, HostRow> = BTreeMap::new();
     for ((setup, mishap, at, commands), executed) in jobs.iter().zip(&executions) {
         let row = rows.entry(format!("{mishap:?}")).or_default();
         row.runs += 1;
@@ -307,8 +309,8 @@ fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
             ));
         }
     }
-    for (mishap, Row { runs, worst, longest_s, ends }) in rows {
-        let Worst { force_n, depth_mm, .. } = worst;
+    for (mishap, HostRow { runs, worst, longest_s, ends }) in rows {
+        let ExecutionWorst { force_n, depth_mm, .. } = worst;
         println!("{mishap}: {runs} runs, at most {force_n:.3} N, {depth_mm:.3} mm, {longest_s:.0} s: {ends:?}");
     }
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));

@@ -31,7 +31,7 @@ const ROUNDING: f64 = 1e-6;
 const DWELL_MOST_S: f64 = 100.0;
 
 /// A press with all that it knows, drawn at random.
-struct Draw {
+struct MachineDraw {
     press: ForceLoop,
     context: Context,
     task: PressTask,
@@ -41,7 +41,7 @@ struct Draw {
 
 /// What a press has been told so far.
 #[derive(Clone, Copy, Debug)]
-struct Printed {
+struct MachineTranscript {
     z_mm: f64,
     force_n: f64,
     age_s: f64,
@@ -50,14 +50,14 @@ struct Printed {
     surface_mm: f64,
 }
 
-impl Printed {
-    fn at(z_mm: f64) -> Printed {
+impl MachineTranscript {
+    fn at(z_mm: f64) -> MachineTranscript {
         let surface_mm = f64::NEG_INFINITY;
-        Printed { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
+        MachineTranscript { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
     }
 
     /// Takes in where the press has the surface, if it says.
-    fn note_surface(&mut self, draw: &Draw) {
+    fn note_surface(&mut self, draw: &MachineDraw) {
         let touched_mm = draw.press.touched_mm().filter(|mm| mm.is_finite()).unwrap_or(f64::NEG_INFINITY);
         self.surface_mm = self.surface_mm.max(touched_mm).max(draw.context.expected.first_mm);
     }
@@ -66,7 +66,7 @@ impl Printed {
 /// The fraction of the force limit that a step may add; a stage of every second seed has steps.
 const STEP_SHARE: f64 = 0.05;
 
-fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> Draw {
+fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
     let limits = Limits {
         force_n: rng.random_range(0.5..5.0),
         depth_mm: rng.random_range(0.3..3.0),
@@ -107,7 +107,7 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> Draw {
             reaction_s,
         },
     };
-    Draw { press: ForceLoop::new(task.clone(), context), context, task, reaction_s }
+    MachineDraw { press: ForceLoop::new(task.clone(), context), context, task, reaction_s }
 }
 
 fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
@@ -181,8 +181,8 @@ fn garbage(rng: &mut RandomStream) -> f64 {
 
 /// What of the permit's promise a motion breaks, for what the press was told. Nothing of the loop's own is asked but where it
 /// takes the surface to be once it has touched it.
-fn broken_promise(draw: &Draw, output: &Printed, granted: &Permitted) -> Option<&'static str> {
-    let Draw { context, reaction_s, .. } = draw;
+fn broken_promise(draw: &MachineDraw, output: &MachineTranscript, granted: &Permitted) -> Option<&'static str> {
+    let MachineDraw { context, reaction_s, .. } = draw;
     let (limits, z_mm, speed_mm_s) = (&context.limits, granted.z_mm(), granted.speed_mm_s());
     if !z_mm.is_finite() {
         return Some("an end point is no number");
@@ -249,7 +249,7 @@ struct Specimen {
 }
 
 impl Specimen {
-    fn under(draw: &Draw, rng: &mut RandomStream) -> Specimen {
+    fn under(draw: &MachineDraw, rng: &mut RandomStream) -> Specimen {
         let Context { expected, limits, .. } = &draw.context;
         let surface_mm = rng.random_range(expected.first_mm..=expected.last_mm.max(expected.first_mm));
         let stiffest_n_mm = limits.stiffness_n_mm * rng.random_range(0.05..1.0);
@@ -265,7 +265,7 @@ impl Specimen {
 }
 
 /// How a press on a specimen went.
-struct Driven {
+struct MachineDriven {
     seed: u64,
     end: LoopCommand,
     /// How far the deepest end point was below the depth limit, mm.
@@ -275,7 +275,7 @@ struct Driven {
 
 /// Drives one press on a specimen that keeps what is declared: noise within three sd, motions that end on their target, where
 /// the press stops them or anywhere between. How many steps it took, and how it ended.
-fn drive_plausibly(seed: u64) -> (u64, Driven) {
+fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
     let mut rng = stream(seed, 0, "plausible");
     let mut draw = draw(seed, &mut rng, true);
     let (steps_of_z, mut off) = (draw.context.permit.steps(), stream(seed, 0, "off"));
@@ -284,7 +284,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
     let sigma_n = draw.context.zero.sigma_n;
     let stops_anywhere = rng.random_bool(0.3);
     let start_mm = draw.context.clear_mm;
-    let mut output = Printed::at(start_mm);
+    let mut output = MachineTranscript::at(start_mm);
     let mut event = LoopEvent::Begin {
         z_mm: start_mm,
         no_load: NoLoadReadings { mean_n: 0.0, sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0 },
@@ -343,7 +343,7 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
                 LoopEvent::Moved { z_mm: output.z_mm }
             }
             LoopCommand::Done | LoopCommand::Trip(_) => {
-                return (steps, Driven { seed, end: command, over_mm: deepest, broken });
+                return (steps, MachineDriven { seed, end: command, over_mm: deepest, broken });
             }
         };
     }
@@ -351,15 +351,15 @@ fn drive_plausibly(seed: u64) -> (u64, Driven) {
 }
 
 /// Drives one press with answers that fit in kind, mostly, and say anything. How many steps it took.
-fn drive_with_garbage(seed: u64) -> (u64, Draw, Printed, Vec<&'static str>) {
+fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'static str>) {
     let mut rng = stream(seed, 0, "garbage");
     let mut draw = draw(seed, &mut rng, false);
-    let mut output = Printed::at(f64::NAN);
+    let mut output = MachineTranscript::at(f64::NAN);
     // most of what it says is as a specimen would have it, or it would not come far
     let specimen = Specimen::under(&draw, &mut rng);
     let sane = 1.0 - rng.random_range(0.0..0.4f64).powi(2);
     let (mut steps, mut broken) = (0, Vec::new());
-    let begin = |rng: &mut RandomStream, draw: &Draw| {
+    let begin = |rng: &mut RandomStream, draw: &MachineDraw| {
         let sound = rng.random_bool(0.9);
         let mean_n = if sound { rng.random_range(-0.015..0.015) } else { garbage(rng) };
         let sigma_n = if sound { draw.context.zero.sigma_n } else { garbage(rng) };
@@ -469,7 +469,7 @@ fn must_be_none<'a>(presses: impl Iterator<Item = (u64, &'a Vec<&'static str>)>)
 fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_limit() {
     let (steps, ends) = until_enough(drive_plausibly);
     let mut kinds = BTreeMap::<&str, usize>::new();
-    for Driven { end, seed, .. } in &ends {
+    for MachineDriven { end, seed, .. } in &ends {
         let kind = if let LoopCommand::Trip(trip) = end { trip.rule.name() } else { "done" };
         *kinds.entry(kind).or_default() += 1;
         // of a press on a specimen that is as declared, the loop asks for nothing that the permit refuses
@@ -478,7 +478,7 @@ fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_l
     println!("{steps} steps, {} presses: {kinds:?}", ends.len());
     assert!(kinds.get("done").is_some_and(|done| 2 * done > ends.len()), "most presses are done: {kinds:?}");
     must_be_none(ends.iter().map(|driven| (driven.seed, &driven.broken)));
-    let deep: Vec<&Driven> = ends.iter().filter(|driven| driven.over_mm > 0.0).collect();
+    let deep: Vec<&MachineDriven> = ends.iter().filter(|driven| driven.over_mm > 0.0).collect();
     let worst = deep.iter().max_by(|a, b| a.over_mm.total_cmp(&b.over_mm));
     let output = worst.map(|worst| format!("the worst by {:.3} mm, seed {}", worst.over_mm, worst.seed));
     assert!(deep.is_empty(), "{} end points of {} presses below the depth limit, {output:?}", deep.len(), ends.len());

@@ -32,7 +32,7 @@ const RUNS: (usize, usize) = (12, 60);
 
 /// When something was on a wire.
 #[derive(Default)]
-struct Heard {
+struct ReactionHeard {
     /// The first reading over the limit, as it came in.
     over: Option<Instant>,
     /// The first stop after it, or it itself where the motion before had been stopped already.
@@ -41,7 +41,7 @@ struct Heard {
     stopped: bool,
 }
 
-impl Heard {
+impl ReactionHeard {
     fn is_over(&mut self) {
         let now = Instant::now();
         if self.over.is_none() {
@@ -73,10 +73,10 @@ impl Listener for Begin {
 }
 
 /// How a stop and a motion look on a stage's wire.
-type Words = [&'static [u8]; 2];
+type ReactionWords = [&'static [u8]; 2];
 
 /// The rigs: a name, the rig's text, and how its stage's stop and motions look on the wire.
-fn rigs() -> [(&'static str, String, Words); 4] {
+fn rigs() -> [(&'static str, String, ReactionWords); 4] {
     // a cell whose every answer is a force
     let force_alone = |text: String| {
         let text = exchanged(&text, "modbus = \"generic-rs485\"", "modbus = \"labjack-t7\"");
@@ -135,15 +135,15 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
 }
 
 /// Runs into a force far over the limit; what was on the wires, and when the scene's time began.
-fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
+fn tripped(spec: &RigSpec, from_s: f64, words: ReactionWords) -> (ReactionHeard, Instant) {
     let mut spec = spec.clone();
     spec.scene.faults.push(SceneFault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
     run_virtually(async {
         let (plan, origin) = (plan(&spec, RECIPE, 1), Instant::now());
         let simulated = spec.emulators(1).expect("emulators");
-        let heard = Arc::new(Mutex::new(Heard::default()));
+        let heard = Arc::new(Mutex::new(ReactionHeard::default()));
         let tapped = |device: &EmulatedDevice, tap: Tap| {
-            let line = Line {
+            let line = ReactionLine {
                 instrument: device.instrument().expect("a link").clone(),
                 scene: simulated.scene.clone(),
                 origin,
@@ -171,21 +171,21 @@ fn tripped(spec: &RigSpec, from_s: f64, words: Words) -> (Heard, Instant) {
 #[derive(Clone, Copy)]
 enum Tap {
     /// Stops and motions to the device.
-    Stage(Words),
+    Stage(ReactionWords),
     /// A force over this from it, N, from a moment on: what a device is asked while it is identified are no forces.
     Over(f64, Instant),
 }
 
 /// A device behind a link that is listened to.
-struct Line {
+struct ReactionLine {
     instrument: Shared<dyn Instrument>,
     scene: Shared<Scene>,
     origin: Instant,
-    heard: Arc<Mutex<Heard>>,
+    heard: Arc<Mutex<ReactionHeard>>,
     tap: Tap,
 }
 
-impl Line {
+impl ReactionLine {
     fn connector(&self) -> Connector {
         let (instrument, scene, origin) = (self.instrument.clone(), self.scene.clone(), self.origin);
         let (heard, tap) = (self.heard.clone(), self.tap);
@@ -199,7 +199,7 @@ impl Line {
 }
 
 /// Passes on at once what comes from either side.
-async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<Heard>>, tap: Tap) {
+async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<ReactionHeard>>, tap: Tap) {
     let (mut there, mut back) = ([0; 1024], [0; 1024]);
     loop {
         tokio::select! {

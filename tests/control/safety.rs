@@ -6,7 +6,7 @@ use palpate_data::dataset::Status;
 use palpate_run::run::Halt;
 use palpate_sim::scene::{ContactLaw, LoadCellScene, RelaxationBranch};
 use palpate_testing::campaign;
-use palpate_testing::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthful};
+use palpate_testing::safety::{STAIRCASE, SafetyBench, linear, recipe, rig_with, truthful};
 
 // ---- force and depth -----------------------------------------------------------------------------------------------
 
@@ -14,7 +14,7 @@ use palpate_testing::safety::{Bench, STAIRCASE, linear, recipe, rig_with, truthf
 fn the_force_at_the_limit_never_exceeds_it_over_forty_seeds() {
     for seed in 1..=40 {
         let place = ["[[0, 0]]", "[[5.5, -4]]", "[[-6, 6]]", "[[-3, -6]]"][seed as usize % 4];
-        Bench::new(rig_with(|_, _| {}), &recipe(place, STAIRCASE), seed).must_complete(&format!("seed {seed}"));
+        SafetyBench::new(rig_with(|_, _| {}), &recipe(place, STAIRCASE), seed).must_complete(&format!("seed {seed}"));
     }
 }
 
@@ -42,7 +42,7 @@ fn a_rig_mounted_any_way_round_presses_the_same() {
     {
         let spec = mount(down, z_mm, Place::new(x_mm, y_mm), z);
         let text = recipe("[[-5, 5], [5, 5], [0, -5]]", STAIRCASE);
-        Bench::new(spec, &text, 100 + i as u64).must_complete(&format!("mount {i}"));
+        SafetyBench::new(spec, &text, 100 + i as u64).must_complete(&format!("mount {i}"));
     }
 }
 
@@ -66,7 +66,7 @@ fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
             });
             let output = format!("specimen {i}, seed {seed}");
             let text = recipe("[[-5, 5], [4, -3]]", &format!("force_n = {force_n:?}"));
-            Bench::new(spec, &text, seed).must_complete(&output);
+            SafetyBench::new(spec, &text, seed).must_complete(&output);
         }
     }
 }
@@ -82,7 +82,7 @@ fn a_load_cell_that_is_slow_is_waited_for() {
                 scene.contact = linear(1.8);
             });
             let output = format!("{conversions_hz} Hz, seed {seed}");
-            Bench::new(spec, &recipe("[[-5, 5], [4, -3]]", "force_n = 2.0"), seed).must_complete(&output);
+            SafetyBench::new(spec, &recipe("[[-5, 5], [4, -3]]", "force_n = 2.0"), seed).must_complete(&output);
         }
     }
 }
@@ -93,7 +93,7 @@ fn an_offset_of_the_load_cell_is_no_force() {
         let spec = rig_with(|_, scene| {
             scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n, ..LoadCellScene::default() })
         });
-        Bench::new(spec, &recipe("[[1, 2]]", STAIRCASE), 5).must_complete(&format!("offset {offset_n} N"));
+        SafetyBench::new(spec, &recipe("[[1, 2]]", STAIRCASE), 5).must_complete(&format!("offset {offset_n} N"));
     }
 }
 
@@ -103,7 +103,7 @@ fn a_noisy_load_cell_doesnt_cost_force() {
         let spec = rig_with(|_, scene| {
             scene.load_cell = Some(LoadCellScene { noise_n: 0.02, offset_n: 0.0, ..LoadCellScene::default() })
         });
-        let mut bench = Bench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
+        let mut bench = SafetyBench::new(spec, &recipe("[[1, 2]]", "force_n = 1.9"), seed);
         let executed = bench.execute(None);
         assert_eq!(executed.ending.status(), Status::Complete, "seed {seed}: {:?}", executed.ending.text());
         let (peak_n, depth_mm) = bench.worst();
@@ -134,7 +134,7 @@ fn depth_is_held_where_the_specimen_yields_late() {
         // as much as the specimen bears at the depth limit, so that the press ends there, done or tripped
         let deepest_n = contact.force_n(spec.limits.depth_mm);
         let load = format!("force_n = {:.3}", (deepest_n * 1.02).min(2.0));
-        let mut bench = Bench::new(spec, &recipe("[[-4, 1], [3, 3]]", &load), 3);
+        let mut bench = SafetyBench::new(spec, &recipe("[[-4, 1], [3, 3]]", &load), 3);
         let executed = bench.execute(None);
         assert!(executed.ending.unparked.is_none(), "specimen {i}");
         let (peak_n, depth_mm) = bench.worst();
@@ -149,14 +149,14 @@ fn depth_is_held_where_the_specimen_yields_late() {
 #[test]
 fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
     let text = recipe("[[-4, 3], [4.5, 4.5]]", "staircase = { to_n = 1.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }");
-    let whole = Bench::new(rig_with(|_, _| {}), &text, 9).execute(None).readings;
+    let whole = SafetyBench::new(rig_with(|_, _| {}), &text, 9).execute(None).readings;
     assert!(whole > 500, "{whole} readings");
     // five levels at each of two places, each once
     let rows: Vec<(u64, u64)> = (0..2).flat_map(|press| (0..5).map(move |level| (press, level))).collect();
     let mut stopped_at = 0;
     while stopped_at < whole {
         let output = format!("stop at reading {stopped_at} of {whole}");
-        let mut bench = Bench::new(rig_with(|_, _| {}), &text, 9);
+        let mut bench = SafetyBench::new(rig_with(|_, _| {}), &text, 9);
         let executed = bench.execute(Some(stopped_at));
         assert!(matches!(executed.ending.halt, Some(Halt::Cancelled)), "{output}: {:?}", executed.ending.text());
         bench.assert_parked(&executed, &output);

@@ -15,7 +15,7 @@
 mod draw;
 mod verdict;
 
-use draw::{Draw, Kind};
+use draw::{DrawKind, RandomDraw};
 use palpate_testing::{campaign, program};
 use std::env;
 use std::fs::{self, File};
@@ -25,7 +25,7 @@ use std::process::Command;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
-use verdict::{Table, Verdict};
+use verdict::{Verdict, WorldVerdictTable};
 
 /// Runs: quick and full. Even the quick ones take a minute, so both are ignored by default.
 const RUNS: (usize, usize) = (16, 300);
@@ -39,20 +39,20 @@ const SEED: u64 = 1;
 #[test]
 #[ignore = "runs in real time: 16 runs in a minute, or 300 with PALPATE_TESTS=full"]
 fn campaign() {
-    let world = World::built();
+    let world = SpringWorld::built();
     let kinds = world.kinds();
     let first = env::var("PALPATE_WORLD_SEED").ok().map_or(SEED, |seed| seed.parse().expect("a seed"));
     let (runs, next) = (campaign::size(RUNS.0, RUNS.1) as u64, AtomicU64::new(first));
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("spring_world.jsonl");
     let file = Mutex::new(File::create(&path).expect("a file"));
-    let table = Mutex::new(Table::default());
+    let table = Mutex::new(WorldVerdictTable::default());
     thread::scope(|scope| {
         let work = || loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
             if seed >= first + runs {
                 break;
             }
-            let line = world.run(&Draw::new(seed, &kinds), None);
+            let line = world.run(&RandomDraw::new(seed, &kinds), None);
             writeln!(file.lock().expect("a file"), "{line}").expect("a line can be written");
             table.lock().expect("a table").add(Verdict::of(&line));
         };
@@ -67,7 +67,7 @@ fn campaign() {
 #[ignore = "runs in real time what PALPATE_WORLD and PALPATE_WORLD_SEED say"]
 fn one() {
     let number = |name: &str| env::var(name).ok().map(|text| text.parse::<f64>().expect("a number"));
-    let draw = Draw {
+    let draw = RandomDraw {
         seed: number("PALPATE_WORLD_SEED").unwrap_or(1.0) as u64,
         fault: env::var("PALPATE_WORLD").unwrap_or_else(|_| "none".to_owned()),
         stiffness: number("PALPATE_WORLD_STIFFNESS"),
@@ -75,7 +75,7 @@ fn one() {
     let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join("spring_world_one");
     // the run folder must be new
     let _ = fs::remove_dir_all(&kept);
-    let line = World::built().run(&draw, Some(&kept));
+    let line = SpringWorld::built().run(&draw, Some(&kept));
     let verdict = Verdict::of(&line);
     println!("{line}\n{}\n{}", verdict.text(), kept.display());
     assert!(verdict.falls.is_empty(), "{}", verdict.text());
@@ -117,30 +117,30 @@ fn a_verdict_names_each_bound_that_broke() {
 }
 
 /// The world's program.
-struct World {
+struct SpringWorld {
     path: PathBuf,
 }
 
-impl World {
+impl SpringWorld {
     /// `cargo test --test control` builds no example, so this does.
-    fn built() -> World {
+    fn built() -> SpringWorld {
         let folder = program().parent().expect("a folder").to_owned();
         let release = folder.ends_with("release");
         let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
         cargo.args(["build", "--quiet", "--locked", "--example", "spring_world"]).args(release.then_some("--release"));
         let built = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).status().expect("cargo starts");
         assert!(built.success(), "the example is built");
-        World { path: folder.join("examples/spring_world") }
+        SpringWorld { path: folder.join("examples/spring_world") }
     }
 
     /// The faults that it knows, with each value that it gives.
-    fn kinds(&self) -> Vec<Kind> {
+    fn kinds(&self) -> Vec<DrawKind> {
         let output = Command::new(&self.path).arg("kinds").output().expect("the world starts");
-        String::from_utf8(output.stdout).expect("a text").lines().flat_map(Kind::of_line).collect()
+        String::from_utf8(output.stdout).expect("a text").lines().flat_map(DrawKind::of_line).collect()
     }
 
     /// Carries a run out; its line of JSON.
-    fn run(&self, draw: &Draw, keep: Option<&Path>) -> String {
+    fn run(&self, draw: &RandomDraw, keep: Option<&Path>) -> String {
         let mut command = Command::new(&self.path);
         command.arg("run").arg("--palpate").arg(program()).args(["--fault", &draw.fault]);
         command.args(["--seed", &draw.seed.to_string()]);

@@ -19,12 +19,12 @@ const UNCERTAINTY_MM: f64 = 0.6;
 /// Half of the loading area, mm, to which `surface_tilt_mm` refers.
 const LOADING_HALF_MM: f64 = 6.0;
 
-struct Silent;
+struct TiltSilent;
 
-impl Listener for Silent {}
+impl Listener for TiltSilent {}
 
 fn found(spec: &RigSpec, seed: u64) -> Result<Alignment, AlignError> {
-    run_virtually(align(spec, seed, &Cancel::default(), &mut Silent))
+    run_virtually(align(spec, seed, &Cancel::default(), &mut TiltSilent))
 }
 
 /// A tilt of this angle, deeper in this direction.
@@ -107,17 +107,17 @@ fn align_refuses_a_specimen_that_is_not_level_enough() {
 /// Mean errors of what was recorded, and the means of what was: forces, and the depths gained from the first
 /// level in contact to the deepest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Recorded {
+struct TiltRecorded {
     force_off_n: f64,
     depth_off_mm: f64,
     force_n: f64,
     depth_mm: f64,
 }
 
-fn recorded(spec: &RigSpec, plan: &Plan) -> Recorded {
+fn recorded(spec: &RigSpec, plan: &Plan) -> TiltRecorded {
     let executed = executed(spec, plan);
     assert!(executed.ending.halt.is_none(), "{:?}", executed.ending.text());
-    let (mut sum, mut levels, mut contacts) = (Recorded::default(), 0.0, 0.0);
+    let (mut sum, mut levels, mut contacts) = (TiltRecorded::default(), 0.0, 0.0);
     for contact in executed.ledger.contacts() {
         for (row, truth) in contact.levels.iter().zip(&contact.truth) {
             sum.force_off_n += row.force_n.expect("a force") - truth.force_true_n;
@@ -132,8 +132,8 @@ fn recorded(spec: &RigSpec, plan: &Plan) -> Recorded {
         sum.depth_mm += real_mm;
         contacts += 1.0;
     }
-    let Recorded { force_off_n, depth_off_mm, force_n, depth_mm } = sum;
-    Recorded {
+    let TiltRecorded { force_off_n, depth_off_mm, force_n, depth_mm } = sum;
+    TiltRecorded {
         force_off_n: force_off_n / levels,
         depth_off_mm: depth_off_mm / contacts,
         force_n: force_n / levels,
@@ -175,18 +175,18 @@ fn rows_are_along_the_normal_of_a_rig_that_states_its_tilt() {
 }
 
 /// Stands before the stage, and notes the largest true force under which x or y was set in motion.
-struct Sideways {
+struct TiltSideways {
     stage: Shared<dyn Instrument>,
-    seen: Arc<Mutex<Seen>>,
+    seen: Arc<Mutex<TiltSeen>>,
 }
 
 #[derive(Clone, Copy, Default)]
-struct Seen {
+struct TiltSeen {
     commands: usize,
     under_n: f64,
 }
 
-impl Instrument for Sideways {
+impl Instrument for TiltSideways {
     fn device(&self) -> SceneDevice {
         SceneDevice::Stage
     }
@@ -222,12 +222,12 @@ fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, state
     // no place is higher or deeper than the frame states: 5 degrees at 5.7 mm are 0.5 mm, and a higher one could be grazed
     let text = recipe("[[-4, 4], [4, -4], [0, 0], [-4, -4], [4, 4]]", "force_n = 1.0")
         .replace("[press]\n", &format!("[press]\nstrategy = \"{strategy}\"\n"));
-    let seen = Arc::new(Mutex::new(Seen::default()));
+    let seen = Arc::new(Mutex::new(TiltSeen::default()));
     let executed = executed_with(&spec, &plan(&spec, &text, seed), Deaths::Ignored, &|rig| {
         let stage = rig.stage.instrument().expect("it has a link").clone();
-        rig.stage.replace(Arc::new(Mutex::new(Sideways { stage, seen: seen.clone() })));
+        rig.stage.replace(Arc::new(Mutex::new(TiltSideways { stage, seen: seen.clone() })));
     });
-    let Seen { commands, under_n } = *seen.lock().expect("one thread");
+    let TiltSeen { commands, under_n } = *seen.lock().expect("one thread");
     prop_assert_eq!((under_n, executed.truth.slid_mm), (0.0, 0.0));
     prop_assert!(executed.ending.halt.is_none(), "{:?}", executed.ending.text());
     prop_assert!(commands >= 5, "{} commands", commands);

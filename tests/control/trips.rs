@@ -5,7 +5,7 @@ use palpate_control::{MotionContext, Permit, SafetyRule, Zero};
 use palpate_core::quantity::Limits;
 use palpate_data::dataset::Status;
 use palpate_sim::scene::LoadCellScene;
-use palpate_testing::safety::{Bench, COUNT_N, linear, recipe, rig_with, truthful};
+use palpate_testing::safety::{COUNT_N, SafetyBench, linear, recipe, rig_with, truthful};
 
 #[test]
 fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
@@ -16,7 +16,7 @@ fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
             truthful(scene);
         });
         let depth_limit_mm = spec.limits.depth_mm;
-        let mut bench = Bench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
+        let mut bench = SafetyBench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
         let executed = bench.must_trip(&[SafetyRule::OutOfReach], &format!("seed {seed}"));
         // nothing relaxes and nothing is noise, so that the force tells the depth
         let depth_mm = (executed.shown_most_n - COUNT_N) / 0.3;
@@ -30,7 +30,7 @@ fn without_a_specimen_it_trips_where_the_surface_must_have_been() {
         scene.contact = linear(1e-6);
         scene.relaxation.clear();
     });
-    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[SafetyRule::NoContact], "no specimen");
+    SafetyBench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1).must_trip(&[SafetyRule::NoContact], "no specimen");
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn a_surface_beyond_the_declared_uncertainty_is_not_pressed_beyond_the_limit() {
             scene.contact = linear(1.8);
             truthful(scene);
         });
-        let mut bench = Bench::new(spec, &recipe("[[-5, -5]]", "force_n = 2.0"), seed);
+        let mut bench = SafetyBench::new(spec, &recipe("[[-5, -5]]", "force_n = 2.0"), seed);
         let executed = bench.execute(None);
         assert!(executed.ending.unparked.is_none(), "seed {seed}: {:?}", executed.ending.text());
         assert!(executed.shown_most_n <= 2.0 + COUNT_N, "seed {seed}: {} N", executed.shown_most_n);
@@ -66,7 +66,7 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
             truthful(scene);
         });
         let output = format!("{conversions_hz} Hz");
-        Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.9"), 2)
+        SafetyBench::new(spec, &recipe("[[0, 0]]", "force_n = 1.9"), 2)
             .must_trip(&[SafetyRule::OverForce, SafetyRule::HardContact], &output);
     }
 }
@@ -76,7 +76,7 @@ fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
     let spec = rig_with(|_, scene| {
         scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n: 6.0, ..LoadCellScene::default() })
     });
-    Bench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1)
+    SafetyBench::new(spec, &recipe("[[0, 0]]", "force_n = 1.0"), 1)
         .must_trip(&[SafetyRule::Unhealthy], "offset beyond range");
 }
 

@@ -38,7 +38,7 @@ const RECIPE: &str =
 
 /// What is wrong with a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Wrong {
+enum UnzeroedWrong {
     /// `frame.down` is reversed, and z stands free.
     Down,
     /// The same with a load cell that reads no force: only the array feels the specimen.
@@ -49,8 +49,9 @@ enum Wrong {
     Preload,
 }
 
-impl Wrong {
-    const ALL: [Wrong; 4] = [Wrong::Down, Wrong::DownDeadCell, Wrong::DownInContact, Wrong::Preload];
+impl UnzeroedWrong {
+    const ALL: [UnzeroedWrong; 4] =
+        [UnzeroedWrong::Down, UnzeroedWrong::DownDeadCell, UnzeroedWrong::DownInContact, UnzeroedWrong::Preload];
 }
 
 /// A specimen as declared whose surface is so far down from the end of z's travel, mm; negative: z is in it there.
@@ -66,22 +67,22 @@ fn specimen_at(name: &str, from_end_mm: f64) -> RigSpec {
 fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
     let mut jobs = Vec::new();
     for (name, _) in BENCHES {
-        for wrong in Wrong::ALL {
+        for wrong in UnzeroedWrong::ALL {
             jobs.extend((0..trials()).map(|nth| (name, wrong, nth)));
         }
     }
     let seen = in_parallel(&jobs, |&(name, wrong, nth)| {
         let mut rng = stream(nth, wrong as u64, name);
         let from_end_mm = match wrong {
-            Wrong::Down | Wrong::DownDeadCell => rng.random_range(0.1..10.0),
-            Wrong::DownInContact | Wrong::Preload => -rng.random_range(0.05..0.8),
+            UnzeroedWrong::Down | UnzeroedWrong::DownDeadCell => rng.random_range(0.1..10.0),
+            UnzeroedWrong::DownInContact | UnzeroedWrong::Preload => -rng.random_range(0.05..0.8),
         };
         let mut real = specimen_at(name, from_end_mm);
-        if wrong == Wrong::DownDeadCell {
+        if wrong == UnzeroedWrong::DownDeadCell {
             real.scene.faults = vec![SceneFault { kind: FaultKind::NoSensor, from_s: 0.0, value: None }];
         }
         let mut spec = real.clone();
-        if wrong != Wrong::Preload {
+        if wrong != UnzeroedWrong::Preload {
             spec.frame.down = Down::Plus;
         }
         let swap = |rig: &mut SimulatedRig| *rig = real.emulators(nth).expect("emulators");
@@ -101,12 +102,12 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
         if zeroed {
             broken.push(format!("{output}: a zero was taken"));
         }
-        if wrong == Wrong::DownDeadCell && (end != "outputs-moved" || executed.truth.depth_mm > FELT_MM) {
+        if wrong == UnzeroedWrong::DownDeadCell && (end != "outputs-moved" || executed.truth.depth_mm > FELT_MM) {
             broken.push(format!("{output}, {:.3} mm deep", executed.truth.depth_mm));
         }
         (wrong, end, executed.truth.force_n, broken)
     });
-    for wrong in Wrong::ALL {
+    for wrong in UnzeroedWrong::ALL {
         let of_it = || seen.iter().filter(|(kind, ..)| *kind == wrong);
         let worst_n = of_it().map(|(_, _, worst_n, _)| *worst_n).fold(0.0, f64::max);
         let mut ends: Vec<&str> = of_it().map(|(_, end, ..)| *end).collect();

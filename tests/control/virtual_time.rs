@@ -14,9 +14,9 @@ const RECIPES: [&str; 6] = ["paper", "calibrate", "characterise", "test", "bench
 const RIGS: [&str; 11] =
     ["sim", "paper", "bench-esp301", "bench-fast", "esp301", "xps", "grbl", "matrix", "process", "printer", "batch"];
 
-struct Deaf;
+struct VirtualTimeDeaf;
 
-impl Listener for Deaf {}
+impl Listener for VirtualTimeDeaf {}
 
 #[test]
 fn presses_are_those_of_tokios_paused_clock() {
@@ -41,7 +41,7 @@ fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
     plan.entries.truncate(campaign::size(QUICK, plan.entries.len().min(120)));
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-    let mut deaf = Deaf;
+    let mut deaf = VirtualTimeDeaf;
     let execute = execute(job, &mut deaf);
     let ending = if ours { run_virtually(execute) } else { in_tokios_virtual_time(execute) };
     let output = [format!("{:?} {} s", ending.text(), ending.t_s)].into_iter();

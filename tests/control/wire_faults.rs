@@ -10,7 +10,7 @@ use palpate_run::run::Remaining;
 use palpate_sim::scene::{ContactLaw, FaultKind, SceneDevice, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::executions::{
-    BENCHES, Deaths, Executed, bench_with_taxels, end_of, executed, executed_with, in_parallel, must_be_none, plan,
+    BENCHES, Deaths, ExecutedRun, bench_with_taxels, end_of, executed, executed_with, in_parallel, must_be_none, plan,
 };
 use palpate_testing::wire::{WireFault, put_on_wire};
 use rand::RngExt;
@@ -74,7 +74,7 @@ const LEFT_MOST_N: f64 = 0.05;
 
 /// What goes wrong.
 #[derive(Clone, Copy, Debug)]
-enum Wrong {
+enum WireFaultWrong {
     Wire(WireFault),
     /// The specimen rises, mm.
     Risen(f64),
@@ -83,35 +83,35 @@ enum Wrong {
 }
 
 /// Kinds of faults, by name, each with its sizes.
-type Kind = (&'static str, fn(&mut RandomStream) -> Wrong);
+type WireFaultKind = (&'static str, fn(&mut RandomStream) -> WireFaultWrong);
 
-const KINDS: [Kind; 16] = [
+const KINDS: [WireFaultKind; 16] = [
     ("cell slow", |rng| {
         let noise_n = if rng.random_bool(0.5) { 0.003 } else { 0.0 };
-        Wrong::Wire(WireFault::CellSlow(rng.random_range(0.2..1.5), noise_n))
+        WireFaultWrong::Wire(WireFault::CellSlow(rng.random_range(0.2..1.5), noise_n))
     }),
-    ("cell gain falls", |rng| Wrong::Wire(WireFault::CellGain(rng.random_range(0.5..0.8)))),
-    ("cell gain rises", |rng| Wrong::Wire(WireFault::CellGain(rng.random_range(1.25..2.0)))),
-    ("cell stuck, with noise", |_| Wrong::Wire(WireFault::CellStuck(0.003))),
-    ("cell drifts", |rng| Wrong::Wire(WireFault::CellDrifts(-rng.random_range(0.05..0.3)))),
-    ("cell offset", |rng| Wrong::Wire(WireFault::CellOffset(rng.random_range(-0.5..0.5)))),
-    ("array shifted", |rng| Wrong::Wire(WireFault::ArrayShifted(3.0, rng.random_range(0.0..TAU)))),
-    ("outputs x1000", |_| Wrong::Wire(WireFault::ArrayTimes(1000.0))),
-    ("outputs x0.5", |_| Wrong::Wire(WireFault::ArrayTimes(0.5))),
-    ("taxel dead", |rng| Wrong::Wire(WireFault::TaxelDead(rng.random_range(0..9)))),
-    ("taxel stuck", |rng| Wrong::Wire(WireFault::TaxelStuck(rng.random_range(0..9)))),
-    ("specimen rises", |rng| Wrong::Risen(rng.random_range(1.0..3.0))),
-    ("stage drops", |_| Wrong::Wire(WireFault::StageDrops(0.5))),
-    ("stage slips, unseen", |rng| Wrong::Slips(rng.random_range(0.1..0.5))),
-    ("stage deeper", |_| Wrong::Wire(WireFault::StageDeeper(0.2))),
-    ("stop ignored", |_| Wrong::Wire(WireFault::StopIgnored)),
+    ("cell gain falls", |rng| WireFaultWrong::Wire(WireFault::CellGain(rng.random_range(0.5..0.8)))),
+    ("cell gain rises", |rng| WireFaultWrong::Wire(WireFault::CellGain(rng.random_range(1.25..2.0)))),
+    ("cell stuck, with noise", |_| WireFaultWrong::Wire(WireFault::CellStuck(0.003))),
+    ("cell drifts", |rng| WireFaultWrong::Wire(WireFault::CellDrifts(-rng.random_range(0.05..0.3)))),
+    ("cell offset", |rng| WireFaultWrong::Wire(WireFault::CellOffset(rng.random_range(-0.5..0.5)))),
+    ("array shifted", |rng| WireFaultWrong::Wire(WireFault::ArrayShifted(3.0, rng.random_range(0.0..TAU)))),
+    ("outputs x1000", |_| WireFaultWrong::Wire(WireFault::ArrayTimes(1000.0))),
+    ("outputs x0.5", |_| WireFaultWrong::Wire(WireFault::ArrayTimes(0.5))),
+    ("taxel dead", |rng| WireFaultWrong::Wire(WireFault::TaxelDead(rng.random_range(0..9)))),
+    ("taxel stuck", |rng| WireFaultWrong::Wire(WireFault::TaxelStuck(rng.random_range(0..9)))),
+    ("specimen rises", |rng| WireFaultWrong::Risen(rng.random_range(1.0..3.0))),
+    ("stage drops", |_| WireFaultWrong::Wire(WireFault::StageDrops(0.5))),
+    ("stage slips, unseen", |rng| WireFaultWrong::Slips(rng.random_range(0.1..0.5))),
+    ("stage deeper", |_| WireFaultWrong::Wire(WireFault::StageDeeper(0.2))),
+    ("stop ignored", |_| WireFaultWrong::Wire(WireFault::StopIgnored)),
 ];
 
 /// One run to make.
-struct Case {
+struct WireFaultCase {
     seed: u64,
     kind: &'static str,
-    wrong: Wrong,
+    wrong: WireFaultWrong,
     spec: RigSpec,
     plan: Plan,
     text: String,
@@ -121,8 +121,8 @@ struct Case {
 }
 
 /// What came of it.
-struct Outcome {
-    case: Case,
+struct WireFaultOutcome {
+    case: WireFaultCase,
     from_s: f64,
     /// Presses whose window was over before the fault; whether it struck during the run.
     learned: usize,
@@ -140,19 +140,19 @@ struct Outcome {
     unsound: Option<String>,
 }
 
-impl Case {
-    fn new(seed: u64) -> Case {
+impl WireFaultCase {
+    fn new(seed: u64) -> WireFaultCase {
         let mut rng = stream(seed, 0, "faults at the wire");
         let (kind, draw) = KINDS[(seed - 1) as usize % KINDS.len()];
         let wrong = draw(&mut rng);
         let (bench, _) = BENCHES[rng.random_range(0..BENCHES.len())];
         let mut spec = bench_with_taxels(bench);
         spec.stage.speed_mm_s = SPEEDS_MM_S[rng.random_range(0..SPEEDS_MM_S.len())];
-        if let Wrong::Risen(_) = wrong {
+        if let WireFaultWrong::Risen(_) = wrong {
             spec.stage.travel.axes[Axis::Z.index()].max = TOP_MM;
         }
         let share = rng.random_range(STIFFNESS.0..STIFFNESS.1);
-        let is_straight = matches!(wrong, Wrong::Risen(_)) || rng.random_bool(0.5);
+        let is_straight = matches!(wrong, WireFaultWrong::Risen(_)) || rng.random_bool(0.5);
         spec.scene.contact = law(share * spec.limits.stiffness_n_mm / ADDED, spec.limits.force_n, is_straight);
         spec.limits.depth_mm = (DEEP * spec.scene.contact.depth_mm(spec.limits.force_n)).min(DEEPEST_MM);
         let strategy = Strategy::ALL[rng.random_range(0..Strategy::ALL.len())];
@@ -167,11 +167,11 @@ impl Case {
             strategy.name()
         );
         let (is_early, onset) = (rng.random_bool(EARLY), rng.random_range(0.0..1.0));
-        Case { seed, kind, wrong, spec, plan, text: output, is_early, onset }
+        WireFaultCase { seed, kind, wrong, spec, plan, text: output, is_early, onset }
     }
 
-    fn run(seed: u64) -> Outcome {
-        let case = Case::new(seed);
+    fn run(seed: u64) -> WireFaultOutcome {
+        let case = WireFaultCase::new(seed);
         let sound = executed(&case.spec, &case.plan);
         let unsound = sound.ending.text();
         let (begin_s, end_s) =
@@ -179,15 +179,15 @@ impl Case {
         let from_s = begin_s + case.onset * (end_s - begin_s);
         let mut spec = case.spec.clone();
         let executed = match case.wrong {
-            Wrong::Wire(fault) => executed_with(&spec, &case.plan, Deaths::Ignored, &|rig| {
+            WireFaultWrong::Wire(fault) => executed_with(&spec, &case.plan, Deaths::Ignored, &|rig| {
                 put_on_wire(rig, fault, from_s, seed);
             }),
-            Wrong::Risen(by_mm) | Wrong::Slips(by_mm) => {
+            WireFaultWrong::Risen(by_mm) | WireFaultWrong::Slips(by_mm) => {
                 spec.scene.faults.push(SceneFault { kind: FaultKind::Risen, from_s, value: Some(by_mm) });
                 self::executed(&spec, &case.plan)
             }
         };
-        let Executed { ending, ledger, truth, virtual_s, left_n, .. } = executed;
+        let ExecutedRun { ending, ledger, truth, virtual_s, left_n, .. } = executed;
         let before = |contact: &&RecordedContact| contact.levels[0].t_s.is_some_and(|t_s| t_s + WINDOW_S < from_s);
         let learned = ledger.contacts().filter(before).count();
         let offs: Vec<f64> = ledger
@@ -198,7 +198,7 @@ impl Case {
                 off(contact, twin)
             })
             .collect();
-        Outcome {
+        WireFaultOutcome {
             most_n: [HELD_LIMITS, WANTED_LIMITS].map(|limits| case.most_n(learned, limits)),
             from_s,
             learned,
@@ -216,7 +216,7 @@ impl Case {
     }
 
     fn is_of_array(&self) -> bool {
-        matches!(self.wrong, Wrong::Wire(fault) if fault.device() == SceneDevice::Array)
+        matches!(self.wrong, WireFaultWrong::Wire(fault) if fault.device() == SceneDevice::Array)
     }
 
     /// The most true force that this fault may cost, N.
@@ -226,13 +226,17 @@ impl Case {
         let on_its_own = |by_mm: f64| (1.0 + STAGE_SHARE) * limit_n + declared_n_mm * by_mm;
         NOISE_N
             + match self.wrong {
-                Wrong::Risen(by_mm) => limit_n + declared_n_mm * by_mm,
-                Wrong::Slips(by_mm) | Wrong::Wire(Is::StageDrops(by_mm) | Is::StageDeeper(by_mm)) => on_its_own(by_mm),
-                Wrong::Wire(Is::StopIgnored) => on_its_own(0.0),
-                Wrong::Wire(
+                WireFaultWrong::Risen(by_mm) => limit_n + declared_n_mm * by_mm,
+                WireFaultWrong::Slips(by_mm) | WireFaultWrong::Wire(Is::StageDrops(by_mm) | Is::StageDeeper(by_mm)) => {
+                    on_its_own(by_mm)
+                }
+                WireFaultWrong::Wire(Is::StopIgnored) => on_its_own(0.0),
+                WireFaultWrong::Wire(
                     Is::CellSlow(..) | Is::CellGain(_) | Is::CellStuck(_) | Is::CellDrifts(_) | Is::CellOffset(_),
                 ) => limit_n * if learned >= LEARNED { after } else { before },
-                Wrong::Wire(Is::ArrayShifted(..) | Is::ArrayTimes(_) | Is::TaxelDead(_) | Is::TaxelStuck(_)) => limit_n,
+                WireFaultWrong::Wire(
+                    Is::ArrayShifted(..) | Is::ArrayTimes(_) | Is::TaxelDead(_) | Is::TaxelStuck(_),
+                ) => limit_n,
             }
     }
 }
@@ -282,7 +286,7 @@ fn off(contact: &RecordedContact, twin: Option<&RecordedContact>) -> Option<f64>
     (!row.is_flagged()).then_some(of_force.max(of_outputs))
 }
 
-impl Outcome {
+impl WireFaultOutcome {
     /// Whether the plan was done although rows are off.
     fn is_wrong(&self) -> bool {
         self.end == "-" && self.off > 0
@@ -296,7 +300,7 @@ impl Outcome {
     /// outputs are compared with presses nearer than these.
     fn is_judged(&self) -> [bool; 2] {
         match self.case.wrong {
-            Wrong::Wire(WireFault::CellGain(gain)) => {
+            WireFaultWrong::Wire(WireFault::CellGain(gain)) => {
                 let is_learned = self.learned >= LEARNED;
                 [is_learned, is_learned && gain.max(1.0 / gain) >= GAIN_FOUND]
             }
@@ -317,8 +321,18 @@ impl Outcome {
     }
 
     fn text(&self) -> String {
-        let Outcome { case, from_s, learned, force_n, most_n: [most_n, _], left_n, remaining, off, off_most, .. } =
-            self;
+        let WireFaultOutcome {
+            case,
+            from_s,
+            learned,
+            force_n,
+            most_n: [most_n, _],
+            left_n,
+            remaining,
+            off,
+            off_most,
+            ..
+        } = self;
         format!(
             "seed {}: {}: {:?} from {from_s:.3} s, {learned} learned; {}: {force_n:.3} N of {most_n:.3} N, left {left_n:.3} N \
              ({remaining:?}), {off} rows off by at most {:.0} %: {}{}",
@@ -334,8 +348,8 @@ impl Outcome {
 }
 
 /// One line a kind, those of the load cell's apart by how many presses were learned.
-fn report(outcomes: &[Outcome]) {
-    let mut rows: BTreeMap<(&str, &str), Vec<&Outcome>> = BTreeMap::new();
+fn report(outcomes: &[WireFaultOutcome]) {
+    let mut rows: BTreeMap<(&str, &str), Vec<&WireFaultOutcome>> = BTreeMap::new();
     for outcome in outcomes {
         let learned = match outcome.learned {
             0 => "none",
@@ -345,7 +359,7 @@ fn report(outcomes: &[Outcome]) {
         rows.entry((outcome.case.kind, learned)).or_default().push(outcome);
     }
     for ((kind, learned), all) in &rows {
-        let count = |is: &dyn Fn(&Outcome) -> bool| all.iter().filter(|outcome| is(outcome)).count();
+        let count = |is: &dyn Fn(&WireFaultOutcome) -> bool| all.iter().filter(|outcome| is(outcome)).count();
         let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
         all.iter().for_each(|outcome| *ends.entry(outcome.end).or_default() += 1);
         println!(
@@ -354,8 +368,8 @@ fn report(outcomes: &[Outcome]) {
             all.len(),
             count(&|o| o.fired),
             count(&|o| o.force_n > o.most_n[1]),
-            count(&Outcome::is_wrong),
-            count(&Outcome::is_left),
+            count(&WireFaultOutcome::is_wrong),
+            count(&WireFaultOutcome::is_left),
             all.iter().map(|o| o.force_n).fold(0.0, f64::max),
             all.iter().map(|o| o.force_n / o.most_n[1]).fold(0.0, f64::max),
         );
@@ -366,23 +380,23 @@ fn report(outcomes: &[Outcome]) {
 fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
     let step = if campaign::is_quick() { QUICK_STEP } else { 1 };
     let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).map(|nth| 1 + step * nth).collect();
-    let outcomes = in_parallel(&seeds, |seed| Case::run(*seed));
+    let outcomes = in_parallel(&seeds, |seed| WireFaultCase::run(*seed));
     report(&outcomes);
-    let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(Outcome::text);
+    let broken = outcomes.iter().filter(|outcome| !outcome.broken().is_empty()).map(WireFaultOutcome::text);
     must_be_none(&broken.collect::<Vec<_>>());
 }
 
 #[test]
 fn a_load_cell_that_fails_near_the_limit_keeps_the_wanted_bound() {
-    let outcomes = in_parallel(&NEAR_LIMIT, |seed| Case::run(*seed));
+    let outcomes = in_parallel(&NEAR_LIMIT, |seed| WireFaultCase::run(*seed));
     let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
-    must_be_none(&broken.map(Outcome::text).collect::<Vec<_>>());
+    must_be_none(&broken.map(WireFaultOutcome::text).collect::<Vec<_>>());
 }
 
 #[test]
 fn a_specimen_that_rises_is_left_or_its_force_is_reported() {
-    let outcomes = in_parallel(&RISEN, |seed| Case::run(*seed));
-    assert!(outcomes.iter().all(|outcome| matches!(outcome.case.wrong, Wrong::Risen(_))));
-    let is_broken = |o: &&Outcome| o.end == "-" || o.is_left() || o.force_n > o.most_n[1];
-    must_be_none(&outcomes.iter().filter(is_broken).map(Outcome::text).collect::<Vec<_>>());
+    let outcomes = in_parallel(&RISEN, |seed| WireFaultCase::run(*seed));
+    assert!(outcomes.iter().all(|outcome| matches!(outcome.case.wrong, WireFaultWrong::Risen(_))));
+    let is_broken = |o: &&WireFaultOutcome| o.end == "-" || o.is_left() || o.force_n > o.most_n[1];
+    must_be_none(&outcomes.iter().filter(is_broken).map(WireFaultOutcome::text).collect::<Vec<_>>());
 }

@@ -27,7 +27,7 @@ const SHOWN_MOST: usize = 40;
 
 /// What is tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Subject {
+enum BadLineSubject {
     Esp301,
     Xps,
     Grbl,
@@ -44,38 +44,38 @@ enum Subject {
 }
 
 /// Each with its part of the runs: a stage has more that can go wrong.
-const SUBJECTS: [(Subject, u64); 13] = [
-    (Subject::Esp301, 4),
-    (Subject::Xps, 4),
-    (Subject::Grbl, 4),
-    (Subject::ProcessStage, 4),
-    (Subject::CellRtu, 2),
-    (Subject::CellTcp, 2),
-    (Subject::CellLaumas, 2),
-    (Subject::CellXps, 2),
-    (Subject::CellDaqmx, 2),
-    (Subject::CellProcess, 2),
-    (Subject::ArrayTcp, 2),
-    (Subject::ArrayDaqmx, 1),
-    (Subject::ArrayProcess, 1),
+const SUBJECTS: [(BadLineSubject, u64); 13] = [
+    (BadLineSubject::Esp301, 4),
+    (BadLineSubject::Xps, 4),
+    (BadLineSubject::Grbl, 4),
+    (BadLineSubject::ProcessStage, 4),
+    (BadLineSubject::CellRtu, 2),
+    (BadLineSubject::CellTcp, 2),
+    (BadLineSubject::CellLaumas, 2),
+    (BadLineSubject::CellXps, 2),
+    (BadLineSubject::CellDaqmx, 2),
+    (BadLineSubject::CellProcess, 2),
+    (BadLineSubject::ArrayTcp, 2),
+    (BadLineSubject::ArrayDaqmx, 1),
+    (BadLineSubject::ArrayProcess, 1),
 ];
 
-impl Subject {
+impl BadLineSubject {
     /// A check sum covers the bytes.
     fn has_check_sum(self) -> bool {
-        matches!(self, Subject::CellRtu | Subject::CellLaumas)
+        matches!(self, BadLineSubject::CellRtu | BadLineSubject::CellLaumas)
     }
 
     /// Answers name their requests.
     fn numbers_answers(self) -> bool {
-        use Subject::{ArrayProcess, ArrayTcp, CellProcess, CellTcp, ProcessStage};
+        use BadLineSubject::{ArrayProcess, ArrayTcp, CellProcess, CellTcp, ProcessStage};
         matches!(self, ProcessStage | CellTcp | CellProcess | ArrayTcp | ArrayProcess)
     }
 }
 
 /// What a run came to.
 #[derive(Default)]
-struct Outcome {
+struct BadLineOutcome {
     values: usize,
     altered: usize,
     stray: usize,
@@ -89,9 +89,9 @@ struct Outcome {
     longest: BTreeMap<&'static str, (f64, usize)>,
 }
 
-impl Outcome {
+impl BadLineOutcome {
     /// Judges a wrong value by what happened on the line while it was asked for.
-    fn judge(&mut self, subject: Subject, altered: bool, stray: bool, output: impl FnOnce() -> String) {
+    fn judge(&mut self, subject: BadLineSubject, altered: bool, stray: bool, output: impl FnOnce() -> String) {
         self.values += 1;
         if altered && !subject.has_check_sum() {
             self.altered += 1;
@@ -107,7 +107,7 @@ impl Outcome {
         *longest = (longest.0.max(took_s), longest.1.max(messages));
     }
 
-    fn join(&mut self, other: Outcome) {
+    fn join(&mut self, other: BadLineOutcome) {
         self.values += other.values;
         self.altered += other.altered;
         self.stray += other.stray;
@@ -141,18 +141,18 @@ fn rig(stage: &str, load_cell: &str, array: &str) -> RigSpec {
     spec
 }
 
-fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLineOutcome {
     let tried = panic::catch_unwind(AssertUnwindSafe(|| {
         run_virtually(async {
             match subject {
-                Subject::Esp301 | Subject::Xps | Subject::Grbl | Subject::ProcessStage => {
+                BadLineSubject::Esp301 | BadLineSubject::Xps | BadLineSubject::Grbl | BadLineSubject::ProcessStage => {
                     stages::run(subject, seed, bad).await
                 }
                 _ => readers::run(subject, seed, bad).await,
             }
         })
     }));
-    tried.unwrap_or_else(|_| Outcome { broken: vec!["it panicked".into()], ..Outcome::default() })
+    tried.unwrap_or_else(|_| BadLineOutcome { broken: vec!["it panicked".into()], ..BadLineOutcome::default() })
 }
 
 /// Panics of this process: one in a task of its own would go unseen.
@@ -170,12 +170,12 @@ fn campaign(runs: u64, bad: bool) {
     let parts: u64 = SUBJECTS.iter().map(|(_, part)| part).sum();
     let count = |part: u64| (runs * part).div_ceil(parts);
     let only = std::env::var("PALPATE_BAD_LINE_ONLY").ok();
-    let jobs: Vec<(Subject, u64)> = SUBJECTS
+    let jobs: Vec<(BadLineSubject, u64)> = SUBJECTS
         .iter()
         .filter(|(subject, _)| only.as_ref().is_none_or(|only| format!("{subject:?}") == *only))
         .flat_map(|&(subject, part)| (1..=count(part)).map(move |seed| (subject, seed)))
         .collect();
-    let mut rows: BTreeMap<Subject, (usize, Outcome)> = BTreeMap::new();
+    let mut rows: BTreeMap<BadLineSubject, (usize, BadLineOutcome)> = BTreeMap::new();
     let mut broken = Vec::new();
     for ((subject, seed), outcome) in jobs.iter().zip(in_parallel(&jobs, |&(subject, seed)| run(subject, seed, bad))) {
         broken.extend(outcome.broken.iter().map(|output| format!("{subject:?}, seed {seed}: {output}")));

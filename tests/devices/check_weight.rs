@@ -1,6 +1,6 @@
 //! `palpate doctor --check-weight-n`, and what a run makes of a load cell's certificate and check.
 
-use palpate_testing::{Bench, SMALL, exchanged, shipped_text};
+use palpate_testing::{SMALL, TestFolder, exchanged, shipped_text};
 
 const DOCTOR: &str = "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005";
 const CERTIFICATE: &str = "certificate = { number = \"K-7\", date = \"2026-05-04\", u_n = 0.002 }\n";
@@ -13,11 +13,11 @@ fn rig(gain_error_percent: f64, more: &str) -> String {
     exchanged(&rig, "\n[array]\n", &format!("{more}\n[array]\n"))
 }
 
-fn bench(gain_error_percent: f64, more: &str) -> Bench {
-    Bench::with([("rig.toml", rig(gain_error_percent, more).as_str()), ("small.toml", SMALL)])
+fn bench(gain_error_percent: f64, more: &str) -> TestFolder {
+    TestFolder::with([("rig.toml", rig(gain_error_percent, more).as_str()), ("small.toml", SMALL)])
 }
 
-fn run(bench: &Bench, code: i32) -> String {
+fn run(bench: &TestFolder, code: i32) -> String {
     bench.palpate_ends(code, "run small.toml --rig rig.toml --out run").err
 }
 
@@ -149,7 +149,7 @@ fn a_weight_is_refused_before_anything_moves() {
 #[test]
 fn a_simulated_gain_is_not_written_to_a_real_rig() {
     let esp301 = shipped_text("rigs/esp301.toml");
-    let bench = Bench::with([("rig.toml", esp301.as_str())]);
+    let bench = TestFolder::with([("rig.toml", esp301.as_str())]);
     let output = bench.palpate_ends(0, &format!("{DOCTOR} --simulate"));
     assert!(
         output.out.ends_with("not written: the gain of a simulated load cell doesn't apply to a real one\n"),

@@ -1,7 +1,7 @@
 //! `palpate emulate` as another program meets it: by hand, byte for byte, and with the real drivers in real time.
 #![cfg(unix)]
 
-use palpate_testing::{Bench, Live, exchanged, shipped, shipped_text};
+use palpate_testing::{Live, TestFolder, exchanged, shipped, shipped_text};
 use std::fs::OpenOptions;
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -25,7 +25,7 @@ const HELD: &str = "name = \"held\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"
 
 #[test]
 fn emulated_instruments_answer_any_program_and_the_real_drivers() {
-    let bench = Bench::with([("press.toml", PRESS), ("held.toml", HELD)]);
+    let bench = TestFolder::with([("press.toml", PRESS), ("held.toml", HELD)]);
     bench.write("sim.toml", &exchanged(&shipped_text("rigs/sim.toml"), SURFACE, NEAR_SURFACE));
     let emulators = Live::start(bench.command("emulate sim.toml --json"));
     let [stage, load_cell, array] = addresses(&emulators);
@@ -90,7 +90,8 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
 
 #[test]
 fn without_json_each_device_is_a_plain_line() {
-    let emulators = Live::start(Bench::new().command(&format!("emulate {}", shipped("rigs/esp301.toml").display())));
+    let emulators =
+        Live::start(TestFolder::new().command(&format!("emulate {}", shipped("rigs/esp301.toml").display())));
     for (device, protocol) in [("stage", "esp301"), ("load_cell", "modbus-rtu"), ("array", "modbus-tcp")] {
         let line = emulators.line().expect("a line a device");
         let words: Vec<&str> = line.split_whitespace().collect();

@@ -3,7 +3,7 @@
 //!
 //! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
 
-use palpate_testing::{Bench, Live, Printed, SMALL, exchanged, shipped_text};
+use palpate_testing::{CommandOutput, Live, SMALL, TestFolder, exchanged, shipped_text};
 use std::fs;
 use std::process::{Command, Stdio};
 use std::thread;
@@ -94,7 +94,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A rig of three scripts, each in its manner.
 struct Scripts {
-    bench: Bench,
+    bench: TestFolder,
 }
 
 impl Scripts {
@@ -104,7 +104,7 @@ impl Scripts {
         let rig = exchanged(&rig, r#"["python3", "examples/stage.py"]"#, &program("stage", stage));
         let rig = exchanged(&rig, r#"["python3", "examples/load_cell.py"]"#, &program("load_cell", load_cell));
         let rig = exchanged(&rig, r#"["python3", "examples/array.py", "9"]"#, &program("array", array));
-        Scripts { bench: Bench::with([("rig.toml", rig.as_str()), ("device.sh", DEVICE), ("r.toml", SMALL)]) }
+        Scripts { bench: TestFolder::with([("rig.toml", rig.as_str()), ("device.sh", DEVICE), ("r.toml", SMALL)]) }
     }
 
     /// The same, whose stage homes toward the specimen.
@@ -176,7 +176,7 @@ fn since_s(first: SystemTime, second: SystemTime) -> f64 {
 }
 
 /// Ends a program, and says how long that took from some moment.
-fn ended(live: Live, from: SystemTime) -> (Printed, f64) {
+fn ended(live: Live, from: SystemTime) -> (CommandOutput, f64) {
     let output = live.end();
     (output, since_s(from, SystemTime::now()))
 }

@@ -11,14 +11,14 @@ use palpate_sim::emulator::lines::{
 use palpate_sim::emulator::serve;
 use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::executions::run_virtually;
-use palpate_testing::{Bench, shipped_text};
+use palpate_testing::{TestFolder, shipped_text};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::duplex;
 
 /// How a board marks its readings.
 #[derive(Clone, Copy, Debug)]
-enum Marks {
+enum LineMarks {
     /// A line of text.
     Text,
     /// A line of text between a word and another.
@@ -32,15 +32,15 @@ enum Marks {
 }
 
 /// A skin whose channels are counts that differ from reading to reading.
-struct Skin {
-    marks: Marks,
+struct LineSkin {
+    marks: LineMarks,
     channels: usize,
     hz: f64,
     port: Port,
     nth: u64,
 }
 
-impl BoardFirmware for Skin {
+impl BoardFirmware for LineSkin {
     fn device(&self) -> SceneDevice {
         SceneDevice::Array
     }
@@ -62,17 +62,17 @@ impl BoardFirmware for Skin {
         let text = || reading.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
         let words = || reading.iter().flat_map(|value| (*value as u16).to_le_bytes()).collect::<Vec<u8>>();
         match self.marks {
-            Marks::Text => format!("{}\r\n", text()).into_bytes(),
-            Marks::MarkedText => format!("S,{},E\r\n", text()).into_bytes(),
-            Marks::Tail => {
+            LineMarks::Text => format!("{}\r\n", text()).into_bytes(),
+            LineMarks::MarkedText => format!("S,{},E\r\n", text()).into_bytes(),
+            LineMarks::Tail => {
                 let floats = reading.iter().flat_map(|value| (*value as f32).to_le_bytes());
                 floats.chain(*b"\r\n").collect()
             }
-            Marks::HeadAndSum => {
+            LineMarks::HeadAndSum => {
                 let sum = words().iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte));
                 [&[0xAA, 0x55], &words()[..], &[sum]].concat()
             }
-            Marks::HeadAndCrc => {
+            LineMarks::HeadAndCrc => {
                 let crc = words().iter().fold(0xFFFFu16, |crc, byte| {
                     (0..8)
                         .fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
@@ -83,16 +83,16 @@ impl BoardFirmware for Skin {
     }
 }
 
-impl Marks {
+impl LineMarks {
     fn profile(self, channels: usize) -> LineProfile {
         let framing = match self {
-            Marks::Text => format!("[text]\ncolumns = {channels}\n"),
-            Marks::MarkedText => format!("[text]\nbefore = \"S,\"\nafter = \",E\"\ncolumns = {channels}\n"),
-            Marks::Tail => format!("[frame]\nnumbers = [\"{channels} f32\"]\ntail = \"0D 0A\"\n"),
-            Marks::HeadAndSum => {
+            LineMarks::Text => format!("[text]\ncolumns = {channels}\n"),
+            LineMarks::MarkedText => format!("[text]\nbefore = \"S,\"\nafter = \",E\"\ncolumns = {channels}\n"),
+            LineMarks::Tail => format!("[frame]\nnumbers = [\"{channels} f32\"]\ntail = \"0D 0A\"\n"),
+            LineMarks::HeadAndSum => {
                 format!("[frame]\nhead = \"AA 55\"\nnumbers = [\"{channels} u16\"]\nchecksum = \"sum8\"\n")
             }
-            Marks::HeadAndCrc => {
+            LineMarks::HeadAndCrc => {
                 format!("[frame]\nhead = \"AA 55\"\nnumbers = [\"{channels} u16\"]\nchecksum = \"crc16-modbus\"\n")
             }
         };
@@ -102,14 +102,14 @@ impl Marks {
 }
 
 /// What was received in some seconds, and what had been sent.
-struct Outcome {
+struct LineOutcome {
     received: Vec<Received>,
     sent: Vec<Sent>,
     origin: Instant,
 }
 
 /// Receives every reading of a board for `seconds`.
-fn received(skin: Skin, damage: f64, faults: &[LineFault], seconds: f64) -> Outcome {
+fn received(skin: LineSkin, damage: f64, faults: &[LineFault], seconds: f64) -> LineOutcome {
     let (marks, channels) = (skin.marks, skin.channels);
     let spec = rig::parse("sim", &shipped_text("rigs/sim.toml"), &|_| unreachable!()).expect("a rig");
     let scene = spec.emulators(1).expect("emulators").scene;
@@ -135,11 +135,11 @@ fn received(skin: Skin, damage: f64, faults: &[LineFault], seconds: f64) -> Outc
             let known_s = sent.last().map_or(-1.0, |last| last.last_byte_s);
             sent.extend(board.lock().unwrap().sent().filter(|line| line.last_byte_s > known_s).cloned());
         }
-        Outcome { received, sent, origin }
+        LineOutcome { received, sent, origin }
     })
 }
 
-impl Outcome {
+impl LineOutcome {
     /// Readings that were never sent so.
     fn wrong(&self) -> usize {
         let was_sent = |one: &&Received| !self.sent.iter().any(|line| line.reading == one.numbers);
@@ -168,8 +168,9 @@ impl Outcome {
 fn readings_have_the_age_of_their_last_byte_through_damage_a_stall_and_a_reset() {
     let stall = LineFault { kind: LineFaultKind::Stops, at_s: 6.0, for_s: 0.3 };
     let reset = LineFault { kind: LineFaultKind::Resets, at_s: 8.0, for_s: 1.7 };
-    let uno = Skin { marks: Marks::Text, channels: 15, hz: 100.0, port: Port::uno(115_200.0), nth: 0 };
-    let fast = Skin { marks: Marks::HeadAndCrc, channels: 64, hz: 1000.0, port: Port::native_usb(0.03), nth: 0 };
+    let uno = LineSkin { marks: LineMarks::Text, channels: 15, hz: 100.0, port: Port::uno(115_200.0), nth: 0 };
+    let fast =
+        LineSkin { marks: LineMarks::HeadAndCrc, channels: 64, hz: 1000.0, port: Port::native_usb(0.03), nth: 0 };
     for (name, skin, per_s) in
         [("15 channels, 100 Hz, 115200 baud", uno, 90.0), ("64 channels, 1 kHz, USB", fast, 900.0)]
     {
@@ -189,13 +190,13 @@ fn readings_have_the_age_of_their_last_byte_through_damage_a_stall_and_a_reset()
 fn how_many_damaged_readings_pass_depends_on_the_marks() {
     // of 20,000 lines, 3 % damaged: what passes of them
     for (marks, most) in [
-        (Marks::Text, 200),
-        (Marks::MarkedText, 200),
-        (Marks::Tail, 200),
-        (Marks::HeadAndSum, 10),
-        (Marks::HeadAndCrc, 0),
+        (LineMarks::Text, 200),
+        (LineMarks::MarkedText, 200),
+        (LineMarks::Tail, 200),
+        (LineMarks::HeadAndSum, 10),
+        (LineMarks::HeadAndCrc, 0),
     ] {
-        let skin = Skin { marks, channels: 15, hz: 1000.0, port: Port::native_usb(0.0), nth: 0 };
+        let skin = LineSkin { marks, channels: 15, hz: 1000.0, port: Port::native_usb(0.0), nth: 0 };
         let outcome = received(skin, 0.03, &[], 20.0);
         let damaged = outcome.sent.iter().filter(|line| !line.whole).count();
         println!(
@@ -211,7 +212,7 @@ fn how_many_damaged_readings_pass_depends_on_the_marks() {
 
 #[test]
 fn a_whole_calibration_by_hand_home_with_a_z_sg_and_a_matrix_of_16() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "run calibrate --rig matrix --simulate --out run");
     let forces = bench.column("run/presses.csv", "force_n");
     assert_eq!(forces.len(), 625);
@@ -225,7 +226,7 @@ fn a_whole_calibration_by_hand_home_with_a_z_sg_and_a_matrix_of_16() {
 fn a_profile_of_ones_own_is_not_simulated() {
     let rig = shipped_text("rigs/matrix.toml").replace("velostat-16", "mine.toml");
     let mine = include_str!("../../profiles/lines/velostat-16.toml");
-    let bench = Bench::with([("rig.toml", &*rig), ("mine.toml", mine)]);
+    let bench = TestFolder::with([("rig.toml", &*rig), ("mine.toml", mine)]);
     let output = bench.palpate_ends(2, "run calibrate --rig rig.toml --simulate");
     assert!(
         output.running().contains("a line profile of your own can't be simulated, because nothing else knows"),

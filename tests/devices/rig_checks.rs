@@ -1,6 +1,6 @@
 //! `palpate doctor` and `palpate align` as their user meets them.
 
-use palpate_testing::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate_testing::{SMALL, TestFolder, exchanged, shipped, shipped_text};
 
 const RIGS: [&str; 9] = ["sim", "paper", "esp301", "xps", "grbl", "process", "printer", "bench-fast", "bench-esp301"];
 
@@ -14,7 +14,7 @@ const MOUNTING: &str = "mounting = { x_mm = 0.6, y_mm = -0.4, z_mm = 0.1, rotati
 fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
-        let output = Bench::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
+        let output = TestFolder::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
         let (_, advice) = output.out.split_once("\nto do\n").expect("advice");
         // these set the speed of their search for home themselves
         let homes_itself = ["paper", "xps", "grbl"].contains(&rig);
@@ -33,7 +33,7 @@ fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() 
 fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
-        let output = Bench::new().palpate_ends(0, &format!("retract {} --simulate", file.display()));
+        let output = TestFolder::new().palpate_ends(0, &format!("retract {} --simulate", file.display()));
         assert!(
             output.out.contains("away from the specimen; the load cell was read on the way"),
             "{rig}: {}",
@@ -46,14 +46,14 @@ fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
 fn a_load_cell_that_says_nothing_of_use_holds_up_no_withdrawal() {
     for kind in ["stale", "stuck", "no-sensor"] {
         let rig = shipped_text("rigs/sim.toml") + &format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 0.0\n");
-        let output = Bench::with([("rig.toml", rig.as_str())]).palpate_ends(0, "retract rig.toml");
+        let output = TestFolder::with([("rig.toml", rig.as_str())]).palpate_ends(0, "retract rig.toml");
         assert!(output.out.contains("away from the specimen"), "{kind}: {}", output.out);
     }
 }
 
 #[test]
 fn former_command_name_withdraw_is_accepted_and_reported_once() {
-    let bench = Bench::with([("rig.toml", shipped_text("rigs/sim.toml").as_str())]);
+    let bench = TestFolder::with([("rig.toml", shipped_text("rigs/sim.toml").as_str())]);
     let former = bench.palpate_ends(0, "withdraw rig.toml");
     assert_eq!(former.err.matches("note: `palpate withdraw` is now `palpate retract`").count(), 1, "{}", former.err);
     let now = bench.palpate_ends(0, "retract rig.toml");
@@ -65,7 +65,7 @@ fn former_command_name_withdraw_is_accepted_and_reported_once() {
 fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
     let said = exchanged(&rig, "conversions_hz = 200.0", "conversions_hz = 200.0\nair_n = [-0.1, 0.1]");
-    let bench = Bench::with([("rig.toml", rig.as_str()), ("said.toml", said.as_str()), ("r.toml", SMALL)]);
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("said.toml", said.as_str()), ("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "doctor rig.toml");
     assert!(output.out.contains("`air_n = [-0.1, 0.7]`"), "{}", output.out);
     let output = bench.palpate_ends(4, "doctor said.toml");
@@ -80,7 +80,7 @@ fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
 
 #[test]
 fn the_doctor_measures_what_a_run_reckons_with() {
-    let output = Bench::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
+    let output = TestFolder::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
     let found = &output.json_lines()[0];
     let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key}: {found}"));
     assert!((number("noise_n") - 0.003).abs() < 0.0005 && number("zero_n").abs() < 0.001, "{found}");
@@ -94,7 +94,7 @@ fn the_doctor_measures_what_a_run_reckons_with() {
 #[test]
 fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_same() {
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
-    let output = Bench::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
+    let output = TestFolder::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
     let said = output.out.split_whitespace().collect::<Vec<_>>().join(" ");
     for expected in [
         "is over 2 % of the force limit: a run won't start",
@@ -103,7 +103,7 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
         assert!(said.contains(expected), "no {expected:?} in\n{}", output.out);
     }
     let slow = exchanged(&shipped_text("rigs/sim.toml"), "speed_mm_s = 10.0 ", "speed_mm_s = 100.0 ");
-    let output = Bench::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
+    let output = TestFolder::with([("fast.toml", slow.as_str())]).palpate_ends(3, "doctor fast.toml");
     assert!(
         output.running().contains("reaches at most 25 mm/s, less than the rig's speed_mm_s of 100"),
         "{}",
@@ -115,7 +115,7 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
 #[test]
 fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
     let rig = shipped_text("rigs/sim.toml") + MOUNTING;
-    let bench = Bench::with([("rig.toml", rig.as_str())]);
+    let bench = TestFolder::with([("rig.toml", rig.as_str())]);
     let output = bench.palpate_ends(0, "align rig.toml");
     assert!(output.out.ends_with("written: [frame] of rig.toml\n"), "{}", output.out);
     let written = bench.read("rig.toml");
@@ -159,7 +159,7 @@ fn sloped(per_x: f64) -> String {
 #[test]
 fn a_tilt_is_aligned_stated_by_check_and_refused_above_five_degrees() {
     let (sloped_rig, steep_rig) = (sloped(-0.05), sloped(0.1));
-    let bench = Bench::with([("rig.toml", sloped_rig.as_str()), ("steep.toml", &steep_rig), ("r.toml", SMALL)]);
+    let bench = TestFolder::with([("rig.toml", sloped_rig.as_str()), ("steep.toml", &steep_rig), ("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "align rig.toml");
     assert!(output.out.contains("tilt      2.8") && output.out.contains("travels 5"), "{}", output.out);
     let output = bench.palpate_ends(0, "check r.toml --rig rig.toml");
@@ -181,7 +181,7 @@ fn a_tilt_is_aligned_stated_by_check_and_refused_above_five_degrees() {
 #[test]
 fn align_writes_nothing_of_a_poor_fit_a_dry_run_or_a_real_rigs_simulation() {
     let swapped = exchanged(&shipped_text("rigs/paper.toml"), "Dev1/ai1:9", "Dev1/ai1:4,Dev1/ai9,Dev1/ai6:8,Dev1/ai5");
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("swapped.toml", swapped.as_str()),
         ("sim.toml", &shipped_text("rigs/sim.toml")),
         ("real.toml", &shipped_text("rigs/esp301.toml")),
@@ -205,7 +205,7 @@ fn a_rig_that_mixes_a_program_with_simulated_links_is_refused_and_marlin_is_with
         "driver = { process = [\"python3\", \"array.py\"] }",
     );
     let marlin = exchanged(&shipped_text("rigs/grbl.toml"), "\"grbl\"", "\"marlin\"");
-    let bench = Bench::with([("mixed.toml", mixed.as_str()), ("marlin.toml", &marlin)]);
+    let bench = TestFolder::with([("mixed.toml", mixed.as_str()), ("marlin.toml", &marlin)]);
     let output = bench.palpate_ends(2, "doctor mixed.toml");
     assert!(output.running().contains("some links are simulated and others are real"), "{}", output.err);
     let output = bench.palpate_ends(2, "doctor marlin.toml");
@@ -235,7 +235,7 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
             ["the program has ended (signal: 9", "see the program's own messages"],
         ),
     ] {
-        let bench = Bench::with([("rig.toml", with(command).as_str())]);
+        let bench = TestFolder::with([("rig.toml", with(command).as_str())]);
         let output = bench.palpate_ends(3, "doctor rig.toml --confirmed down");
         let output = output.running();
         assert!(parts.iter().all(|part| output.contains(part)) && !output.contains("cable"), "{command}: {output}");
@@ -245,7 +245,7 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
 #[test]
 fn emulate_names_what_has_no_socket_and_refuses_a_port_for_it() {
     let rig = shipped("rigs/paper.toml");
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));
     assert!(output.running().contains("daqmx has no socket"), "{}", output.err);
     let output = bench.palpate_ends(2, &format!("emulate {} --port stag=0", rig.display()));

@@ -9,7 +9,7 @@ use palpate_link::time::{Instant, sleep_until};
 use palpate_run::rig::{self, OpenRig};
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::executions::run_virtually;
-use palpate_testing::{Bench, SMALL, campaign, exchanged, made_ready, shipped, shipped_text};
+use palpate_testing::{SMALL, TestFolder, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
 
 /// The rig that the others are held against, and the others.
@@ -27,13 +27,13 @@ const FORCE_N: (f64, f64) = (0.006, 0.020);
 const WINDOW_N: f64 = 0.025;
 
 /// What a rig made of the paper's protocol.
-struct Outcome {
+struct RigOutcome {
     windows_n: Vec<f64>,
     found: Vec<(Place, f64)>,
     mean_mm: f64,
 }
 
-fn outcome(bench: &Bench, rig: &str) -> Outcome {
+fn outcome(bench: &TestFolder, rig: &str) -> RigOutcome {
     let (recipe, file) = (shipped("recipes/paper.toml"), shipped(&format!("rigs/{rig}.toml")));
     bench.palpate_ends(
         0,
@@ -45,7 +45,7 @@ fn outcome(bench: &Bench, rig: &str) -> Outcome {
         .evaluate("pearson")
         .expect("an evaluation");
     let windows = bench.column(&format!("{rig}/presses.csv"), "force_n");
-    Outcome {
+    RigOutcome {
         windows_n: windows.iter().map(|force| force.parse().expect("a number")).collect(),
         found: evaluation.presses.iter().map(|press| (press.place_solved, press.force_solved_n)).collect(),
         mean_mm: evaluation.location_error_mm.mean,
@@ -54,7 +54,7 @@ fn outcome(bench: &Bench, rig: &str) -> Outcome {
 
 #[test]
 fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let first = outcome(&bench, FIRST);
     for rig in OTHERS.into_iter().step_by(campaign::every(3, 1)) {
         let other = outcome(&bench, rig);
@@ -78,7 +78,7 @@ fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
 fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
     // 73 ms a command, 71 to 78: the recording of a real one
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "stage = [5.0, 20.0]", "stage = [71.0, 78.0]");
-    let bench = Bench::with([("slow.toml", rig.as_str()), ("r.toml", SMALL)]);
+    let bench = TestFolder::with([("slow.toml", rig.as_str()), ("r.toml", SMALL)]);
     let doctor = bench.palpate_ends(0, "doctor slow.toml --json").json_lines().remove(0);
     let worst_ms = doctor["reaction_worst_ms"].as_f64().expect("a number");
     assert!((120.0..150.0).contains(&worst_ms), "{worst_ms} ms");
@@ -98,7 +98,7 @@ fn xps_in_groups() -> [String; 3] {
 fn an_xps_presses_the_same_in_one_group_two_or_three() {
     let mut firsts: Option<Vec<f64>> = None;
     for rig in xps_in_groups() {
-        let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
+        let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
         bench.palpate_ends(0, "run r.toml --rig rig.toml --simulate --out run");
         assert_eq!(
             bench.column("run/presses.csv", "flags").iter().filter(|flags| !flags.is_empty()).count(),
@@ -190,7 +190,7 @@ fn every_shipped_map_of_a_load_cell_fits_its_emulator() {
         ("labjack-t7", "LabJack T7"),
     ] {
         let rig = exchanged(&shipped_text("rigs/sim.toml"), "\"generic-rs485\"", &format!("\"{map}\""));
-        let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
+        let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", SMALL)]);
         let output = bench.palpate_ends(0, "doctor rig.toml --json").json_lines().remove(0);
         let identity = output["devices"][1]["identity"]["identity"].as_str().expect("a name");
         assert!(identity.starts_with(name), "{map}: {identity}");

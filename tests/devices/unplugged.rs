@@ -7,8 +7,8 @@
 mod far;
 mod kept;
 
-use far::{Fate, Loss};
-use kept::{Executed, Kept};
+use far::{FarEndFate, FarEndLoss};
+use kept::{StoredRun, UnpluggedRun};
 use palpate_control::Strategy;
 use palpate_data::dataset::Status;
 use palpate_data::recipe::Plan;
@@ -16,8 +16,8 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::SceneDevice;
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
-use palpate_testing::executions::{Worst, bench, in_parallel, plan};
-use palpate_testing::phases::Phase;
+use palpate_testing::executions::{ExecutionWorst, bench, in_parallel, plan};
+use palpate_testing::phases::PressPhase;
 use std::collections::BTreeMap;
 
 /// How often each device is lost in each way in each phase.
@@ -64,7 +64,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
 
 /// A rig, how it is pressed with, and how often something is lost there.
 #[derive(Clone, Copy, Debug)]
-struct Setup {
+struct UnpluggedSetup {
     rig: &'static str,
     strategy: Strategy,
     losses: usize,
@@ -72,18 +72,18 @@ struct Setup {
 }
 
 /// A case: a setup by its number, the fate, and the phase it strikes in.
-struct Case {
+struct UnpluggedCase {
     setup: usize,
-    fate: Fate,
-    phase: Phase,
+    fate: FarEndFate,
+    phase: PressPhase,
 }
 
 /// A setup's plan, and the run in which nothing is lost.
-struct Sound {
-    setup: Setup,
+struct UnpluggedSound {
+    setup: UnpluggedSetup,
     spec: RigSpec,
     plan: Plan,
-    executed: Executed,
+    executed: UnpluggedRun,
 }
 
 #[test]
@@ -92,11 +92,11 @@ fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing(
     if ran_alone("unplugged::a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing") {
         return;
     }
-    let sounds = in_parallel(&setups(), |&setup| Sound::of(setup));
-    let cases: Vec<Case> = sounds.iter().enumerate().flat_map(|(i, sound)| sound.cases(i)).collect();
+    let sounds = in_parallel(&setups(), |&setup| UnpluggedSound::of(setup));
+    let cases: Vec<UnpluggedCase> = sounds.iter().enumerate().flat_map(|(i, sound)| sound.cases(i)).collect();
     let ends = in_parallel(&cases, |case| sounds[case.setup].lose(case));
-    let mut rows: BTreeMap<(&str, Loss, Phase), [usize; 2]> = BTreeMap::new();
-    let (mut all, mut longest_s) = (Worst::default(), 0.0f64);
+    let mut rows: BTreeMap<(&str, FarEndLoss, PressPhase), [usize; 2]> = BTreeMap::new();
+    let (mut all, mut longest_s) = (ExecutionWorst::default(), 0.0f64);
     let mut broken = Vec::new();
     for (case, end) in cases.iter().zip(&ends) {
         let row = rows.entry((case.fate.device.name(), case.fate.loss, case.phase)).or_default();
@@ -117,50 +117,55 @@ fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing(
         broken.len()
     );
     assert!(broken.is_empty(), "{} of {} cases:\n{}", broken.len(), cases.len(), broken.join("\n"));
-    assert_eq!(rows.len(), 3 * Loss::ALL.len() * Phase::ALL.len(), "each device in each way in each phase");
+    assert_eq!(rows.len(), 3 * FarEndLoss::ALL.len() * PressPhase::ALL.len(), "each device in each way in each phase");
 }
 
-fn setups() -> Vec<Setup> {
+fn setups() -> Vec<UnpluggedSetup> {
     let losses = campaign::size(LOSSES, LOSSES);
     let every = |(quick, full)| campaign::every(quick, full);
     let bench = |rig| {
         let every = every(EVERY);
-        Strategy::ALL.map(|strategy| Setup { rig, strategy, losses, every })
+        Strategy::ALL.map(|strategy| UnpluggedSetup { rig, strategy, losses, every })
     };
-    let elsewhere = |(rig, _)| Setup { rig, strategy: Strategy::Guarded, losses, every: every(EVERY_ELSEWHERE) };
+    let elsewhere =
+        |(rig, _)| UnpluggedSetup { rig, strategy: Strategy::Guarded, losses, every: every(EVERY_ELSEWHERE) };
     let benches = ["bench-fast", "bench-esp301"].into_iter().flat_map(bench);
     benches.chain(ELSEWHERE.into_iter().map(elsewhere)).collect()
 }
 
-impl Sound {
-    fn of(setup: Setup) -> Sound {
+impl UnpluggedSound {
+    fn of(setup: UnpluggedSetup) -> UnpluggedSound {
         let spec = setup.spec();
         let mut plan = plan(&spec, &RECIPE.replace("STRATEGY", setup.strategy.name()), 1);
         plan.entries.truncate(if setup.strategy == Strategy::Map { TRAINING_PRESSES + PRESSES } else { PRESSES });
-        let executed = Kept::new(&spec, &plan).execute(&spec, &plan, None);
+        let executed = StoredRun::new(&spec, &plan).execute(&spec, &plan, None);
         assert_eq!(executed.ending.status(), Status::Complete, "{setup:?}: {:?}", executed.ending.text());
         assert_eq!(executed.contacts.len(), plan.entries.len(), "{setup:?}");
-        for phase in Phase::ALL {
+        for phase in PressPhase::ALL {
             // each press ends above the place of the next: a run's first travels alone, which of a map's teaches
-            let may_miss = phase == Phase::Travel && setup.strategy == Strategy::Map;
+            let may_miss = phase == PressPhase::Travel && setup.strategy == Strategy::Map;
             assert!(may_miss || executed.phases.contains(&Some(phase)), "{setup:?} has no {phase:?}");
         }
-        Sound { setup, spec, plan, executed }
+        UnpluggedSound { setup, spec, plan, executed }
     }
 
     /// Every phase with each device lost in each way, at messages all over it.
-    fn cases(&self, setup: usize) -> Vec<Case> {
+    fn cases(&self, setup: usize) -> Vec<UnpluggedCase> {
         let mut cases = Vec::new();
-        let combined: Vec<(SceneDevice, Loss)> =
-            self.devices().into_iter().flat_map(|device| Loss::ALL.map(|loss| (device, loss))).collect();
-        for phase in Phase::ALL {
+        let combined: Vec<(SceneDevice, FarEndLoss)> =
+            self.devices().into_iter().flat_map(|device| FarEndLoss::ALL.map(|loss| (device, loss))).collect();
+        for phase in PressPhase::ALL {
             let messages: Vec<usize> =
                 (0..self.executed.phases.len()).filter(|&at| self.executed.phases[at] == Some(phase)).collect();
             let losses = self.setup.losses.min(messages.len());
             for (i, &(device, loss)) in combined.iter().enumerate() {
                 // each device in each way at messages of its own
                 let nth = |k: usize| messages[(k * combined.len() + i) * messages.len() / (losses * combined.len())];
-                cases.extend((0..losses).map(|k| Case { setup, fate: Fate { device, loss, at: nth(k) }, phase }));
+                cases.extend((0..losses).map(|k| UnpluggedCase {
+                    setup,
+                    fate: FarEndFate { device, loss, at: nth(k) },
+                    phase,
+                }));
             }
         }
         cases.into_iter().skip(setup % self.setup.every).step_by(self.setup.every).collect()
@@ -173,9 +178,9 @@ impl Sound {
     }
 
     /// Loses the device, then goes on with the run on a rig that is whole again; all that isn't as it must be.
-    fn lose(&self, case: &Case) -> End {
-        let Sound { spec, plan, .. } = self;
-        let mut kept = Kept::new(spec, plan);
+    fn lose(&self, case: &UnpluggedCase) -> End {
+        let UnpluggedSound { spec, plan, .. } = self;
+        let mut kept = StoredRun::new(spec, plan);
         let executed = kept.execute(spec, plan, Some(case.fate));
         let mut wrong = self.wrong_with(case, &executed);
         wrong.extend(kept.wrong_on_disk(&executed.ending, &executed.contacts, plan));
@@ -197,9 +202,9 @@ impl Sound {
     }
 
     /// What is wrong with a walk in which a device was lost.
-    fn wrong_with(&self, case: &Case, executed: &Executed) -> Vec<String> {
-        let Fate { device, at, .. } = case.fate;
-        let Executed { ending, worst, z_mm, at_rest, .. } = executed;
+    fn wrong_with(&self, case: &UnpluggedCase, executed: &UnpluggedRun) -> Vec<String> {
+        let FarEndFate { device, at, .. } = case.fate;
+        let UnpluggedRun { ending, worst, z_mm, at_rest, .. } = executed;
         let mut wrong = Vec::new();
         let mut check = |right: bool, text: String| wrong.extend((!right).then_some(text));
         check(executed.phases.get(at) == Some(&Some(case.phase)), "it struck in another phase".to_owned());
@@ -237,13 +242,13 @@ impl Sound {
 struct End {
     /// Whether the loss ended the run.
     ended: bool,
-    worst: Worst,
+    worst: ExecutionWorst,
     /// How much longer than a sound run it took, s.
     longer_s: f64,
     wrong: Vec<String>,
 }
 
-impl Setup {
+impl UnpluggedSetup {
     fn spec(&self) -> RigSpec {
         match ELSEWHERE.iter().find(|(name, _)| *name == self.rig) {
             None => bench(self.rig),

@@ -2,7 +2,7 @@
 
 use crate::bench;
 use palpate_testing::python::{Python, said};
-use palpate_testing::{Bench, there};
+use palpate_testing::{TestFolder, there};
 use std::fs;
 use std::process::Command;
 
@@ -10,7 +10,7 @@ use std::process::Command;
 const VALUES_LEAST: u64 = 5000;
 
 /// A bench with `all/`: the exports of one run in every format.
-fn exported() -> Bench {
+fn exported() -> TestFolder {
     let bench = bench([("runs/every", "--sensor A-017")]);
     fs::create_dir(bench.path("all")).unwrap();
     for (format, out) in

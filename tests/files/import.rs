@@ -2,12 +2,12 @@
 
 use crate::bench;
 use palpate_testing::python::{Python, said};
-use palpate_testing::{Bench, shipped_text};
+use palpate_testing::{TestFolder, shipped_text};
 
 const SHORT: &str = "--columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch_1..ch_9";
 
 /// A bench with the example's calibration under other names, as CSV and in the formats of other libraries.
-fn tables() -> Bench {
+fn tables() -> TestFolder {
     let imports = "import numpy, openpyxl, pandas, polars, scipy.io, pyarrow";
     let python = Python::with(imports);
     let text = shipped_text("data/example/calibration.csv");
@@ -22,13 +22,13 @@ fn tables() -> Bench {
         let cell = |at: &usize| (row[*at].parse::<f64>().unwrap() / 3.0 + number as f64 * 1e-13).to_string();
         table += &(taken.iter().map(cell).collect::<Vec<_>>().join(",") + "\n");
     }
-    let bench = Bench::with([("grid.csv", table.as_str())]);
+    let bench = TestFolder::with([("grid.csv", table.as_str())]);
     said(python.script("tables.py", [bench.path("grid.csv"), bench.path("")]));
     bench
 }
 
 /// The presses of an imported run.
-fn presses(bench: &Bench, run: &str) -> String {
+fn presses(bench: &TestFolder, run: &str) -> String {
     bench.read(&format!("{run}/presses.csv"))
 }
 

@@ -1,7 +1,7 @@
 //! A writer of a lake that is killed at any moment: no reader ever sees half a run.
 
 use crate::bench;
-use palpate_testing::{Bench, campaign};
+use palpate_testing::{TestFolder, campaign};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -36,7 +36,7 @@ pub(crate) fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
 }
 
 /// A run as it was after some of its presses: the beginning of its journal, and no other files.
-fn cut(bench: &Bench, run: &str, part: &str, contacts: usize) {
+fn cut(bench: &TestFolder, run: &str, part: &str, contacts: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let mut left = contacts;
     let kept = journal.lines().take_while(|line| {

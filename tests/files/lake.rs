@@ -2,7 +2,7 @@
 
 use crate::bench;
 use palpate_testing::python::{Python, said};
-use palpate_testing::{Bench, shipped};
+use palpate_testing::{TestFolder, shipped};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-fn with_runs() -> Bench {
+fn with_runs() -> TestFolder {
     let bench = bench([
         ("runs/a", "--sensor A-017 --design pad --batch 2026-05"),
         ("runs/b", "--sensor B-1 --design pad --batch ü/=%"),

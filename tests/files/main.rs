@@ -7,7 +7,7 @@ mod lake;
 mod long;
 mod recorded;
 
-use palpate_testing::Bench;
+use palpate_testing::TestFolder;
 
 /// A recipe with every kind of step, which takes a tenth of a second: staircases of all units, a grid, random places, a rule.
 const RECIPE: &str = r#"
@@ -37,8 +37,8 @@ random = { count = 20, x_mm = [-5.0, 5.0], y_mm = [-5.0, 5.0], force_n = [0.8, 1
 "#;
 
 /// A bench with complete runs of that recipe, each with its labels.
-fn bench<'a>(runs: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
-    let bench = Bench::with([("every.toml", RECIPE)]);
+fn bench<'a>(runs: impl IntoIterator<Item = (&'a str, &'a str)>) -> TestFolder {
+    let bench = TestFolder::with([("every.toml", RECIPE)]);
     for (seed, (run, labels)) in runs.into_iter().enumerate() {
         let output = bench.palpate(&format!("run every.toml --out {run} --seed {} {labels}", seed + 1));
         assert!(matches!(output.code, Some(0 | 1)), "{}\n{}", output.out, output.err);

@@ -5,7 +5,7 @@
 
 use palpate_testing::batches::{self, Drawn, MONTH};
 use palpate_testing::skins::skins;
-use palpate_testing::{Bench, SMALL, campaign, exchanged, shipped, shipped_text};
+use palpate_testing::{SMALL, TestFolder, campaign, exchanged, shipped, shipped_text};
 use serde_json::Value;
 use std::ffi::OsString;
 use std::fs;
@@ -32,7 +32,7 @@ const LOOK: &str = include_str!("browser/look.js");
 #[ignore = "needs Chromium"]
 fn pages_are_whole_on_a_desk_and_on_a_telephone() {
     let browser = Browser::find();
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let paper = shipped("recipes/paper.toml");
     bench.palpate_ends(0, &format!("run {} --out paper", paper.display()));
     bench.palpate_ends(0, "report paper --out paper.html");
@@ -104,7 +104,7 @@ fn pages_are_whole_on_a_desk_and_on_a_telephone() {
 #[ignore = "needs Chromium"]
 fn figures_of_the_studies_have_room_for_their_words() {
     let browser = Browser::find();
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for study in ["curves", "budget --quick", "failures --quick", "speed-accuracy --quick", "minutes --quick"] {
         bench.palpate_ends(0, &format!("study {study} --out {}", study.split(' ').next().expect("a name")));
     }
@@ -159,7 +159,8 @@ fn a_page_whose_labels_overlap_is_found_out() {
 fn a_page_with_faults_is_found_out() {
     let browser = Browser::find();
     let faulty = |body: &str| {
-        let bench = Bench::with([("page.html", format!("<!DOCTYPE html><html><body>{body}</body></html>").as_str())]);
+        let bench =
+            TestFolder::with([("page.html", format!("<!DOCTYPE html><html><body>{body}</body></html>").as_str())]);
         browser.look(&bench.path("page.html"), 390)
     };
     let svg = |inside: &str| format!("<figure><svg width=\"200\" viewBox=\"0 0 200 50\">{inside}</svg></figure>");
@@ -188,7 +189,7 @@ struct Browser {
 
 /// What a page looks like.
 #[derive(Debug)]
-struct Seen {
+struct BrowserSeen {
     width: u64,
     height: u64,
     texts: u64,
@@ -216,7 +217,7 @@ impl Browser {
     }
 
     /// Opens a page with what looks at it, in a frame of that width: a window has a least width of its own.
-    fn look(&self, page: &Path, width: u32) -> Seen {
+    fn look(&self, page: &Path, width: u32) -> BrowserSeen {
         let text = fs::read_to_string(page).expect("a page");
         let (watched, framed) = (page.with_extension("watched.html"), page.with_extension("framed.html"));
         let end = text.rfind("</body>").expect("a page has a body");
@@ -238,7 +239,7 @@ impl Browser {
             let items = looked[key].as_array().expect("a list");
             items.iter().map(|item| item.as_str().unwrap_or_default().to_owned()).collect()
         };
-        Seen {
+        BrowserSeen {
             width: looked["width"].as_u64().expect("a width"),
             height: looked["height"].as_u64().expect("a height"),
             texts: looked["texts"].as_u64().expect("a count"),

@@ -1,7 +1,7 @@
 //! Certificates as others read them: the schema of the PTB, and a reader that isn't ours.
 
 use palpate_testing::certified::bench;
-use palpate_testing::{Bench, shipped, there};
+use palpate_testing::{TestFolder, shipped, there};
 use serde_json::Value;
 use std::env;
 use std::path::Path;
@@ -74,7 +74,7 @@ fn is_valid(xml: &Path) {
 }
 
 /// What a reader that isn't ours finds in the document.
-fn read_outside(bench: &Bench, xml: &str) -> Value {
+fn read_outside(bench: &TestFolder, xml: &str) -> Value {
     let mut python = Command::new("python3");
     let output = there(python.arg(shipped("tests/outside/certificate.py")).arg(bench.path(xml)), "python3");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

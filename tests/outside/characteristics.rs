@@ -1,7 +1,7 @@
 //! The characteristics of units, by the library and by a script that shares nothing with it.
 
 use palpate_testing::characteristics::characterised;
-use palpate_testing::{Bench, shipped, shipped_text, there};
+use palpate_testing::{TestFolder, shipped, shipped_text, there};
 use std::process::{Command, Stdio};
 
 #[test]
@@ -21,7 +21,7 @@ fn an_independent_script_finds_the_same_characteristics() {
 
 /// The same by Python.
 fn recomputed(text: &str) -> String {
-    let bench = Bench::with([("characterisation.csv", text)]);
+    let bench = TestFolder::with([("characterisation.csv", text)]);
     let mut python = Command::new("python3");
     python
         .arg(shipped("data/check/characteristics.py"))

@@ -8,8 +8,8 @@ use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, Senso
 use palpate_link::time::{Instant, timeout};
 use palpate_link::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
 use palpate_testing::python::{Python, said};
-use palpate_testing::served::Served;
-use palpate_testing::{Bench, exchanged, shared_library, shipped_text, there};
+use palpate_testing::served::ServedProgram;
+use palpate_testing::{TestFolder, exchanged, shared_library, shipped_text, there};
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ const OVERRUN: &str = "error -200279: The application is not able to keep up wit
                        Code: -200279";
 
 /// The stub, built with some words more.
-fn stub(bench: &Bench, words: &[&str]) -> PathBuf {
+fn stub(bench: &TestFolder, words: &[&str]) -> PathBuf {
     let words: Vec<&str> = words.iter().copied().chain(["-Wl,-soname,libnidaqmx.so"]).collect();
     shared_library(bench, "libnidaqmx.so", "tests/outside/daqmx/stub.c", &words)
 }
@@ -54,7 +54,7 @@ fn refused(result: Result<(), DeviceError>) -> String {
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
 async fn samples_come_through_the_loaded_library_in_order_and_whole() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let library = load(&path).expect("the library");
     let mut task = 0;
@@ -85,7 +85,7 @@ async fn samples_come_through_the_loaded_library_in_order_and_whole() {
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
 async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let both = vec![inputs("Dev1/ai0", 1), inputs("Dev1/ai1:9", 9)];
     let shared: SharedAcquisition = Arc::new(Mutex::new(acquisition(load(&path).expect("the library"), both)));
@@ -124,7 +124,7 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
 async fn what_the_library_refuses_is_reported_in_its_own_words() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let mut unknown = acquisition(load(&path).expect("the library"), vec![inputs("Dev7/ai0", 1)]);
     assert_eq!(refused(unknown.prepare().await), UNKNOWN_DEVICE);
@@ -137,7 +137,7 @@ async fn what_the_library_refuses_is_reported_in_its_own_words() {
 
 #[test]
 fn a_library_that_isnt_there_is_named() {
-    let missing = Bench::new().path("none.so");
+    let missing = TestFolder::new().path("none.so");
     let error = load(&missing).err().expect("no library").to_string();
     assert!(error.contains("NI's DAQmx library wasn't found on this machine") && error.contains("none.so"), "{error}");
 }
@@ -145,7 +145,7 @@ fn a_library_that_isnt_there_is_named() {
 #[test]
 #[ignore = "needs a C compiler: cc"]
 fn a_library_that_lacks_a_function_is_named() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &["-DLACKS_STOP"]);
     let error = load(&path).err().expect("not this library").to_string();
     assert_eq!(error, format!("{} isn't NI's DAQmx library: it has no function DAQmxStopTask", path.display()));
@@ -154,9 +154,9 @@ fn a_library_that_lacks_a_function_is_named() {
 #[test]
 #[ignore = "needs a C compiler: cc"]
 fn doctor_meets_a_rigs_own_library() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &[]);
-    let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let served = ServedProgram::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
     let link = format!("daqmx://{}", path.display());
     let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
@@ -179,7 +179,7 @@ fn nidaqmx_python_reads_the_same_numbers_of_the_same_stub() {
     let python = Python::with("import nidaqmx");
     // with LD_LIBRARY_PATH alone, Python finds a library by asking the linker and objdump
     there(Command::new("objdump").arg("--version"), "objdump (binutils)");
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let mut command = python.script("nidaqmx_stub.py", [&path]);
     command.env("LD_LIBRARY_PATH", path.parent().expect("a folder"));

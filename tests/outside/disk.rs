@@ -7,7 +7,7 @@
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts};
 use palpate_testing::rows::{self, json, kept, numbered};
-use palpate_testing::{Bench, Printed, campaign, shared_library, shipped_text};
+use palpate_testing::{CommandOutput, TestFolder, campaign, shared_library, shipped_text};
 use rustix::process::geteuid;
 use serde_json::Value;
 use std::fs::{self, Permissions};
@@ -78,7 +78,7 @@ const INPUTS: [&str; 2] = ["recipe.toml", "rig.toml"];
 #[ignore = "needs a C compiler: cc"]
 fn every_call_of_a_run_may_fail() {
     let words = format!("run r.toml --rig rig.toml --json --out {RUN}");
-    assert_every_call_may_fail("every call of a run", &Start { words, ..Start::default() });
+    assert_every_call_may_fail("every call of a run", &DiskStart { words, ..DiskStart::default() });
 }
 
 #[test]
@@ -91,9 +91,10 @@ fn every_call_of_a_resume_may_fail() {
 #[test]
 #[ignore = "needs a C compiler: cc"]
 fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
-    let (shelf, presses) = (Bench::new(), PLAN[PLAN.len() - 1].0 as usize + 1);
+    let (shelf, presses) = (TestFolder::new(), PLAN[PLAN.len() - 1].0 as usize + 1);
     let library = library(&shelf);
-    let run = calls(&library, &Start { words: format!("run r.toml --rig rig.toml --out {RUN}"), ..Start::default() });
+    let run =
+        calls(&library, &DiskStart { words: format!("run r.toml --rig rig.toml --out {RUN}"), ..DiskStart::default() });
     assert_flushed("a run", &run, presses);
     // the draft of the run's folder, the folder in which it appears, and the one in which that was made
     for folder in [".short.", "new", "disk"] {
@@ -101,11 +102,11 @@ fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
         assert!(run.iter().any(is_flush), "{folder} isn't flushed: {run:?}");
     }
     assert_flushed("a resume", &calls(&library, &half_done()), presses - 1);
-    let bench = Bench::with([("b.toml", BATCH), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
+    let bench = TestFolder::with([("b.toml", BATCH), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
     bench.palpate_ends(DONE, "batch run b.toml --out day");
     let journal = fs::read(bench.path("day/journal.log")).expect("a journal");
     let (words, files) = (format!("batch note {RUN} A-01 scratched"), vec![("journal.log".to_owned(), journal)]);
-    assert_flushed("a note in a batch", &calls(&library, &Start { words, files, ..Start::default() }), 1);
+    assert_flushed("a note in a batch", &calls(&library, &DiskStart { words, files, ..DiskStart::default() }), 1);
 }
 
 /// Each of a session's records is flushed, and there are at least so many.
@@ -155,7 +156,7 @@ const NOBODY: u32 = 65534;
 
 /// Runs the program as somebody who may not write everywhere: as this user, or where that is root, as nobody, who owns the bench
 /// then and has a copy of the program there.
-fn ends_without_privileges(bench: &Bench, code: i32, words: &str) -> Printed {
+fn ends_without_privileges(bench: &TestFolder, code: i32, words: &str) -> CommandOutput {
     let mut command = bench.command(words);
     if geteuid().is_root() {
         let program = bench.path("palpate");
@@ -168,7 +169,7 @@ fn ends_without_privileges(bench: &Bench, code: i32, words: &str) -> Printed {
         others.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
         command = others;
     }
-    let printed: Printed = command.output().expect("the program starts").into();
+    let printed: CommandOutput = command.output().expect("the program starts").into();
     assert_eq!(printed.code, Some(code), "palpate {words}\n{}\n{}", printed.out, printed.err);
     printed
 }
@@ -183,37 +184,37 @@ fn hand_over(path: &Path) {
 
 /// Where a session begins: what is said to the program, what is there, and what of it was acknowledged.
 #[derive(Default)]
-struct Start {
+struct DiskStart {
     words: String,
     files: Vec<(String, Vec<u8>)>,
     rows: Vec<Value>,
 }
 
 /// A run that a power cut ended after its staircase.
-fn half_done() -> Start {
+fn half_done() -> DiskStart {
     let bench = whole();
     let rows = rows::table(&bench, RUN).into_iter().filter(|row| row["press"] == 0).collect();
     cut_to_lines(&bench, RUN, lines_before_contacts(&bench, RUN) + 1);
-    Start { words: format!("resume {RUN} --json"), files: bench.bytes(RUN), rows }
+    DiskStart { words: format!("resume {RUN} --json"), files: bench.bytes(RUN), rows }
 }
 
 /// A run in which nothing fails.
-fn whole() -> Bench {
-    let bench = bench(&Start::default());
+fn whole() -> TestFolder {
+    let bench = bench(&DiskStart::default());
     bench.palpate_ends(DONE, &format!("run r.toml --rig rig.toml --out {RUN}"));
     bench
 }
 
 /// The names in a folder.
-fn names(bench: &Bench, folder: &str) -> Vec<String> {
+fn names(bench: &TestFolder, folder: &str) -> Vec<String> {
     let entries = fs::read_dir(bench.path(folder)).expect("a folder").map(|entry| entry.expect("an entry").file_name());
     let mut names: Vec<String> = entries.map(|name| name.to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }
 
-fn bench(start: &Start) -> Bench {
-    let bench = Bench::with([("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
+fn bench(start: &DiskStart) -> TestFolder {
+    let bench = TestFolder::with([("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/sim.toml"))]);
     fs::create_dir(bench.path(DISK)).expect("a folder");
     if !start.files.is_empty() {
         fs::create_dir_all(bench.path(RUN)).expect("a folder");
@@ -224,8 +225,8 @@ fn bench(start: &Start) -> Bench {
     bench
 }
 
-fn assert_every_call_may_fail(test: &str, start: &Start) {
-    let shelf = Bench::new();
+fn assert_every_call_may_fail(test: &str, start: &DiskStart) {
+    let shelf = TestFolder::new();
     let library = library(&shelf);
     let (every, ways) = (campaign::every(EVERY.0, EVERY.1), campaign::size(FAILURES.len(), FAILURES.len()));
     let files = names(&whole(), RUN);
@@ -248,20 +249,32 @@ fn assert_every_call_may_fail(test: &str, start: &Start) {
 
 /// One session in which a call fails: which call it was on which file, what was said, and what it left; none if the session
 /// has no such call.
-fn fail(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> Option<(String, Printed, Bench)> {
+fn fail(
+    library: &Path,
+    start: &DiskStart,
+    mode: &str,
+    errno: i32,
+    call: usize,
+) -> Option<(String, CommandOutput, TestFolder)> {
     let (calls, output, bench) = session(library, start, mode, errno, call);
     Some((calls.into_iter().next()?, output, bench))
 }
 
 /// The calls of a session in which none fails.
-fn calls(library: &Path, start: &Start) -> Vec<String> {
+fn calls(library: &Path, start: &DiskStart) -> Vec<String> {
     let (calls, output, _) = session(library, start, "look", 0, 0);
     assert_eq!(output.code, Some(DONE), "{}", output.err);
     calls
 }
 
 /// One session with the library: the calls that it noted, each with its file, what was said, and what it left.
-fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -> (Vec<String>, Printed, Bench) {
+fn session(
+    library: &Path,
+    start: &DiskStart,
+    mode: &str,
+    errno: i32,
+    call: usize,
+) -> (Vec<String>, CommandOutput, TestFolder) {
     let bench = bench(start);
     let log = bench.path("failed.log");
     let mut command = bench.command(&start.words);
@@ -280,8 +293,8 @@ fn session(library: &Path, start: &Start, mode: &str, errno: i32, call: usize) -
 }
 
 /// Whether a session in which a call failed told of it as it must, and can be gone on with.
-fn judge(bench: &Bench, start: &Start, output: &Printed, name: &str) -> Result<(), String> {
-    let Printed { code, out, err } = output;
+fn judge(bench: &TestFolder, start: &DiskStart, output: &CommandOutput, name: &str) -> Result<(), String> {
+    let CommandOutput { code, out, err } = output;
     ensure(!err.contains("panicked"), || format!("it panicked: {err}"))?;
     ensure(!err.contains("could not be parked"), || format!("the stage wasn't parked: {err}"))?;
     let there = bench.has(RUN);
@@ -315,7 +328,7 @@ fn judge(bench: &Bench, start: &Start, output: &Printed, name: &str) -> Result<(
 }
 
 /// Whether nothing is left that a sound run wouldn't leave. Where the next calls fail too nothing can be taken away.
-fn tidy(bench: &Bench, files: &[String], mode: &str) -> Result<(), String> {
+fn tidy(bench: &TestFolder, files: &[String], mode: &str) -> Result<(), String> {
     let (inside, beside) = (names(bench, RUN), names(bench, "disk/new"));
     ensure(inside == files, || format!("in the run's folder are {inside:?}"))?;
     ensure(matches!(mode, "from" | "torn") || beside == ["run"], || format!("beside the run are {beside:?}"))
@@ -326,6 +339,6 @@ fn ensure(holds: bool, output: impl FnOnce() -> String) -> Result<(), String> {
 }
 
 /// The library that makes calls fail.
-fn library(shelf: &Bench) -> PathBuf {
+fn library(shelf: &TestFolder) -> PathBuf {
     shared_library(shelf, "failing.so", "tests/outside/disk/failing.c", &["-ldl"])
 }

@@ -2,7 +2,7 @@
 
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::Skin;
-use palpate_testing::Bench;
+use palpate_testing::TestFolder;
 use palpate_testing::python::{Python, said};
 use palpate_testing::skins::scene_t;
 use rand::RngExt;
@@ -48,7 +48,7 @@ fn presses_with_spikes_are_solved_as_well_as_by_boosted_trees() {
         let mut along = || rng.random_range(-6.0..=6.0);
         let random: Vec<Place> = (0..600).map(|_| Place::new(along(), along())).collect();
         let [calibration, test] = [table(&mut skin, &grid, seed), table(&mut skin, &random, seed + 10)];
-        let bench = Bench::with([("calibration.csv", &*calibration), ("test.csv", &test)]);
+        let bench = TestFolder::with([("calibration.csv", &*calibration), ("test.csv", &test)]);
         let output = bench.palpate_ends(0, "evaluate --calibration calibration.csv --test test.csv --json");
         let row: Value = serde_json::from_str(output.out.lines().next().expect("a row")).expect("JSON");
         let own = row["location_error_mm"]["mean"].as_f64().expect("a mean");

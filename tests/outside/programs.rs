@@ -4,8 +4,8 @@
 #![cfg(unix)]
 
 use palpate_testing::python::{Python, said};
-use palpate_testing::served::Served;
-use palpate_testing::{Bench, exchanged, shipped, shipped_text, there};
+use palpate_testing::served::ServedProgram;
+use palpate_testing::{TestFolder, exchanged, shipped, shipped_text, there};
 use std::process::Command;
 
 #[test]
@@ -13,7 +13,7 @@ use std::process::Command;
 fn pymeasure_drives_the_esp301_over_a_serial_line() {
     let statement = "import pymeasure, pyvisa_py, serial";
     let python = Python::with(statement);
-    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/sim.toml"), "");
     let resource = format!("ASRL{}::INSTR", served.address("stage"));
     assert_eq!(said(python.script("esp300.py", [resource])), "x at 0.250 mm\n");
 }
@@ -22,7 +22,7 @@ fn pymeasure_drives_the_esp301_over_a_serial_line() {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymeasure_drives_the_esp301_over_tcp() {
     let python = Python::with("import pymeasure, pyvisa_py");
-    let served = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let served = ServedProgram::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
     let [host, port] = served.host_and_port("stage");
     let resource = format!("TCPIP::{host}::{port}::SOCKET");
     assert_eq!(said(python.script("esp300.py", [resource])), "x at 0.250 mm\n");
@@ -32,7 +32,7 @@ fn pymeasure_drives_the_esp301_over_tcp() {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn newportxps_drives_the_xps() {
     let python = Python::with("import newportxps");
-    let served = Served::new(&shipped_text("rigs/paper.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/paper.toml"), "");
     let output = said(python.script("newport_xps.py", served.host_and_port("stage")));
     assert!(output.lines().last().is_some_and(|line| line.starts_with("y stopped at ")), "{output}");
 }
@@ -43,7 +43,7 @@ fn newports_own_driver_drives_the_xps() {
     let statement =
         "import importlib.util as u, numpy; assert u.find_spec('pymodaq_plugins_newport'), 'it is not there'";
     let python = Python::with(statement);
-    let served = Served::new(&shipped_text("rigs/paper.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/paper.toml"), "");
     let output = said(python.script("vendor_xps.py", served.host_and_port("stage")));
     assert_eq!(output, "x at 1.250 mm\n");
 }
@@ -52,7 +52,7 @@ fn newports_own_driver_drives_the_xps() {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn pymodbus_asks_the_labjack_over_tcp() {
     let python = Python::with("import pymodbus");
-    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/sim.toml"), "");
     let [host, port] = served.host_and_port("array");
     let volts = said(python.script("modbus_client.py", ["t7", host, port]));
     assert!(volts.trim().parse::<f64>().is_ok_and(|volts| volts < 0.1), "{volts}");
@@ -65,7 +65,7 @@ fn pymodbus_asks_every_transmitter_over_a_serial_line() {
     for (script, map) in
         [("rs485", "generic-rs485"), ("tlb", "laumas-tlb"), ("zsg", "seneca-zsg"), ("zsg2", "seneca-zsg2")]
     {
-        let served = Served::new(&with_cell(map), "");
+        let served = ServedProgram::new(&with_cell(map), "");
         said(python.script("modbus_client.py", [script, served.address("load_cell")]));
     }
 }
@@ -73,7 +73,7 @@ fn pymodbus_asks_every_transmitter_over_a_serial_line() {
 #[test]
 #[ignore = "needs mbpoll"]
 fn mbpoll_asks_the_labjack_over_tcp() {
-    let served = Served::new(&shipped_text("rigs/sim.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/sim.toml"), "");
     let [host, port] = served.host_and_port("array");
     let ask = |words: &str| mbpoll(&format!("-m tcp -p {port} {words}"), host);
     for unit in [1, 17] {
@@ -96,7 +96,7 @@ fn mbpoll_asks_the_labjack_over_tcp() {
 #[test]
 #[ignore = "needs mbpoll"]
 fn mbpoll_asks_the_transmitter_over_a_serial_line() {
-    let served = Served::new(&with_cell("generic-rs485"), "");
+    let served = ServedProgram::new(&with_cell("generic-rs485"), "");
     let ask = |words: &str| mbpoll(&format!("-m rtu -b 9600 -P none -a 1 {words}"), served.address("load_cell"));
     let gross = ask("-t 4:int -B -r 80").expect("a weight");
     assert!(gross[0].parse::<i32>().is_ok_and(|counts| counts.abs() < 100), "{gross:?}");
@@ -111,7 +111,7 @@ fn mbpoll_asks_the_transmitter_over_a_serial_line() {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn grbl_streamer_drives_the_grbl() {
     let python = Python::with("import grbl_streamer");
-    let served = Served::new(&shipped_text("rigs/grbl.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/grbl.toml"), "");
     let output = said(python.script("grbl.py", [served.address("stage")]));
     assert!(output.starts_with("x at "), "{output}");
 }
@@ -120,7 +120,7 @@ fn grbl_streamer_drives_the_grbl() {
 #[ignore = "needs python3"]
 fn the_examples_are_devices_of_a_rig() {
     has_python3();
-    let mut command = Bench::new().command("doctor rigs/process.toml --json --confirmed down");
+    let mut command = TestFolder::new().command("doctor rigs/process.toml --json --confirmed down");
     command.current_dir(shipped(""));
     let output = command.output().expect("the program starts");
     // nothing has shown that the load cell measures force
@@ -147,7 +147,7 @@ fn a_printer_behind_a_real_process_presses() {
     let rig = exchanged(&rig, "z = [0.0, 25.0]", "z = [0.0, 11.5]");
     let recipe = "name = \"few\"\n[press]\nstrategy = \"guarded\"\n[[step]]\nphase = \"calibration\"\n\
                   grid = { x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0], spacing_mm = 2.0 }\nforce_n = 0.5\n";
-    let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", recipe)]);
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", recipe)]);
     std::fs::write(bench.path("tip"), 1e3f64.to_le_bytes()).expect("a file");
     said(bench.command("run r.toml --rig rig.toml --confirmed down --out run"));
     let number = |text: String| text.trim().parse::<f64>().expect("a number");

@@ -2,11 +2,11 @@
 
 use palpate_testing::python::{Python, said};
 use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
-use palpate_testing::{Bench, SMALL, exchanged, shipped, shipped_text};
+use palpate_testing::{SMALL, TestFolder, exchanged, shipped, shipped_text};
 use std::path::PathBuf;
 
 /// What the validator says of each of some texts, in their order.
-fn judged(python: &Python, bench: &Bench, kind: &str, texts: &[PathBuf]) -> Vec<String> {
+fn judged(python: &Python, bench: &TestFolder, kind: &str, texts: &[PathBuf]) -> Vec<String> {
     bench.write("schema.json", &bench.palpate_ends(0, &format!("schema {kind}")).out);
     let words = [bench.path("schema.json")].into_iter().chain(texts.iter().cloned());
     let lines = said(python.script("schemas.py", words));
@@ -17,7 +17,7 @@ fn judged(python: &Python, bench: &Bench, kind: &str, texts: &[PathBuf]) -> Vec<
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn schemas_accept_what_is_shipped_and_refuse_what_they_can() {
     let python = Python::with("import jsonschema, tomllib");
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let sim = shipped_text("rigs/sim.toml");
     for (kind, folder, whole, twins) in
         [("recipe", "recipes", SMALL, &RECIPE_TWINS[..]), ("rig", "rigs", &sim, &RIG_TWINS[..])]

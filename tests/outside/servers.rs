@@ -4,8 +4,8 @@
 #![cfg(unix)]
 
 use palpate_testing::python::Python;
-use palpate_testing::served::Served;
-use palpate_testing::{Bench, Live, exchanged, shipped_text};
+use palpate_testing::served::ServedProgram;
+use palpate_testing::{Live, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 
 /// What the server's script says: the middle of its forces, and the most they are away from it.
@@ -50,12 +50,12 @@ fn a_served_device_that_isnt_what_the_map_says_is_refused() {
 }
 
 /// An ESP301 and an array of our own, on TCP.
-fn stage() -> Served {
-    Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0")
+fn stage() -> ServedProgram {
+    ServedProgram::new(&shipped_text("rigs/sim.toml"), "--port stage=0")
 }
 
 /// A bench with a rig whose load cell is elsewhere.
-fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
+fn bench(served: &ServedProgram, driver: &str, load_cell: &str) -> TestFolder {
     let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
         ("serial:///dev/ttyUSB0?baud=921600", format!("tcp://{}", served.address("stage")).as_str()),
@@ -65,11 +65,11 @@ fn bench(served: &Served, driver: &str, load_cell: &str) -> Bench {
     ] {
         rig = exchanged(&rig, from, to);
     }
-    Bench::with([("rig.toml", rig.as_str()), ("swapped.toml", SWAPPED)])
+    TestFolder::with([("rig.toml", rig.as_str()), ("swapped.toml", SWAPPED)])
 }
 
 /// What doctor finds: three devices, and the served force in its place.
-fn examined(served: &Served, driver: &str, load_cell: &str) {
+fn examined(served: &ServedProgram, driver: &str, load_cell: &str) {
     let output = bench(served, driver, load_cell).palpate_ends(1, "doctor rig.toml --json --confirmed down");
     let output: Value = serde_json::from_str(&output.out).expect("one JSON object");
     let identity = |device: usize, key: &str| output["devices"][device]["identity"][key].as_str().unwrap_or_default();

@@ -1,6 +1,6 @@
 //! Completions, each loaded by its shell.
 
-use palpate_testing::{Bench, there};
+use palpate_testing::{TestFolder, there};
 use std::process::Command;
 
 #[test]
@@ -24,7 +24,7 @@ fn completions_load_in_fish() {
 #[test]
 #[ignore = "needs bash and fish"]
 fn completions_offer_shipped_recipes_and_rigs() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for shell in ["bash", "fish"] {
         bench.write(shell, &bench.palpate_ends(0, &format!("completions {shell}")).out);
     }
@@ -48,7 +48,7 @@ fn completions_offer_shipped_recipes_and_rigs() {
 }
 
 /// What a shell prints.
-fn run(shell: &str, bench: &Bench, script: &str) -> String {
+fn run(shell: &str, bench: &TestFolder, script: &str) -> String {
     let mut command = Command::new(shell);
     let output = there(command.args(["-c", script]).current_dir(bench.path(".")), shell);
     String::from_utf8_lossy(&output.stdout).into_owned()
@@ -56,7 +56,7 @@ fn run(shell: &str, bench: &Bench, script: &str) -> String {
 
 /// Loads the completions by these words of the shell, which must take them without a word.
 fn loads(shell: &str, load: &str) {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.write("script", &bench.palpate_ends(0, &format!("completions {shell}")).out);
     let mut command = Command::new(shell);
     let output = there(command.args(["-c", &format!("{load} ./script")]).current_dir(bench.path(".")), shell);

@@ -5,8 +5,8 @@
 
 use palpate_sim::emulator::lines::REST_MICROTESLA;
 use palpate_testing::python::{Python, said};
-use palpate_testing::served::Served;
-use palpate_testing::{Bench, Live, exchanged, shipped_text};
+use palpate_testing::served::ServedProgram;
+use palpate_testing::{Live, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 
 /// A rig whose array is a skin of five chips.
@@ -27,7 +27,7 @@ fn anyskin_and_reskin_sensor_read_our_board() {
     for (package, module) in [("anyskin", "anyskin.sensor"), ("reskin_sensor", "reskin_sensor.sensor")] {
         let python = Python::with(&format!("import {module}"));
         let simulated = rig("sim").replace("serial:///dev/ttyUSB0?baud=921600", "sim");
-        let served = Served::new(&simulated.replace("serial:///dev/ttyUSB1?baud=115200", "sim"), "");
+        let served = ServedProgram::new(&simulated.replace("serial:///dev/ttyUSB1?baud=115200", "sim"), "");
         let output = said(python.script("skin_client.py", [package, served.address("array")]));
         let means = output.lines().find_map(|line| line.strip_prefix("means ")).expect("means");
         let means: Vec<f64> = means.split(' ').map(|mean| mean.parse().expect("a number")).collect();
@@ -40,7 +40,7 @@ fn anyskin_and_reskin_sensor_read_our_board() {
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn our_driver_reads_a_stand_in_of_their_board() {
     let python = Python::with("import struct, socket");
-    let stage = Served::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
+    let stage = ServedProgram::new(&shipped_text("rigs/sim.toml"), "--port stage=0");
     let board = Live::start(python.script("skin_board.py", ["430.0"]));
     let address = board.line().expect("its address");
     let mut text = rig(&format!("tcp://{address}"));
@@ -50,7 +50,7 @@ fn our_driver_reads_a_stand_in_of_their_board() {
     ] {
         text = exchanged(&text, from, &to);
     }
-    let bench = Bench::with([("rig.toml", text.as_str())]);
+    let bench = TestFolder::with([("rig.toml", text.as_str())]);
     let output = bench.palpate_ends(1, "doctor rig.toml --json --confirmed down");
     let output: Value = serde_json::from_str(&output.out).expect("one JSON object");
     let identity = output["devices"][2]["identity"]["identity"].as_str().unwrap_or_default();

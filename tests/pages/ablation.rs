@@ -3,7 +3,7 @@
 
 use palpate_study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, TermRow, ablation};
 use palpate_testing::printed::is_narrow;
-use palpate_testing::{Bench, campaign, shipped};
+use palpate_testing::{TestFolder, campaign, shipped};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -67,7 +67,7 @@ const KEYS: [(&str, &str); 14] = [
 
 #[test]
 fn a_small_study_leaves_rows_and_is_the_same_twice_but_for_its_times() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     assert!(bench.palpate_ends(0, "study --help").out.contains("ablation"));
     if campaign::is_quick() {
         let rows = SMALLEST.ndjson();

@@ -3,7 +3,7 @@
 use palpate_data::acceptance::SensorVerdict;
 use palpate_run::batch::{BatchEvent, Ended};
 use palpate_testing::batches::{Drawn, MONTH, WITHIN, write};
-use palpate_testing::{Bench, campaign, shipped_text};
+use palpate_testing::{TestFolder, campaign, shipped_text};
 use std::collections::HashMap;
 use std::fs;
 
@@ -34,7 +34,7 @@ fn results(events: &[BatchEvent]) -> Vec<&Ended> {
 
 #[test]
 fn every_number_of_the_page_is_that_of_the_events() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let events = write(&bench.path("june"), &MONTH, &shipped_text("rigs/batch.toml"));
     fs::create_dir_all(bench.path("june/runs/S-00003")).expect("a folder");
     bench.write("june/runs/S-00003/report.html", "a page");
@@ -93,7 +93,7 @@ fn every_number_of_the_page_is_that_of_the_events() {
 
 #[test]
 fn a_batch_without_prior_rule_or_reference_has_what_is_known() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let drawn = Drawn { sensors: 12, outputs: 0, every: 0, guarded: false, ..MONTH };
     write(&bench.path("plain"), &drawn, "no rig");
     bench.palpate_ends(0, "batch report plain");
@@ -111,7 +111,7 @@ fn a_batch_without_prior_rule_or_reference_has_what_is_known() {
 
 #[test]
 fn batches_are_compared_side_by_side() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let rig = shipped_text("rigs/batch.toml");
     let june = write(&bench.path("june"), &MONTH, &rig);
     let july = Drawn { name: "july", sensors: 60, drift: 0.0, seed: 2, ..MONTH };
@@ -134,7 +134,7 @@ fn batches_are_compared_side_by_side() {
 
 #[test]
 fn a_page_replaces_only_a_page_and_needs_a_batch() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     write(&bench.path("plain"), &Drawn { sensors: 2, ..MONTH }, "no rig");
     bench.write("mine.html", "mine");
     bench.palpate_ends(2, "batch report plain --out mine.html");
@@ -145,7 +145,7 @@ fn a_page_replaces_only_a_page_and_needs_a_batch() {
 
 #[test]
 fn five_thousand_sensors_have_a_page_that_can_be_used() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     // a thousand of them in the quick tier, whose page may be a fifth as large
     let sensors = campaign::size(1000, 5000);
     let year = Drawn { name: "year", sensors, drift: 0.0, ..MONTH };

@@ -2,12 +2,12 @@
 //! array goes through the same.
 
 use palpate_run::rig::SIM_RIG;
-use palpate_testing::{Bench, Printed};
+use palpate_testing::{CommandOutput, TestFolder};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// The claims' rows by name.
-fn claims(output: &Printed) -> BTreeMap<String, Value> {
+fn claims(output: &CommandOutput) -> BTreeMap<String, Value> {
     let claims = output.json_lines().into_iter().filter(|row| row["part"] == "claim");
     claims.map(|row| (row["claim"].as_str().expect("a claim has a name").to_owned(), row)).collect()
 }
@@ -20,7 +20,7 @@ fn near(row: &Value, key: &str, golden: f64, within: f64) {
 
 #[test]
 fn each_claim_has_its_verdict_and_its_golden_numbers() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "study curves --json");
     let claims = claims(&output);
     let verdicts: Vec<(&str, &str)> =
@@ -131,7 +131,7 @@ const CORRELATIONS: &str = include_str!("../golden/correlation.csv");
 
 #[test]
 fn the_points_of_the_curves_are_the_golden_ones() {
-    let rows = Bench::new().palpate_ends(0, "study curves --json").json_lines();
+    let rows = TestFolder::new().palpate_ends(0, "study curves --json").json_lines();
     let key = |values: [f64; 4]| values.map(|value| (value * 1000.0).round() as i64);
     let mut points: BTreeMap<[i64; 4], Option<f64>> = BTreeMap::new();
     for row in rows.iter().filter(|row| row["part"] == "curve" && row["figure"] != "3") {
@@ -155,7 +155,7 @@ fn the_points_of_the_curves_are_the_golden_ones() {
 
 #[test]
 fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "study curves");
     is_narrow(&output.out);
     assert_eq!(output.out.matches("fails").count(), 3, "{}", output.out);
@@ -171,7 +171,7 @@ fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
 
 #[test]
 fn the_papers_array_as_a_design_is_the_papers() {
-    let bench = Bench::with([("rig.toml", SIM_RIG)]);
+    let bench = TestFolder::with([("rig.toml", SIM_RIG)]);
     let output = bench.palpate_ends(0, "study curves --rig rig.toml --out a --json");
     let array = &output.json_lines()[0];
     assert_eq!((array["units"].as_u64(), array["row_units"].as_u64()), (Some(9), Some(3)));
@@ -209,7 +209,7 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
         )
         .replace("taxel_noise", "# taxel_noise")
         .replace("hysteresis", "# hysteresis");
-    let bench = Bench::with([("rig.toml", layered.as_str())]);
+    let bench = TestFolder::with([("rig.toml", layered.as_str())]);
     let output = bench.palpate_ends(0, "study curves --rig rig.toml --out a --area-mm -5 5 -4 4 --json");
     let array = &output.json_lines()[0];
     assert_eq!((array["units"].as_u64(), array["row_units"].as_u64()), (Some(6), Some(3)));
@@ -238,7 +238,7 @@ fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
     let one = &one[..one.find("[scene]").expect("a scene")];
     let twice = SIM_RIG.replace("grid = { rows = 3, columns = 3, pitch_mm = 4.5 }", "places_mm = [[1, 0], [1, 0]]");
     let twice = &twice[..twice.find("[scene]").expect("a scene")];
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("real.toml", &SIM_RIG[..scene]),
         ("bare.toml", &SIM_RIG.replace("elastomer = { depth_mm = 5.0 }", "")),
         ("one.toml", one),
@@ -269,7 +269,7 @@ fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
 
 #[test]
 fn the_help_names_it() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     assert!(bench.palpate_ends(0, "study --help").out.contains("curves"));
     let help = bench.palpate_ends(0, "study curves --help").out;
     for option in ["--rig", "--depth-mm", "--area-mm", "--out", "--json"] {
@@ -283,7 +283,7 @@ fn is_narrow(text: &str) {
 }
 
 /// A figure whose every element ends, that has lost no number, and has so many curves at least, each of many points.
-fn is_drawn(bench: &Bench, name: &str, curves: usize) {
+fn is_drawn(bench: &TestFolder, name: &str, curves: usize) {
     let svg = bench.read(name);
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");
     let (mut open, mut rest) = (Vec::new(), svg.as_str());

@@ -1,6 +1,6 @@
 //! `palpate report --figures`: each figure of a page as a file of its own, with the numbers behind it; and what every figure keeps to.
 
-use palpate_testing::Bench;
+use palpate_testing::TestFolder;
 use serde_json::Value;
 
 const RECIPE: &str = r#"
@@ -23,8 +23,8 @@ random = { count = 12, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.1, 1
 "#;
 
 /// A bench with a run of everything, called `all`.
-fn bench() -> Bench {
-    let bench = Bench::with([("all.toml", RECIPE)]);
+fn bench() -> TestFolder {
+    let bench = TestFolder::with([("all.toml", RECIPE)]);
     bench.palpate_ends(0, "run all.toml --out all --sensor A-1");
     bench
 }
@@ -192,7 +192,7 @@ fn no_line_is_drawn_where_nothing_was_measured() {
         )
     };
     let (recipe, _) = RECIPE.split_once("\n[[step]]\nphase = \"test\"").expect("a test");
-    let bench = Bench::with([("gap.toml", format!("{recipe}{}{}", at("0.2"), at("1.8")).as_str())]);
+    let bench = TestFolder::with([("gap.toml", format!("{recipe}{}{}", at("0.2"), at("1.8")).as_str())]);
     bench.palpate_ends(0, "run gap.toml --out gap");
     bench.palpate_ends(0, "report gap --figures figures");
     let page = bench.read("gap/report.html");

@@ -1,7 +1,7 @@
 //! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
 
 use palpate_testing::interrupted::sealed;
-use palpate_testing::{Bench, Printed, exchanged, shipped_text};
+use palpate_testing::{CommandOutput, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -35,8 +35,8 @@ fn recipe(steps: &[&str]) -> String {
 }
 
 /// A bench with a run of everything, called `all`.
-fn bench() -> Bench {
-    let bench = Bench::with([("all.toml", recipe(&[CHARACTERISE, CALIBRATE, TEST, ACCEPT]).as_str())]);
+fn bench() -> TestFolder {
+    let bench = TestFolder::with([("all.toml", recipe(&[CHARACTERISE, CALIBRATE, TEST, ACCEPT]).as_str())]);
     bench.palpate_ends(0, "run all.toml --out all");
     bench
 }
@@ -72,7 +72,7 @@ fn every_number_of_a_page_is_that_of_evaluate() {
 }
 
 /// Every characteristic of the page (repeatability by 3 sd) is that of the run's `characteristics.csv`.
-fn has_the_runs_characteristics(bench: &Bench, page: &str) {
+fn has_the_runs_characteristics(bench: &TestFolder, page: &str) {
     let (header, mut rows) = bench.table("all/characteristics.csv");
     rows.retain(|row| !row[1].is_empty());
     assert_eq!(rows.len(), 2, "{rows:?}");
@@ -164,7 +164,7 @@ fn three_runs_of_a_sensor_make_the_page_of_one() {
 
 #[test]
 fn a_part_of_a_run_has_the_page_of_that_part() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for (name, steps, has, lacks) in [
         ("characterise", vec![CHARACTERISE], "Output of each unit against the force", "Errors of the test presses"),
         ("calibrate", vec![CALIBRATE], "Output of each unit for 1 N at each place", "Places by"),
@@ -182,7 +182,7 @@ fn a_part_of_a_run_has_the_page_of_that_part() {
 
 #[test]
 fn what_broke_off_is_reported_first() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("soft.toml", exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2").as_str()),
         ("all.toml", &recipe(&[CALIBRATE, TEST])),
     ]);
@@ -197,7 +197,7 @@ fn what_broke_off_is_reported_first() {
 
 #[test]
 fn a_sensors_name_can_be_printed() {
-    let bench = Bench::with([("one.toml", recipe(&[TEST]).as_str())]);
+    let bench = TestFolder::with([("one.toml", recipe(&[TEST]).as_str())]);
     // a look-alike of another ID would be another sensor: IDs follow the rule of a batch
     for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(65), "A\u{200b}-7", "\u{410}-7", "A<7>&co"] {
         let printed = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
@@ -209,7 +209,7 @@ fn a_sensors_name_can_be_printed() {
 
 #[test]
 fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
-    let bench = Bench::with([("all.toml", recipe(&[CALIBRATE, TEST]).as_str())]);
+    let bench = TestFolder::with([("all.toml", recipe(&[CALIBRATE, TEST]).as_str())]);
     bench.palpate_ends(0, "run all.toml --out run --sensor A-7 --note clean");
     let owned = "\\u001b]0;owned\\u0007";
     let journal = bench.read("run/journal.log");
@@ -252,7 +252,7 @@ fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
 
 #[test]
 fn only_a_page_of_ours_is_replaced() {
-    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
+    let bench = TestFolder::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("mine.html", "text")]);
     bench.palpate_ends(0, "run one.toml --out one");
     let output = bench.palpate_ends(2, "report one --out mine.html").running();
     assert!(output.contains("mine.html already exists"), "{output}");
@@ -310,7 +310,7 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
     let on_line = list("test", "[[-3, 0], [1, 0], [3, 0]]", 0.5);
     let edge = list("test", "[[-4, 0], [4, 1], [3, 4], [0, -4]]", 0.5);
     let (place, on_place) = (list("calibration", "[[0, 0]]", 1.0), list("test", "[[0, 0]]", 1.0));
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for (name, steps) in [("line", [&*line, &on_line]), ("edge", [CALIBRATE, &edge]), ("place", [&place, &on_place])] {
         bench.write("one.toml", &recipe(&steps));
         bench.palpate_ends(0, &format!("run one.toml --out {name}"));
@@ -349,7 +349,7 @@ fn what_units_read_of_many_forces_is_reported_a_newton() {
 phase = \"calibration\"
 random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1.5] }
 ";
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for (name, steps) in [("random", vec![random]), ("two", vec![CALIBRATE, &CALIBRATE.replace("1.0\n", "0.5\n")])] {
         let last = steps.last().unwrap();
         assert!(name != "two" || last.contains("force_n = 0.5"), "{last}");
@@ -366,7 +366,7 @@ random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1
 #[test]
 fn a_narrow_area_has_as_many_numbers_as_have_room() {
     let strip = CALIBRATE.replace("y_mm = [-4.0, 4.0]", "y_mm = [-1.0, 1.0]");
-    let bench = Bench::with([("one.toml", recipe(&[&strip]).as_str())]);
+    let bench = TestFolder::with([("one.toml", recipe(&[&strip]).as_str())]);
     bench.palpate_ends(0, "run one.toml --out one");
     bench.palpate_ends(0, "report one");
     let page = bench.read("one/report.html");
@@ -376,10 +376,10 @@ fn a_narrow_area_has_as_many_numbers_as_have_room() {
 
 #[test]
 fn a_run_is_called_by_its_folder_wherever_one_stands() {
-    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
+    let bench = TestFolder::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
     bench.palpate_ends(0, "run one.toml --out one");
     let mut command = bench.command("report .");
-    let printed: Printed = command.current_dir(bench.path("one")).output().expect("the program starts").into();
+    let printed: CommandOutput = command.current_dir(bench.path("one")).output().expect("the program starts").into();
     assert_eq!(printed.code, Some(0), "{}", printed.err);
     assert!(printed.out.starts_with("one: no verdict, not evaluated"), "{}", printed.out);
     assert!(bench.read("one/report.html").contains("<h1>one</h1>"));
@@ -388,7 +388,7 @@ fn a_run_is_called_by_its_folder_wherever_one_stands() {
 #[cfg(unix)]
 #[test]
 fn what_is_no_file_is_not_read_and_a_link_stays_one() {
-    let bench = Bench::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
+    let bench = TestFolder::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
     bench.palpate_ends(0, "run one.toml --out one");
     // such a device gives zeros for ever
     let output = bench.palpate_ends(2, "report one --out /dev/zero").running();

@@ -1,6 +1,6 @@
 //! The page of one sensor: what is on its first screen, its units as they are in the array, and what isn't known.
 
-use palpate_testing::Bench;
+use palpate_testing::TestFolder;
 use palpate_testing::skins::FIFTEEN;
 
 /// Five units of three channels, one of them in the middle of the other four.
@@ -23,9 +23,9 @@ random = { count = 10, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.2, 1
 ";
 
 /// A bench with a run of these steps, called `run`, and its page.
-fn page_of(steps: &[&str]) -> (Bench, String) {
+fn page_of(steps: &[&str]) -> (TestFolder, String) {
     let recipe = format!("name = \"skin\"\nrig = \"rig.toml\"\n{}", steps.concat());
-    let bench = Bench::with([("rig.toml", FIFTEEN), ("skin.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("rig.toml", FIFTEEN), ("skin.toml", recipe.as_str())]);
     bench.palpate_ends(0, "run skin.toml --out run");
     bench.palpate_ends(0, "report run --figures figures");
     let page = bench.read("run/report.html");

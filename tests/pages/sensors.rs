@@ -3,7 +3,7 @@
 
 use palpate_testing::printed::is_narrow;
 use palpate_testing::skins::skins;
-use palpate_testing::{Bench, SMALL, campaign, shipped_text};
+use palpate_testing::{SMALL, TestFolder, campaign, shipped_text};
 use std::fs;
 use std::path::Path;
 
@@ -42,7 +42,7 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
 
 #[test]
 fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "run paper").out;
     assert!(output.contains("location error, mean       0.46 mm"), "{output}");
     is_shown_in_the_book(&output);
@@ -80,7 +80,7 @@ fn is_shown_in_the_book(output: &str) {
 
 #[test]
 fn a_line_for_each_method_stands_without_the_paper_for_another_protocol() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out small");
     let output = bench.palpate_ends(0, "evaluate small --solver all").out;
     assert!(
@@ -92,7 +92,7 @@ fn a_line_for_each_method_stands_without_the_paper_for_another_protocol() {
 /// The same array by nearly the same protocol, and another array by the same.
 #[test]
 fn whatever_differs_from_the_papers_protocol_stands_alone() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let recipe = shipped_text("recipes/paper.toml");
     let short = recipe
         .replace("repeats = 5, rest_s = 300.0", "repeats = 1, rest_s = 0.0")

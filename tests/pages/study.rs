@@ -3,7 +3,7 @@
 use palpate_control::Strategy;
 use palpate_study::{self as study, ConditionOutcome, LoopCondition, LoopFindings, LoopSize, NOMINAL, StudyPart};
 use palpate_testing::printed::{is_narrow, is_well_formed};
-use palpate_testing::{Bench, SMALL, campaign};
+use palpate_testing::{SMALL, TestFolder, campaign};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
     if campaign::is_quick() {
         return one_scene_leaves_rows_and_figures_and_is_the_same_twice();
     }
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "study control --quick --out a --json");
     let rows = output.json_lines();
     assert_eq!(bench.read("a/rows.ndjson"), output.out);
@@ -119,7 +119,7 @@ fn check_condition(row: &Value) {
 
 #[test]
 fn a_folder_that_is_there_is_not_touched() {
-    let bench = Bench::with([("mine", "text")]);
+    let bench = TestFolder::with([("mine", "text")]);
     let output = bench.palpate_ends(2, "study control --quick --out mine");
     assert!(output.running().contains("mine already exists"), "{}", output.err);
     assert_eq!(bench.read("mine"), "text");
@@ -127,7 +127,7 @@ fn a_folder_that_is_there_is_not_touched() {
 
 #[test]
 fn a_small_study_of_speed_marks_those_that_no_other_beats() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study speed-accuracy --quick --out a --json").json_lines();
     check_rows(&rows, &["T", "Q"]);
     for scene in ["T", "Q"] {
@@ -153,7 +153,7 @@ fn a_small_study_of_speed_marks_those_that_no_other_beats() {
 
 #[test]
 fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for (study, figures) in [("budget", 1), ("failures", 4)] {
         let rows = bench.palpate_ends(0, &format!("study {study} --quick --out {study}-a --json")).json_lines();
         check_rows(&rows, &["T", "Q"]);
@@ -174,7 +174,7 @@ fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
 
 #[test]
 fn a_run_and_two_tables_are_studied_for_what_they_are() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("grid.csv", GRID),
         ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
         ("other.csv", "x_mm,y_mm,out_1\n0,0,1\n"),
@@ -206,7 +206,7 @@ fn a_run_and_two_tables_are_studied_for_what_they_are() {
 
 #[test]
 fn the_budget_is_studied_on_what_was_recorded() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("grid.csv", GRID),
         ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
     ]);
@@ -237,7 +237,7 @@ fn the_budget_is_studied_on_what_was_recorded() {
 
 #[test]
 fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study failures --quick --out a --json").json_lines();
     let mut stated = 0;
     for row in &rows {
@@ -262,7 +262,7 @@ fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
 
 #[test]
 fn a_small_study_of_minutes_is_the_same_twice_and_marks_those_that_no_other_beats() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study minutes --quick --out a --json").json_lines();
     assert_eq!(rows.len(), 2 * 3 * 3, "two families, three strategies; 16, 25 and twice 16 presses");
     for family in ["inside", "outside"] {
@@ -286,7 +286,7 @@ fn a_small_study_of_minutes_is_the_same_twice_and_marks_those_that_no_other_beat
 
 #[test]
 fn every_study_has_help_and_leaves_a_folder_alone() {
-    let bench = Bench::with([("mine", "text")]);
+    let bench = TestFolder::with([("mine", "text")]);
     let whole = bench.palpate_ends(0, "study --help").out;
     for study in ["control", "speed-accuracy", "budget", "failures", "minutes"] {
         assert!(whole.contains(study), "{whole}");

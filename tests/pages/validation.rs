@@ -3,7 +3,7 @@
 use palpate_data::dataset::characteristics::UnitCharacteristics;
 use palpate_solver::Evaluation;
 use palpate_study::validation::{SEEDS, Validation, ValidationOutcome, validation};
-use palpate_testing::{Bench, campaign, shipped_text};
+use palpate_testing::{TestFolder, campaign, shipped_text};
 use serde_json::Value;
 use std::sync::LazyLock;
 
@@ -93,7 +93,7 @@ fn the_page_on_validation_says_what_the_runs_came_to() {
 
 #[test]
 fn a_specimen_of_the_study_is_the_run_of_its_seed() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("paper.toml", shipped_text("recipes/paper.toml").as_str()),
         ("rig.toml", &shipped_text("rigs/paper.toml")),
     ]);
@@ -147,7 +147,7 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
         let rows: Vec<Value> = ONCE.ndjson().lines().map(|row| serde_json::from_str(row).expect("JSON")).collect();
         return check_rows(&rows, &[3]);
     }
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study validation --quick --json --seed 7 --out a").json_lines();
     check_rows(&rows, &[7, 8]);
     let output = bench.palpate_ends(0, "study validation --quick --seed 7 --out b");

@@ -1,6 +1,6 @@
 //! The first steps of a new user: `demo`, `init`, schemas, completions and man pages.
 
-use palpate_testing::{Bench, Printed, SMALL, shipped, shipped_text};
+use palpate_testing::{CommandOutput, SMALL, TestFolder, shipped, shipped_text};
 
 #[cfg(target_os = "linux")]
 #[test]
@@ -8,10 +8,10 @@ fn demo_runs_the_papers_recipe_and_opens_its_page() {
     use std::{fs, os::unix::fs::PermissionsExt as _};
 
     // no file of this name is taken for the recipe, and a browser that fails is no error
-    let bench = Bench::with([("paper", SMALL), ("xdg-open", "#!/bin/sh\necho \"$@\" > opened\nexit 3\n")]);
+    let bench = TestFolder::with([("paper", SMALL), ("xdg-open", "#!/bin/sh\necho \"$@\" > opened\nexit 3\n")]);
     fs::set_permissions(bench.path("xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
     let path = format!("{}:{}", bench.path(".").display(), std::env::var("PATH").unwrap());
-    let printed = Printed::from(bench.command("demo").env("PATH", path).output().unwrap());
+    let printed = CommandOutput::from(bench.command("demo").env("PATH", path).output().unwrap());
     assert_eq!(printed.code, Some(0), "{}\n{}", printed.out, printed.err);
     for part in ["\ncomplete: 770 of 770 presses, runs/paper\n", "\nACCEPTED", "runs/paper/report.html: "] {
         assert!(printed.out.contains(part), "{part}: {}", printed.out);
@@ -24,7 +24,7 @@ fn demo_runs_the_papers_recipe_and_opens_its_page() {
 
 #[test]
 fn demo_overwrites_nothing() {
-    let bench = Bench::with([("mine", "")]);
+    let bench = TestFolder::with([("mine", "")]);
     let output = bench.palpate_ends(2, "demo --out mine --no-open");
     assert!(output.running().contains("mine already exists"), "{}", output.err);
 }
@@ -35,7 +35,7 @@ const SENSORS: [(&str, &str); 4] =
 #[test]
 fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
     for (sensor, simulate) in SENSORS {
-        let bench = Bench::new();
+        let bench = TestFolder::new();
         let output = bench.palpate_ends(0, &format!("init mine --from {sensor}")).out;
         let check = format!("check recipe.toml{simulate}");
         assert!(
@@ -59,7 +59,7 @@ fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
 #[test]
 fn the_commands_that_init_prints_work_to_their_end() {
     for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != "paper") {
-        let bench = Bench::new();
+        let bench = TestFolder::new();
         let output = bench.palpate_ends(0, &format!("init . --from {sensor}")).out;
         let recipe = bench.read("recipe.toml");
         bench.write(
@@ -80,7 +80,7 @@ fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it
     let rig = shipped_text("rigs/grbl.toml");
     let axes = "x = [-24.5, -0.5], y = [-24.5, -0.5], z = [-24.5, -0.5]";
     let wide = rig.replace(axes, "x = [-12.5, 12.5], y = [-24.5, -5.0], z = [-24.5, -0.5]");
-    let bench = Bench::with([("rig.toml", wide.as_str())]);
+    let bench = TestFolder::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
         let output = bench.palpate_ends(2, &format!("{words} calibrate --rig rig.toml --simulate")).running();
         let parts = [
@@ -104,7 +104,7 @@ fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it
 
 #[test]
 fn init_overwrites_nothing() {
-    let bench = Bench::with([("rig.toml", "mine")]);
+    let bench = TestFolder::with([("rig.toml", "mine")]);
     let output = bench.palpate_ends(2, "init");
     assert!(
         output.running().contains("rig.toml exists already") && output.running().contains("palpate init DIR"),
@@ -117,7 +117,7 @@ fn init_overwrites_nothing() {
 
 #[test]
 fn each_shell_has_completions() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for shell in ["bash", "zsh", "fish"] {
         let script = bench.palpate_ends(0, &format!("completions {shell}")).out;
         assert!(script.contains("check-weight") && script.contains("palpate"), "{shell}: {script}");
@@ -126,7 +126,7 @@ fn each_shell_has_completions() {
 
 #[test]
 fn each_command_has_a_man_page() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "man --out man1");
     for page in ["palpate", "palpate-run", "palpate-study-minutes"] {
         let text = bench.read(&format!("man1/{page}.1"));
@@ -138,7 +138,7 @@ fn each_command_has_a_man_page() {
 
 #[test]
 fn an_unknown_command_is_refused_with_the_known_ones() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let output = bench.palpate_ends(2, "calibrate paper");
     assert!(output.err.contains("calibrate is a recipe: palpate run calibrate"), "{}", output.err);
     for (words, known) in
@@ -153,7 +153,7 @@ fn an_unknown_command_is_refused_with_the_known_ones() {
 #[test]
 fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
     let wide = shipped_text("rigs/process.toml").replace("z = [-12.5, 12.5]", "z = [-40.0, 12.5]");
-    let bench = Bench::with([("rig.toml", wide.as_str())]);
+    let bench = TestFolder::with([("rig.toml", wide.as_str())]);
     for words in ["check", "run"] {
         let output = bench.palpate_ends(2, &format!("{words} recipes/paper.toml --rig rig.toml --simulate"));
         let said = "z of a simulated stage goes from -12.5 to 12.5 mm, and `stage.travel_mm.z` has -40 to 12.5";
@@ -164,7 +164,7 @@ fn a_travel_that_no_simulated_stage_has_is_refused_before_anything_moves() {
 
 #[test]
 fn a_missing_table_is_reported_with_its_keys() {
-    let bench = Bench::with([("rig.toml", "[stage]\ndriver = \"esp301\"\n")]);
+    let bench = TestFolder::with([("rig.toml", "[stage]\ndriver = \"esp301\"\n")]);
     let output = bench.palpate_ends(2, "check recipes/paper.toml --rig rig.toml");
     for part in [
         "`frame` is missing: a table with `surface_mm`, `down`",

@@ -1,11 +1,11 @@
 //! The command line as a user and another program meet it: help, acknowledgements, tables, a complete run left alone.
 
-use palpate_testing::{Bench, SMALL, SMALL_PRESSES, SMALL_ROWS, shipped};
+use palpate_testing::{SMALL, SMALL_PRESSES, SMALL_ROWS, TestFolder, shipped};
 use serde_json::{Value, json};
 
 #[test]
 fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let whole = bench.palpate_ends(0, "--help").out;
     for subcommand in ["check", "run", "resume", "evaluate", "solve", "study", "emulate", "ports"] {
         assert!(whole.contains(&format!("\n  {subcommand} ")), "{subcommand} isn't in\n{whole}");
@@ -22,7 +22,7 @@ fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
 
 #[test]
 fn version_and_manifest_name_the_commit_that_the_program_is_built_from() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     let version = bench.palpate_ends(0, "--version").out;
     bench.palpate_ends(0, "run r.toml --out run");
     let manifest = bench.manifest("run");
@@ -34,7 +34,7 @@ fn version_and_manifest_name_the_commit_that_the_program_is_built_from() {
 
 #[test]
 fn check_prints_the_plan_and_leaves_nothing_behind() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "check r.toml --seed 3");
     assert!(
         output.out.starts_with("rig sim.toml: simulated, named by the recipe\nplan small, seed 3\n"),
@@ -50,7 +50,7 @@ fn check_warns_of_what_is_probably_not_meant() {
     let accept = "\n[accept]\nlocation_mean_mm = 0.5\n";
     let (without_test, _) = SMALL.split_at(SMALL.rfind("[[step]]").unwrap());
     let slow = SMALL.replace("force_tolerance_n = 0.05", "force_tolerance_n = 0.05\nsample_s = 100.0");
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("r.toml", SMALL),
         ("slow.toml", slow.as_str()),
         ("no-test.toml", (without_test.to_owned() + accept).as_str()),
@@ -78,7 +78,7 @@ fn check_warns_of_what_is_probably_not_meant() {
 
 #[test]
 fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "run r.toml --json --out run");
     let (header, rows) = bench.table("run/presses.csv");
     let objects = output.json_lines();
@@ -99,7 +99,7 @@ fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() 
 
 #[test]
 fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "run r.toml --out run --full --seed 5 --sensor A-017");
     let names: Vec<String> = bench.bytes("run").into_iter().map(|(name, _)| name).collect();
     let tables = ["calibration_matrix.csv", "characteristics.csv", "presses.csv", "scene.csv", "test_matrix.csv"];
@@ -166,7 +166,7 @@ fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened(
 
 #[test]
 fn a_complete_run_is_left_alone_by_resume() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let before = bench.bytes("run");
     let output = bench.palpate_ends(0, "resume run");
@@ -176,7 +176,7 @@ fn a_complete_run_is_left_alone_by_resume() {
 
 #[test]
 fn a_run_goes_under_the_first_free_name() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     for expected in ["runs/small", "runs/small-2", "runs/small-3"] {
         assert!(!bench.has(expected));
         let output = bench.palpate_ends(0, "run r.toml");
@@ -187,7 +187,7 @@ fn a_run_goes_under_the_first_free_name() {
 
 #[test]
 fn progress_without_a_terminal_is_plain_lines() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "run r.toml");
     assert!(!output.err.contains(['\u{1b}', '\r']) && !output.out.contains(['\u{1b}', '\r']), "{output:?}");
     for expected in ["characterisation: from press 1 of 7", "calibration: from press 2 of 7", "100 %: 7 of 7 presses"] {
@@ -198,7 +198,7 @@ fn progress_without_a_terminal_is_plain_lines() {
 #[test]
 fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
     let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsq\"]\n";
-    let bench = Bench::with([("r.toml", text.as_str())]);
+    let bench = TestFolder::with([("r.toml", text.as_str())]);
     let output = bench.palpate("run r.toml --out run");
     let alone = bench.palpate("evaluate run --solver pearson");
     assert_eq!(output.code, alone.code);
@@ -206,6 +206,6 @@ fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
         assert!(output.out.contains(expected), "{expected:?} isn't in\n{}", output.out);
     }
     assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
-    let output = Bench::with([("r.toml", text.as_str())]).palpate("run r.toml --json");
+    let output = TestFolder::with([("r.toml", text.as_str())]).palpate("run r.toml --json");
     assert_eq!(output.json_lines().len(), SMALL_ROWS, "nothing but rows on standard output");
 }

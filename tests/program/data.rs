@@ -2,7 +2,7 @@
 //! characteristics.
 
 use palpate_testing::characteristics::characterised;
-use palpate_testing::{Bench, shipped, shipped_text};
+use palpate_testing::{TestFolder, shipped, shipped_text};
 use toml::{Table, Value};
 
 /// The example's tables and the phase that each holds.
@@ -11,7 +11,7 @@ const TABLES: [(&str, &str); 3] =
 
 #[test]
 fn the_example_is_what_its_recipe_comes_to() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, &format!("run {} --out example", shipped("data/example/recipe.toml").display()));
     let presses = bench.read("example/presses.csv");
     let (header, rows) = presses.split_once('\n').expect("a header");
@@ -37,7 +37,7 @@ fn is_shipped(name: &str, expected: &str) {
 #[test]
 fn the_example_can_be_evaluated_and_solved_at_once() {
     let [calibration, test] = ["calibration", "test"].map(|name| shipped(&format!("data/example/{name}.csv")));
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let (calibration, readings) = (calibration.display().to_string(), test.display().to_string());
     let printed = bench.palpate_ends(0, &format!("evaluate --calibration {calibration} --test {readings} --json"));
     assert_eq!(printed.json_lines()[0]["points"], 60);

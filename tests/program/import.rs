@@ -1,6 +1,6 @@
 //! Tables of other programs: imported as runs, or read as they are with `--columns`.
 
-use palpate_testing::{Bench, Printed, shipped, shipped_text};
+use palpate_testing::{CommandOutput, TestFolder, shipped, shipped_text};
 use serde_json::Value;
 use std::fs::File;
 
@@ -51,9 +51,9 @@ fn foreign(file: &str) -> String {
     )
 }
 
-fn bench() -> Bench {
+fn bench() -> TestFolder {
     let [calibration, test] = ["data/example/calibration.csv", "data/example/test.csv"];
-    Bench::with([
+    TestFolder::with([
         ("grid.csv", short(calibration).as_str()),
         ("random.csv", short(test).as_str()),
         ("kalib.csv", foreign(calibration).as_str()),
@@ -64,7 +64,7 @@ fn bench() -> Bench {
 }
 
 /// The evaluation, without its time.
-fn evaluated(bench: &Bench, words: &str) -> Value {
+fn evaluated(bench: &TestFolder, words: &str) -> Value {
     let output = bench.palpate_ends(0, &format!("evaluate {words} --solver pearson-lsq --json")).out;
     let mut value: Value = serde_json::from_str(&output).unwrap();
     value.as_object_mut().unwrap().remove("ns_per_solve");
@@ -166,7 +166,8 @@ fn what_can_not_be_imported_leaves_nothing() {
         "{}",
         output.err
     );
-    let two = [Bench::path(&bench, "own.csv"), shipped("data/example/test.csv")].map(|path| path.display().to_string());
+    let two =
+        [TestFolder::path(&bench, "own.csv"), shipped("data/example/test.csv")].map(|path| path.display().to_string());
     bench.write("own.csv", &shipped_text("data/example/calibration.csv"));
     let output = bench.palpate_ends(0, &format!("evaluate {} {} --solver pearson", two[1], two[0]));
     assert!(output.running().contains("their column `phase` states the opposite"), "{}", output.err);
@@ -195,7 +196,7 @@ fn readings_have_the_columns_of_the_tables() {
     let solved = |model: &str, columns: &str, input: &str| {
         bench.write("input", input);
         let mut command = bench.command(&format!("solve --model {model} {columns} --quiet"));
-        let printed: Printed = command.stdin(File::open(bench.path("input")).unwrap()).output().unwrap().into();
+        let printed: CommandOutput = command.stdin(File::open(bench.path("input")).unwrap()).output().unwrap().into();
         assert_eq!(printed.code, Some(0), "{}", printed.err);
         printed.out
     };

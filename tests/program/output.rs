@@ -1,6 +1,6 @@
 //! What commands print as JSON, and standard input as a file.
 
-use palpate_testing::{Bench, shipped};
+use palpate_testing::{TestFolder, shipped};
 
 /// Commands whose result can be one JSON object, in an order in which each finds the files of those before it, and one of its keys.
 const COMMANDS: [(&str, &str); 17] = [
@@ -25,7 +25,7 @@ const COMMANDS: [(&str, &str); 17] = [
 
 #[test]
 fn every_result_can_be_one_json_object() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");
     for (words, key) in COMMANDS {
         let printed = bench.palpate_ends(0, words);
@@ -39,7 +39,7 @@ fn every_result_can_be_one_json_object() {
 
 #[test]
 fn a_result_is_printed_before_a_later_step_fails() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");
     let printed = bench.palpate_ends(5, "adapt --from run --with run --solver pearson-lsq --out none/s.palpate");
     assert!(printed.out.starts_with("gains ") && printed.out.contains("(cross-validated)"), "{printed:?}");
@@ -47,7 +47,7 @@ fn a_result_is_printed_before_a_later_step_fails() {
 
 #[test]
 fn a_dash_is_standard_input_for_recipes_and_tables() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");
     let recipe = std::fs::read_to_string(shipped("recipes/batch.toml")).expect("a recipe");
     assert_eq!(
@@ -76,7 +76,7 @@ fn a_dash_is_standard_input_for_recipes_and_tables() {
 
 #[test]
 fn a_damaged_journal_is_reported_with_what_can_be_kept() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");
     let journal = bench.read("run/journal.log");
     let at = journal.match_indices('\n').nth(19).expect("twenty records").0 + 1;

@@ -1,7 +1,7 @@
 //! What is shipped works as shipped: every recipe on every rig.
 
 use palpate_data::recipe::{self, Recipe};
-use palpate_testing::{Bench, SMALL, campaign, exchanged, shipped, shipped_text};
+use palpate_testing::{SMALL, TestFolder, campaign, exchanged, shipped, shipped_text};
 use serde_json::json;
 use std::fs;
 
@@ -9,7 +9,7 @@ use std::fs;
 fn every_recipe_can_be_run_on_every_rig() {
     let (recipes, rigs) = (files("recipes"), files("rigs"));
     assert!(recipes.len() >= 5 && rigs.len() >= 2, "{recipes:?} {rigs:?}");
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for recipe in &recipes {
         for rig in &rigs {
             let output = bench.palpate_ends(0, &format!("check {recipe} --rig {rig}"));
@@ -20,7 +20,7 @@ fn every_recipe_can_be_run_on_every_rig() {
 
 #[test]
 fn a_plan_is_described_in_presses_levels_force_and_time() {
-    let output = Bench::new().palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display()));
+    let output = TestFolder::new().palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display()));
     let rows: Vec<Vec<&str>> = output.out.lines().map(|line| line.split_whitespace().collect()).collect();
     for expected in [["characterisation", "45", "405"], ["calibration", "625", "625"], ["test", "100", "100"]] {
         assert!(rows.iter().any(|row| row.starts_with(&expected)), "{expected:?} isn't in\n{}", output.out);
@@ -33,7 +33,8 @@ fn a_plan_is_described_in_presses_levels_force_and_time() {
 #[test]
 fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
     let described = |more: &str| {
-        let output = Bench::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
+        let output =
+            TestFolder::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
         output.out.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect::<Vec<_>>()
     };
     let (mapped, guarded) = (described(""), described("--strategy guarded"));
@@ -48,7 +49,7 @@ fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
 fn the_characterisation_runs_on_the_simulated_rig() {
     let recipe = shipped_text("recipes/characterise.toml");
     let recipe = thinned(&recipe, "repeats = 5", "repeats = 2");
-    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, &format!("run r.toml --rig {} --out run", shipped("rigs/sim.toml").display()));
     assert_complete(&bench);
     assert_eq!(bench.column("run/characteristics.csv", "unit"), ["1", "2", "3", "4", "5", "6", "7", "8", "9"]);
@@ -58,7 +59,7 @@ fn the_characterisation_runs_on_the_simulated_rig() {
 #[test]
 fn the_calibration_runs_on_the_real_rigs_file_with_simulate() {
     let recipe = thinned(&shipped_text("recipes/calibrate.toml"), "spacing_mm = 0.5", "spacing_mm = 2.0");
-    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, &format!("run r.toml --rig {} --simulate --out run", shipped("rigs/esp301.toml").display()));
     assert_complete(&bench);
     assert!(bench.has("run/calibration_matrix.csv") && !bench.has("run/test_matrix.csv"));
@@ -67,7 +68,7 @@ fn the_calibration_runs_on_the_real_rigs_file_with_simulate() {
 
 #[test]
 fn the_test_runs_on_both_rigs_and_comes_to_the_same() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let recipe = shipped("recipes/test.toml");
     bench.palpate_ends(0, &format!("run {} --rig {} --out run", recipe.display(), shipped("rigs/sim.toml").display()));
     assert_complete(&bench);
@@ -79,7 +80,7 @@ fn the_test_runs_on_both_rigs_and_comes_to_the_same() {
 
 #[test]
 fn without_a_rig_the_papers_is_simulated_wherever_the_program_is_called() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml");
     assert_eq!(bench.read("runs/small/rig.toml"), shipped_text("rigs/sim.toml"));
     assert_eq!(bench.read("runs/small/recipe.toml"), SMALL);
@@ -136,7 +137,7 @@ fn thinned(recipe: &str, from: &str, to: &str) -> String {
     if campaign::is_quick() { fewer } else { recipe.to_owned() }
 }
 
-fn assert_complete(bench: &Bench) {
+fn assert_complete(bench: &TestFolder) {
     let manifest = bench.manifest("run");
     assert_eq!(manifest["status"], "complete");
     assert_eq!(manifest["presses_done"], manifest["presses_planned"]);
@@ -151,7 +152,7 @@ fn assert_complete(bench: &Bench) {
 
 #[test]
 fn shipped_files_are_found_by_name_from_any_folder_and_a_file_of_the_user_wins() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     let by_path = bench.palpate_ends(0, &format!("check {}", shipped("recipes/paper.toml").display())).out;
     for name in ["paper", "paper.toml", "recipes/paper.toml"] {
         assert_eq!(bench.palpate_ends(0, &format!("check {name}")).out, by_path, "{name}");
@@ -171,7 +172,7 @@ fn shipped_files_are_found_by_name_from_any_folder_and_a_file_of_the_user_wins()
 fn the_batch_recipe_rejects_a_sensor_with_a_clipped_unit_whose_errors_are_small() {
     let rig =
         shipped_text("rigs/batch.toml") + "\n[[scene.taxel_fault]]\nunit = 5\nkind = \"clipped\"\nreading = 0.3\n";
-    let bench = Bench::with([("clipped.toml", rig.as_str())]);
+    let bench = TestFolder::with([("clipped.toml", rig.as_str())]);
     let output = bench.palpate_ends(1, "run batch --rig clipped.toml --seed 45 --evaluate recipe").out;
     assert!(output.contains("NOT ACCEPTED") && output.contains("broken channels 1 exceeds the limit 0"), "{output}");
     assert!(output.contains("and 2 within their limits"), "{output}");

@@ -1,8 +1,8 @@
 //! Which rig a recipe is run on, and that no real stage moves unless `--rig` names the rig or a person confirms it.
 #![cfg(unix)]
 
-use palpate_testing::terminal::{Terminal, spawned, wait};
-use palpate_testing::{Bench, Printed, SMALL, exchanged, shipped_text};
+use palpate_testing::terminal::{TestTerminal, spawned, wait};
+use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged, shipped_text};
 
 /// File that the programs of the real rig leave: a real device was opened.
 const OPENED: &str = "opened";
@@ -37,7 +37,7 @@ const LAYOUTS: [Layout; 8] = [
 
 /// Who is there while the program runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Person {
+enum WhichRigPerson {
     Nobody,
     Agrees,
     Refuses,
@@ -63,8 +63,8 @@ fn real() -> String {
 }
 
 impl Layout {
-    fn bench(&self, is_real: bool) -> Bench {
-        let bench = Bench::new();
+    fn bench(&self, is_real: bool) -> TestFolder {
+        let bench = TestFolder::new();
         std::fs::create_dir(bench.path("sub")).expect("makes");
         bench.write(self.recipe.0, &self.recipe.1());
         // a file that was the default once is never taken
@@ -81,35 +81,35 @@ impl Layout {
 }
 
 /// Runs the program, with a person at a terminal or with nobody.
-fn run(bench: &Bench, words: &str, person: Person, is_asked: bool) -> Printed {
+fn run(bench: &TestFolder, words: &str, person: WhichRigPerson, is_asked: bool) -> CommandOutput {
     let mut command = bench.command(&format!("run {words} --out out"));
-    if person == Person::Nobody {
+    if person == WhichRigPerson::Nobody {
         return command.output().expect("the program starts").into();
     }
-    let mut terminal = Terminal::open();
+    let mut terminal = TestTerminal::open();
     let child = spawned(command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far()));
     drop(command);
     let mut out = String::new();
     if is_asked {
         out = terminal.until("This rig is real. Use it? [y/N]");
-        terminal.line(if person == Person::Agrees { "y" } else { "n" });
+        terminal.line(if person == WhichRigPerson::Agrees { "y" } else { "n" });
     }
     out += &terminal.until_end();
-    Printed { code: wait(child), err: out.clone(), out }
+    CommandOutput { code: wait(child), err: out.clone(), out }
 }
 
 #[test]
 fn no_real_stage_moves_without_the_option_or_a_person_who_confirms() {
     for layout in LAYOUTS {
         for is_real in [false, true] {
-            for person in [Person::Nobody, Person::Agrees, Person::Refuses] {
+            for person in [WhichRigPerson::Nobody, WhichRigPerson::Agrees, WhichRigPerson::Refuses] {
                 let bench = layout.bench(is_real);
                 let is_real = is_real && layout.is_of_own();
                 let is_asked = is_real && layout.first != Some("named by --rig");
                 let output = run(&bench, layout.words, person, is_asked);
                 let case = format!("run {}, {} {is_real} {person:?}: {output:?}", layout.words, layout.rig);
                 let has = |part: &str| output.running().contains(part);
-                let may_move = is_real && (!is_asked || person == Person::Agrees);
+                let may_move = is_real && (!is_asked || person == WhichRigPerson::Agrees);
                 assert_eq!(bench.has(OPENED), may_move, "{case}");
                 let Some(first) = layout.first else {
                     assert!(
@@ -158,7 +158,7 @@ fn check_and_a_dry_run_choose_the_same_rig() {
 
 #[test]
 fn a_recipe_in_the_folder_of_its_run_is_refused() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out one");
     for words in ["run one/recipe.toml", "run one/recipe.toml --rig sim", "check one/recipe.toml"] {
         let output = bench.palpate_ends(2, words).running();
@@ -173,7 +173,7 @@ fn a_recipe_of_a_batch_has_the_rig_of_the_batch() {
     let sim = shipped_text("rigs/sim.toml");
     for (key, is_same) in [("a.toml", true), ("sim", true), ("printer", false)] {
         let recipe = exchanged(&shipped(), "name =", &format!("rig = \"{key}\"\nname ="));
-        let bench = Bench::with([("batch.toml", batch), ("a.toml", sim.as_str()), ("r.toml", recipe.as_str())]);
+        let bench = TestFolder::with([("batch.toml", batch), ("a.toml", sim.as_str()), ("r.toml", recipe.as_str())]);
         let output = bench.palpate_ends(if is_same { 0 } else { 2 }, "batch check batch.toml");
         let said = "r.toml: `rig` is printer.toml, but the rig of the batch is a.toml";
         assert_eq!(output.running().contains(said), !is_same, "{output:?}");

@@ -1,7 +1,7 @@
 //! A run goes on with the rig that it began with: each of its keys is compared.
 
 use palpate_run::rig::{KEYS, SIM_RIG};
-use palpate_testing::{Bench, Live, SMALL, exchanged};
+use palpate_testing::{Live, SMALL, TestFolder, exchanged};
 use std::fs;
 use std::io::Read as _;
 use toml_edit::{DocumentMut, Item, Value};
@@ -14,8 +14,8 @@ fn rig() -> String {
 }
 
 /// A run on that rig that was killed after its second press.
-fn killed() -> Bench {
-    let bench = Bench::with([("r.toml", SMALL), ("rig.toml", &rig())]);
+fn killed() -> TestFolder {
+    let bench = TestFolder::with([("r.toml", SMALL), ("rig.toml", &rig())]);
     let mut live = Live::start(bench.command("run r.toml --rig rig.toml --out run --json --pace 20"));
     let _ = (live.line(), live.line());
     live.kill();

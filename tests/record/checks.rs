@@ -8,7 +8,7 @@ use palpate_run::rig::RigSpec;
 use palpate_run::run::{Ask, Cancel, Ending, KnownWeight, Listener, RunJob, execute, expected_checks};
 use palpate_testing::executions::{bench, plan, run_virtually};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
-use palpate_testing::{Bench, shipped_text};
+use palpate_testing::{TestFolder, shipped_text};
 
 /// Five presses: fewer than the rules within a run need to compare.
 const TINY: &str = "name = \"tiny\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\n\
@@ -158,7 +158,7 @@ fn a_load_cell_or_a_sensor_that_has_changed_leaves_nothing_decided() {
         [(&less, "outputs for each newton differ by"), (&other, "the pattern of the outputs differs by")]
     {
         assert_ne!(*world, rig);
-        let bench = Bench::with([("r.toml", TINY)]);
+        let bench = TestFolder::with([("r.toml", TINY)]);
         let output = bench.palpate_ends(0, "run r.toml --out run");
         assert!(output.out.contains("check at the end: outputs for each newton"), "{}", output.out);
         cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 2);
@@ -178,7 +178,7 @@ fn a_load_cell_or_a_sensor_that_has_changed_leaves_nothing_decided() {
 #[test]
 fn a_recipe_without_checks_makes_none_and_check_counts_them() {
     let none = TINY.replacen('\n', "\nchecks = \"none\"\n", 1);
-    let bench = Bench::with([("r.toml", TINY), ("none.toml", &none)]);
+    let bench = TestFolder::with([("r.toml", TINY), ("none.toml", &none)]);
     assert!(bench.palpate_ends(0, "check r.toml").out.contains("and 1 check at the end, at (0, 0) mm\n"));
     assert!(!bench.palpate_ends(0, "check none.toml").out.contains("check at the end"));
     bench.palpate_ends(0, "run r.toml --out run");
@@ -195,7 +195,7 @@ fn a_recipe_without_checks_makes_none_and_check_counts_them() {
 fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
     let check = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.0, gain_sd = 0.0002, times = 3, date = \"2026-05-04\" }";
     let rig = shipped_text("rigs/sim.toml").replacen("lag_ms = 0.0", &format!("{check}\nlag_ms = 0.0"), 1);
-    let bench = Bench::with([("r.toml", TINY), ("rig.toml", &rig)]);
+    let bench = TestFolder::with([("r.toml", TINY), ("rig.toml", &rig)]);
     let output = bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
     assert!(output.out.contains("the load cell was not checked after the run"), "{}", output.out);
     assert_eq!(bench.manifest("run")["cell_unchecked"], true);
@@ -204,12 +204,12 @@ fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
 }
 
 /// A person with a weight, who may not notice that it is asked for.
-struct Weighing {
+struct CheckWeighing {
     weight: KnownWeight,
     asked: Vec<Ask>,
 }
 
-impl Listener for Weighing {
+impl Listener for CheckWeighing {
     fn weight(&mut self) -> Option<KnownWeight> {
         Some(self.weight)
     }
@@ -231,7 +231,7 @@ fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever
         spec.load_cell.check = Some(check);
         spec.scene.load_cell.as_mut().expect("a load cell").gain = gain;
         let plan = plan(&spec, TINY, 1);
-        let mut person = Weighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
+        let mut person = CheckWeighing { weight: KnownWeight { weight_n: pressed_n, ..known }, asked: Vec::new() };
         let (mut memory, cancel) = (Memory::default(), Cancel::default());
         let ending = run_virtually(async {
             let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };

@@ -3,7 +3,7 @@
 use palpate_core::quantity::stream;
 use palpate_testing::interrupted::sealed;
 use palpate_testing::rows::json;
-use palpate_testing::{Bench, LONG, Printed, SMALL, campaign, shipped_text};
+use palpate_testing::{CommandOutput, LONG, SMALL, TestFolder, campaign, shipped_text};
 use rand::RngExt;
 use std::fs::{self, File};
 
@@ -16,8 +16,8 @@ const READERS: [&str; 4] = [
 ];
 
 /// A run of [`SMALL`] that is complete, and the same once more.
-fn whole() -> Bench {
-    let bench = Bench::with([("r.toml", SMALL), ("readings.csv", "0.1,0.2,0.3,0.4,0.5,0.4,0.3,0.2,0.1\n")]);
+fn whole() -> TestFolder {
+    let bench = TestFolder::with([("r.toml", SMALL), ("readings.csv", "0.1,0.2,0.3,0.4,0.5,0.4,0.3,0.2,0.1\n")]);
     for run in ["run", "again"] {
         bench.palpate_ends(0, &format!("run r.toml --out {run}"));
     }
@@ -25,7 +25,7 @@ fn whole() -> Bench {
 }
 
 /// What each command answers: what it prints and the page that it writes; and its warnings.
-fn answers(bench: &Bench) -> (Vec<String>, Vec<String>) {
+fn answers(bench: &TestFolder) -> (Vec<String>, Vec<String>) {
     let mut warnings = Vec::new();
     let answer = |words: &&str| {
         let mut command = bench.command(words);
@@ -72,19 +72,19 @@ fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
 fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
     let simple: String =
         SMALL.split_inclusive("[[step]]").enumerate().filter(|(n, _)| *n != 1).map(|(_, part)| part).collect();
-    let bench = Bench::with([("r.toml", simple.as_str())]);
+    let bench = TestFolder::with([("r.toml", simple.as_str())]);
     for run in ["run", "again"] {
         bench.palpate_ends(0, &format!("run r.toml --out {run}"));
     }
     let words = "evaluate --calibration run/presses.csv --test again/presses.csv --solver pearson --json";
     let output = bench.palpate_ends(0, words);
-    let answer = |output: &Printed| {
+    let answer = |output: &CommandOutput| {
         let mut answer = output.json_lines().remove(0);
         // how long a solve takes is measured each time
         answer.as_object_mut().expect("an object").remove("ns_per_solve").expect("a time");
         answer
     };
-    let error_mm = |output: &Printed| answer(output)["location_error_mm"]["mean"].as_f64().expect("a mean");
+    let error_mm = |output: &CommandOutput| answer(output)["location_error_mm"]["mean"].as_f64().expect("a mean");
     let notes = "note: run/presses.csv: its 4 rows of phase `calibration` are used, of 6\n\
                  note: again/presses.csv: its 2 rows of phase `test` are used, of 6\n";
     assert_eq!(output.err, notes);
@@ -314,7 +314,7 @@ mod links {
 fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
     let rig =
         shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"hard-contact\"\nfrom_s = 55.0\nvalue = 60.0\n";
-    let bench = Bench::with([("rig.toml", rig.as_str()), ("r.toml", LONG)]);
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("r.toml", LONG)]);
     bench.palpate_ends(4, "run r.toml --rig rig.toml --out run");
     let (_, rows) = bench.table("run/scene.csv");
     let tripped = rows.last().expect("rows");

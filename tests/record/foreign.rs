@@ -1,7 +1,7 @@
 //! A journal that isn't the one of its manifest: that of another run, or one that was edited with the right checksums.
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts, sealed};
-use palpate_testing::{Bench, SMALL, exchanged, shipped_text};
+use palpate_testing::{SMALL, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 use std::fs;
 
@@ -17,16 +17,16 @@ const READERS: [(&str, &str); 7] = [
 ];
 
 /// Two complete runs of two sensors.
-fn two_runs() -> Bench {
+fn two_runs() -> TestFolder {
     let given = shipped_text("data/example/certificate.toml");
-    let bench = Bench::with([("r.toml", SMALL), ("c.toml", &given)]);
+    let bench = TestFolder::with([("r.toml", SMALL), ("c.toml", &given)]);
     for (run, sensor, seed) in [("one", "S-1", 1), ("two", "S-2", 2)] {
         bench.palpate_ends(0, &format!("run r.toml --out {run} --sensor {sensor} --seed {seed}"));
     }
     bench
 }
 
-fn copy(bench: &Bench, from: &str, to: &str) {
+fn copy(bench: &TestFolder, from: &str, to: &str) {
     fs::copy(bench.path(from), bench.path(to)).expect("a copy");
 }
 
@@ -49,7 +49,7 @@ fn moved(journal: &str) -> String {
 }
 
 /// Every command refuses run `one` by the name of its journal and changes nothing, until a person accepts the journal.
-fn is_refused_until_accepted(bench: &Bench, differences: &[&str]) {
+fn is_refused_until_accepted(bench: &TestFolder, differences: &[&str]) {
     let before = bench.bytes("one");
     let expected = "one/journal.log: the journal isn't the one that manifest.json describes: ";
     for (words, written) in READERS.into_iter().chain([("rebuild one", ""), ("rebuild one --accept-loss", "")]) {
@@ -73,7 +73,7 @@ fn is_refused_until_accepted(bench: &Bench, differences: &[&str]) {
     assert!(bench.read("one/journal.log").contains("\"loss\":{"), "the journal records it");
 }
 
-fn answers_again(bench: &Bench) {
+fn answers_again(bench: &TestFolder) {
     for (words, written) in READERS.into_iter().filter(|(words, _)| !words.starts_with("certificate")) {
         let output = bench.palpate_ends(0, words);
         assert!(!output.err.contains("warning"), "{words}: {}", output.err);

@@ -9,15 +9,15 @@ mod trial;
 
 use palpate_data::dataset::{Journal, Record, RecordedContact};
 use palpate_testing::interrupted::cut_back;
-use palpate_testing::rows::{self, Kept, numbered};
-use palpate_testing::{Bench, campaign, shipped_text};
+use palpate_testing::rows::{self, StoredRow, numbered};
+use palpate_testing::{TestFolder, campaign, shipped_text};
 use serde_json::Value;
 use std::fs;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use tally::Tally;
-use trial::Trial;
+use tally::KillTally;
+use trial::KillTrial;
 
 /// Kills: quick and full.
 const KILLS: (usize, usize) = (8, 50);
@@ -55,11 +55,11 @@ const MEMORIES: [&str; 2] = ["relaxation = ", "hysteresis = "];
 
 #[test]
 fn a_run_killed_at_any_moment_keeps_what_it_acknowledged_and_is_finished_by_resume() {
-    let courses = Course::all();
+    let courses = KillCourse::all();
     let (wanted, made, trials) = (campaign::size(KILLS.0, KILLS.1), AtomicUsize::new(0), AtomicU64::new(0));
     let tally = on_threads(|tally| {
         while made.load(Ordering::Relaxed) < wanted {
-            let of_one = Trial::new(trials.fetch_add(1, Ordering::Relaxed), &courses).carry_out();
+            let of_one = KillTrial::new(trials.fetch_add(1, Ordering::Relaxed), &courses).carry_out();
             made.fetch_add(of_one.kills, Ordering::Relaxed);
             *tally += of_one;
         }
@@ -71,10 +71,11 @@ fn a_run_killed_at_any_moment_keeps_what_it_acknowledged_and_is_finished_by_resu
 
 #[test]
 fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
-    let courses = Course::all();
+    let courses = KillCourse::all();
     let chosen = [("guarded", false), ("map", true)];
     let chosen = courses.iter().filter(|course| chosen.contains(&(course.strategy, course.forgets)));
-    let cuts: Vec<(&Course, usize)> = chosen.flat_map(|course| course.cuts().map(move |cut| (course, cut))).collect();
+    let cuts: Vec<(&KillCourse, usize)> =
+        chosen.flat_map(|course| course.cuts().map(move |cut| (course, cut))).collect();
     let next = AtomicUsize::new(0);
     let tally = on_threads(|tally| {
         while let Some((course, cut)) = cuts.get(next.fetch_add(1, Ordering::Relaxed)) {
@@ -86,11 +87,11 @@ fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
 }
 
 /// Does the same on some threads at once; what they counted is added up.
-fn on_threads(work: impl Fn(&mut Tally) + Sync) -> Tally {
-    let mut sum = Tally::default();
+fn on_threads(work: impl Fn(&mut KillTally) + Sync) -> KillTally {
+    let mut sum = KillTally::default();
     thread::scope(|scope| {
         let one = || {
-            let mut tally = Tally::default();
+            let mut tally = KillTally::default();
             work(&mut tally);
             tally
         };
@@ -101,7 +102,7 @@ fn on_threads(work: impl Fn(&mut Tally) + Sync) -> Tally {
 }
 
 /// A rig and a strategy, and the run of them that nothing interrupts.
-struct Course {
+struct KillCourse {
     rig: String,
     /// Whether the rig's specimen forgets a press when it is over.
     forgets: bool,
@@ -112,20 +113,20 @@ struct Course {
     virtual_s: f64,
 }
 
-impl Course {
-    fn all() -> Vec<Course> {
+impl KillCourse {
+    fn all() -> Vec<KillCourse> {
         let shipped = shipped_text("rigs/sim.toml");
         let remembers = |line: &str| MEMORIES.iter().any(|memory| line.starts_with(memory));
         assert_eq!(shipped.lines().filter(|line| remembers(line)).count(), MEMORIES.len(), "{shipped}");
         let forgetful: String =
             shipped.lines().filter(|line| !remembers(line)).map(|line| line.to_owned() + "\n").collect();
         let rigs = [(shipped, false), (forgetful, true)];
-        let course = |(rig, forgets): &(String, bool), strategy| Course::new(rig.clone(), *forgets, strategy);
+        let course = |(rig, forgets): &(String, bool), strategy| KillCourse::new(rig.clone(), *forgets, strategy);
         rigs.iter().flat_map(|rig| STRATEGIES.map(|strategy| course(rig, strategy))).collect()
     }
 
-    fn new(rig: String, forgets: bool, strategy: &'static str) -> Course {
-        let mut course = Course { rig, forgets, strategy, whole: Vec::new(), took: Duration::ZERO, virtual_s: 0.0 };
+    fn new(rig: String, forgets: bool, strategy: &'static str) -> KillCourse {
+        let mut course = KillCourse { rig, forgets, strategy, whole: Vec::new(), took: Duration::ZERO, virtual_s: 0.0 };
         let bench = course.bench();
         let began = Instant::now();
         bench.palpate_ends(0, &course.words(&bench, None));
@@ -136,12 +137,12 @@ impl Course {
         course
     }
 
-    fn bench(&self) -> Bench {
-        Bench::with([("r.toml", RECIPE), ("rig.toml", self.rig.as_str())])
+    fn bench(&self) -> TestFolder {
+        TestFolder::with([("r.toml", RECIPE), ("rig.toml", self.rig.as_str())])
     }
 
     /// What goes on from where a bench is.
-    fn words(&self, bench: &Bench, pace: Option<u32>) -> String {
+    fn words(&self, bench: &TestFolder, pace: Option<u32>) -> String {
         let words = if bench.has("run") {
             "resume run --json".to_owned()
         } else {
@@ -173,7 +174,7 @@ impl Course {
     }
 
     /// The run as a power cut would have left it that took the journal's end away and nothing else.
-    fn assert_finished_from(&self, cut: usize) -> Tally {
+    fn assert_finished_from(&self, cut: usize) -> KillTally {
         let bench = self.bench();
         fs::create_dir(bench.path("run")).expect("a folder");
         for (name, bytes) in &self.whole {
@@ -196,7 +197,7 @@ impl Course {
     }
 
     /// Finishes what is left and looks at all of it.
-    fn assert_finished(&self, bench: &Bench, acknowledged: &[Value], output: &str) -> Tally {
+    fn assert_finished(&self, bench: &TestFolder, acknowledged: &[Value], output: &str) -> KillTally {
         let before: Vec<(u64, u64)> = journalled(bench).iter().flat_map(rows_of).collect();
         let ended = bench.palpate_ends(0, &self.words(bench, None));
         let made: Vec<Value> = ended.json_lines();
@@ -213,17 +214,17 @@ impl Course {
         all.sort_unstable();
         assert_eq!(all, plan, "{output}: what was there and what was made since");
         let others = if self.forgets { self.others(bench) } else { Vec::new() };
-        let Kept { lost, changed, first } = rows::kept(&[acknowledged, &made].concat(), &table);
+        let StoredRow { lost, changed, first } = rows::kept(&[acknowledged, &made].concat(), &table);
         let (was, is) = (numbered(acknowledged), numbered(&made));
         let again = was.iter().enumerate().filter(|(n, row)| is.contains(row) || was[..*n].contains(row)).count();
         let other = others.len();
         let first = first.or(others.into_iter().next()).map(|first| format!("{output}: {first}"));
         let acknowledged = rows::presses(acknowledged);
-        Tally { acknowledged, lost, changed, again, other, first, ..Tally::default() }
+        KillTally { acknowledged, lost, changed, again, other, first, ..KillTally::default() }
     }
 
     /// The rows that aren't what the run measured that nothing interrupted, to the last digit.
-    fn others(&self, bench: &Bench) -> Vec<String> {
+    fn others(&self, bench: &TestFolder) -> Vec<String> {
         let whole = std::str::from_utf8(self.file("presses.csv")).expect("text");
         let (same, now) = (timeless(whole), timeless(&bench.read("run/presses.csv")));
         let differing = same.into_iter().zip(now).filter(|(same, now)| same != now);
@@ -232,7 +233,7 @@ impl Course {
 }
 
 /// The contacts of the journal, in the order they were made.
-fn journalled(bench: &Bench) -> Vec<RecordedContact> {
+fn journalled(bench: &TestFolder) -> Vec<RecordedContact> {
     if !bench.has("run") {
         return Vec::new();
     }

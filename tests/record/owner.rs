@@ -1,8 +1,8 @@
 //! One owner of a real link and of a run's folder, for as long as it lives; simulated rigs run side by side.
 #![cfg(unix)]
 
-use palpate_testing::served::Served;
-use palpate_testing::{Bench, Live, Printed, SMALL, SMALL_PRESSES, exchanged, shipped_text};
+use palpate_testing::served::ServedProgram;
+use palpate_testing::{CommandOutput, Live, SMALL, SMALL_PRESSES, TestFolder, exchanged, shipped_text};
 use std::fs;
 use std::io;
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -25,14 +25,14 @@ const PACE: &str = "--pace 10";
 #[test]
 fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
     // all of it TCP: the stage and the load cell are sockets of one controller
-    let served = Served::new(&shipped_text("rigs/xps.toml"), "");
+    let served = ServedProgram::new(&shipped_text("rigs/xps.toml"), "");
     let (stage, array) = (Gate::to(served.address("stage")), Gate::to(served.address("array")));
     let rig = |stage: &str, array: &str| {
         let rig = shipped_text("rigs/xps.toml").replace("192.168.0.254:5001", stage);
         exchanged(&rig, "192.168.1.10:502", array)
     };
     let elsewhere = "127.0.0.1:9"; // nobody gets as far as to find nobody there
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("held.toml", HELD),
         ("rig.toml", &rig(&stage.address(), &array.address())),
         ("other.toml", &rig(elsewhere, &array.address())),
@@ -60,7 +60,7 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
 
     owner.signal("KILL");
     assert_eq!(owner.end().code, None);
-    let printed: Printed =
+    let printed: CommandOutput =
         in_own_folder(&bench, "doctor rig.toml --confirmed down").output().expect("the program starts").into();
     // the devices are free; nothing has shown that the load cell measures force
     assert_eq!(printed.code, Some(1), "{}\n{}", printed.out, printed.err);
@@ -68,18 +68,19 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
 
 #[test]
 fn without_a_temporary_folder_a_real_rig_is_refused_and_a_simulated_one_runs() {
-    let bench = Bench::with([("r.toml", SMALL), ("rig.toml", shipped_text("rigs/xps.toml").as_str())]);
+    let bench = TestFolder::with([("r.toml", SMALL), ("rig.toml", shipped_text("rigs/xps.toml").as_str())]);
     // there is no folder tmp
     let printed = refused(&bench, "run r.toml --rig rig.toml --out real");
     let running = printed.running();
     assert!(running.contains("set TMPDIR to use another folder"), "{}", printed.err);
-    let printed: Printed = in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
+    let printed: CommandOutput =
+        in_own_folder(&bench, "run r.toml --out run").output().expect("the program starts").into();
     assert_eq!(printed.code, Some(0), "{}", printed.err);
 }
 
 #[test]
 fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
-    let bench = Bench::with([("held.toml", HELD)]);
+    let bench = TestFolder::with([("held.toml", HELD)]);
     let begun = Live::start(bench.command(&format!("run held.toml --out run {PACE}")));
     begun.until_printed(": from press 1");
     begun.signal("TERM");
@@ -99,7 +100,7 @@ fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
 
 #[test]
 fn simulated_rigs_run_side_by_side() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     fs::create_dir(bench.path("tmp")).expect("a folder");
     let words = |n: usize| format!("run r.toml --out run-{n} {PACE}");
     let runs: Vec<Live> = (0..SIDE_BY_SIDE).map(|n| Live::start(in_own_folder(&bench, &words(n)))).collect();
@@ -113,15 +114,15 @@ fn simulated_rigs_run_side_by_side() {
 }
 
 /// The program, its locks apart from those of all others.
-fn in_own_folder(bench: &Bench, words: &str) -> Command {
+fn in_own_folder(bench: &TestFolder, words: &str) -> Command {
     let mut command = bench.command(words);
     command.env("TMPDIR", bench.path("tmp"));
     command
 }
 
 /// It ends as one whose device can't be had.
-fn refused(bench: &Bench, words: &str) -> Printed {
-    let printed: Printed = in_own_folder(bench, words).output().expect("the program starts").into();
+fn refused(bench: &TestFolder, words: &str) -> CommandOutput {
+    let printed: CommandOutput = in_own_folder(bench, words).output().expect("the program starts").into();
     assert_eq!(printed.code, Some(3), "{words}\n{}\n{}", printed.out, printed.err);
     printed
 }

@@ -1,14 +1,14 @@
 //! What a run folder says of itself: who made it, from what, and whether it is still what was written.
 
 use palpate_testing::interrupted::{cut_back, cut_to_lines, sealed};
-use palpate_testing::{Bench, SMALL, exchanged};
+use palpate_testing::{SMALL, TestFolder, exchanged};
 
 const VIEWS: [&str; 6] =
     ["manifest.json", "presses.csv", "characteristics.csv", "calibration_matrix.csv", "test_matrix.csv", "scene.csv"];
 
 /// A complete run.
-fn whole() -> Bench {
-    let bench = Bench::with([("r.toml", SMALL)]);
+fn whole() -> TestFolder {
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     bench
 }

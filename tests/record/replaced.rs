@@ -8,7 +8,7 @@ use palpate_data::dataset::{
 use palpate_link::time::Instant;
 use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute_on};
 use palpate_testing::executions::{bench, plan, run_virtually};
-use palpate_testing::{Bench, Live, SMALL, SMALL_PRESSES};
+use palpate_testing::{Live, SMALL, SMALL_PRESSES, TestFolder};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -35,8 +35,8 @@ impl Listener for Meddler<'_> {
     }
 }
 
-struct Executed {
-    home: Bench,
+struct ReplacedRun {
+    home: TestFolder,
     ending: Ending,
     finished: Result<(), DatasetError>,
     acknowledged: usize,
@@ -44,8 +44,8 @@ struct Executed {
 }
 
 /// Walks [`SMALL`] in a folder with which something is done after each press.
-fn executed(meddle: impl Fn(usize, &Path)) -> Executed {
-    let (home, spec) = (Bench::new(), bench("bench-fast"));
+fn executed(meddle: impl Fn(usize, &Path)) -> ReplacedRun {
+    let (home, spec) = (TestFolder::new(), bench("bench-fast"));
     let (plan, path) = (plan(&spec, SMALL, 1), home.path("run"));
     let origins = Origins::new(SMALL.to_owned(), String::new(), Vec::new());
     let facts = RunFacts::new(&plan, true);
@@ -64,7 +64,7 @@ fn executed(meddle: impl Fn(usize, &Path)) -> Executed {
     assert!(ending.unparked.is_none() && z_mm <= spec.clear_mm() + PARKED_MM, "not parked: {z_mm} mm");
     let finished = folder.finish(ending.end(String::new(), 0.0));
     let (acknowledged, warnings) = (meddler.acknowledged, folder.warnings().to_vec());
-    Executed { home, ending, finished, acknowledged, warnings }
+    ReplacedRun { home, ending, finished, acknowledged, warnings }
 }
 
 /// Contacts of a journal.
@@ -80,7 +80,7 @@ fn replace_by(run: &Path, content: &[u8]) {
 }
 
 /// No press after the meddling is acknowledged, and both errors say what happened.
-fn ends_for(executed: &Executed, what: &str) {
+fn ends_for(executed: &ReplacedRun, what: &str) {
     let output = executed.ending.text().expect("it ended early");
     assert!(output.contains("journal.log") && output.contains(what), "{output}");
     assert_eq!((executed.ending.status(), executed.acknowledged), (Status::Failed, BEFORE));
@@ -157,7 +157,7 @@ fn the_program_names_the_journal_and_what_to_do_and_ends_with_5() {
         ("replaced", |run| replace_by(&run, b"another text\n"), "was replaced by another file"),
         ("moved", |run| fs::rename(&run, run.with_file_name("elsewhere")).expect("a new name"), "was moved"),
     ];
-    let bench = Bench::with([("held.toml", HELD)]);
+    let bench = TestFolder::with([("held.toml", HELD)]);
     let start = |name: &str| Live::start(bench.command(&format!("run held.toml --json --pace 10 --out {name}")));
     let runs: Vec<Live> = cases.iter().map(|(name, ..)| start(name)).collect();
     for ((name, meddle, _), run) in cases.iter().zip(&runs) {

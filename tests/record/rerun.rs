@@ -7,11 +7,11 @@ use palpate_run::rig;
 use palpate_run::run::{Cancel, Listener, RunJob, execute};
 use palpate_testing::executions::run_virtually;
 use palpate_testing::interrupted::{change_text, change_the_world, cut_to_lines, lines_before_contacts, sealed};
-use palpate_testing::{Bench, SMALL, SMALL_PRESSES, exchanged, shipped_text};
+use palpate_testing::{SMALL, SMALL_PRESSES, TestFolder, exchanged, shipped_text};
 
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     // neither what is printed nor the pace may come into what is measured
     for (run, more) in [("one", ""), ("two", "--json"), ("paced", "--pace 200"), ("other", "--seed 2")] {
         bench.palpate_ends(0, &format!("run r.toml --out {run} {more}"));
@@ -38,9 +38,9 @@ fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
 
 #[test]
 fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
-    struct Silent;
-    impl Listener for Silent {}
-    let bench = Bench::with([("r.toml", SMALL)]);
+    struct RerunSilent;
+    impl Listener for RerunSilent {}
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
     // what the folder says of itself aside
@@ -53,7 +53,7 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
     let (mut memory, cancel) = (Memory::default(), Cancel::default());
     let mut execute_on = |expected: &[_]| {
         let job = RunJob { plan: &plan, spec: &spec, ledger: &mut memory, cancel: &cancel, shown: &|_| {} };
-        let ending = run_virtually(execute(job, &mut Silent));
+        let ending = run_virtually(execute(job, &mut RerunSilent));
         assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
         assert_eq!(memory.records()[..records.len()], *expected);
         assert_eq!(memory.contacts().count(), SMALL_PRESSES as usize);
@@ -64,7 +64,7 @@ fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
 
 #[test]
 fn a_run_of_a_removed_method_is_resumed_and_evaluated_with_the_others() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let named = format!("{SMALL}\n[evaluate]\nsolvers = [\"whitened\", \"pearson\"]\n");
     change_text(&bench, "run", "recipe.toml", &named);
@@ -85,7 +85,7 @@ fn a_run_of_a_removed_method_is_resumed_and_evaluated_with_the_others() {
 #[test]
 fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 2.0"); // 1 staircase, 9 and 2 plain presses
-    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     let output = bench.palpate_ends(0, "run r.toml --out run --strategy map");
     assert!(output.err.contains("teach: from press 1 of 17"), "{}", output.err);
     assert_eq!(bench.manifest("run")["strategy"], "map");
@@ -109,7 +109,7 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
 
 #[test]
 fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     // as a power cut before the last press would have left it, and a load cell that was exchanged since
     cut_to_lines(&bench, "run", bench.read("run/journal.log").lines().count() - 2);
@@ -164,7 +164,7 @@ fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_show
     let recipe = "name = \"r\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
                   grid = { x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], spacing_mm = 2.0 }\n";
     for (shift_mm, goes_on) in [("0.0", true), ("0.1", true), ("0.5", false), ("-0.6", false)] {
-        let bench = Bench::with([("r.toml", recipe), ("rig.toml", &rig)]);
+        let bench = TestFolder::with([("r.toml", recipe), ("rig.toml", &rig)]);
         bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
         cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 20);
         let began = bench.read("run/rig.toml");
@@ -201,8 +201,8 @@ fn a_run_does_not_go_on_with_another_device() {
 }
 
 /// A run that a power cut ended after a staircase and three points of its grid.
-fn half_done() -> Bench {
-    let bench = Bench::with([("r.toml", SMALL)]);
+fn half_done() -> TestFolder {
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 4);
     bench
@@ -210,7 +210,7 @@ fn half_done() -> Bench {
 
 #[test]
 fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let (header, rows) = bench.table("run/presses.csv");
     let first = header.iter().position(|name| name == "out_1").expect("out_1");
@@ -227,7 +227,7 @@ fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
 }
 
 /// Everything in a run's folder but what tells when it was made.
-fn tables(bench: &Bench, run: &str) -> Vec<(String, Vec<u8>)> {
+fn tables(bench: &TestFolder, run: &str) -> Vec<(String, Vec<u8>)> {
     let telling = |(name, bytes): (String, Vec<u8>)| match name.as_str() {
         "manifest.json" => None,
         "journal.log" => Some((name, without_the_clock(&bytes))),
@@ -250,7 +250,7 @@ fn differing<'a>(one: &'a [(String, Vec<u8>)], other: &[(String, Vec<u8>)]) -> V
 
 #[cfg(unix)]
 mod interrupted {
-    use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Printed};
+    use palpate_testing::{CommandOutput, LONG, LONG_PRESSES, Live, TestFolder};
     use serde_json::Value;
 
     /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
@@ -260,7 +260,7 @@ mod interrupted {
     fn a_run_that_is_stopped_parks_keeps_its_rows_and_is_finished_by_resume() {
         // before the first press; in the second staircase; among the points of the grid
         for rows in [0, 5, 13] {
-            let bench = Bench::with([("r.toml", LONG)]);
+            let bench = TestFolder::with([("r.toml", LONG)]);
             let (seen, output) = interrupted(&bench, RUN, rows, "INT");
             assert_eq!(output.code, Some(130), "{}", output.err);
             assert!(output.err.contains("stopped: ") && !output.err.contains("could not be parked"), "{}", output.err);
@@ -276,7 +276,7 @@ mod interrupted {
     #[test]
     fn a_run_that_is_killed_has_every_acknowledged_row_and_is_finished_by_resume() {
         for rows in [0, 1, 5, 7, 12] {
-            let bench = Bench::with([("r.toml", LONG)]);
+            let bench = TestFolder::with([("r.toml", LONG)]);
             let (seen, output) = interrupted(&bench, RUN, rows, "KILL");
             assert_eq!(output.code, None);
             assert_eq!(bench.manifest("run")["status"], "stopped", "what it is if nobody says otherwise");
@@ -286,7 +286,7 @@ mod interrupted {
 
     #[test]
     fn a_run_may_be_interrupted_again_and_again() {
-        let bench = Bench::with([("r.toml", LONG)]);
+        let bench = TestFolder::with([("r.toml", LONG)]);
         let (mut seen, _) = interrupted(&bench, RUN, 5, "KILL");
         for signal in ["INT", "KILL", "TERM"] {
             let (more, _) = interrupted(&bench, "resume run --json --pace 15", 1, signal);
@@ -297,7 +297,7 @@ mod interrupted {
 
     /// Starts the program, sends it a signal when so many rows were acknowledged (0: when the first press begins), and
     /// gives all that were.
-    fn interrupted(bench: &Bench, words: &str, rows: usize, signal: &str) -> (Vec<Value>, Printed) {
+    fn interrupted(bench: &TestFolder, words: &str, rows: usize, signal: &str) -> (Vec<Value>, CommandOutput) {
         let live = Live::start(bench.command(words));
         live.until_printed(": from press ");
         let mut seen: Vec<Value> = (0..rows).map(|_| json(&live.line().expect("another row"))).collect();
@@ -308,7 +308,7 @@ mod interrupted {
     }
 
     /// Resumes to the end: each row of the plan once, in its order, those that were acknowledged as they were.
-    fn assert_finished_by_resume(bench: &Bench, acknowledged: &[Value]) {
+    fn assert_finished_by_resume(bench: &TestFolder, acknowledged: &[Value]) {
         let output = bench.palpate_ends(0, "resume run --json");
         let resumed: Vec<Value> = output.out.lines().map(json).collect();
         let manifest = bench.manifest("run");
@@ -329,7 +329,7 @@ mod interrupted {
     }
 
     /// The rows of `presses.csv` as the objects that acknowledge them.
-    fn table(bench: &Bench) -> Vec<Value> {
+    fn table(bench: &TestFolder) -> Vec<Value> {
         let (header, rows) = bench.table("run/presses.csv");
         let is_word = |column: &str| matches!(column, "phase" | "flags");
         let cell = |(column, cell): (&String, String)| {

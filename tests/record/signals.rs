@@ -6,8 +6,8 @@ mod batch;
 
 use palpate_data::dataset::{Journal, Record, RecordedContact};
 use palpate_testing::rows::{json, numbered, table};
-use palpate_testing::terminal::{Terminal, heed_hangups, signal, spawned, wait};
-use palpate_testing::{Bench, LONG, LONG_PRESSES, Live, Printed};
+use palpate_testing::terminal::{TestTerminal, heed_hangups, signal, spawned, wait};
+use palpate_testing::{CommandOutput, LONG, LONG_PRESSES, Live, TestFolder};
 use serde_json::Value;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -45,7 +45,7 @@ fn a_stop_by_job_control_finishes_the_press_and_stops_too() {
 }
 
 fn assert_finishes_the_press_and_stops(name: &str) {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
     live.until_printed(": from press 1 of 11");
     live.signal(name);
@@ -60,7 +60,7 @@ fn assert_finishes_the_press_and_stops(name: &str) {
 
 #[test]
 fn two_interrupts_stop_in_the_middle_of_the_press() {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
     live.until_printed(": from press 1 of 11");
     live.signal("INT");
@@ -73,7 +73,7 @@ fn two_interrupts_stop_in_the_middle_of_the_press() {
 fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
     heed_hangups();
     for name in ["TERM", "HUP"] {
-        let bench = Bench::with([("r.toml", LONG)]);
+        let bench = TestFolder::with([("r.toml", LONG)]);
         let live = Live::start(bench.command(RUN));
         live.until_printed(": from press 1 of 11");
         live.signal(name);
@@ -83,7 +83,7 @@ fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
 
 #[test]
 fn a_signal_before_the_first_press_stops_there() {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
     live.until_printed("stage "); // it says what it is, and the places that were touched before come next
     live.signal("TERM");
@@ -93,7 +93,7 @@ fn a_signal_before_the_first_press_stops_there() {
 #[test]
 fn a_run_that_nobody_hears_stops_as_any_other() {
     for (name, presses) in [("TERM", 0), ("INT", 1)] {
-        let bench = Bench::with([("r.toml", LONG)]);
+        let bench = TestFolder::with([("r.toml", LONG)]);
         let child = unheard(&bench);
         signal(&child, name);
         assert_eq!(wait(child), CANCELLED, "{name}");
@@ -104,7 +104,7 @@ fn a_run_that_nobody_hears_stops_as_any_other() {
 
 #[test]
 fn a_run_that_nobody_hears_is_finished_as_any_other() {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     assert_eq!(wait(unheard(&bench)), Some(0));
     assert_eq!(bench.manifest("run")["status"], "complete");
     assert_eq!(numbered(&table(&bench, "run")), plan());
@@ -115,8 +115,8 @@ fn a_run_that_nobody_hears_is_finished_as_any_other() {
 #[test]
 fn a_closed_terminal_stops_and_parks() {
     heed_hangups();
-    let bench = Bench::with([("r.toml", LONG)]);
-    let mut terminal = Terminal::open();
+    let bench = TestFolder::with([("r.toml", LONG)]);
+    let mut terminal = TestTerminal::open();
     // at the head of a session of its own, with this terminal: it is who is told when the terminal closes
     let program = bench.command(RUN);
     let mut command = Command::new("setsid");
@@ -133,7 +133,7 @@ fn a_closed_terminal_stops_and_parks() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_hangup_under_nohup_stops_nothing() {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let program = bench.command(RUN);
     let mut command = Command::new("nohup");
     command.arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
@@ -147,7 +147,7 @@ fn a_hangup_under_nohup_stops_nothing() {
 
 #[test]
 fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
-    let bench = Bench::with([("r.toml", LONG)]);
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let (mut terminal, child) = attended(&bench);
     terminal.until("characterisation");
     terminal.enter(); // before there is a pause that it could end
@@ -168,8 +168,8 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
 
 #[test]
 fn a_pause_may_be_made_again_and_again() {
-    let bench = Bench::with([("r.toml", LONG)]);
-    let mut terminal = Terminal::open();
+    let bench = TestFolder::with([("r.toml", LONG)]);
+    let mut terminal = TestTerminal::open();
     let mut command = bench.command(RUN);
     command.stdin(terminal.far()).stderr(terminal.far());
     let mut child = spawned(command.stdout(Stdio::piped()));
@@ -213,8 +213,8 @@ fn a_pause_is_ended_by_a_terminal_that_is_gone() {
     assert_a_pause_is_ended(|terminal, _| terminal.close());
 }
 
-fn assert_a_pause_is_ended(end: impl FnOnce(Terminal, &Child)) {
-    let bench = Bench::with([("r.toml", LONG)]);
+fn assert_a_pause_is_ended(end: impl FnOnce(TestTerminal, &Child)) {
+    let bench = TestFolder::with([("r.toml", LONG)]);
     let (mut terminal, child) = attended(&bench);
     terminal.until("characterisation");
     signal(&child, "INT");
@@ -228,7 +228,7 @@ fn assert_a_pause_is_ended(end: impl FnOnce(Terminal, &Child)) {
 }
 
 /// A run in its first press whose readers are gone: neither what it says nor its rows can be written any more.
-fn unheard(bench: &Bench) -> Child {
+fn unheard(bench: &TestFolder) -> Child {
     let mut command = bench.command(RUN);
     let mut child = spawned(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
     let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines();
@@ -239,8 +239,8 @@ fn unheard(bench: &Bench) -> Child {
 }
 
 /// A run whose terminal this is; its rows go into a file.
-fn attended(bench: &Bench) -> (Terminal, Child) {
-    let terminal = Terminal::open();
+fn attended(bench: &TestFolder) -> (TestTerminal, Child) {
+    let terminal = TestTerminal::open();
     let mut command = bench.command(RUN);
     command.stdin(terminal.far()).stderr(terminal.far());
     let child = spawned(command.stdout(File::create(bench.path("rows")).expect("a file")));
@@ -248,7 +248,7 @@ fn attended(bench: &Bench) -> (Terminal, Child) {
 }
 
 /// It stopped before its first press was over, and parked.
-fn assert_stopped_at_once(bench: &Bench, output: Printed) {
+fn assert_stopped_at_once(bench: &TestFolder, output: CommandOutput) {
     assert_eq!(output.code, CANCELLED, "{}", output.err);
     assert!(output.err.contains("stopping: the stage is stopped and parked"), "{}", output.err);
     assert!(output.err.contains("stopped: 0 of 11") && !output.err.contains("could not be parked"), "{}", output.err);
@@ -258,7 +258,7 @@ fn assert_stopped_at_once(bench: &Bench, output: Printed) {
 }
 
 /// The journal says that it was stopped, and holds so many presses, each of them whole.
-fn assert_stopped_with(bench: &Bench, presses: u64) {
+fn assert_stopped_with(bench: &TestFolder, presses: u64) {
     let manifest = bench.manifest("run");
     assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"stopped".into(), &presses.into()));
     let contacts = contacts(bench);
@@ -270,7 +270,7 @@ fn assert_stopped_with(bench: &Bench, presses: u64) {
 }
 
 /// Resumes to the end: each row of the plan once, those that were acknowledged as they were.
-fn assert_finished_by_resume(bench: &Bench, acknowledged: &str) {
+fn assert_finished_by_resume(bench: &TestFolder, acknowledged: &str) {
     let output = bench.palpate_ends(0, "resume run --json");
     let all: Vec<Value> = rows(acknowledged).into_iter().chain(rows(&output.out)).collect();
     let table = table(bench, "run");
@@ -294,16 +294,16 @@ fn rows(lines: &str) -> Vec<Value> {
     lines.lines().map(json).collect()
 }
 
-fn zeros(bench: &Bench) -> usize {
+fn zeros(bench: &TestFolder) -> usize {
     records(bench).iter().filter(|record| matches!(record, Record::Zero { .. })).count()
 }
 
-fn contacts(bench: &Bench) -> Vec<RecordedContact> {
+fn contacts(bench: &TestFolder) -> Vec<RecordedContact> {
     records(bench).iter().filter_map(|record| record.contact().cloned()).collect()
 }
 
 /// What the journal of a run that is over, or pauses, holds: all of it must be sound.
-fn records(bench: &Bench) -> Vec<Record> {
+fn records(bench: &TestFolder) -> Vec<Record> {
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
     journal.map(|record| record.expect("a record").1).collect()
 }

@@ -30,7 +30,7 @@ fn accepted_most(sensors: usize) -> f64 {
 }
 
 /// One error, and the true mean and 95th percentile of its kind, in units of its scale.
-struct Shape {
+struct AcceptanceShape {
     name: &'static str,
     draw: fn(&mut dyn FnMut() -> f64, f64) -> f64,
     mean: f64,
@@ -38,16 +38,26 @@ struct Shape {
 }
 
 /// Normal numbers and a uniform one are given.
-const SHAPES: [Shape; 3] = [
+const SHAPES: [AcceptanceShape; 3] = [
     // a force error
-    Shape { name: "half-normal", draw: |normal, _| normal().abs(), mean: 0.797_884_560_8, p95: 1.959_963_985 },
+    AcceptanceShape {
+        name: "half-normal",
+        draw: |normal, _| normal().abs(),
+        mean: 0.797_884_560_8,
+        p95: 1.959_963_985,
+    },
     // a location error: Rayleigh
-    Shape { name: "Rayleigh", draw: |normal, _| normal().hypot(normal()), mean: 1.253_314_137, p95: 2.447_746_831 },
+    AcceptanceShape {
+        name: "Rayleigh",
+        draw: |normal, _| normal().hypot(normal()),
+        mean: 1.253_314_137,
+        p95: 2.447_746_831,
+    },
     // errors with a long tail
-    Shape { name: "exponential", draw: |_, uniform| -(1.0 - uniform).ln(), mean: 1.0, p95: 2.995_732_274 },
+    AcceptanceShape { name: "exponential", draw: |_, uniform| -(1.0 - uniform).ln(), mean: 1.0, p95: 2.995_732_274 },
 ];
 
-fn errors(shape: &Shape, n: usize, sensor: u64) -> Vec<f64> {
+fn errors(shape: &AcceptanceShape, n: usize, sensor: u64) -> Vec<f64> {
     let mut rng = stream(sensor, n as u64, shape.name);
     (0..n)
         .map(|_| {
@@ -57,7 +67,7 @@ fn errors(shape: &Shape, n: usize, sensor: u64) -> Vec<f64> {
         .collect()
 }
 
-fn limits(shape: &Shape) -> [(LimitedFigure, f64, Option<f64>); 3] {
+fn limits(shape: &AcceptanceShape) -> [(LimitedFigure, f64, Option<f64>); 3] {
     [
         (LimitedFigure::LocationMean, shape.mean, None),
         (LimitedFigure::LocationP95, shape.p95, None),

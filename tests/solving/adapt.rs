@@ -6,7 +6,7 @@ use palpate_solver::{
     Adapted, Calibration, CalibrationPoint, ContactVerdict, Fitted, Setting, Solver as _, Workspace, fit,
 };
 use palpate_testing::skins::scene_t;
-use palpate_testing::{Bench, campaign};
+use palpate_testing::{TestFolder, campaign};
 use rand::RngExt;
 
 /// Sensors of one design: gains differ by 20 %, places by 0.1 mm.
@@ -15,9 +15,9 @@ fn family_sensor(seed: u64) -> Skin {
     Skin::new(&SkinSpec { taxels, ..scene_t() }, &ArrayLayout::grid(3, 3, 4.5), 2.0, seed)
 }
 
-type Row = (Place, f64, Vec<f64>);
+type AdaptRow = (Place, f64, Vec<f64>);
 
-fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, seed: u64) -> Vec<Row> {
+fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, seed: u64) -> Vec<AdaptRow> {
     let mut rng = stream(seed, 1, "contacts");
     let mut press = |(place, force_n): (Place, f64)| {
         skin.draw_contact(&mut rng);
@@ -28,7 +28,7 @@ fn pressed(skin: &mut Skin, contacts: impl IntoIterator<Item = (Place, f64)>, se
     contacts.into_iter().map(&mut press).collect()
 }
 
-fn calibration(rows: &[Row]) -> Calibration {
+fn calibration(rows: &[AdaptRow]) -> Calibration {
     let points: Vec<CalibrationPoint<'_>> = rows
         .iter()
         .map(|(place, force_n, outputs)| CalibrationPoint { place: *place, force_n: *force_n, outputs })
@@ -68,7 +68,7 @@ struct Found {
 }
 
 impl Found {
-    fn of(fitted: &Fitted, test: &[Row]) -> Self {
+    fn of(fitted: &Fitted, test: &[AdaptRow]) -> Self {
         let (mut workspace, mut found) = (Workspace::default(), Found::default());
         let each = 1.0 / test.len() as f64;
         for (place, force_n, outputs) in test {
@@ -146,8 +146,8 @@ fn places_of_the_new_presses_may_be_any() {
 
 #[test]
 fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
-    let table = |rows: &[Row]| {
-        let row = |(place, force_n, outputs): &Row| {
+    let table = |rows: &[AdaptRow]| {
+        let row = |(place, force_n, outputs): &AdaptRow| {
             let outputs: Vec<String> = outputs.iter().map(f64::to_string).collect();
             format!("{},{},{force_n},{}\n", place.x_mm, place.y_mm, outputs.join(","))
         };
@@ -156,7 +156,7 @@ fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
     };
     let old = table(&pressed(&mut family_sensor(100), grid(13, 6.0), 100));
     let nine = pressed(&mut family_sensor(1), few(9), 31);
-    let bench = Bench::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
+    let bench = TestFolder::with([("old.csv", &*old), ("few.csv", &table(&nine)), ("four.csv", &table(&nine[..4]))]);
     let output = bench.palpate_ends(0, "adapt --from old.csv --with few.csv --solver surrogate --out a.palpate");
     assert!(
         output.out.starts_with("gains     x ") && output.out.contains("\n9 new presses, mean error\n"),

@@ -1,9 +1,9 @@
 //! Presses without forces: a second method answers readings with the load of the calibration.
 
-use super::choice::{FAMILIES, Family, Press};
+use super::choice::{ChoicePress, FAMILIES, Family};
 use palpate_core::parallel::in_parallel;
 use palpate_solver::{BEST, Calibration, CalibrationPoint, Model, Session, Setting, Solver as _, Workspace};
-use palpate_testing::{Bench, campaign};
+use palpate_testing::{TestFolder, campaign};
 use std::fs::File;
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ fn families() -> impl Iterator<Item = Family> {
     FAMILIES.into_iter().filter(|family| family.force_n.0 == family.force_n.1)
 }
 
-fn fitted(solver: &str, presses: &[Press], has_forces: bool) -> Model {
+fn fitted(solver: &str, presses: &[ChoicePress], has_forces: bool) -> Model {
     let points: Vec<CalibrationPoint<'_>> = presses
         .iter()
         .map(|press| CalibrationPoint { place: press.place, force_n: press.force_n, outputs: &press.outputs })
@@ -22,7 +22,7 @@ fn fitted(solver: &str, presses: &[Press], has_forces: bool) -> Model {
 }
 
 /// Mean location error, mm, and the fraction of readings that the second method answered.
-fn solved(model: &Arc<Model>, presses: &[Press]) -> (f64, f64) {
+fn solved(model: &Arc<Model>, presses: &[ChoicePress]) -> (f64, f64) {
     let mut session = Session::new(model.clone());
     let (mut off_mm, mut at_calibrated_load) = (0.0, 0.0);
     for press in presses {
@@ -67,15 +67,15 @@ fn the_amplitude_is_used_where_contacts_have_the_load_of_the_calibration() {
 #[test]
 fn a_second_method_needs_one_unknown_load() {
     let set = FAMILIES[0].set_with(0, (1.0, 1.0));
-    let second = |presses: &[Press], has_forces| fitted(BEST, presses, has_forces).fitted().at_calibrated_load();
+    let second = |presses: &[ChoicePress], has_forces| fitted(BEST, presses, has_forces).fitted().at_calibrated_load();
     assert!(second(&set.calibration, false).is_some());
     assert_eq!(second(&set.calibration, true), None, "forces are known");
     // each place pressed with two loads
     let few = set.calibration.into_iter().step_by(2).flat_map(|press| {
         let outputs = press.outputs.iter().map(|output| 0.5 * output).collect();
-        [Press { outputs, ..press }, press]
+        [ChoicePress { outputs, ..press }, press]
     });
-    let both: Vec<Press> = few.collect();
+    let both: Vec<ChoicePress> = few.collect();
     assert_eq!(second(&both, false), None, "two loads");
 }
 
@@ -83,7 +83,7 @@ fn a_second_method_needs_one_unknown_load() {
 fn half_widths_are_wider_where_a_contact_has_another_load() {
     let set = FAMILIES[0].set_with(0, (1.0, 1.0));
     let [unknown, known] = [false, true].map(|has_forces| fitted("surrogate", &set.calibration, has_forces));
-    let ratio = |share: f64, press: &Press| {
+    let ratio = |share: f64, press: &ChoicePress| {
         let outputs: Vec<f64> = press.outputs.iter().map(|output| share * output).collect();
         let half_mm = |model: &Model| {
             let solution = model.fitted().solve(&outputs, &mut Workspace::default()).expect("an answer");
@@ -103,7 +103,7 @@ fn half_widths_are_wider_where_a_contact_has_another_load() {
 
 #[test]
 fn solve_shows_which_method_answered() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     FAMILIES[0].set_with(0, (1.0, 1.0)).save(&bench.path("."));
     for table in ["calibration", "test"] {
         let text = bench.read(&format!("gains-0/{table}.csv"));

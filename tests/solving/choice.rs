@@ -9,14 +9,14 @@ use palpate_sim::scene::{Elastomer, NoiseOf, Skin, SkinSpec, TaxelNoise, Taxels}
 use palpate_solver::{
     BEST, Calibration, CalibrationPoint, ContactVerdict, PreparedCalibration, SOLVERS, Setting, Solver as _, Workspace,
 };
-use palpate_testing::{Bench, campaign};
+use palpate_testing::{TestFolder, campaign};
 use rand::RngExt;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
 /// A press: place, force, outputs.
-pub(crate) struct Press {
+pub(crate) struct ChoicePress {
     pub place: Place,
     pub force_n: f64,
     pub outputs: Vec<f64>,
@@ -26,8 +26,8 @@ pub(crate) struct Press {
 pub(crate) struct Set {
     family: &'static str,
     seed: u64,
-    pub calibration: Vec<Press>,
-    pub test: Vec<Press>,
+    pub calibration: Vec<ChoicePress>,
+    pub test: Vec<ChoicePress>,
     layout: ArrayLayout,
 }
 
@@ -83,11 +83,11 @@ fn deaden(outputs: &mut [f64]) {
 }
 
 /// A contact of its own with a skin.
-fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut RandomStream) -> Press {
+fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut RandomStream) -> ChoicePress {
     skin.draw_contact(rng);
     let mut outputs = vec![0.0; skin.len()];
     skin.outputs(force_n, place, &mut outputs);
-    Press { place, force_n, outputs }
+    ChoicePress { place, force_n, outputs }
 }
 
 impl Family {
@@ -140,7 +140,7 @@ impl Family {
 }
 
 /// What a method made of a set.
-struct Made {
+struct ChoiceMade {
     solver: String,
     chosen: String,
     errors_mm: Vec<f64>,
@@ -148,7 +148,7 @@ struct Made {
     within: [f64; 2],
 }
 
-impl Made {
+impl ChoiceMade {
     fn mean_mm(&self) -> f64 {
         self.errors_mm.iter().sum::<f64>() / self.errors_mm.len() as f64
     }
@@ -161,7 +161,7 @@ impl Made {
 }
 
 impl Set {
-    fn solve(&self) -> Vec<Made> {
+    fn solve(&self) -> Vec<ChoiceMade> {
         let points: Vec<CalibrationPoint<'_>> = self
             .calibration
             .iter()
@@ -174,7 +174,7 @@ impl Set {
         for solver in [&[BEST], &SOLVERS[..]].concat() {
             let Ok(fitted) = prepared.fit(solver) else { continue };
             let mut workspace = Workspace::default();
-            let mut one = Made {
+            let mut one = ChoiceMade {
                 solver: solver.to_owned(),
                 chosen: fitted.name().to_owned(),
                 errors_mm: Vec::new(),
@@ -203,7 +203,7 @@ impl Set {
         for (name, presses) in [("calibration.csv", &self.calibration), ("test.csv", &self.test)] {
             let columns: Vec<String> = (1..=presses[0].outputs.len()).map(|unit| format!("out_{unit}")).collect();
             let mut text = format!("x_mm,y_mm,force_n,{}\n", columns.join(","));
-            for Press { place, force_n, outputs } in presses {
+            for ChoicePress { place, force_n, outputs } in presses {
                 let outputs: Vec<String> = outputs.iter().map(f64::to_string).collect();
                 let _ = writeln!(text, "{},{},{force_n},{}", place.x_mm, place.y_mm, outputs.join(","));
             }
@@ -213,7 +213,7 @@ impl Set {
 }
 
 /// Loss of `best` against the method that is best on the other half of the test, mean of both halves.
-fn loss(made: &[Made]) -> f64 {
+fn loss(made: &[ChoiceMade]) -> f64 {
     let best = &made[0];
     let of_half = |chosen_on: usize, scored_on: usize| {
         let oracle = made[1..].iter().min_by(|a, b| a.half_mm(chosen_on).total_cmp(&b.half_mm(chosen_on)));
@@ -238,7 +238,7 @@ fn best_loses_little_against_the_best_method_of_each_family() {
     });
     let mut losses = Vec::new();
     for family in families {
-        let of_family: Vec<&Vec<Made>> =
+        let of_family: Vec<&Vec<ChoiceMade>> =
             sets.iter().zip(&made).filter(|((of, _), _)| of.name == family.name).map(|(_, made)| made).collect();
         let lost: Vec<f64> = of_family.iter().map(|made| loss(made)).collect();
         let mean = lost.iter().sum::<f64>() / lost.len() as f64;
@@ -302,7 +302,7 @@ fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
 
 #[test]
 fn fit_reports_what_a_constant_load_would_gain() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     FAMILIES[0].set(0).save(&bench.path("."));
     let table = bench.read("gains-0/calibration.csv");
     let without_force = |line: &str| {

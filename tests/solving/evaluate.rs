@@ -1,7 +1,7 @@
 //! `palpate evaluate` on two plain tables and on a run, as another program would use it.
 
 use palpate_solver::SOLVERS;
-use palpate_testing::{Bench, Printed, SMALL, exchanged, shipped_text};
+use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged, shipped_text};
 use serde_json::{Value, json};
 
 /// Three places, three units; the unit straight below a place reads most.
@@ -61,7 +61,7 @@ fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
 
 #[test]
 fn a_table_is_80_columns_wide() {
-    let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
     let output = bench.palpate_ends(0, &format!("{WORDS} --solver pearson"));
     let row = |label: &str| output.out.lines().find(|line| line.starts_with(label)).unwrap_or_default().to_owned();
     assert!(row("location error, mean").ends_with("1.333 mm"), "{}", output.out);
@@ -107,7 +107,7 @@ fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
 #[test]
 fn a_constant_load_is_only_as_good_as_it_is_true() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 1.0").replace("count = 2", "count = 20");
-    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, "run r.toml --out run");
     let error_mm = |words: &str| {
         let object = one_object(&bench.palpate(&format!("evaluate run --json --solver surrogate {words}")));
@@ -131,7 +131,7 @@ fn the_best_is_the_default() {
 
 #[test]
 fn all_solvers_are_a_line_each_with_the_best_last() {
-    let bench = Bench::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION), ("b.csv", TEST)]);
     let output = bench.palpate_ends(0, &format!("{WORDS} --solver all --json"));
     let objects = output.json_lines();
     let names: Vec<&str> = objects.iter().map(|object| object["solver"].as_str().expect("a name")).collect();
@@ -156,7 +156,7 @@ fn all_solvers_are_a_line_each_with_the_best_last() {
 #[test]
 fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
-    let bench = Bench::with([("a.csv", flat), ("b.csv", flat)]);
+    let bench = TestFolder::with([("a.csv", flat), ("b.csv", flat)]);
     let output = bench.palpate(&format!("{WORDS} --solver all --json"));
     let reason = "all units have the same output at every calibration point, so the points can't be distinguished";
     assert_eq!(output.json_lines()[0], json!({"solver": "pearson", "error": reason}));
@@ -169,7 +169,7 @@ fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
     let output = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
     assert!(output.out.is_empty() && output.running().contains(reason), "{output:?}");
     // what none of them could be evaluated on is no line
-    let other = Bench::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
+    let other = TestFolder::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
     assert!(other.out.is_empty() && other.running().contains("a.csv has 2 outputs"), "{other:?}");
 }
 
@@ -202,13 +202,13 @@ fn a_table_that_cannot_be_used_is_named_with_its_line_and_column() {
         assert_refused(CALIBRATION, &broken, &[&["b.csv"], parts].concat());
     }
     assert_refused("", TEST, &["a.csv", "no header and no row"]);
-    let none = Bench::with([("b.csv", TEST)]).palpate_ends(2, WORDS);
+    let none = TestFolder::with([("b.csv", TEST)]).palpate_ends(2, WORDS);
     assert!(none.running().contains("a.csv: can't be read"), "{}", none.err);
 }
 
 #[test]
 fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let output = bench.palpate("evaluate run --json --solver pearson");
     let object = one_object(&output);
@@ -224,7 +224,7 @@ fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
         let rows = rows.iter().filter(|row| row[2] == phase).map(|row| row.join(","));
         std::iter::once(header.join(",")).chain(rows).collect::<Vec<_>>().join("\n")
     };
-    let bench = Bench::with([("a.csv", of_phase("calibration").as_str()), ("b.csv", of_phase("test").as_str())]);
+    let bench = TestFolder::with([("a.csv", of_phase("calibration").as_str()), ("b.csv", of_phase("test").as_str())]);
     let plain = one_object(&bench.palpate(&format!("{WORDS} {PAPERS}")));
     assert_eq!(keys(&plain), KEYS);
     assert_eq!(plain["location_error_mm"], object["location_error_mm"]);
@@ -232,14 +232,14 @@ fn a_run_is_evaluated_by_the_commanded_force_and_by_the_load_cell() {
 
 #[test]
 fn a_run_without_test_presses_has_cross_validated_errors() {
-    let bench = Bench::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
+    let bench = TestFolder::with([("r.toml", SMALL.split("[[step]]\nphase = \"test\"").next().unwrap_or_default())]);
     bench.palpate_ends(0, "run r.toml --out run");
     let output = bench.palpate_ends(0, "evaluate run --solver pearson");
     assert!(output.out.starts_with("no test presses: cross-validated errors of the calibration"), "{}", output.out);
     let objects = bench.palpate_ends(0, "evaluate run --solver pearson --json").json_lines();
     assert_eq!(objects[0]["cross_validated"][0]["solver"], "pearson");
     // a rule needs a test
-    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE)]);
+    let bench = TestFolder::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE)]);
     let output = bench.palpate_ends(1, "evaluate a.csv --accept rule.toml");
     assert!(output.out.contains("NOT DECIDED") && output.out.contains("a.csv: no valid test press"), "{}", output.out);
 }
@@ -266,7 +266,7 @@ fn grid(side: usize, passes: usize) -> String {
 #[test]
 fn saved_parts_give_the_figures_of_the_hold_out_to_the_last_bit() {
     let columns = "[array]\nplaces_mm = [[0.0, 0.0], [7.0, 0.0], [0.0, 7.0], [7.0, 7.0]]\n";
-    let bench = Bench::with([("a.csv", grid(8, 3).as_str()), ("columns.toml", columns), ("r.toml", SMALL)]);
+    let bench = TestFolder::with([("a.csv", grid(8, 3).as_str()), ("columns.toml", columns), ("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let figures = |words: &str| {
         let mut object = bench.palpate_ends(0, words).json_lines().remove(0);
@@ -296,7 +296,7 @@ fn saved_parts_give_the_figures_of_the_hold_out_to_the_last_bit() {
 #[test]
 fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
     let permitted = format!("holdout = true\n{RULE}");
-    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE), ("permitted.toml", &permitted)]);
+    let bench = TestFolder::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE), ("permitted.toml", &permitted)]);
     let words = "evaluate a.csv --solver pearson --holdout press 20%";
     let output = bench.palpate_ends(1, &format!("{words} --accept rule.toml"));
     assert!(output.out.contains("NOT DECIDED") && output.out.contains("holdout = true"), "{}", output.out);
@@ -312,7 +312,7 @@ fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
 
 #[test]
 fn what_cannot_be_held_out_is_refused() {
-    let bench = Bench::with([("a.csv", grid(6, 2).as_str()), ("b.csv", CALIBRATION)]);
+    let bench = TestFolder::with([("a.csv", grid(6, 2).as_str()), ("b.csv", CALIBRATION)]);
     for (words, part) in [
         ("a.csv --holdout rows 20%", "expected places, press or time"),
         ("a.csv --holdout places 120%", "expected a share between 0 and 100 %"),
@@ -328,22 +328,22 @@ fn what_cannot_be_held_out_is_refused() {
 
 /// The object that an evaluation with some more words comes to.
 fn evaluation(calibration: &str, test: &str, words: &str) -> Value {
-    let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
+    let bench = TestFolder::with([("a.csv", calibration), ("b.csv", test)]);
     one_object(&bench.palpate_ends(0, &format!("{WORDS} {words}")))
 }
 
 fn evaluation_of(calibration: &str, test: &str) -> Value {
-    one_object(&Bench::with([("a.csv", calibration), ("b.csv", test)]).palpate(&format!("{WORDS} --json")))
+    one_object(&TestFolder::with([("a.csv", calibration), ("b.csv", test)]).palpate(&format!("{WORDS} --json")))
 }
 
-fn one_object(output: &Printed) -> Value {
+fn one_object(output: &CommandOutput) -> Value {
     let mut lines = output.json_lines();
     assert!(lines.len() == 1 && output.err.is_empty(), "{output:?}");
     lines.remove(0)
 }
 
 fn assert_refused(calibration: &str, test: &str, parts: &[&str]) {
-    let bench = Bench::with([("a.csv", calibration), ("b.csv", test)]);
+    let bench = TestFolder::with([("a.csv", calibration), ("b.csv", test)]);
     let output = bench.palpate_ends(2, &format!("{WORDS} --json"));
     assert!(output.out.is_empty(), "{}", output.out);
     for part in parts {
@@ -377,7 +377,7 @@ fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them(
         |line: &&str| !["elastomer =", "taxel_noise =", "hysteresis ="].iter().any(|key| line.starts_with(key));
     let unmoved: String = rig.lines().filter(is_felt).map(|line| format!("{line}\n")).collect();
     for (rig, flag) in [(exchanged(&rig, "range_v = 10.0", "range_v = 0.1"), "saturated"), (unmoved, "stale")] {
-        let bench = Bench::with([("r.toml", SMALL), ("rig.toml", rig.as_str())]);
+        let bench = TestFolder::with([("r.toml", SMALL), ("rig.toml", rig.as_str())]);
         bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
         let (forces, flags) =
             (bench.column("run/presses.csv", "force_set_n"), bench.column("run/presses.csv", "flags"));
@@ -391,7 +391,7 @@ fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them(
 
 #[test]
 fn a_test_by_a_sensor_that_changed_is_not_as_calibrated() {
-    let bench = Bench::new();
+    let bench = TestFolder::new();
     for name in ["calibration", "test"] {
         bench.write(&format!("{name}.csv"), &exchanged_table(name, 1.0));
     }

@@ -32,9 +32,9 @@ const MEAN_REPEATABILITY: f64 = 0.054;
 const MEAN_HYSTERESIS_PERCENT: f64 = 0.05;
 const HYSTERESIS_PERCENT: f64 = 0.15;
 
-struct Silent;
+struct PaperSilent;
 
-impl Listener for Silent {}
+impl Listener for PaperSilent {}
 
 /// A finished run: its rig, its table and what really happened.
 struct Whole {
@@ -58,7 +58,7 @@ fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap();
     let cancel = Cancel::default();
     let job = RunJob { plan: &plan, spec: &spec, ledger: &mut folder, cancel: &cancel, shown: &|_| {} };
-    let ending = runtime.block_on(execute(job, &mut Silent));
+    let ending = runtime.block_on(execute(job, &mut PaperSilent));
     assert_eq!(ending.status(), Status::Complete, "{:?}", ending.text());
     folder.finish(ending.end(String::new(), 0.0)).unwrap();
     let presses = folder.presses().unwrap();
@@ -103,7 +103,7 @@ fn the_golden_location_error_comes_back_over_the_wire() {
 }
 
 /// What one seed came to.
-struct Outcome {
+struct PaperOutcome {
     location_mm: f64,
     force_n: f64,
     repeatability_percent: Vec<f64>,
@@ -112,13 +112,13 @@ struct Outcome {
     depth_peak_mm: f64,
 }
 
-fn outcome(seed: u64) -> Outcome {
+fn outcome(seed: u64) -> PaperOutcome {
     let run = whole(SIM_RIG, PAPER, seed);
     let evaluation = run.evaluation();
     let staircases = Staircases::of_run(&run.presses, &run.spec.array.layout).unwrap();
     let units = characterise(&staircases, Repeatability::ThreeSd);
     let truths = || run.contacts.iter().flat_map(|contact| &contact.truth);
-    Outcome {
+    PaperOutcome {
         location_mm: evaluation.location_error_mm.mean,
         force_n: evaluation.force_error_n.unwrap().mean,
         repeatability_percent: units.iter().map(|unit| unit.repeatability_loading_percent.unwrap()).collect(),
@@ -136,9 +136,9 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let mut output = std::io::stderr();
     let halves = [1..=seeds / 2, seeds / 2 + 1..=seeds]
         .map(|seeds| std::thread::spawn(move || seeds.map(outcome).collect::<Vec<_>>()));
-    let outcomes: Vec<Outcome> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
-    let mean = |of: &dyn Fn(&Outcome) -> f64| outcomes.iter().map(of).sum::<f64>() / outcomes.len() as f64;
-    let largest = |of: fn(&Outcome) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
+    let outcomes: Vec<PaperOutcome> = halves.into_iter().flat_map(|half| half.join().unwrap()).collect();
+    let mean = |of: &dyn Fn(&PaperOutcome) -> f64| outcomes.iter().map(of).sum::<f64>() / outcomes.len() as f64;
+    let largest = |of: fn(&PaperOutcome) -> f64| outcomes.iter().map(of).fold(0.0, f64::max);
     let (location_mm, force_n) = (mean(&|o| o.location_mm), mean(&|o| o.force_n));
     let (force_peak_n, depth_peak_mm) = (largest(|o| o.force_peak_n), largest(|o| o.depth_peak_mm));
     let _ = writeln!(output, "{seeds} seeds: mean location error {location_mm:.3} mm, mean force error {force_n:.4} N");
@@ -157,7 +157,7 @@ fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let mut ratios = 0.0;
     for (unit, [repeatability, _, hysteresis]) in TABLE_1_PERCENT.into_iter().enumerate() {
         let ratio = mean(&|o| o.repeatability_percent[unit]) / repeatability;
-        let off = |o: &Outcome| o.hysteresis_percent[unit] - hysteresis;
+        let off = |o: &PaperOutcome| o.hysteresis_percent[unit] - hysteresis;
         let (worst, on_average) = (outcomes.iter().map(|o| off(o).abs()).fold(0.0, f64::max), mean(&off));
         let _ = writeln!(
             output,

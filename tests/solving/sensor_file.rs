@@ -1,7 +1,7 @@
 //! `palpate fit` and `palpate solve --model`: a calibrated sensor as a file.
 
 use palpate_solver::{Calibration, CalibrationPoint, Model, SOLVERS, Session, Setting};
-use palpate_testing::{Bench, Printed};
+use palpate_testing::{CommandOutput, TestFolder};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::path::Path;
@@ -44,7 +44,7 @@ fn files_of_removed_methods_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
     for name in palpate_solver::REMOVED {
         let file = folder.join(format!("{name}.palpate"));
-        let output = solved(&Bench::with([]), &format!("--model {}", file.display()), 2);
+        let output = solved(&TestFolder::with([]), &format!("--model {}", file.display()), 2);
         assert!(output.running().contains(&format!("has the method `{name}`, which was removed")), "{}", output.err);
         assert!(output.running().contains("fit the sensor again"), "{}", output.err);
     }
@@ -54,7 +54,7 @@ fn files_of_removed_methods_are_refused() {
 fn files_of_this_version_answer_as_when_they_were_written() {
     for name in WRITTEN {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
-        let bench = Bench::with([]);
+        let bench = TestFolder::with([]);
         let file = folder.join(format!("{name}.palpate"));
         let output = solved(&bench, &format!("--model {} --quiet", file.display()), 0);
         let expected = fs::read_to_string(folder.join(format!("{name}.csv"))).unwrap();
@@ -73,7 +73,7 @@ fn files_of_this_version_answer_as_when_they_were_written() {
 
 #[test]
 fn a_sensor_file_answers_as_its_calibration_does() {
-    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION)]);
     let output = bench.palpate("fit a.csv --out sensor.palpate");
     assert_eq!(output.code, Some(0), "{}", output.err);
     assert!(
@@ -100,7 +100,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
 
 #[test]
 fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
-    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION)]);
     assert_eq!(bench.palpate("fit a.csv --solver pearson --out a.palpate").code, Some(0));
     let whole = fs::read(bench.path("a.palpate")).unwrap();
     let refused = |bytes: &[u8]| {
@@ -140,7 +140,7 @@ fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
 
 #[test]
 fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
-    let bench = Bench::with([("a.csv", CALIBRATION)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION)]);
     let output = bench.palpate("fit a.csv --out a.csv");
     assert_eq!(output.code, Some(2));
     assert!(output.running().contains("a.csv already exists and isn't a sensor file"), "{}", output.err);
@@ -174,7 +174,7 @@ fn presses_that_find_no_room_are_left_out() {
     let model = Model::fit("pearson", calibration, &Setting::default()).unwrap();
     let file = palpate_data::dataset::sensor_file::SensorFile::within(3 << 20, model, None, Vec::new()).unwrap();
     assert!(!file.card.keeps_presses && file.card.bytes < 3 << 20, "{:?}", file.card);
-    let bench = Bench::with([]);
+    let bench = TestFolder::with([]);
     file.write(&bench.path("large.palpate")).unwrap();
     let (_, model) = palpate_data::dataset::sensor_file::read_sensor_file(&bench.path("large.palpate")).unwrap();
     let mut session = Session::new(model);
@@ -194,10 +194,10 @@ fn numbers(table: &str) -> impl Iterator<Item = Vec<f64>> {
     table.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
 }
 
-fn solved(bench: &Bench, words: &str, code: i32) -> Printed {
+fn solved(bench: &TestFolder, words: &str, code: i32) -> CommandOutput {
     bench.write("readings", READINGS);
     let input = File::open(bench.path("readings")).unwrap();
-    let printed: Printed = bench.command(&format!("solve {words}")).stdin(input).output().unwrap().into();
+    let printed: CommandOutput = bench.command(&format!("solve {words}")).stdin(input).output().unwrap().into();
     assert_eq!(printed.code, Some(code), "palpate solve {words}\n{}\n{}", printed.out, printed.err);
     printed
 }

@@ -1,6 +1,6 @@
 //! `palpate serve`: many connections, each a session of its own.
 
-use palpate_testing::Bench;
+use palpate_testing::TestFolder;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::process::{Child, Stdio};
@@ -13,8 +13,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// A calibration of 49 presses on four units.
 const CALIBRATION: &str = include_str!("sensor_files/calibration.csv");
 
-fn fitted_file() -> Bench {
-    let bench = Bench::with([("a.csv", CALIBRATION)]);
+fn fitted_file() -> TestFolder {
+    let bench = TestFolder::with([("a.csv", CALIBRATION)]);
     bench.palpate_ends(0, "fit a.csv --solver surrogate --out s.palpate");
     bench
 }
@@ -26,7 +26,7 @@ struct Server {
 }
 
 impl Server {
-    fn start(bench: &Bench, words: &str) -> Server {
+    fn start(bench: &TestFolder, words: &str) -> Server {
         let mut command = bench.command(&format!("serve --listen 127.0.0.1:0 --quiet {words}"));
         let mut child = command.stdout(Stdio::piped()).spawn().expect("the program starts");
         let mut line = String::new();

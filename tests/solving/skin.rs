@@ -20,7 +20,7 @@ fn seeds() -> usize {
 
 /// Mean location error (mm) and force error (N) of the paper's solver over all seeds.
 #[derive(Debug)]
-struct Errors {
+struct SkinErrors {
     location_mm: f64,
     force_n: f64,
 }
@@ -34,9 +34,9 @@ fn read(skin: &mut Skin, rng: &mut RandomStream, force_n: f64, place: Place) -> 
 }
 
 /// The paper's solver, calibrated on one skin and tested on what has become of it.
-fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> Errors {
+fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> SkinErrors {
     let layout = ArrayLayout::grid(3, 3, 4.5);
-    let mut sums = Errors { location_mm: 0.0, force_n: 0.0 };
+    let mut sums = SkinErrors { location_mm: 0.0, force_n: 0.0 };
     for seed in 0..seeds() as u64 {
         let [mut before, mut after] = [calibrated, tested].map(|spec| Skin::new(spec, &layout, 2.0, seed));
         let mut rng = stream(seed, 1, "taxel noise");
@@ -68,8 +68,8 @@ fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> Errors {
 
 /// Two programs, other random numbers: each mean of some thousand contacts is known to 2 %, and that of fewer seeds to as much
 /// less.
-fn assert_near(name: &str, found: &Errors, location_mm: f64, force_n: Option<f64>) {
-    let Errors { location_mm: ours_mm, force_n: ours_n } = *found;
+fn assert_near(name: &str, found: &SkinErrors, location_mm: f64, force_n: Option<f64>) {
+    let SkinErrors { location_mm: ours_mm, force_n: ours_n } = *found;
     let force = force_n.map_or(String::new(), |force_n| format!(" and {force_n} N"));
     let within = 0.06 * (SEEDS as f64 / seeds() as f64).sqrt().max(1.0);
     println!("{name:<24}{} seeds: {ours_mm:.3} mm {ours_n:.4} N, computed apart {location_mm} mm{force}", seeds());

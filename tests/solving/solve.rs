@@ -1,6 +1,6 @@
 //! `palpate solve`: readings in, contacts out, a line for a line.
 
-use palpate_testing::{Bench, Printed, SMALL, exchanged};
+use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged};
 use serde_json::{Value, json};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
@@ -168,7 +168,7 @@ fn with_keep_going_a_header_that_cannot_be_used_still_ends_it() {
 
 #[test]
 fn a_missing_channel_is_left_out_of_its_reading() {
-    let bench = Bench::with([("whole.csv", NINE), ("less.csv", &without_first_output(NINE))]);
+    let bench = TestFolder::with([("whole.csv", NINE), ("less.csv", &without_first_output(NINE))]);
     let expected = solved_on(&bench, "solve --calibration less.csv --solver pearson --quiet", "0.62,0.21\n", 0).out;
     let words = "solve --calibration whole.csv --solver pearson --quiet";
     for readings in [
@@ -187,7 +187,7 @@ fn a_missing_channel_is_left_out_of_its_reading() {
 #[test]
 fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
     for (words, reading) in [(WORDS.to_owned(), "1,0.3,0.1\n"), (format!("{WORDS} --json"), "[1,0.3,0.1]\n")] {
-        let bench = Bench::with([("a.csv", CALIBRATION)]);
+        let bench = TestFolder::with([("a.csv", CALIBRATION)]);
         let mut child = started(&bench, &words);
         let mut readings = child.stdin.take().expect("piped");
         let mut contacts = BufReader::new(child.stdout.take().expect("piped")).lines().map(|line| line.expect("text"));
@@ -209,21 +209,21 @@ fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
 #[test]
 fn a_reader_that_has_seen_enough_is_no_error() {
     let readings = "1,0.3,0.1\n".repeat(100_000);
-    let bench = Bench::with([("a.csv", CALIBRATION), ("readings.csv", readings.as_str())]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION), ("readings.csv", readings.as_str())]);
     for words in [WORDS.to_owned(), format!("{WORDS} --json")] {
         let input = File::open(bench.path("readings.csv")).expect("it was written");
         let mut command = bench.command(&words);
         let child = command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
         drop(child.stdout.take());
-        let output: Printed = child.wait_with_output().expect("it ends").into();
+        let output: CommandOutput = child.wait_with_output().expect("it ends").into();
         assert_eq!((output.code, output.err.as_str()), (Some(0), ""));
     }
 }
 
 #[test]
 fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
-    let bench = Bench::with([("r.toml", SMALL)]);
+    let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let presses = bench.read("run/presses.csv");
     let output = solved_on(&bench, "solve --calibration run --solver pearson", &presses, 0);
@@ -244,7 +244,7 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
 #[test]
 fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5").replace("count = 2", "count = 60");
-    let bench = Bench::with([("r.toml", recipe.as_str())]);
+    let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, "run r.toml --out run");
     let (header, rows) = bench.table("run/presses.csv");
     let first = header.iter().position(|name| name == "out_1").expect("out_1");
@@ -274,7 +274,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
 fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
     let note = "no force_n in the calibration: relative_force is relative to its typical press\n";
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
-    let bench = Bench::with([("a.csv", silent.as_str())]);
+    let bench = TestFolder::with([("a.csv", silent.as_str())]);
     let words = "solve --calibration a.csv --solver pearson";
     let output = solved_on(&bench, words, "2,0.6,0.2\n", 0);
     assert!(output.err.starts_with(note), "{}", output.err);
@@ -298,7 +298,7 @@ fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
 #[test]
 fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n";
-    let bench = Bench::with([("a.csv", CALIBRATION), ("flat.csv", flat)]);
+    let bench = TestFolder::with([("a.csv", CALIBRATION), ("flat.csv", flat)]);
     for (words, part) in [
         ("solve", "--calibration"),
         ("solve --calibration none.csv", "none.csv: can't be read"),
@@ -342,19 +342,19 @@ fn without_first_output(table: &str) -> String {
     less
 }
 
-fn solved(words: &str, readings: &str, code: i32) -> Printed {
-    solved_on(&Bench::with([("a.csv", CALIBRATION)]), words, readings, code)
+fn solved(words: &str, readings: &str, code: i32) -> CommandOutput {
+    solved_on(&TestFolder::with([("a.csv", CALIBRATION)]), words, readings, code)
 }
 
-fn solved_on(bench: &Bench, words: &str, readings: &str, code: i32) -> Printed {
+fn solved_on(bench: &TestFolder, words: &str, readings: &str, code: i32) -> CommandOutput {
     bench.write("readings", readings);
     let input = File::open(bench.path("readings")).expect("it was written");
-    let printed: Printed = bench.command(words).stdin(input).output().expect("the program starts").into();
+    let printed: CommandOutput = bench.command(words).stdin(input).output().expect("the program starts").into();
     assert_eq!(printed.code, Some(code), "palpate {words}\n{}\n{}", printed.out, printed.err);
     printed
 }
 
-fn started(bench: &Bench, words: &str) -> Child {
+fn started(bench: &TestFolder, words: &str) -> Child {
     let mut command = bench.command(words);
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts")
 }

@@ -37,7 +37,7 @@ fn with_all_terms(spec: SkinSpec) -> SkinSpec {
 }
 
 /// A skin and what is drawn from it.
-struct Bench {
+struct SolverBench {
     skin: Skin,
     rng: RandomStream,
     layout: ArrayLayout,
@@ -52,10 +52,15 @@ struct Contact {
     outputs: Vec<f64>,
 }
 
-impl Bench {
+impl SolverBench {
     fn new(spec: &SkinSpec, seed: u64) -> Self {
         let layout = ArrayLayout::grid(3, 3, 4.5);
-        Bench { skin: Skin::new(spec, &layout, 2.0, seed), rng: stream(seed, 1, "contacts"), layout, crosstalk: 0.0 }
+        SolverBench {
+            skin: Skin::new(spec, &layout, 2.0, seed),
+            rng: stream(seed, 1, "contacts"),
+            layout,
+            crosstalk: 0.0,
+        }
     }
 
     fn press(&mut self, place: Place, force_n: f64) -> Contact {
@@ -149,7 +154,7 @@ impl Sums {
 fn solve(spec: &SkinSpec, name: &str, side: usize, contacts: usize, seeds: u64) -> Sums {
     let mut sums = Sums::default();
     for seed in 0..seeds {
-        let mut bench = Bench::new(spec, seed);
+        let mut bench = SolverBench::new(spec, seed);
         let calibration = bench.calibration(side);
         let solver = bench.fit(name, &calibration);
         let mut workspace = Workspace::default();
@@ -260,7 +265,7 @@ fn forty_nine_presses_are_enough() {
 
 /// Shares of single contacts, and of two of 0.5 N so far apart, that `best` flags.
 fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
-    let mut bench = Bench::new(scene, 1);
+    let mut bench = SolverBench::new(scene, 1);
     let calibration = bench.calibration(25);
     let solver = bench.fit(BEST, &calibration);
     let mut workspace = Workspace::default();
@@ -298,7 +303,7 @@ fn two_contacts_are_distinguished_from_one() {
 #[test]
 fn other_regressions_are_tried_where_the_map_leaves_more_than_noise() {
     for (spike, is_tried) in [(0.0, false), (0.3, true)] {
-        let mut bench = Bench::new(&scene_t(), 1);
+        let mut bench = SolverBench::new(&scene_t(), 1);
         let mut contacts: Vec<Contact> = (0..300).map(|_| bench.random()).collect();
         (0..contacts.len()).step_by(20).for_each(|press| contacts[press].outputs[press % 9] += spike);
         let fitted = bench.fit(BEST, &calibration(&contacts));
@@ -311,7 +316,7 @@ fn other_regressions_are_tried_where_the_map_leaves_more_than_noise() {
 
 #[test]
 fn a_dead_centre_is_found_and_left_out() {
-    let mut bench = Bench::new(&scene_t(), 2);
+    let mut bench = SolverBench::new(&scene_t(), 2);
     let calibration = bench.calibration(25);
     let setting = Setting::of_layout(Some(&bench.layout));
     let layout = bench.layout.clone();
@@ -356,7 +361,7 @@ fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not
     let (seeds, contacts) = (campaign::size(1, 10) as u64, campaign::size(1000, 4000));
     // contacts until the report; the layer has worn, or the gains of three of nine units have aged
     let until = |spec: &SkinSpec, seed: u64, depth_mm: f64, aged: f64, contacts: usize| {
-        let mut bench = Bench::new(spec, seed);
+        let mut bench = SolverBench::new(spec, seed);
         let layout = bench.layout.clone();
         let calibration = bench.calibration(25);
         let mut session =
@@ -387,9 +392,9 @@ fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not
 fn an_offset_that_all_units_share_can_be_eliminated() {
     // computed apart: 0.248 and 0.054 mm with the offset eliminated, 0.51 to 0.54 and 0.46 to 0.49 mm without
     for (spec, most_mm) in [(scene_t(), 0.26), (scene_q(), 0.06)] {
-        let calibration = Bench::new(&spec, 3).calibration(25);
+        let calibration = SolverBench::new(&spec, 3).calibration(25);
         let drifted = SkinSpec { taxels: Taxels { baseline: 0.02, ..Taxels::default() }, ..spec };
-        let mut bench = Bench::new(&drifted, 3);
+        let mut bench = SolverBench::new(&drifted, 3);
         let layout = bench.layout.clone();
         let setting = Setting { common_offset: true, ..Setting::of_layout(Some(&layout)) };
         let solver = fit("surrogate", &calibration, &setting).unwrap();
@@ -405,7 +410,7 @@ fn an_offset_that_all_units_share_can_be_eliminated() {
 
 #[test]
 fn a_contact_beyond_the_calibrated_area_is_reported() {
-    let mut bench = Bench::new(&scene_q(), 4);
+    let mut bench = SolverBench::new(&scene_q(), 4);
     let calibration = bench.calibration(25);
     let solver = bench.fit(BEST, &calibration);
     let mut workspace = Workspace::default();
@@ -444,7 +449,7 @@ fn assert_best_is_near(skin: &str, spec: &SkinSpec, crosstalk: f64, side: usize)
     const CONTACTS: usize = 200;
     let mut near_best = 0;
     for seed in 0..seeds {
-        let mut bench = Bench { crosstalk, ..Bench::new(spec, seed) };
+        let mut bench = SolverBench { crosstalk, ..SolverBench::new(spec, seed) };
         let calibration = bench.calibration(side);
         let contacts: Vec<Contact> = (0..CONTACTS).map(|_| bench.random()).collect();
         let error_mm = |name: &str| {

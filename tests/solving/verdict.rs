@@ -1,6 +1,6 @@
 //! One verdict: `run`, `evaluate`, `report` and `report --compare` say the same of the same run, with the rule and each reason.
 
-use palpate_testing::{Bench, exchanged, shipped_text};
+use palpate_testing::{TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 
 const CALIBRATE: &str = "
@@ -21,7 +21,7 @@ fn recipe(parts: &[&str]) -> String {
 }
 
 /// What `evaluate --json` says last: the verdict.
-fn judged(bench: &Bench, code: i32, words: &str) -> Value {
+fn judged(bench: &TestFolder, code: i32, words: &str) -> Value {
     let verdict = bench.palpate_ends(code, &format!("evaluate {words} --json")).json_lines().pop().unwrap();
     assert!(verdict["verdict"].is_string(), "{verdict}");
     verdict
@@ -33,7 +33,7 @@ fn run_evaluate_report_and_comparison_say_the_same_by_the_same_rule() {
     for (method, verdict, code) in [("pearson", "not accepted", 1), ("best", "accepted", 0)] {
         let accept = format!("[accept]\nmethod = \"{method}\"\nlocation_mean_mm = 0.25\n");
         let steps = [CALIBRATE, &test(30), &accept];
-        let bench = Bench::with([("r.toml", recipe(&steps).as_str())]);
+        let bench = TestFolder::with([("r.toml", recipe(&steps).as_str())]);
         let run = bench.palpate_ends(code, "run r.toml --out run").out;
         let table = bench.palpate_ends(code, "evaluate run").out;
         let upper =
@@ -65,7 +65,7 @@ fn run_evaluate_report_and_comparison_say_the_same_by_the_same_rule() {
 
 #[test]
 fn without_a_rule_there_is_no_verdict_and_one_given_afterwards_is_marked() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("r.toml", recipe(&[CALIBRATE, &test(12), "\n[evaluate]\nsolvers = [\"pearson\"]\n"]).as_str()),
         ("limits.toml", "method = \"pearson\"\nlocation_mean_mm = 0.001\n"),
     ]);
@@ -89,7 +89,7 @@ fn without_a_rule_there_is_no_verdict_and_one_given_afterwards_is_marked() {
 #[test]
 fn a_rule_may_lie_in_a_file_beside_the_recipe_and_stays_with_the_run() {
     let text = format!("accept = \"limits.toml\"\n{}", recipe(&[CALIBRATE, &test(12)]));
-    let bench = Bench::with([("r.toml", text.as_str()), ("limits.toml", "location_mean_mm = 5.0\n")]);
+    let bench = TestFolder::with([("r.toml", text.as_str()), ("limits.toml", "location_mean_mm = 5.0\n")]);
     bench.palpate_ends(0, "run r.toml --out run");
     assert_eq!(bench.read("run/limits.toml"), "location_mean_mm = 5.0\n");
     // what is beside the recipe later changes nothing
@@ -122,7 +122,7 @@ fn a_guarded_rule_decides_nothing_on_one_press_or_without_the_benchs_uncertainty
                    certificate = { number = \"K-1\", date = \"2026-05-04\", u_percent = 0.2 }\n",
         1,
     );
-    let bench = Bench::with([("known.toml", known.as_str())]);
+    let bench = TestFolder::with([("known.toml", known.as_str())]);
     let verdict = |count: usize, rig: &str, code| {
         bench.write("r.toml", &recipe(&[CALIBRATE, &test(count), accept]));
         let out = format!("run-{count}{}", if rig.is_empty() { "" } else { "-known" });
@@ -149,7 +149,7 @@ fn a_guarded_rule_decides_nothing_on_one_press_or_without_the_benchs_uncertainty
 
 #[test]
 fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted() {
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("r.toml", recipe(&[CALIBRATE]).as_str()),
         ("limits.toml", "location_mean_mm = 1.0\nforce_mean_n = 0.1\n"),
     ]);
@@ -171,7 +171,7 @@ fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted(
 #[test]
 fn columns_that_look_like_what_is_read_are_named() {
     let calibration = "x_mm,y_mm,Fz,out_1,out_2\n-4,0,1,1.0,0.3\n0,0,1,0.3,1.0\n4,0,1,0.1,0.3\n";
-    let bench = Bench::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
+    let bench = TestFolder::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
     let output = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
     let warning =
         "warning: a.csv: column `Fz` looks like a force but isn't used (only force_n; or name it in --columns)";
@@ -180,7 +180,7 @@ fn columns_that_look_like_what_is_read_are_named() {
 
 #[test]
 fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_demand() {
-    let bench = Bench::with([("c.toml", recipe(&[CALIBRATE]).as_str()), ("t.toml", recipe(&[&test(5)]).as_str())]);
+    let bench = TestFolder::with([("c.toml", recipe(&[CALIBRATE]).as_str()), ("t.toml", recipe(&[&test(5)]).as_str())]);
     bench.palpate_ends(0, "run c.toml --out b --sensor B");
     bench
         .palpate_ends(0, "run t.toml --out c --sensor C --design D-1 --batch 7 --mounting 2 --operator K --note first");
@@ -210,7 +210,7 @@ fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_dema
 fn a_run_that_tripped_is_not_decided_and_not_certified() {
     let accept = "\n[accept]\nmethod = \"surrogate\"\nlocation_mean_mm = 5.0\n";
     let rig = shipped_text("rigs/sim.toml") + "\n[[scene.fault]]\nkind = \"stuck\"\nfrom_s = 230.0\n";
-    let bench = Bench::with([
+    let bench = TestFolder::with([
         ("r.toml", recipe(&[CALIBRATE, &test(60), accept]).as_str()),
         ("rig.toml", rig.as_str()),
         ("c.toml", &shipped_text("data/example/certificate.toml")),

@@ -44,7 +44,7 @@ pub enum Framing {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Way {
+enum BadLineWay {
     There,
     Back,
 }
@@ -55,13 +55,15 @@ impl Framing {
         matches!(self, Framing::Esp301 | Framing::Grbl | Framing::Rtu)
     }
 
-    fn take(self, way: Way, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
+    fn take(self, way: BadLineWay, inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
         let behind = |mark: &[u8]| inbox.windows(mark.len()).position(|w| w == mark).map(|at| at + mark.len());
         let length = match (self, way) {
-            (Framing::Esp301, Way::There) => behind(b"\r"),
-            (Framing::Xps, Way::There) => behind(b")"),
-            (Framing::Xps, Way::Back) => behind(b"EndOfAPI"),
-            (Framing::Grbl, Way::There) if matches!(inbox.first(), Some(b'?' | b'!' | b'~' | 0x18 | 0x80..)) => Some(1),
+            (Framing::Esp301, BadLineWay::There) => behind(b"\r"),
+            (Framing::Xps, BadLineWay::There) => behind(b")"),
+            (Framing::Xps, BadLineWay::Back) => behind(b"EndOfAPI"),
+            (Framing::Grbl, BadLineWay::There) if matches!(inbox.first(), Some(b'?' | b'!' | b'~' | 0x18 | 0x80..)) => {
+                Some(1)
+            }
             (Framing::Rtu, _) => Some(inbox.len()).filter(|&length| length > 0),
             (Framing::Tcp, _) => inbox.get(4..6).map(|two| 6 + usize::from(u16::from_be_bytes([two[0], two[1]]))),
             _ => behind(b"\n"),
@@ -79,7 +81,7 @@ pub struct Motions {
 }
 
 /// What happens on the lines of one run, and what happened.
-pub struct Fate {
+pub struct BadLineFate {
     rng: RandomStream,
     /// Whether anything happens to messages now.
     pub bad: bool,
@@ -100,12 +102,12 @@ pub struct Fate {
     scene: Shared<Scene>,
 }
 
-impl Fate {
+impl BadLineFate {
     /// Nothing happens yet.
-    pub fn new(seed: u64, scene: Shared<Scene>, origin: Instant) -> Shared<Fate> {
+    pub fn new(seed: u64, scene: Shared<Scene>, origin: Instant) -> Shared<BadLineFate> {
         let rng = stream(seed, 0, "bad line");
         let (altered_s, stray_s) = (Vec::new(), Vec::new());
-        let fate = Fate {
+        let fate = BadLineFate {
             rng,
             bad: false,
             close_in: None,
@@ -214,7 +216,7 @@ struct Parcel {
 
 impl Lane {
     /// Puts a message on its way, with what happens to it.
-    fn send(&mut self, message: Vec<u8>, fate: &mut Fate) {
+    fn send(&mut self, message: Vec<u8>, fate: &mut BadLineFate) {
         let now = Instant::now();
         let at = self.clear.filter(|&clear| clear > now).unwrap_or(now);
         let mut parcel = Parcel { at, bytes: message, altered: false, stray: at > now };
@@ -270,7 +272,7 @@ pub fn connector(
     instrument: Shared<dyn Instrument>,
     scene: Shared<Scene>,
     origin: Instant,
-    fate: Shared<Fate>,
+    fate: Shared<BadLineFate>,
 ) -> Connector {
     let wired = move |nears: UnboundedReceiver<DuplexStream>| {
         let (far, served) = duplex(LINE_BYTES);
@@ -299,7 +301,7 @@ async fn pass_on(
     mut nears: UnboundedReceiver<DuplexStream>,
     mut far: DuplexStream,
     framing: Framing,
-    fate: Shared<Fate>,
+    fate: Shared<BadLineFate>,
 ) {
     let (mut there, mut back) = (Lane::default(), Lane::default());
     let (mut near, mut may_come) = (None::<DuplexStream>, true);
@@ -314,11 +316,11 @@ async fn pass_on(
             },
             () = at(due) => {
                 while let Some(parcel) = there.take() {
-                    note(&fate, &parcel, Way::There);
+                    note(&fate, &parcel, BadLineWay::There);
                     let _ = far.write_all(&parcel.bytes).await; // a device that has gone hears nothing
                 }
                 while let Some(parcel) = back.take() {
-                    note(&fate, &parcel, Way::Back);
+                    note(&fate, &parcel, BadLineWay::Back);
                     if let Some(near) = &mut near {
                         let _ = near.write_all(&parcel.bytes).await; // nor a driver
                     }
@@ -328,7 +330,7 @@ async fn pass_on(
                 0 => near = None,
                 count => {
                     there.inbox.extend_from_slice(&heard[..count]);
-                    while let Some(message) = framing.take(Way::There, &mut there.inbox) {
+                    while let Some(message) = framing.take(BadLineWay::There, &mut there.inbox) {
                         let mut fate = lock(&fate);
                         fate.sent += 1;
                         assert!(fate.sent < MESSAGES_MOST, "it sends for ever");
@@ -347,7 +349,7 @@ async fn pass_on(
                 0 => return,
                 count => {
                     back.inbox.extend_from_slice(&said[..count]);
-                    while let Some(message) = framing.take(Way::Back, &mut back.inbox) {
+                    while let Some(message) = framing.take(BadLineWay::Back, &mut back.inbox) {
                         back.send(message, &mut lock(&fate));
                     }
                 }
@@ -367,13 +369,13 @@ pub fn passes(motion: &Trajectory, (from_s, to_s): (f64, f64), place_mm: f64, to
     })
 }
 
-fn note(fate: &Shared<Fate>, parcel: &Parcel, way: Way) {
+fn note(fate: &Shared<BadLineFate>, parcel: &Parcel, way: BadLineWay) {
     let mut fate = lock(fate);
     let now_s = fate.now_s();
     fate.look();
     if parcel.altered {
         fate.altered_s.push(now_s);
-        fate.altered_command |= way == Way::There;
+        fate.altered_command |= way == BadLineWay::There;
     }
     if parcel.stray {
         fate.stray_s.push(now_s);

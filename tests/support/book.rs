@@ -10,7 +10,7 @@
 //! All blocks of a page are run in one folder, which has the files that a checkout has.
 #![cfg(unix)]
 
-use super::{Bench, SMALL, shipped, shipped_text};
+use super::{SMALL, TestFolder, shipped, shipped_text};
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -71,7 +71,7 @@ struct Tried {
 
 /// Tries all blocks of a page in a folder of its own.
 fn try_page(page: &str) -> Tried {
-    let bench = Bench::with([("small.toml", SMALL)]);
+    let bench = TestFolder::with([("small.toml", SMALL)]);
     let mut tried = Tried::default();
     for block in blocks(&shipped_text(page)) {
         let at = format!("{page}:{}", block.line);
@@ -101,7 +101,7 @@ fn try_page(page: &str) -> Tried {
 }
 
 /// Runs a line as a reader does; what it printed where it doesn't end as stated.
-fn run(bench: &Bench, at: &str, line: &str, code: &str) -> Option<String> {
+fn run(bench: &TestFolder, at: &str, line: &str, code: &str) -> Option<String> {
     let began = Instant::now();
     let Output { status, stdout, stderr } = shell(bench, line).output().expect("sh starts");
     println!("{:5.1} s  {at}  {line}", began.elapsed().as_secs_f64());
@@ -111,7 +111,7 @@ fn run(bench: &Bench, at: &str, line: &str, code: &str) -> Option<String> {
 }
 
 /// A shell on a bench that finds the program under its name.
-fn shell(bench: &Bench, line: &str) -> Command {
+fn shell(bench: &TestFolder, line: &str) -> Command {
     let program = bench.command("");
     let folder = Path::new(program.get_program()).parent().expect("the program is in a folder").to_path_buf();
     let others = std::env::var_os("PATH").unwrap_or_default();

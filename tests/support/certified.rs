@@ -1,6 +1,6 @@
 //! A run that a certificate can be written of.
 
-use super::{Bench, shipped_text};
+use super::{TestFolder, shipped_text};
 
 const RECIPE: &str = "
 name = \"all\"
@@ -21,7 +21,7 @@ location_mean_mm = 1.0
 ";
 
 /// A run of everything on a rig whose instruments have certificates.
-pub fn bench() -> Bench {
+pub fn bench() -> TestFolder {
     let rig = shipped_text("rigs/sim.toml").replacen(
         "[load_cell]\n",
         "certificate = { number = \"S-1\", date = \"2026-05-04\", u_mm = 0.01 }\n\n[load_cell]\n\
@@ -29,7 +29,7 @@ pub fn bench() -> Bench {
         1,
     );
     let given = shipped_text("data/example/certificate.toml");
-    let bench = Bench::with([("r.toml", RECIPE), ("rig.toml", &rig), ("c.toml", &given)]);
+    let bench = TestFolder::with([("r.toml", RECIPE), ("rig.toml", &rig), ("c.toml", &given)]);
     bench.palpate_ends(0, "run r.toml --rig rig.toml --out run --sensor A-7 --design D<1>&co --operator K");
     bench
 }

@@ -69,13 +69,13 @@ pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
 }
 
 /// How a walk went.
-pub struct Executed {
+pub struct ExecutedRun {
     pub ending: Ending,
     pub ledger: Memory,
     /// The worst that happened, until everything was at rest again.
-    pub truth: Worst,
+    pub truth: ExecutionWorst,
     /// The worst that would have happened if the host had died after one of the messages.
-    pub orphaned: Worst,
+    pub orphaned: ExecutionWorst,
     /// When the instruments were ready; 0: never, s.
     pub ready_s: f64,
     /// How long it took, s.
@@ -88,18 +88,22 @@ pub struct Executed {
 
 /// The worst of what happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Worst {
+pub struct ExecutionWorst {
     pub force_n: f64,
     pub depth_mm: f64,
     pub slid_mm: f64,
 }
 
-impl Worst {
+impl ExecutionWorst {
     pub fn take(&mut self, truth: Truth) {
-        self.join(Worst { force_n: truth.force_peak_n, depth_mm: truth.depth_peak_mm, slid_mm: truth.slid_mm });
+        self.join(ExecutionWorst {
+            force_n: truth.force_peak_n,
+            depth_mm: truth.depth_peak_mm,
+            slid_mm: truth.slid_mm,
+        });
     }
 
-    pub fn join(&mut self, other: Worst) {
+    pub fn join(&mut self, other: ExecutionWorst) {
         self.force_n = self.force_n.max(other.force_n);
         self.depth_mm = self.depth_mm.max(other.depth_mm);
         self.slid_mm = self.slid_mm.max(other.slid_mm);
@@ -112,12 +116,12 @@ impl Worst {
 }
 
 /// Notes when the first press begins.
-struct Silent {
+struct SilentRun {
     began: Instant,
     ready_s: f64,
 }
 
-impl Listener for Silent {
+impl Listener for SilentRun {
     fn ready(&mut self, _: &[Identity]) {
         self.ready_s = self.began.elapsed().as_secs_f64();
     }
@@ -127,7 +131,7 @@ impl Listener for Silent {
 pub type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
 
 /// Walks a plan.
-pub fn executed(spec: &RigSpec, plan: &Plan) -> Executed {
+pub fn executed(spec: &RigSpec, plan: &Plan) -> ExecutedRun {
     executed_with(spec, plan, Deaths::Ignored, &|_| {})
 }
 
@@ -139,18 +143,18 @@ pub enum Deaths {
 }
 
 /// Walks a plan on a rig that was tampered with.
-pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> Executed {
+pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> ExecutedRun {
     run_virtually(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
         tamper(&mut rig);
         let scene = rig.scene.clone();
         let stage = rig.stage.instrument().expect("it has a link").clone();
-        let eye = Arc::new(Mutex::new(Eye { stage, deaths, left: None, seen: Seen::default() }));
+        let eye = Arc::new(Mutex::new(Eye { stage, deaths, left: None, seen: ExecutionSeen::default() }));
         rig.stage.replace(eye.clone());
         let (mut ledger, cancel, began) = (Memory::default(), Cancel::default(), Instant::now());
         let rig = spec.open_on(rig).expect("drivers");
         let job = RunJob { plan, spec, ledger: &mut ledger, cancel: &cancel, shown: &|_| {} };
-        let mut listener = Silent { began, ready_s: 0.0 };
+        let mut listener = SilentRun { began, ready_s: 0.0 };
         let ending = timeout(FOR_EVER, execute_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
         sleep(AFTERWARDS).await; // what was told and came late is done by then
@@ -159,8 +163,8 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         eye.look(now_s);
         let at_rest = scene.lock().expect("the walk is over").run_out(now_s);
         eye.seen.truth.take(at_rest);
-        let Seen { truth, orphaned, messages } = eye.seen;
-        Executed {
+        let ExecutionSeen { truth, orphaned, messages } = eye.seen;
+        ExecutedRun {
             ending,
             ledger,
             truth,
@@ -191,13 +195,13 @@ struct Eye {
     deaths: Deaths,
     /// The scene as the last message left it, nothing seen of it yet.
     left: Option<Scene>,
-    seen: Seen,
+    seen: ExecutionSeen,
 }
 
 #[derive(Clone, Copy, Default)]
-struct Seen {
-    truth: Worst,
-    orphaned: Worst,
+struct ExecutionSeen {
+    truth: ExecutionWorst,
+    orphaned: ExecutionWorst,
     messages: usize,
 }
 

@@ -1,13 +1,13 @@
 //! Runs as a power cut leaves them, and worlds that change before they go on.
 
-use super::Bench;
+use super::TestFolder;
 use palpate_data::dataset::Fingerprint;
 use serde_json::{Value, json};
 use std::fs;
 
 /// Cuts a complete run back to the first bytes of its journal: its tables and its manifest are then those that it has while it is
 /// under way, and hold no press that the journal doesn't.
-pub fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
+pub fn cut_back(bench: &TestFolder, run: &str, journal: &[u8]) {
     let file = |name: &str| format!("{run}/{name}");
     let mut manifest = bench.manifest(run);
     let kept: Vec<String> = std::str::from_utf8(journal)
@@ -37,26 +37,26 @@ pub fn cut_back(bench: &Bench, run: &str, journal: &[u8]) {
 }
 
 /// The same, back to the first lines of its journal.
-pub fn cut_to_lines(bench: &Bench, run: &str, lines: usize) {
+pub fn cut_to_lines(bench: &TestFolder, run: &str, lines: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let kept: String = journal.split_inclusive('\n').take(lines).collect();
     cut_back(bench, run, kept.as_bytes());
 }
 
 /// How many lines of a run's journal come before its first contact.
-pub fn lines_before_contacts(bench: &Bench, run: &str) -> usize {
+pub fn lines_before_contacts(bench: &TestFolder, run: &str) -> usize {
     let journal = bench.read(&format!("{run}/journal.log"));
     journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact")
 }
 
 /// Changes the simulated world that a run is made in, not its rig: the text of the rig is another in the folder and in the
 /// journal, as if it had always been.
-pub fn change_the_world(bench: &Bench, run: &str, rig: &str) {
+pub fn change_the_world(bench: &TestFolder, run: &str, rig: &str) {
     change_text(bench, run, "rig.toml", rig);
 }
 
 /// Changes a text of a run in its folder and in the journal, as if it had always been.
-pub fn change_text(bench: &Bench, run: &str, name: &str, new: &str) {
+pub fn change_text(bench: &TestFolder, run: &str, name: &str, new: &str) {
     let path = format!("{run}/journal.log");
     let stated = |session: &mut Value| {
         for text in session["texts"].as_array_mut().into_iter().flatten().filter(|text| text["name"] == name) {

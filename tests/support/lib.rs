@@ -87,27 +87,27 @@ force_n = 1.0
 pub const LONG_PRESSES: u64 = 11;
 
 /// A folder in which the program is run, gone with this.
-pub struct Bench {
+pub struct TestFolder {
     folder: TempDir,
 }
 
 /// How the program ended and what it said.
 #[derive(Debug)]
-pub struct Printed {
+pub struct CommandOutput {
     pub code: Option<i32>,
     pub out: String,
     pub err: String,
 }
 
-impl Bench {
+impl TestFolder {
     #[allow(clippy::new_without_default)] // it makes a folder
-    pub fn new() -> Bench {
-        Bench { folder: tempfile::tempdir().expect("a temporary folder") }
+    pub fn new() -> TestFolder {
+        TestFolder { folder: tempfile::tempdir().expect("a temporary folder") }
     }
 
     /// A bench with files on it: name and text.
-    pub fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> Bench {
-        let bench = Bench::new();
+    pub fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> TestFolder {
+        let bench = TestFolder::new();
         for (name, text) in files {
             bench.write(name, text);
         }
@@ -142,19 +142,19 @@ impl Bench {
     }
 
     /// Runs the program to its end.
-    pub fn palpate(&self, words: &str) -> Printed {
+    pub fn palpate(&self, words: &str) -> CommandOutput {
         self.command(words).output().expect("the program starts").into()
     }
 
     /// The same, with a text as standard input.
-    pub fn palpate_reads(&self, words: &str, input: &str) -> Printed {
+    pub fn palpate_reads(&self, words: &str, input: &str) -> CommandOutput {
         self.write("standard-input", input);
         let input = fs::File::open(self.path("standard-input")).expect("what was written");
         self.command(words).stdin(input).output().expect("the program starts").into()
     }
 
     /// The same, and it must end as said.
-    pub fn palpate_ends(&self, code: i32, words: &str) -> Printed {
+    pub fn palpate_ends(&self, code: i32, words: &str) -> CommandOutput {
         let output = self.palpate(words);
         assert_eq!(output.code, Some(code), "palpate {words}\n{}\n{}", output.out, output.err);
         output
@@ -190,14 +190,14 @@ impl Bench {
     }
 }
 
-impl From<Output> for Printed {
-    fn from(output: Output) -> Printed {
+impl From<Output> for CommandOutput {
+    fn from(output: Output) -> CommandOutput {
         let text = |bytes| String::from_utf8(bytes).expect("the program speaks UTF-8");
-        Printed { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
+        CommandOutput { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
     }
 }
 
-impl Printed {
+impl CommandOutput {
     /// What it said on standard error as running text: no frame, no line breaks.
     pub fn running(&self) -> String {
         self.err.replace(['│', '·'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
@@ -239,7 +239,7 @@ pub fn exchanged(text: &str, from: &str, to: &str) -> String {
 }
 
 /// A shared library of one of the project's C files, built on a bench with some words more.
-pub fn shared_library(bench: &Bench, name: &str, source: &str, words: &[&str]) -> PathBuf {
+pub fn shared_library(bench: &TestFolder, name: &str, source: &str, words: &[&str]) -> PathBuf {
     let path = bench.path(name);
     let mut compiler = Command::new("cc");
     compiler.args(["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC", "-o"]);
@@ -304,17 +304,17 @@ impl Live {
     }
 
     /// Its end, and what it said since it was last listened to.
-    pub fn end(self) -> Printed {
+    pub fn end(self) -> CommandOutput {
         self.end_within(PATIENCE)
     }
 
     /// The same for one that may be still for longer.
-    pub fn end_within(mut self, patience: Duration) -> Printed {
+    pub fn end_within(mut self, patience: Duration) -> CommandOutput {
         let rest = |lines: &Receiver<String>| {
             std::iter::from_fn(|| next_within(lines, patience)).map(|line| line + "\n").collect()
         };
         let (out, err) = (rest(&self.out), rest(&self.err));
-        Printed { code: self.child.wait().expect("it can be waited for").code(), out, err }
+        CommandOutput { code: self.child.wait().expect("it can be waited for").code(), out, err }
     }
 }
 

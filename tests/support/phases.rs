@@ -1,6 +1,6 @@
 //! What a press is at, told from what really happens: where the axes are and go, whether there is contact, who is asked.
 
-use super::executions::Worst;
+use super::executions::ExecutionWorst;
 use palpate_core::quantity::{Axis, Frame};
 use palpate_link::time::Instant;
 use palpate_sim::scene::{Scene, SceneDevice};
@@ -17,7 +17,7 @@ const REST_MM_S: f64 = 1e-9;
 
 /// What a press is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Phase {
+pub enum PressPhase {
     /// To the first place, from rest in the clear.
     Travel,
     /// Looking at the force without load.
@@ -38,17 +38,17 @@ pub enum Phase {
     LeavingContact,
 }
 
-impl Phase {
-    pub const ALL: [Phase; 9] = [
-        Phase::Travel,
-        Phase::NoLoad,
-        Phase::Approach,
-        Phase::Touch,
-        Phase::Correction,
-        Phase::Dwell,
-        Phase::Window,
-        Phase::Retraction,
-        Phase::LeavingContact,
+impl PressPhase {
+    pub const ALL: [PressPhase; 9] = [
+        PressPhase::Travel,
+        PressPhase::NoLoad,
+        PressPhase::Approach,
+        PressPhase::Touch,
+        PressPhase::Correction,
+        PressPhase::Dwell,
+        PressPhase::Window,
+        PressPhase::Retraction,
+        PressPhase::LeavingContact,
     ];
 }
 
@@ -58,7 +58,7 @@ pub struct Watcher {
     frame: Frame,
     origin: Instant,
     /// The phase at each message of a press; none outside of one.
-    pub phases: Vec<Option<Phase>>,
+    pub phases: Vec<Option<PressPhase>>,
     pressing: bool,
     /// Where z was when there was contact first, mm.
     touched_mm: Option<f64>,
@@ -69,7 +69,7 @@ pub struct Watcher {
     array_asked_s: f64,
     /// The scene as it was when a motion last began or changed, nothing seen of it yet.
     left: Option<Scene>,
-    worst: Worst,
+    worst: ExecutionWorst,
 }
 
 impl Watcher {
@@ -86,7 +86,7 @@ impl Watcher {
             rest: None,
             array_asked_s: f64::NEG_INFINITY,
             left: None,
-            worst: Worst::default(),
+            worst: ExecutionWorst::default(),
         }
     }
 
@@ -120,7 +120,7 @@ impl Watcher {
     }
 
     /// The worst until all is at rest, whatever comes of it.
-    pub fn worst(&mut self) -> Worst {
+    pub fn worst(&mut self) -> ExecutionWorst {
         let now_s = self.now_s();
         self.look(now_s);
         let rest = self.scene().run_out(now_s);
@@ -137,7 +137,7 @@ impl Watcher {
         (self.frame.z_from_stage(scene.axis(Axis::Z, now_s).0), stands && stays)
     }
 
-    fn phase(&mut self, now_s: f64) -> Option<Phase> {
+    fn phase(&mut self, now_s: f64) -> Option<PressPhase> {
         let (speeds, force_n, z_mm, target_mm) = {
             let mut scene = self.scene();
             let speeds = Axis::ALL.map(|axis| scene.axis(axis, now_s).1);
@@ -151,27 +151,27 @@ impl Watcher {
             self.touched_mm = Some(z_mm);
         }
         if sideways > REST_MM_S {
-            return Some(if self.touched_mm.is_some() { Phase::LeavingContact } else { Phase::Travel });
+            return Some(if self.touched_mm.is_some() { PressPhase::LeavingContact } else { PressPhase::Travel });
         }
         if z.abs() > REST_MM_S {
             self.stepped |= self.rest.is_some_and(|(_, in_contact)| in_contact);
             self.rest = None;
             let leaves = z < 0.0 && self.touched_mm.is_some_and(|touched_mm| target_mm < touched_mm);
             return Some(match (in_contact, self.stepped) {
-                _ if leaves => Phase::Retraction,
-                (false, _) => Phase::Approach,
-                (true, false) => Phase::Touch,
-                (true, true) => Phase::Correction,
+                _ if leaves => PressPhase::Retraction,
+                (false, _) => PressPhase::Approach,
+                (true, false) => PressPhase::Touch,
+                (true, true) => PressPhase::Correction,
             });
         }
         let (since_s, _) = *self.rest.get_or_insert((now_s, in_contact));
         Some(match in_contact {
-            _ if now_s - self.array_asked_s < WINDOW_S => Phase::Window,
-            true if now_s - since_s > LOOK_MOST_S => Phase::Dwell,
-            true if !self.stepped => Phase::Touch,
-            true => Phase::Correction,
-            false if self.touched_mm.is_some() => Phase::Retraction,
-            false => Phase::NoLoad,
+            _ if now_s - self.array_asked_s < WINDOW_S => PressPhase::Window,
+            true if now_s - since_s > LOOK_MOST_S => PressPhase::Dwell,
+            true if !self.stepped => PressPhase::Touch,
+            true => PressPhase::Correction,
+            false if self.touched_mm.is_some() => PressPhase::Retraction,
+            false => PressPhase::NoLoad,
         })
     }
 

@@ -2,7 +2,7 @@
 //!
 //! The tests that need it are ignored unless they are asked for. One that is asked for fails where something is missing.
 
-use super::{Live, Printed, shipped};
+use super::{CommandOutput, Live, shipped};
 use std::ffi::{OsStr, OsString};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
@@ -52,7 +52,7 @@ impl Python {
 /// Runs a program to its end, which must be a good one, and gives what it said on standard output.
 pub fn said(command: Command) -> String {
     let described = format!("{command:?}");
-    let Printed { code, out, err } = Live::start(command).end_within(PATIENCE);
+    let CommandOutput { code, out, err } = Live::start(command).end_within(PATIENCE);
     assert_eq!(code, Some(0), "{described}\n{out}\n{err}");
     out
 }

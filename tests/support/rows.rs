@@ -1,6 +1,6 @@
 //! Rows that were acknowledged, held against the table that they must stand in.
 
-use super::Bench;
+use super::TestFolder;
 use serde_json::Value;
 use std::collections::HashMap;
 
@@ -10,7 +10,7 @@ const WORDS: [&str; 2] = ["phase", "flags"];
 
 /// What became of rows that were acknowledged.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Kept {
+pub struct StoredRow {
     /// How many aren't there.
     pub lost: usize,
     /// How many are there with another value in any column.
@@ -20,7 +20,7 @@ pub struct Kept {
 }
 
 /// The rows of a run's `presses.csv` as the objects that acknowledge them.
-pub fn table(bench: &Bench, run: &str) -> Vec<Value> {
+pub fn table(bench: &TestFolder, run: &str) -> Vec<Value> {
     let (header, rows) = bench.table(&format!("{run}/presses.csv"));
     let cell = |(column, cell): (&String, String)| {
         let value: Value = if WHOLE.contains(&column.as_str()) {
@@ -57,9 +57,9 @@ pub fn presses(rows: &[Value]) -> usize {
 }
 
 /// Looks for each row that was acknowledged in a table.
-pub fn kept(acknowledged: &[Value], table: &[Value]) -> Kept {
+pub fn kept(acknowledged: &[Value], table: &[Value]) -> StoredRow {
     let there: HashMap<(u64, u64), &Value> = numbered(table).into_iter().zip(table).collect();
-    let mut kept = Kept::default();
+    let mut kept = StoredRow::default();
     for (row, number) in acknowledged.iter().zip(numbered(acknowledged)) {
         let what = match there.get(&number) {
             Some(same) if *same == row => continue,

@@ -44,7 +44,7 @@ pub fn recipe(places: &str, load: &str) -> String {
 }
 
 /// A run folder in a place of its own, and what is to be done in it.
-pub struct Bench {
+pub struct SafetyBench {
     pub spec: RigSpec,
     pub plan: Plan,
     pub folder: RunFolder,
@@ -52,7 +52,7 @@ pub struct Bench {
 }
 
 /// How a walk went.
-pub struct Executed {
+pub struct SafetyRun {
     pub ending: Ending,
     /// The largest force the load cell was seen to read, N.
     pub shown_most_n: f64,
@@ -63,12 +63,12 @@ pub struct Executed {
     pub z_mm: f64,
 }
 
-struct Silent;
+struct SafetySilent;
 
-impl Listener for Silent {}
+impl Listener for SafetySilent {}
 
-impl Bench {
-    pub fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> Bench {
+impl SafetyBench {
+    pub fn new(spec: RigSpec, recipe_text: &str, seed: u64) -> SafetyBench {
         let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let plan = Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()));
         let home = tempfile::tempdir().unwrap();
@@ -76,11 +76,11 @@ impl Bench {
         let origins = Origins::new(recipe_text.to_owned(), String::new(), Vec::new());
         let (out, session) = (home.path().join("run"), Provenance::default());
         let folder = RunFolder::create(Some(&out), &origins, facts, session, &spec.array.layout).unwrap();
-        Bench { spec, plan, folder, _home: home }
+        SafetyBench { spec, plan, folder, _home: home }
     }
 
     /// Walks the plan; a stop is asked for at this reading of the force, if any.
-    pub fn execute(&mut self, stop_at: Option<u32>) -> Executed {
+    pub fn execute(&mut self, stop_at: Option<u32>) -> SafetyRun {
         let (most, readings, cancel) = (Cell::new(f64::NEG_INFINITY), Cell::new(0), Cancel::default());
         let shown = |force_n: f64| {
             most.set(most.get().max(force_n));
@@ -92,22 +92,22 @@ impl Bench {
         if stop_at == Some(0) {
             cancel.ask();
         }
-        let Bench { spec, plan, folder, .. } = self;
+        let SafetyBench { spec, plan, folder, .. } = self;
         let job = RunJob { plan, spec, ledger: folder, cancel: &cancel, shown: &shown };
         let (ending, virtual_s, z_mm) = run_virtually(async {
             let rig = spec.emulators(plan.seed).expect("emulators");
             let (scene, began) = (rig.scene.clone(), Instant::now());
             let rig = spec.open_on(rig).expect("drivers");
-            let ending = execute_on(rig, job, &mut Silent).await;
+            let ending = execute_on(rig, job, &mut SafetySilent).await;
             let virtual_s = began.elapsed().as_secs_f64();
             let (z_mm, _) = scene.lock().expect("the walk is over").axis(Axis::Z, virtual_s);
             (ending, virtual_s, spec.frame.z_from_stage(z_mm))
         });
-        Executed { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
+        SafetyRun { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
     }
 
     /// The stage stands where no surface can be: what is said of parking isn't asked.
-    pub fn assert_parked(&self, executed: &Executed, output: &str) {
+    pub fn assert_parked(&self, executed: &SafetyRun, output: &str) {
         assert!(executed.ending.unparked.is_none(), "{output}: {:?}", executed.ending.text());
         assert!(executed.z_mm <= self.spec.clear_mm() + PARKED_MM, "{output}: z is {} mm", executed.z_mm);
     }
@@ -155,7 +155,7 @@ impl Bench {
     }
 
     /// Walks a plan that must end with a trip, recorded, the stage parked.
-    pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> Executed {
+    pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> SafetyRun {
         let executed = self.execute(None);
         let Some(Halt::Tripped(trip)) = &executed.ending.halt else {
             panic!("{output}: no trip but {:?}", executed.ending.text());

@@ -1,17 +1,17 @@
-use super::{Bench, Live};
+use super::{Live, TestFolder};
 use std::collections::BTreeMap;
 
 /// A rig's emulators, being served.
-pub struct Served {
+pub struct ServedProgram {
     listens: BTreeMap<String, String>,
-    _bench: Bench,
+    _bench: TestFolder,
     _emulators: Live,
 }
 
-impl Served {
+impl ServedProgram {
     /// With some words more for `palpate emulate`.
-    pub fn new(rig: &str, words: &str) -> Served {
-        let bench = Bench::with([("rig.toml", rig)]);
+    pub fn new(rig: &str, words: &str) -> ServedProgram {
+        let bench = TestFolder::with([("rig.toml", rig)]);
         let emulators = Live::start(bench.command(&format!("emulate rig.toml --json {words}")));
         let mut listens = BTreeMap::new();
         for _ in 0..3 {
@@ -20,7 +20,7 @@ impl Served {
             let text = |key: &str| output[key].as_str().unwrap_or_default().to_owned();
             listens.insert(text("device"), text("listen"));
         }
-        Served { listens, _bench: bench, _emulators: emulators }
+        ServedProgram { listens, _bench: bench, _emulators: emulators }
     }
 
     /// A path such as `/dev/pts/4`, or `127.0.0.1:port`.

@@ -1,6 +1,6 @@
 //! The paper's nine units as simulated skins, their noise read in two ways; and runs of two magnetic skins.
 
-use super::Bench;
+use super::TestFolder;
 use palpate_report::paper::repeatability_percent;
 use palpate_sim::scene::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelNoise};
 
@@ -47,8 +47,8 @@ random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2
 "#;
 
 /// A bench with a run of both skins.
-pub fn skins() -> Bench {
-    let bench = Bench::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
+pub fn skins() -> TestFolder {
+    let bench = TestFolder::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
     for skin in ["magnetic", "fifteen"] {
         bench.palpate_ends(0, &format!("run skin.toml --rig {skin}.toml --out {skin}"));
     }

@@ -23,23 +23,23 @@ const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::CLOEXEC;
 const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::empty();
 
 /// The end where the person is. Programs are at the far one.
-pub struct Terminal {
+pub struct TestTerminal {
     near: File,
     far: String,
     /// What has been written on it and wasn't looked for yet.
     seen: String,
 }
 
-impl Terminal {
+impl TestTerminal {
     /// A terminal that nobody is at.
-    pub fn open() -> Terminal {
+    pub fn open() -> TestTerminal {
         // programs don't inherit the near end: a terminal is closed only when nobody has it
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | CLOSED_IN_PROGRAMS).expect("a pseudo-terminal");
         fcntl_setfd(&near, FdFlags::CLOEXEC).expect("a flag");
         grantpt(&near).expect("it is ours");
         unlockpt(&near).expect("it is open");
         let far = ptsname(&near, Vec::new()).expect("a name").into_string().expect("a path");
-        let terminal = Terminal { near: near.into(), far, seen: String::new() };
+        let terminal = TestTerminal { near: near.into(), far, seen: String::new() };
         let far = terminal.far();
         let mut modes = tcgetattr(&far).expect("modes");
         // what is typed isn't shown, and no key ends a program

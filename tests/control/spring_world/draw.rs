@@ -22,16 +22,16 @@ const FORCES_N: (f64, f64) = (0.05, 1.4);
 const HEIGHTS_MM: (f64, f64) = (-0.4, 0.6);
 
 #[derive(Debug)]
-pub(super) struct Draw {
+pub(super) struct RandomDraw {
     pub(super) seed: u64,
     pub(super) fault: String,
     /// True stiffness as a share of the declared one, if the seed doesn't choose it.
     pub(super) stiffness: Option<f64>,
 }
 
-impl Draw {
+impl RandomDraw {
     /// The run of a seed: every value of every kind comes in turn, alone or with any other.
-    pub(super) fn new(seed: u64, kinds: &[Kind]) -> Draw {
+    pub(super) fn new(seed: u64, kinds: &[DrawKind]) -> RandomDraw {
         let mut rng = stream(seed, 0, "spring-world");
         let mut fault = when(&kinds[(seed as usize * STRIDE) % kinds.len()], &mut rng);
         if rng.random_bool(PAIRS) {
@@ -42,28 +42,29 @@ impl Draw {
             0 => HARD_SHARE,
             _ => (rng.random_range(STIFFER_SHARES.0..STIFFER_SHARES.1) * 100.0_f64).round() / 100.0,
         });
-        Draw { seed, fault, stiffness }
+        RandomDraw { seed, fault, stiffness }
     }
 }
 
 /// A kind of fault, and its parameter with a value if it has one.
 #[derive(Debug)]
-pub(super) struct Kind {
+pub(super) struct DrawKind {
     name: String,
     parameter: Option<String>,
 }
 
-impl Kind {
+impl DrawKind {
     /// The kinds of a line of `spring_world kinds`: one for each value that it gives.
-    pub(super) fn of_line(line: &str) -> Vec<Kind> {
+    pub(super) fn of_line(line: &str) -> Vec<DrawKind> {
         let cells: Vec<&str> = line.split('\t').collect();
-        let kind = |parameter| Kind { name: cells[0].to_owned(), parameter };
-        let tried: Vec<Kind> = cells[2].split(' ').map(|value| kind(Some(format!("{}={value}", cells[1])))).collect();
+        let kind = |parameter| DrawKind { name: cells[0].to_owned(), parameter };
+        let tried: Vec<DrawKind> =
+            cells[2].split(' ').map(|value| kind(Some(format!("{}={value}", cells[1])))).collect();
         if cells[2].is_empty() { vec![kind(None)] } else { tried }
     }
 }
 
-fn when(Kind { name, parameter }: &Kind, rng: &mut RandomStream) -> String {
+fn when(DrawKind { name, parameter }: &DrawKind, rng: &mut RandomStream) -> String {
     let (low, high) = PLACES[rng.random_range(0..PLACES.len())];
     let mut text = format!("{name}:at-press={}", rng.random_range(low..=high));
     match rng.random_range(0..3) {

@@ -132,11 +132,11 @@ fn value_of(text: &str, name: &str, parameter: &str) -> Option<f64> {
 
 /// All runs by class.
 #[derive(Debug, Default)]
-pub(super) struct Table {
+pub(super) struct WorldVerdictTable {
     all: Vec<Verdict>,
 }
 
-impl Table {
+impl WorldVerdictTable {
     pub(super) fn add(&mut self, verdict: Verdict) {
         if !verdict.falls.is_empty() {
             println!("{}", verdict.text());
@@ -149,7 +149,7 @@ impl Table {
     }
 }
 
-impl Display for Table {
+impl Display for WorldVerdictTable {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let mut classes: BTreeMap<&str, Vec<&Verdict>> = BTreeMap::new();
         self.all.iter().for_each(|verdict| classes.entry(&verdict.class).or_default().push(verdict));

@@ -1,6 +1,6 @@
 //! Load cells and arrays: what is read is held against the force that there can have been.
 
-use super::{Outcome, Subject, rig};
+use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
@@ -14,7 +14,7 @@ use palpate_link::wire::Connector;
 use palpate_link::wire::daqmx::{Functions, NiDaqmx, TaskHandle};
 use palpate_sim::emulator::{DaqmxEmulator, Shared};
 use palpate_sim::scene::{Scene, Trajectory};
-use palpate_testing::bad_line::{BAD_SHARE, Fate, Framing, connector, passes};
+use palpate_testing::bad_line::{BAD_SHARE, BadLineFate, Framing, connector, passes};
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -66,34 +66,36 @@ impl Reader {
     }
 }
 
-pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLineOutcome {
     let origin = Instant::now();
     let (load_cell, array) = match subject {
-        Subject::CellRtu => (r#"{ modbus = "generic-rs485" }"#, r#"{ modbus = "labjack-t7" }"#),
-        Subject::CellLaumas => (r#"{ modbus = "laumas-tlb" }"#, r#"{ modbus = "labjack-t7" }"#),
-        Subject::CellXps => (r#"{ xps = "GPIO2.ADC1", newton_per_volt = 1.0 }"#, r#"{ modbus = "labjack-t7" }"#),
-        Subject::CellProcess | Subject::ArrayProcess => (r#"{ process = ["x"] }"#, r#"{ process = ["x"] }"#),
+        BadLineSubject::CellRtu => (r#"{ modbus = "generic-rs485" }"#, r#"{ modbus = "labjack-t7" }"#),
+        BadLineSubject::CellLaumas => (r#"{ modbus = "laumas-tlb" }"#, r#"{ modbus = "labjack-t7" }"#),
+        BadLineSubject::CellXps => (r#"{ xps = "GPIO2.ADC1", newton_per_volt = 1.0 }"#, r#"{ modbus = "labjack-t7" }"#),
+        BadLineSubject::CellProcess | BadLineSubject::ArrayProcess => {
+            (r#"{ process = ["x"] }"#, r#"{ process = ["x"] }"#)
+        }
         _ => (r#"{ modbus = "labjack-t7" }"#, r#"{ modbus = "labjack-t7" }"#),
     };
-    let stage = if subject == Subject::CellXps { r#"{ xps = "XYZ" }"# } else { r#""esp301""# };
+    let stage = if subject == BadLineSubject::CellXps { r#"{ xps = "XYZ" }"# } else { r#""esp301""# };
     let spec = rig(stage, load_cell, array);
     let simulated = spec.emulators(seed).expect("emulators");
     let scene = simulated.scene.clone();
-    let fate = Fate::new(seed, scene.clone(), origin);
+    let fate = BadLineFate::new(seed, scene.clone(), origin);
     let mut rng = stream(seed, 1, "bad line");
     let (press, pattern) = begin_to_press(&scene, &mut rng);
     let framing = match subject {
-        Subject::CellRtu | Subject::CellLaumas => Framing::Rtu,
-        Subject::CellXps => Framing::Xps,
-        Subject::CellProcess | Subject::ArrayProcess => Framing::Process,
+        BadLineSubject::CellRtu | BadLineSubject::CellLaumas => Framing::Rtu,
+        BadLineSubject::CellXps => Framing::Xps,
+        BadLineSubject::CellProcess | BadLineSubject::ArrayProcess => Framing::Process,
         _ => Framing::Tcp,
     };
-    let array = matches!(subject, Subject::ArrayTcp | Subject::ArrayProcess);
+    let array = matches!(subject, BadLineSubject::ArrayTcp | BadLineSubject::ArrayProcess);
     let device = if array { &simulated.array } else { &simulated.load_cell };
     let device = device.instrument().expect("it has a link").clone();
     let link = connector(framing, device, scene.clone(), origin, fate.clone());
     let mut reader = match subject {
-        Subject::CellDaqmx | Subject::ArrayDaqmx => {
+        BadLineSubject::CellDaqmx | BadLineSubject::ArrayDaqmx => {
             let emulator = DaqmxEmulator::new(scene.clone(), origin, "Dev1", Some(0), 1, 1.0);
             let rng = Mutex::new(stream(seed, 2, "bad line"));
             let (fate, last) = (fate.clone(), Mutex::default());
@@ -102,7 +104,7 @@ pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
         _ => reader(subject, link, origin),
     };
 
-    let mut outcome = Outcome::default();
+    let mut outcome = BadLineOutcome::default();
     let clean = rng.random_bool(0.7);
     lock(&fate).bad = bad && !clean;
     let prepared = call("prepare", &mut outcome, &fate, reader.prepare()).await;
@@ -181,7 +183,12 @@ fn could_read(press: &Trajectory, window: (f64, f64), value: f64, scale: f64) ->
             && (without_load(window.0) || without_load(window.1) || passes(press, window, 0.0, 0.0))
 }
 
-async fn call<T>(name: &'static str, outcome: &mut Outcome, fate: &Shared<Fate>, done: impl Future<Output = T>) -> T {
+async fn call<T>(
+    name: &'static str,
+    outcome: &mut BadLineOutcome,
+    fate: &Shared<BadLineFate>,
+    done: impl Future<Output = T>,
+) -> T {
     let (began, sent) = (Instant::now(), lock(fate).sent);
     let came = timeout(Duration::from_secs_f64(CALL_S), done).await;
     let (took_s, messages) = (began.elapsed().as_secs_f64(), lock(fate).sent - sent);
@@ -190,23 +197,25 @@ async fn call<T>(name: &'static str, outcome: &mut Outcome, fate: &Shared<Fate>,
     came.unwrap_or_else(|_| panic!("{name} hangs"))
 }
 
-fn reader(subject: Subject, link: Connector, origin: Instant) -> Reader {
+fn reader(subject: BadLineSubject, link: Connector, origin: Instant) -> Reader {
     let hz = 200.0;
     let name = || "bad".to_owned();
     let profile = |name| Profile::shipped(name).expect("it is shipped");
     match subject {
-        Subject::CellRtu => Reader::Cell(cell(link, Transport::Rtu, profile("generic-rs485"), hz, origin)),
-        Subject::CellLaumas => Reader::Cell(cell(link, Transport::Rtu, profile("laumas-tlb"), hz, origin)),
-        Subject::CellTcp => Reader::Cell(cell(link, Transport::Tcp, profile("labjack-t7"), hz, origin)),
-        Subject::CellXps => Reader::Cell(AnyLoadCell::Xps(XpsAnalog::new(link, name(), "GPIO2.ADC1", 1.0, hz, origin))),
-        Subject::CellProcess => {
+        BadLineSubject::CellRtu => Reader::Cell(cell(link, Transport::Rtu, profile("generic-rs485"), hz, origin)),
+        BadLineSubject::CellLaumas => Reader::Cell(cell(link, Transport::Rtu, profile("laumas-tlb"), hz, origin)),
+        BadLineSubject::CellTcp => Reader::Cell(cell(link, Transport::Tcp, profile("labjack-t7"), hz, origin)),
+        BadLineSubject::CellXps => {
+            Reader::Cell(AnyLoadCell::Xps(XpsAnalog::new(link, name(), "GPIO2.ADC1", 1.0, hz, origin)))
+        }
+        BadLineSubject::CellProcess => {
             Reader::Cell(AnyLoadCell::Process(ProcessLoadCell::new(link, name(), START, hz, origin)))
         }
-        Subject::ArrayTcp => {
+        BadLineSubject::ArrayTcp => {
             let array = ModbusArray::new(link, Transport::Tcp, profile("labjack-t7"), "bad", UNITS);
             Reader::Array(AnyArray::Modbus(array.expect("it has outputs")))
         }
-        Subject::ArrayProcess => Reader::Array(AnyArray::Process(ProcessArray::new(link, name(), START, UNITS))),
+        BadLineSubject::ArrayProcess => Reader::Array(AnyArray::Process(ProcessArray::new(link, name(), START, UNITS))),
         _ => unreachable!("{subject:?} has no link"),
     }
 }
@@ -215,7 +224,7 @@ fn cell(link: Connector, transport: Transport, profile: Profile, hz: f64, origin
     AnyLoadCell::Modbus(ModbusLoadCell::new(link, transport, profile, "bad", hz, origin).expect("it has a force"))
 }
 
-fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
+fn daqmx(subject: BadLineSubject, table: BadTable, origin: Instant) -> Reader {
     let inputs =
         |physical: &str, count| Inputs { physical: physical.into(), count, terminal: Terminal::Rse, range_v: 10.0 };
     let both = vec![inputs("Dev1/ai0", 1), inputs("Dev1/ai1:9", UNITS)];
@@ -228,7 +237,7 @@ fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
         warnings: Vec::new(),
     };
     match subject {
-        Subject::CellDaqmx => {
+        BadLineSubject::CellDaqmx => {
             Reader::Cell(AnyLoadCell::Daqmx(DaqmxLoadCell::new(acquisition, 0, 1.0, 10.0, 200.0, origin, identity)))
         }
         _ => Reader::Array(AnyArray::Daqmx(DaqmxArray::new(acquisition, 1, UNITS, identity))),
@@ -238,7 +247,7 @@ fn daqmx(subject: Subject, table: BadTable, origin: Instant) -> Reader {
 /// NI's functions, some of whose reads fail, or give what was read before, or garbled.
 struct BadTable {
     table: DaqmxEmulator,
-    fate: Shared<Fate>,
+    fate: Shared<BadLineFate>,
     rng: Mutex<RandomStream>,
     /// What was read last.
     last: Mutex<Vec<f64>>,

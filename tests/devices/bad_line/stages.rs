@@ -1,6 +1,6 @@
 //! Stages: where they say they are is held against where they can have been, and where they end against where they were sent.
 
-use super::{Outcome, Subject, rig};
+use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, RandomStream, Range, Steps, Travel, stream};
 use palpate_drivers::grbl::Grbl;
@@ -11,7 +11,7 @@ use palpate_link::device::{DeviceError, HomeSearch, MotionOrders, Stage, StageUs
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_sim::emulator::{self, GrblBoard, Instrument, Shared};
 use palpate_sim::scene::Scene;
-use palpate_testing::bad_line::{Fate, Framing, connector};
+use palpate_testing::bad_line::{BadLineFate, Framing, connector};
 use palpate_testing::made_ready;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
@@ -44,23 +44,27 @@ struct Deadlines {
 const MESSAGES_MOST: usize = 128;
 const MESSAGES_A_SECOND: f64 = 520.0;
 
-fn deadlines(subject: Subject) -> Deadlines {
+fn deadlines(subject: BadLineSubject) -> Deadlines {
     match subject {
-        Subject::Esp301 => Deadlines { ask_s: 40.0, begin_s: 40.0, stop_s: 6.0, follow_s: 60.0, prepare_s: 600.0 },
-        Subject::Xps => Deadlines { ask_s: 4.0, begin_s: 50.0, stop_s: 8.0, follow_s: 80.0, prepare_s: 300.0 },
-        Subject::Grbl => Deadlines { ask_s: 45.0, begin_s: 60.0, stop_s: 1.0, follow_s: 180.0, prepare_s: 300.0 },
+        BadLineSubject::Esp301 => {
+            Deadlines { ask_s: 40.0, begin_s: 40.0, stop_s: 6.0, follow_s: 60.0, prepare_s: 600.0 }
+        }
+        BadLineSubject::Xps => Deadlines { ask_s: 4.0, begin_s: 50.0, stop_s: 8.0, follow_s: 80.0, prepare_s: 300.0 },
+        BadLineSubject::Grbl => {
+            Deadlines { ask_s: 45.0, begin_s: 60.0, stop_s: 1.0, follow_s: 180.0, prepare_s: 300.0 }
+        }
         _ => Deadlines { ask_s: 4.0, begin_s: 4.0, stop_s: 2.0, follow_s: 20.0, prepare_s: 130.0 },
     }
 }
 
 /// A stage under trial.
-struct Trial {
-    subject: Subject,
+struct BadStageTrial {
+    subject: BadLineSubject,
     stage: AnyStage,
-    fate: Shared<Fate>,
+    fate: Shared<BadLineFate>,
     rng: RandomStream,
     bad: bool,
-    outcome: Outcome,
+    outcome: BadLineOutcome,
     /// True place less counted, mm, of each axis: what it was switched on with, and none once it is homed.
     off_mm: [Vec<f64>; 3],
     /// Where each axis was sent, and where it may be without, true mm.
@@ -72,38 +76,39 @@ struct Trial {
     lost: bool,
 }
 
-pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
+pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLineOutcome {
     let origin = Instant::now();
     let stage = match subject {
         // a GRBL gets a board of its own below; a simulated rig's counts otherwise
-        Subject::Esp301 | Subject::Grbl => r#""esp301""#,
-        Subject::Xps => r#"{ xps = "XYZ" }"#,
+        BadLineSubject::Esp301 | BadLineSubject::Grbl => r#""esp301""#,
+        BadLineSubject::Xps => r#"{ xps = "XYZ" }"#,
         _ => r#"{ process = ["x"] }"#,
     };
-    let cell = if subject == Subject::ProcessStage { r#"{ process = ["x"] }"# } else { r#"{ modbus = "labjack-t7" }"# };
+    let cell =
+        if subject == BadLineSubject::ProcessStage { r#"{ process = ["x"] }"# } else { r#"{ modbus = "labjack-t7" }"# };
     let simulated = rig(stage, cell, cell).emulators(seed).expect("emulators");
     let scene = simulated.scene.clone();
     let device: Shared<dyn Instrument> = match subject {
         // its frame is that of the others, and counts from minus its travel
-        Subject::Grbl => {
+        BadLineSubject::Grbl => {
             let board = GrblBoard { plus_ends_mm: [12.5; 3], ..GrblBoard::default() };
             Arc::new(Mutex::new(emulator::GrblEmulator::new(board, &lock(&scene))))
         }
         _ => simulated.stage.instrument().expect("it has a link").clone(),
     };
-    let fate = Fate::new(seed, scene.clone(), origin);
+    let fate = BadLineFate::new(seed, scene.clone(), origin);
     let mut rng = stream(seed, 1, "bad line");
     let power_on_mm = Axis::ALL.map(|axis| lock(&scene).motion(axis).end_mm());
-    if subject == Subject::Esp301 && rng.random_bool(0.9) {
+    if subject == BadLineSubject::Esp301 && rng.random_bool(0.9) {
         switch_on(&device, &scene); // a search for home takes some thousand messages
     }
-    let trial = Trial {
+    let trial = BadStageTrial {
         subject,
         stage: driver(subject, device, &scene, origin, &fate),
         fate,
         rng,
         bad,
-        outcome: Outcome::default(),
+        outcome: BadLineOutcome::default(),
         off_mm: power_on_mm.map(|place_mm| vec![-middle_mm(subject), place_mm]),
         // where each looks for home: an end, off it, or the middle
         sent_mm: power_on_mm.map(|place_mm| vec![place_mm, 0.0, -12.5, 12.0, 12.5]),
@@ -114,8 +119,8 @@ pub(super) async fn run(subject: Subject, seed: u64, bad: bool) -> Outcome {
     trial.run(&scene).await
 }
 
-impl Trial {
-    async fn run(mut self, scene: &Shared<Scene>) -> Outcome {
+impl BadStageTrial {
+    async fn run(mut self, scene: &Shared<Scene>) -> BadLineOutcome {
         let clean = self.rng.random_bool(0.75);
         lock(&self.fate).bad = self.bad && !clean;
         let usage = StageUse {
@@ -150,7 +155,7 @@ impl Trial {
                 self.act().await;
             }
         }
-        let Trial { stage, fate, mut outcome, sent_mm, stopped, noticed, .. } = self;
+        let BadStageTrial { stage, fate, mut outcome, sent_mm, stopped, noticed, .. } = self;
         drop(stage);
         sleep(AFTERWARDS).await;
         let now_s = lock(&fate).now_s();
@@ -307,21 +312,21 @@ impl Trial {
 }
 
 /// What a stage counts in the middle of its frame once it is homed, mm: a stock GRBL counts from minus its travel to 0.
-fn middle_mm(subject: Subject) -> f64 {
-    if subject == Subject::Grbl { -12.5 } else { 0.0 }
+fn middle_mm(subject: BadLineSubject) -> f64 {
+    if subject == BadLineSubject::Grbl { -12.5 } else { 0.0 }
 }
 
 /// Its travel: a stock GRBL's ends off its switch.
-fn travel(subject: Subject) -> Range {
-    if subject == Subject::Grbl { Range { min: -25.0, max: -0.5 } } else { Range { min: -12.5, max: 12.5 } }
+fn travel(subject: BadLineSubject) -> Range {
+    if subject == BadLineSubject::Grbl { Range { min: -25.0, max: -0.5 } } else { Range { min: -12.5, max: 12.5 } }
 }
 
 /// Does what it is asked within a limit of time and messages.
 async fn call<T>(
     name: &'static str,
     limit_s: f64,
-    outcome: &mut Outcome,
-    fate: &Shared<Fate>,
+    outcome: &mut BadLineOutcome,
+    fate: &Shared<BadLineFate>,
     done: impl Future<Output = T>,
 ) -> T {
     let (began, sent) = (Instant::now(), lock(fate).sent);
@@ -343,21 +348,21 @@ fn switch_on(device: &Shared<dyn Instrument>, scene: &Shared<Scene>) {
 }
 
 fn driver(
-    subject: Subject,
+    subject: BadLineSubject,
     device: Shared<dyn Instrument>,
     scene: &Shared<Scene>,
     origin: Instant,
-    fate: &Shared<Fate>,
+    fate: &Shared<BadLineFate>,
 ) -> AnyStage {
     let link = |framing| connector(framing, device.clone(), scene.clone(), origin, fate.clone());
     let name = || "bad".to_owned();
     match subject {
-        Subject::Esp301 => AnyStage::Esp301(Esp301::new(link(Framing::Esp301), name())),
-        Subject::Xps => {
+        BadLineSubject::Esp301 => AnyStage::Esp301(Esp301::new(link(Framing::Esp301), name())),
+        BadLineSubject::Xps => {
             let grouping = Grouping::one("XYZ", ["X", "Y", "Z"], true);
             AnyStage::Xps(Box::new(Xps::new(|| link(Framing::Xps), name(), grouping, None)))
         }
-        Subject::Grbl => AnyStage::Grbl(Grbl::new(link(Framing::Grbl), name())),
+        BadLineSubject::Grbl => AnyStage::Grbl(Grbl::new(link(Framing::Grbl), name())),
         _ => AnyStage::Process(ProcessStage::new(link(Framing::Process), name(), START)),
     }
 }

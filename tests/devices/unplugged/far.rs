@@ -12,7 +12,7 @@ use tokio::sync::Notify;
 
 /// How a device is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Loss {
+pub(super) enum FarEndLoss {
     /// Its link is closed, and so is every one that is opened again.
     Unplugged,
     /// It takes everything and answers nothing.
@@ -21,20 +21,20 @@ pub(super) enum Loss {
     Garbled,
 }
 
-impl Loss {
-    pub(super) const ALL: [Loss; 3] = [Loss::Unplugged, Loss::Silenced, Loss::Garbled];
+impl FarEndLoss {
+    pub(super) const ALL: [FarEndLoss; 3] = [FarEndLoss::Unplugged, FarEndLoss::Silenced, FarEndLoss::Garbled];
 }
 
 /// What is lost, how, and at which of the rig's messages.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fate {
+pub(super) struct FarEndFate {
     pub device: SceneDevice,
-    pub loss: Loss,
+    pub loss: FarEndLoss,
     pub at: usize,
 }
 
 /// Puts every device of a rig on a link that is watched, and on which one device is lost.
-pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<Fate>) {
+pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<FarEndFate>) {
     let lost = Arc::new(Mutex::new(Lost { at: fate.map(|fate| fate.at), struck: false, bells: Vec::new() }));
     let shared = rig.load_cell.is_same(&rig.stage);
     for (device, role) in [
@@ -64,7 +64,7 @@ struct Far {
     watcher: Shared<Watcher>,
     lost: Shared<Lost>,
     /// How this device is lost, if it is this one.
-    fate: Option<Fate>,
+    fate: Option<FarEndFate>,
     bell: Arc<Notify>,
 }
 
@@ -73,7 +73,7 @@ impl Far {
         device: Shared<dyn Instrument>,
         watcher: Shared<Watcher>,
         lost: Shared<Lost>,
-        fate: Option<Fate>,
+        fate: Option<FarEndFate>,
     ) -> Shared<dyn Instrument> {
         let bell = device.lock().expect("a device that lives").bell().unwrap_or_default();
         lost.lock().expect("a test that goes on").bells.push(bell.clone());
@@ -97,7 +97,7 @@ impl Far {
         Some(message)
     }
 
-    fn loss(&self) -> Option<Fate> {
+    fn loss(&self) -> Option<FarEndFate> {
         self.fate.filter(|_| self.lost.lock().expect("a test that goes on").struck)
     }
 
@@ -114,7 +114,7 @@ impl Far {
     fn arrives(&self, answer: Vec<u8>) -> Vec<u8> {
         match self.loss() {
             None => answer,
-            Some(Fate { loss: Loss::Garbled, at, .. }) => damaged(answer, at),
+            Some(FarEndFate { loss: FarEndLoss::Garbled, at, .. }) => damaged(answer, at),
             Some(_) => Vec::new(),
         }
     }
@@ -155,7 +155,7 @@ impl Instrument for Far {
     }
 
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
-        if self.loss().is_some_and(|fate| fate.loss == Loss::Unplugged) {
+        if self.loss().is_some_and(|fate| fate.loss == FarEndLoss::Unplugged) {
             return Owed::HungUp;
         }
         match self.act(scene, now_s, |device, scene| device.owed(scene, now_s)) {

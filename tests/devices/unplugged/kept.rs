@@ -1,15 +1,15 @@
 //! A run in a folder, as the program keeps one, walked on a rig on which a device may be lost.
 
 use super::RECIPE;
-use super::far::{Fate, beset};
+use super::far::{FarEndFate, beset};
 use palpate_data::dataset::{Manifest, Origins, Provenance, RecordedContact, RunFacts, RunFolder};
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute_on};
 use palpate_sim::emulator::Shared;
-use palpate_testing::executions::{Worst, run_virtually};
-use palpate_testing::phases::{Phase, Watcher};
+use palpate_testing::executions::{ExecutionWorst, run_virtually};
+use palpate_testing::phases::{PressPhase, Watcher};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -22,12 +22,12 @@ const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
 const AFTERWARDS: Duration = Duration::from_secs(5);
 
 /// How a walk went.
-pub(super) struct Executed {
+pub(super) struct UnpluggedRun {
     pub ending: Ending,
     /// What was recorded, in its order.
     pub contacts: Vec<RecordedContact>,
-    pub phases: Vec<Option<Phase>>,
-    pub worst: Worst,
+    pub phases: Vec<Option<PressPhase>>,
+    pub worst: ExecutionWorst,
     /// Where z ended in the specimen frame, mm.
     pub z_mm: f64,
     pub at_rest: bool,
@@ -35,33 +35,33 @@ pub(super) struct Executed {
 }
 
 /// A run in a folder, as the program keeps one. Nothing else here knows of run folders.
-pub(super) struct Kept {
+pub(super) struct StoredRun {
     folder: RunFolder,
     home: TempDir,
 }
 
-impl Kept {
-    pub(super) fn new(spec: &RigSpec, plan: &Plan) -> Kept {
+impl StoredRun {
+    pub(super) fn new(spec: &RigSpec, plan: &Plan) -> StoredRun {
         let home = tempfile::tempdir().expect("a folder");
         let (out, facts) = (home.path().join("run"), facts_of(plan));
         let origins = Origins::new(RECIPE.to_owned(), String::new(), Vec::new());
         let folder = RunFolder::create(Some(&out), &origins, facts, Provenance::default(), &spec.array.layout);
         let folder = folder.expect("a run");
-        Kept { folder, home }
+        StoredRun { folder, home }
     }
 
     /// Lets go of the run and takes it up again, as another program would.
-    pub(super) fn reopen(self, spec: &RigSpec) -> Kept {
-        let Kept { folder, home } = self;
+    pub(super) fn reopen(self, spec: &RigSpec) -> StoredRun {
+        let StoredRun { folder, home } = self;
         let path = folder.path().to_owned();
         drop(folder); // a run has one writer
         let mut folder = RunFolder::open(&path, &spec.array.layout).expect("a run that was kept");
         folder.go_on(Provenance::default(), "").expect("a run that goes on");
-        Kept { folder, home }
+        StoredRun { folder, home }
     }
 
     /// Walks what is left of the plan and ends the run.
-    pub(super) fn execute(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<Fate>) -> Executed {
+    pub(super) fn execute(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<FarEndFate>) -> UnpluggedRun {
         let folder = &mut self.folder;
         let executed = run_virtually(async {
             let mut rig = spec.emulators(plan.seed).expect("emulators");
@@ -77,7 +77,7 @@ impl Kept {
             let mut watcher = watcher.lock().expect("the walk is over");
             let (z_mm, at_rest) = watcher.z_mm_and_rest();
             let (worst, phases) = (watcher.worst(), std::mem::take(&mut watcher.phases));
-            Executed { ending, contacts: notes.contacts, phases, worst, z_mm, at_rest, virtual_s }
+            UnpluggedRun { ending, contacts: notes.contacts, phases, worst, z_mm, at_rest, virtual_s }
         });
         folder.finish(executed.ending.end(String::new(), 0.0)).expect("a run that ends");
         executed

@@ -5,7 +5,7 @@ use std::ops::AddAssign;
 
 /// What came of some trials.
 #[derive(Default)]
-pub(super) struct Tally {
+pub(super) struct KillTally {
     pub trials: usize,
     pub kills: usize,
     /// Kills before there was a folder, and what they left beside its place.
@@ -24,14 +24,14 @@ pub(super) struct Tally {
     pub first: Option<String>,
 }
 
-impl Tally {
+impl KillTally {
     pub(super) fn assert_clean(&self) {
         assert_eq!((self.lost, self.changed, self.again, self.other), (0, 0, 0, 0), "{self}; {:?}", self.first);
     }
 }
 
-impl AddAssign for Tally {
-    fn add_assign(&mut self, more: Tally) {
+impl AddAssign for KillTally {
+    fn add_assign(&mut self, more: KillTally) {
         for (sum, part) in [
             (&mut self.trials, more.trials),
             (&mut self.kills, more.kills),
@@ -50,10 +50,11 @@ impl AddAssign for Tally {
     }
 }
 
-impl Display for Tally {
+impl Display for KillTally {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        let Tally { trials, kills, early, drafts, unacknowledged, acknowledged, lost, changed, again, other, .. } =
-            self;
+        let KillTally {
+            trials, kills, early, drafts, unacknowledged, acknowledged, lost, changed, again, other, ..
+        } = self;
         write!(f, "{kills} kills in {trials} trials, {early} before there was a folder ({drafts} drafts left); ")?;
         write!(f, "{acknowledged} presses acknowledged, {unacknowledged} kept that were not; rows: {lost} lost, ")?;
         write!(f, "{changed} changed, {again} made again, {other} not as in a run that nothing interrupts")

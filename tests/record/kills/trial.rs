@@ -1,9 +1,9 @@
 //! One run that is killed, once or more.
 
-use super::{Course, Tally, journalled, rows_of};
+use super::{KillCourse, KillTally, journalled, rows_of};
 use palpate_core::quantity::{RandomStream, stream};
 use palpate_testing::rows::{self, json};
-use palpate_testing::{Bench, Live};
+use palpate_testing::{Live, TestFolder};
 use rand::RngExt;
 use serde_json::Value;
 use std::fmt::{self, Display, Formatter};
@@ -37,24 +37,24 @@ const PRESS_S: f64 = 2.0;
 /// Longest wait for a row that must come.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// One run that is killed, and its `resume` perhaps, until it is finished.
-pub(super) struct Trial<'a> {
+pub(super) struct KillTrial<'a> {
     number: u64,
-    course: &'a Course,
-    bench: Bench,
+    course: &'a KillCourse,
+    bench: TestFolder,
     rng: RandomStream,
     /// The sessions so far, to tell of if something doesn't hold.
     sessions: Vec<String>,
 }
 
-impl<'a> Trial<'a> {
-    pub(super) fn new(number: u64, courses: &'a [Course]) -> Trial<'a> {
+impl<'a> KillTrial<'a> {
+    pub(super) fn new(number: u64, courses: &'a [KillCourse]) -> KillTrial<'a> {
         let course = &courses[number as usize % courses.len()];
         let rng = stream(SEED, number, "kills");
-        Trial { number, course, bench: course.bench(), rng, sessions: Vec::new() }
+        KillTrial { number, course, bench: course.bench(), rng, sessions: Vec::new() }
     }
 
-    pub(super) fn carry_out(mut self) -> Tally {
-        let (mut tally, mut acknowledged) = (Tally { trials: 1, ..Tally::default() }, Vec::new());
+    pub(super) fn carry_out(mut self) -> KillTally {
+        let (mut tally, mut acknowledged) = (KillTally { trials: 1, ..KillTally::default() }, Vec::new());
         for _ in 0..self.rng.random_range(1..=KILLS_OF_ONE_MOST) {
             tally += self.session(&mut acknowledged);
         }
@@ -63,7 +63,7 @@ impl<'a> Trial<'a> {
     }
 
     /// Starts the program from where the run is, and kills it.
-    fn session(&mut self, acknowledged: &mut Vec<Value>) -> Tally {
+    fn session(&mut self, acknowledged: &mut Vec<Value>) -> KillTally {
         let pace = self.rng.random_bool(0.5).then(|| self.rng.random_range(PACES));
         let before = journal(&self.bench);
         let moment = self.moment(pace);
@@ -81,7 +81,7 @@ impl<'a> Trial<'a> {
             let is_hidden = |name: &String| name.starts_with('.') && name.ends_with(".new");
             assert!(beside.iter().all(is_hidden), "{output}: {beside:?}");
             let drafts = beside.len();
-            return Tally { kills: 1, early: 1, drafts, ..Tally::default() };
+            return KillTally { kills: 1, early: 1, drafts, ..KillTally::default() };
         }
         let after = journal(&self.bench);
         assert!(after.starts_with(&before), "{output}: records that were there are others now");
@@ -98,12 +98,12 @@ impl<'a> Trial<'a> {
         );
         acknowledged.extend(rows);
         let kills = usize::from(code.is_none());
-        Tally { kills, unacknowledged: made - acknowledged_rows, ..Tally::default() }
+        KillTally { kills, unacknowledged: made - acknowledged_rows, ..KillTally::default() }
     }
 
     /// When the next kill comes: as the program starts; any time; upon or after any row; or after the last, when the tables are
     /// written.
-    fn moment(&mut self, pace: Option<u32>) -> Moment {
+    fn moment(&mut self, pace: Option<u32>) -> KillMoment {
         let plan = self.course.plan().len();
         let left = plan - journalled(&self.bench).iter().flat_map(rows_of).count();
         let slower =
@@ -116,11 +116,11 @@ impl<'a> Trial<'a> {
             3 => (some_row, Duration::from_micros(AFTER_ROW_US) + slower(PRESS_S)),
             _ => (left, Duration::from_micros(AFTER_LAST_ROW_US)),
         };
-        Moment { rows, then: most.mul_f64(self.rng.random()) }
+        KillMoment { rows, then: most.mul_f64(self.rng.random()) }
     }
 }
 
-impl Display for Trial<'_> {
+impl Display for KillTrial<'_> {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         let kind = if self.course.forgets { "forgetful" } else { "shipped" };
         write!(f, "trial {} ({kind} rig; {})", self.number, self.sessions.join("; "))
@@ -129,7 +129,7 @@ impl Display for Trial<'_> {
 
 /// So long after so many rows.
 #[derive(Clone, Copy, Debug)]
-struct Moment {
+struct KillMoment {
     rows: usize,
     then: Duration,
 }
@@ -142,7 +142,7 @@ struct Killed {
 }
 
 /// Starts the program and kills it at a moment.
-fn killed(command: Command, moment: Moment) -> Killed {
+fn killed(command: Command, moment: KillMoment) -> Killed {
     let mut live = Live::start(command);
     let mut rows = Vec::new();
     let due = |rows: &Vec<Value>| (rows.len() == moment.rows).then(|| Instant::now() + moment.then);
@@ -168,7 +168,7 @@ fn killed(command: Command, moment: Moment) -> Killed {
 }
 
 /// The journal's whole records as they stand, without a torn tail.
-fn journal(bench: &Bench) -> Vec<u8> {
+fn journal(bench: &TestFolder) -> Vec<u8> {
     let mut bytes =
         if bench.has("run") { fs::read(bench.path("run/journal.log")).expect("a journal") } else { Vec::new() };
     bytes.truncate(bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1));

@@ -4,8 +4,8 @@
 use super::{begun, bench, break_rig, complete, events, mend_rig, results};
 use palpate_data::dataset::Status;
 use palpate_run::batch::BatchEvent;
-use palpate_testing::Bench;
-use palpate_testing::terminal::{Terminal, signal, spawned, wait};
+use palpate_testing::TestFolder;
+use palpate_testing::terminal::{TestTerminal, signal, spawned, wait};
 use std::collections::BTreeSet;
 use std::process::Child;
 
@@ -24,18 +24,18 @@ const QUESTION: &str = ") > ";
 const SLOW: &str = "--pace 5";
 
 /// A person at the terminal of a batch.
-struct Person {
-    terminal: Terminal,
+struct DayPerson {
+    terminal: TestTerminal,
     child: Child,
 }
 
-impl Person {
-    fn begins(bench: &Bench, more: &str) -> Person {
-        let terminal = Terminal::open();
+impl DayPerson {
+    fn begins(bench: &TestFolder, more: &str) -> DayPerson {
+        let terminal = TestTerminal::open();
         let mut command = bench.command(&format!("batch run b.toml --out day {more}"));
         command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far());
         let child = spawned(&mut command);
-        Person { terminal, child }
+        DayPerson { terminal, child }
     }
 
     /// Waits for the next question, types a line, and gives what was said before the question.
@@ -64,7 +64,7 @@ fn serial(number: usize) -> String {
 #[test]
 fn a_day_with_thirty_sensors_loses_nothing_and_judges_nothing_twice() {
     let bench = bench("");
-    let mut person = Person::begins(&bench, "");
+    let mut person = DayPerson::begins(&bench, "");
     for number in 1..KILLED {
         person.types(&serial(number));
         match number {
@@ -87,14 +87,14 @@ fn a_day_with_thirty_sensors_loses_nothing_and_judges_nothing_twice() {
     assert!(said.contains("####") && said.contains("A-14"), "the result is large: {said}");
 
     // killed in the middle of a run
-    let mut person = Person::begins(&bench, SLOW);
+    let mut person = DayPerson::begins(&bench, SLOW);
     person.types(&serial(KILLED));
     person.until("calibration");
     person.child.kill().expect("it runs");
     person.child.wait().expect("it ends");
     drop(person);
 
-    let mut person = Person::begins(&bench, "");
+    let mut person = DayPerson::begins(&bench, "");
     person.until("A-15 was interrupted; its presses are in runs/A-15.");
     person.types(&serial(KILLED));
     person.until("A-15 is interrupted: type `.repeat A-15` to allow it again");
@@ -105,14 +105,14 @@ fn a_day_with_thirty_sensors_loses_nothing_and_judges_nothing_twice() {
     person.ends();
 
     break_rig(&bench, "array-lost", UNPLUGGED_S);
-    let mut person = Person::begins(&bench, "");
+    let mut person = DayPerson::begins(&bench, "");
     person.until("the rig has changed");
     person.types(&serial(UNPLUGGED));
     let said = person.ends();
     assert!(said.contains("A-20") && said.contains("to calibrate it again: .repeat A-20"), "{said}");
 
     mend_rig(&bench);
-    let mut person = Person::begins(&bench, "");
+    let mut person = DayPerson::begins(&bench, "");
     person.types(".repeat A-20");
     for number in UNPLUGGED..=SENSORS {
         person.types(&serial(number));
@@ -122,7 +122,7 @@ fn a_day_with_thirty_sensors_loses_nothing_and_judges_nothing_twice() {
     assert_day(&bench);
 }
 
-fn assert_day(bench: &Bench) {
+fn assert_day(bench: &TestFolder) {
     let events = events(bench, "day");
     let mut mountings = BTreeSet::new();
     for number in 1..=SENSORS {
@@ -163,14 +163,14 @@ fn assert_day(bench: &Bench) {
 #[test]
 fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves_the_sensor_interrupted() {
     let bench = bench("");
-    let mut person = Person::begins(&bench, SLOW);
+    let mut person = DayPerson::begins(&bench, SLOW);
     person.until(QUESTION);
     signal(&person.child, "INT");
     person.terminal.until_end();
     assert_eq!(wait(person.child), Some(130));
     assert_eq!(begun(&events(&bench, "day"), "A-01"), 0);
 
-    let mut person = Person::begins(&bench, SLOW);
+    let mut person = DayPerson::begins(&bench, SLOW);
     person.types("A-01");
     person.until("calibration");
     signal(&person.child, "TERM");
@@ -187,7 +187,7 @@ fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves
 #[test]
 fn what_was_typed_during_a_run_does_not_begin_the_next_sensor() {
     let bench = bench("");
-    let mut person = Person::begins(&bench, "--pace 10");
+    let mut person = DayPerson::begins(&bench, "--pace 10");
     person.types("A-01");
     person.until("calibration");
     person.terminal.line("A-02");

@@ -3,7 +3,7 @@
 use super::{RECIPE, begun, bench, break_rig, complete, events, mend_rig, piped, results};
 use palpate_data::dataset::Status;
 use palpate_run::batch::BatchEvent;
-use palpate_testing::{Bench, exchanged};
+use palpate_testing::{TestFolder, exchanged};
 
 const RUN: &str = "batch run b.toml --out day";
 
@@ -281,7 +281,7 @@ fn what_a_person_decides_about_sensors_is_recorded() {
 #[test]
 fn all_problems_of_a_batch_file_are_reported_at_once_each_at_its_line() {
     let bench =
-        Bench::with([("b.toml", "name = \"a/b\"\ndesign = \"d\"\nrig = \"rig.toml\"\nserials = []\nseeds = 1\n")]);
+        TestFolder::with([("b.toml", "name = \"a/b\"\ndesign = \"d\"\nrig = \"rig.toml\"\nserials = []\nseeds = 1\n")]);
     let output = bench.palpate_ends(2, "batch check b.toml");
     for problem in
         ["isn't a valid folder name", "`recipes` is missing", "`serials` has 0 sensors", "unknown key `seeds`"]

@@ -7,7 +7,7 @@ mod prior;
 
 use palpate_data::dataset::{Journal, Status};
 use palpate_run::batch::{BatchEvent, Ended};
-use palpate_testing::{Bench, Printed, shipped_text};
+use palpate_testing::{CommandOutput, TestFolder, shipped_text};
 use std::io::Write;
 use std::process::Stdio;
 
@@ -43,23 +43,23 @@ warm_up_s = 5.0
 "#;
 
 /// A bench with a batch of 30 sensors, and some lines more in its file.
-fn bench(more: &str) -> Bench {
+fn bench(more: &str) -> TestFolder {
     let batch = format!("{BATCH}{more}");
-    Bench::with([("b.toml", batch.as_str()), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/batch.toml"))])
+    TestFolder::with([("b.toml", batch.as_str()), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/batch.toml"))])
 }
 
 /// A fault in the bench's rig from a time on, s.
-fn break_rig(bench: &Bench, kind: &str, from_s: f64) {
+fn break_rig(bench: &TestFolder, kind: &str, from_s: f64) {
     let text = shipped_text("rigs/batch.toml");
     bench.write("rig.toml", &format!("{text}\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = {from_s:.1}\n"));
 }
 
-fn mend_rig(bench: &Bench) {
+fn mend_rig(bench: &TestFolder) {
     bench.write("rig.toml", &shipped_text("rigs/batch.toml"));
 }
 
 /// Runs the program with these lines on its standard input.
-fn piped(bench: &Bench, words: &str, lines: &[&str]) -> Printed {
+fn piped(bench: &TestFolder, words: &str, lines: &[&str]) -> CommandOutput {
     let mut command = bench.command(words);
     let mut child = command
         .stdin(Stdio::piped())
@@ -76,7 +76,7 @@ fn piped(bench: &Bench, words: &str, lines: &[&str]) -> Printed {
 }
 
 /// Every event of a batch; its journal must be sound.
-fn events(bench: &Bench, batch: &str) -> Vec<BatchEvent> {
+fn events(bench: &TestFolder, batch: &str) -> Vec<BatchEvent> {
     let journal = Journal::<BatchEvent>::records(&bench.path(&format!("{batch}/journal.log"))).expect("a journal");
     journal.map(|event| event.expect("a sound event").1).collect()
 }

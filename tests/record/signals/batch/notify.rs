@@ -3,8 +3,8 @@
 use super::{bench, events, piped};
 use palpate_data::dataset::Status;
 use palpate_run::batch::BatchEvent;
-use palpate_testing::Bench;
-use palpate_testing::terminal::{Terminal, signal, spawned, wait};
+use palpate_testing::TestFolder;
+use palpate_testing::terminal::{TestTerminal, signal, spawned, wait};
 
 const RUN: &str = "batch run b.toml --out day";
 
@@ -12,7 +12,7 @@ fn receiver(script: &str) -> String {
     format!("[notify]\ncommand = [\"sh\", \"-c\", \"{script}\"]\n")
 }
 
-fn got(bench: &Bench) -> Vec<BatchEvent> {
+fn got(bench: &TestFolder) -> Vec<BatchEvent> {
     bench.read("got").lines().map(|line| serde_json::from_str(line).expect(line)).collect()
 }
 
@@ -60,7 +60,7 @@ fn a_missing_program_is_reported_once_and_the_batch_continues() {
 #[test]
 fn a_pause_is_passed_on_but_not_recorded() {
     let bench = bench(&receiver("cat > got"));
-    let mut terminal = Terminal::open();
+    let mut terminal = TestTerminal::open();
     let mut command = bench.command(&format!("{RUN} --pace 20"));
     command.stdin(terminal.far()).stdout(terminal.far()).stderr(terminal.far());
     let child = spawned(&mut command);

@@ -3,7 +3,7 @@
 use super::{events, piped, results};
 use palpate_data::acceptance::SensorVerdict;
 use palpate_run::batch::{BatchEvent, Ended};
-use palpate_testing::{Bench, exchanged, shipped_text};
+use palpate_testing::{TestFolder, exchanged, shipped_text};
 
 const FULL: &str = r#"
 name = "full"
@@ -58,16 +58,20 @@ fn rig(layer: &str) -> String {
     exchanged(&shipped_text("rigs/batch.toml"), LAYER, layer)
 }
 
-fn bench() -> Bench {
-    let bench =
-        Bench::with([("b.toml", BATCH), ("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
+fn bench() -> TestFolder {
+    let bench = TestFolder::with([
+        ("b.toml", BATCH),
+        ("few.toml", FEW),
+        ("full.toml", FULL),
+        ("rig.toml", rig(LAYER).as_str()),
+    ]);
     for seed in 1..=3 {
         bench.palpate_ends(0, &format!("run full.toml --rig rig.toml --seed {seed} --out full/{seed}"));
     }
     bench
 }
 
-fn result(bench: &Bench, serial: &str) -> Ended {
+fn result(bench: &TestFolder, serial: &str) -> Ended {
     let all = events(bench, "runs/day");
     (*results(&all, serial).last().expect("a result")).clone()
 }
@@ -141,7 +145,7 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
 
 #[test]
 fn a_prior_needs_full_calibrations_of_some_sensors() {
-    let bench = Bench::with([("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
+    let bench = TestFolder::with([("few.toml", FEW), ("full.toml", FULL), ("rig.toml", rig(LAYER).as_str())]);
     bench.write("b.toml", &BATCH.replace(", \"full/2\", \"full/3\"", ""));
     let output = bench.palpate_ends(2, "batch check b.toml");
     assert!(output.err.contains("`runs` names 1 run folders, expected 3 to 100"), "{}", output.err);
