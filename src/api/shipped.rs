@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_stands_for_a_file_that_is_not_there() {
+    fn name_of_a_missing_file_means_the_shipped_file() {
         let found = |path: &str| named(RECIPES, "recipes", Path::new(path)).map(|shipped| shipped.name);
         for path in ["no-folder/paper", "recipes/none.toml", "papers", "rigs/paper.toml", "", "../recipes/paper.toml"] {
             assert_eq!(found(path), None, "{path}");

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_confirmed_is_known_for_this_stage_link_and_direction_alone() {
+    fn confirmation_holds_for_one_stage_link_and_direction() {
         let folder = tempfile::tempdir().unwrap();
         let kept = folder.path().join("state/confirmed-down.txt");
         let person = |is_down| NoPerson { is_down, at_zero: false, is_clear: false, kept: Some(kept.clone()) };

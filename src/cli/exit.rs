@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_what_controls_a_terminal_only_colours_are_printed() {
+    fn only_colour_escapes_are_printed() {
         let coloured_text = "\u{1b}[1;31mx\u{1b}[0m\n\ty\u{1b}[m";
         assert_eq!(coloured(coloured_text), coloured_text);
         assert_eq!(

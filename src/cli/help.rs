@@ -14,7 +14,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Solve contacts", &["fit", "adapt", "solve", "serve"]),
     ("Calibrate a batch", &["batch"]),
     ("Set up a bench", &["doctor", "align", "retract", "emulate", "ports", "drivers"]),
-    ("Make files to begin with", &["init", "list", "schema", "reference", "completions", "man"]),
+    ("Make files to begin with", &["init", "docs", "list", "schema", "reference", "completions", "man"]),
 ];
 
 const COMPLETE: &str = "0 complete, and accepted if there is a rule; 1 not accepted, not decided, or a check failed";
@@ -24,7 +24,7 @@ const MOVES: &str = "2 bad input, and nothing moved; 3 a device failed, 4 a safe
                      130 cancelled, and the stage is parked";
 
 /// Commands, what 0 and 1 mean, and the other exit codes. A command of commands has one line for all that have no line of their own.
-const CODES: [(&str, &str, &str); 34] = [
+const CODES: [(&str, &str, &str); 35] = [
     ("demo", "0 run, reported and accepted; 1 not accepted or not decided", MOVES),
     ("check", "0 the recipe can be run", "2 it can't: each problem is reported with its line"),
     ("run", COMPLETE, MOVES),
@@ -68,6 +68,7 @@ const CODES: [(&str, &str, &str); 34] = [
     ("emulate", "0 stopped", READS),
     ("ports", "0 listed", "2 the system can't list them"),
     ("drivers", "0 listed", READS),
+    ("docs", "0 printed", READS),
     ("list", "0 listed", READS),
     ("init", "0 written", WRITES),
     ("schema", "0 printed", READS),

@@ -12,6 +12,7 @@ mod certificate;
 mod check;
 mod check_weight;
 mod demo;
+mod docs;
 mod doctor;
 mod drivers;
 mod emulate;
@@ -104,6 +105,7 @@ enum Command {
     Emulate(emulate::EmulateArgs),
     Ports(ports::PortsArgs),
     Drivers(drivers::DriversArgs),
+    Docs(docs::DocsArgs),
     List(list::ListArgs),
     Init(init::InitArgs),
     Schema(texts::SchemaArgs),
@@ -146,6 +148,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
         Command::Emulate(args) => emulate::emulate(args),
         Command::Ports(args) => ports::ports(args),
         Command::Drivers(args) => drivers::drivers(args),
+        Command::Docs(args) => docs::docs(args),
         Command::List(args) => list::list(args),
         Command::Init(args) => init::init(args),
         Command::Schema(args) => texts::print_schema(args),

@@ -301,7 +301,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
     }
 
     #[test]
-    fn what_was_left_out_is_said() {
+    fn excluded_presses_are_reported() {
         let text = evaluation_table(&[evaluation("pearson")], false);
         assert!(
             text.contains("flagged: 1 calibration and 1 test presses\nexcluded, unsolved by pearson: 1 test"),
@@ -317,7 +317,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
     }
 
     #[test]
-    fn how_a_solver_was_chosen_and_what_it_doubts_is_said() {
+    fn choice_and_doubts_of_a_solver_are_printed() {
         let candidate = |solver: &str, location_error_mm| TriedMethod {
             solver: solver.to_owned(),
             location_error_mm,

@@ -235,8 +235,8 @@ fn fuzz_emulator(
 }
 
 #[test]
-fn no_message_upsets_a_parser() {
-    if ran_alone("fuzz::no_message_upsets_a_parser") {
+fn notification_text_is_valid_for_parsers() {
+    if ran_alone("fuzz::notification_text_is_valid_for_parsers") {
         return;
     }
     fuzz("grbl answers", &bytes(GRBL_ANSWERS), |input| {

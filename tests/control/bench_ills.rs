@@ -98,7 +98,7 @@ fn figures_of(name: &str, output: &str, executions: &[ExecutedRun]) -> BenchIllF
 }
 
 #[test]
-fn a_zero_that_drifts_or_wanders_and_hum_are_counted_off() {
+fn drift_slow_drift_and_mains_are_counted() {
     for (name, _) in benches() {
         let nominal = figures(name, "nominal", |_| {});
         assert!(nominal.recorded_p95_n <= RECORDED_N, "{name}: {} N", nominal.recorded_p95_n);

@@ -39,7 +39,7 @@ const FAILS: [Option<FaultKind>; 5] =
     [None, Some(FaultKind::Stale), Some(FaultKind::Stuck), Some(FaultKind::NoSensor), Some(FaultKind::StageLost)];
 
 #[test]
-fn wherever_the_surface_is_and_whatever_dies_the_specimen_bears_at_most_the_limit() {
+fn force_limit_holds_on_every_surface_with_every_failure() {
     let mut jobs = Vec::new();
     for (name, _) in BENCHES {
         for strategy in Strategy::ALL {
@@ -88,7 +88,7 @@ const HARD_N_MM: f64 = 200.0;
 const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (FIRST_APPROACH_MM_S, 3.0), (0.25, 2.0)];
 
 #[test]
-fn something_hard_in_the_way_bears_what_the_speed_of_the_approach_makes_of_it() {
+fn force_on_a_hard_obstacle_depends_on_approach_speed() {
     let mut jobs = Vec::new();
     for (speed_mm_s, _) in SPEEDS {
         for (name, _) in BENCHES {

@@ -90,7 +90,7 @@ fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
 }
 
 #[test]
-fn with_a_check_weight_no_gain_passes_silently_and_without_one_a_table_says_what_does() {
+fn wrong_gain_is_found_with_a_check_weight() {
     // a cell that reads half presses twice as hard as the recipe asks, which no rule can know without the weight
     println!("| bench | gain | check weight | least stiffness | noticed by | presses | true peak force |");
     for (name, _) in benches() {

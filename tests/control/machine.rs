@@ -485,7 +485,7 @@ fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_l
 }
 
 #[test]
-fn whatever_it_is_reported_a_press_ends_and_no_end_point_breaks_the_promise() {
+fn press_ends_within_its_permit_for_every_reading() {
     let (steps, ends) = until_enough(|seed| {
         let (steps, _, _, broken) = drive_with_garbage(seed);
         (steps, (seed, broken))

@@ -45,7 +45,7 @@ fn seven_by_seven(spec: &RigSpec, strategy: Strategy, seed: u64) -> Plan {
 }
 
 #[test]
-fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stood() {
+fn printer_press_is_within_half_a_step_at_its_recorded_place() {
     for strategy in Strategy::ALL {
         let spec = printer();
         let executed = executed(&spec, &seven_by_seven(&spec, strategy, 1));
@@ -69,7 +69,7 @@ fn every_press_of_a_printer_is_within_half_a_step_and_its_place_is_where_it_stoo
 }
 
 #[test]
-fn whatever_fails_on_a_printer_the_specimen_bears_no_more_than_its_limits() {
+fn force_limit_holds_on_a_printer_with_every_failure() {
     let runs = campaign::size(RUNS.0, RUNS.1) as u64;
     // a sound run says when anything may fail
     let sound: Vec<(f64, f64)> = Strategy::ALL

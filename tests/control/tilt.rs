@@ -79,7 +79,7 @@ fn align_gives_the_tilt_back() {
 }
 
 #[test]
-fn align_gives_the_tilt_in_the_frame_of_a_specimen_that_lies_turned() {
+fn align_gives_the_tilt_in_the_frame_of_a_rotated_specimen() {
     let real = tilt(2.0, 20.0);
     let mut spec = tilted_rig(false, 0.0, real);
     let origin = Place::new(0.5, -0.3);

@@ -103,7 +103,7 @@ fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
 }
 
 #[test]
-fn nothing_is_granted_on_what_is_not_a_number() {
+fn nan_is_granted_no_motion() {
     let good =
         MotionContext { z_mm: -1.0, force_n: 0.0, sigma_n: 0.001, age_s: 0.0, first_mm: -0.1, most_mm: f64::INFINITY };
     assert!(permit().advance(&good, -0.5, 1.0).is_ok());

@@ -212,8 +212,8 @@ fn campaign(runs: u64, bad: bool) {
 }
 
 #[test]
-fn nothing_that_can_be_distinguished_from_the_truth_is_taken_for_it() {
-    if ran_alone("bad_line::nothing_that_can_be_told_from_the_truth_is_taken_for_it") {
+fn damaged_line_is_never_taken_for_a_true_reading() {
+    if ran_alone("bad_line::damaged_line_is_never_taken_for_a_true_reading") {
         return;
     }
     let runs = campaign::size(RUNS.0, RUNS.1) as u64;

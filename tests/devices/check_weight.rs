@@ -43,7 +43,7 @@ fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
 }
 
 #[test]
-fn a_gain_that_is_off_is_refused_until_it_is_adjusted_for_which_is_said_and_recorded() {
+fn wrong_gain_is_refused_until_adjusted_and_recorded() {
     let bench = bench(1.0, "");
     let output = bench.palpate_ends(4, DOCTOR);
     assert!(words(&output.err).contains("its gain is off by +1.0"), "{}", output.err);
@@ -160,7 +160,7 @@ fn a_simulated_gain_is_not_written_to_a_real_rig() {
 }
 
 #[test]
-fn a_run_without_certificate_and_check_says_so_and_its_page_too() {
+fn run_without_certificate_and_check_is_marked() {
     let neither = "it has neither a certificate nor a check with a known weight";
     let plain = bench(0.0, "");
     let err = run(&plain, 0);

@@ -296,7 +296,7 @@ fn serial_line(
 }
 
 #[test]
-fn a_reading_beyond_the_range_says_so_with_itself() {
+fn reading_beyond_the_range_is_named_with_its_value() {
     run_virtually(async {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();

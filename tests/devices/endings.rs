@@ -205,7 +205,7 @@ fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
 }
 
 #[test]
-fn programs_that_heed_the_end_of_their_input_get_no_signal() {
+fn program_that_ends_with_its_input_gets_no_signal() {
     let scripts = Scripts::new("late", "well", "well");
     let (output, _) = ended(scripts.doctor(), SystemTime::now());
     // outputs that are all alike are no fault of a doctor's visit; nothing shows that the load cell measures force
@@ -282,7 +282,7 @@ fn a_reader_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
 }
 
 #[test]
-fn what_a_program_that_died_has_started_ends_too() {
+fn children_of_a_dead_program_end_too() {
     let scripts = Scripts::new("dead", "well", "well");
     let live = scripts.run();
     scripts.until("stage.hung");

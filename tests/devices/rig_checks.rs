@@ -30,7 +30,7 @@ fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() 
 }
 
 #[test]
-fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
+fn retract_moves_only_z_on_every_shipped_rig() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
         let output = TestFolder::new().palpate_ends(0, &format!("retract {} --simulate", file.display()));
@@ -43,7 +43,7 @@ fn z_is_withdrawn_and_nothing_else_on_every_shipped_rig() {
 }
 
 #[test]
-fn a_load_cell_that_says_nothing_of_use_holds_up_no_withdrawal() {
+fn faulty_load_cell_does_not_delay_retraction() {
     for kind in ["stale", "stuck", "no-sensor"] {
         let rig = shipped_text("rigs/sim.toml") + &format!("\n[[scene.fault]]\nkind = \"{kind}\"\nfrom_s = 0.0\n");
         let output = TestFolder::with([("rig.toml", rig.as_str())]).palpate_ends(0, "retract rig.toml");
@@ -92,7 +92,7 @@ fn the_doctor_measures_what_a_run_reckons_with() {
 }
 
 #[test]
-fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_same() {
+fn doctor_reports_each_fault_with_advice_and_continues() {
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
     let output = TestFolder::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
     let said = output.out.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -113,7 +113,7 @@ fn the_doctor_says_what_is_wrong_and_what_to_do_and_looks_at_the_rest_all_the_sa
 }
 
 #[test]
-fn align_finds_a_specimen_that_lies_elsewhere_and_writes_nothing_else() {
+fn align_finds_a_displaced_specimen_and_writes_only_the_frame() {
     let rig = shipped_text("rigs/sim.toml") + MOUNTING;
     let bench = TestFolder::with([("rig.toml", rig.as_str())]);
     let output = bench.palpate_ends(0, "align rig.toml");

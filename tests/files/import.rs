@@ -63,7 +63,7 @@ fn a_table_of_any_format_gives_the_presses_of_its_csv() {
 
 #[test]
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
-fn what_is_wrong_is_named_with_sheet_row_and_column() {
+fn spreadsheet_error_names_sheet_row_and_column() {
     let bench = tables();
     bench.write("text.npz", "no archive");
     bench.write("text.mat", "no variables");
@@ -88,7 +88,7 @@ fn what_is_wrong_is_named_with_sheet_row_and_column() {
 }
 
 #[test]
-fn what_was_exported_is_read_again() {
+fn exported_files_are_imported_again() {
     let bench = bench([("runs/every", "")]);
     for (format, table) in [("csv", "presses.csv"), ("parquet", "presses.parquet"), ("npz", ""), ("mat", "")] {
         let out = format!("{format}{}", if table.is_empty() { format!(".{format}") } else { String::new() });

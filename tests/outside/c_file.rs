@@ -165,7 +165,7 @@ fn a_force_that_is_not_known_is_nan() {
 
 #[test]
 #[ignore = "needs a C compiler: cc"]
-fn what_is_no_contact_is_said_and_an_output_that_is_left_out_counts_for_nothing() {
+fn reading_without_contact_is_reported_and_missing_output_is_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let (layout, calibration, readings) = skin(&scene_t(), 1.0, 50);
     // unit 3 is dead in the calibration

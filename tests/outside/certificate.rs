@@ -21,7 +21,7 @@ fn a_certificate_is_valid() {
 
 #[test]
 #[ignore = "needs python3"]
-fn a_certificate_says_what_evaluate_says() {
+fn certificate_has_the_numbers_of_evaluate() {
     let bench = bench();
     bench.palpate_ends(0, "certificate run --with c.toml");
     let evaluation = bench.palpate_ends(0, "evaluate run --solver surrogate --json").json_lines().remove(0);

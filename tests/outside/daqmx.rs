@@ -123,7 +123,7 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
 
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
-async fn what_the_library_refuses_is_reported_in_its_own_words() {
+async fn library_refusals_keep_their_text() {
     let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let mut unknown = acquisition(load(&path).expect("the library"), vec![inputs("Dev7/ai0", 1)]);

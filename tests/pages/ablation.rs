@@ -124,7 +124,7 @@ fn check_rows(rows: &[Value], seeds: usize) {
 }
 
 #[test]
-fn what_is_needed_is_asked_of_a_term_that_can_touch_it() {
+fn needed_terms_can_affect_their_questions() {
     for (name, questions) in NEEDED {
         let term = TERMS.iter().find(|term| term.name == name).unwrap_or_else(|| panic!("no term is called {name}"));
         for asked in questions {
@@ -139,7 +139,7 @@ fn what_is_needed_is_asked_of_a_term_that_can_touch_it() {
 }
 
 #[test]
-fn what_the_whole_study_found_is_not_refuted_by_a_smaller_one() {
+fn smaller_study_agrees_with_the_whole_study() {
     if campaign::is_quick() {
         // its intervals are those of 95 %, and its places are too few for the paper's errors
         let (refuted, rows) = (refuted_by(&SMALLEST), SMALLEST.rows.len());
@@ -189,7 +189,7 @@ const ALLOWED: [(&str, &str); 11] = [
 const OF_BATCH: [&str; 3] = ["taxels.gain_spread_percent", "taxels.place_spread_mm", "taxels.depth_spread_percent"];
 
 #[test]
-fn no_shipped_scene_carries_a_term_that_nothing_needs() {
+fn shipped_scenes_have_only_needed_terms() {
     let mut scenes = 0;
     for entry in fs::read_dir(shipped("rigs")).expect("rigs are shipped") {
         let path = entry.expect("an entry").path();

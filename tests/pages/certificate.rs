@@ -4,7 +4,7 @@ use palpate_testing::certified::bench;
 use palpate_testing::exchanged;
 
 #[test]
-fn a_certificate_says_whose_it_is_and_what_it_rests_on() {
+fn certificate_names_owner_and_evidence() {
     let bench = bench();
     let output = bench.palpate_ends(0, "certificate run --with c.toml").out;
     assert!(output.starts_with("certificate LAB-2026-0042 of sensor A-7: accepted, "), "{output}");
@@ -59,7 +59,7 @@ fn a_certificate_rests_on_its_journals() {
 }
 
 #[test]
-fn what_no_run_knows_must_be_given_and_nothing_is_written_without_it() {
+fn certificate_without_required_data_is_not_written() {
     let bench = bench();
     let given = bench.read("c.toml");
     let refused = |text: &str, runs: &str| {

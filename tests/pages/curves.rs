@@ -232,7 +232,7 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
 }
 
 #[test]
-fn a_rig_that_says_too_little_or_is_wrong_is_refused() {
+fn incomplete_or_wrong_rig_is_refused() {
     let scene = SIM_RIG.find("[scene]").expect("the rig has a scene");
     let one = SIM_RIG.replace("rows = 3, columns = 3", "rows = 1, columns = 1");
     let one = &one[..one.find("[scene]").expect("a scene")];

@@ -181,7 +181,7 @@ fn a_part_of_a_run_has_the_page_of_that_part() {
 }
 
 #[test]
-fn what_broke_off_is_reported_first() {
+fn interrupted_run_is_reported_first() {
     let bench = TestFolder::with([
         ("soft.toml", exchanged(&shipped_text("rigs/sim.toml"), "linear_n_mm = 1.1", "linear_n_mm = 0.2").as_str()),
         ("all.toml", &recipe(&[CALIBRATE, TEST])),
@@ -267,7 +267,7 @@ fn only_a_page_of_ours_is_replaced() {
 }
 
 #[test]
-fn runs_stand_side_by_side_with_the_numbers_of_evaluate() {
+fn comparison_has_the_numbers_of_evaluate() {
     let bench = bench();
     for seed in [2, 3] {
         bench.palpate_ends(0, &format!("run all.toml --out s{seed} --seed {seed} --sensor A-{seed}"));
@@ -343,7 +343,7 @@ fn number_of(element: &str) -> &str {
 }
 
 #[test]
-fn what_units_read_of_many_forces_is_reported_a_newton() {
+fn outputs_of_many_forces_are_reported_per_newton() {
     let random = "
 [[step]]
 phase = \"calibration\"
@@ -375,7 +375,7 @@ fn a_narrow_area_has_as_many_numbers_as_have_room() {
 }
 
 #[test]
-fn a_run_is_called_by_its_folder_wherever_one_stands() {
+fn run_is_named_by_its_folder_from_any_directory() {
     let bench = TestFolder::with([("one.toml", recipe(&[CHARACTERISE]).as_str())]);
     bench.palpate_ends(0, "run one.toml --out one");
     let mut command = bench.command("report .");
@@ -387,7 +387,7 @@ fn a_run_is_called_by_its_folder_wherever_one_stands() {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_file_is_not_read_and_a_link_stays_one() {
+fn device_file_is_not_read_and_symlink_is_kept() {
     let bench = TestFolder::with([("one.toml", recipe(&[CHARACTERISE]).as_str()), ("file", "")]);
     bench.palpate_ends(0, "run one.toml --out one");
     // such a device gives zeros for ever
@@ -412,7 +412,7 @@ fn what_is_no_file_is_not_read_and_a_link_stays_one() {
 }
 
 #[test]
-fn a_comparison_says_why_a_run_is_not_evaluated() {
+fn comparison_gives_the_reason_of_an_unevaluated_run() {
     let bench = bench();
     let (place, test) = (list("calibration", "[[0, 0]]", 1.0), TEST);
     let one = exchanged(&shipped_text("rigs/sim.toml"), "rows = 3, columns = 3", "rows = 1, columns = 1");

@@ -84,7 +84,7 @@ fn a_long_table_shows_the_worst_and_folds_the_rest() {
 }
 
 #[test]
-fn force_errors_keep_their_sign_and_an_unknown_uncertainty_says_why() {
+fn force_errors_keep_their_sign_and_unknown_uncertainty_has_a_reason() {
     let (bench, page) = page_of(&[CALIBRATE]);
     let (header, rows) = bench.table("run/presses.csv");
     let column = |name: &str| header.iter().position(|column| column == name).expect("a column");

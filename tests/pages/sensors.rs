@@ -41,7 +41,7 @@ fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
 }
 
 #[test]
-fn the_papers_own_array_and_protocol_stand_beside_the_paper_which_is_cited() {
+fn paper_numbers_are_shown_for_the_papers_protocol() {
     let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "run paper").out;
     assert!(output.contains("location error, mean       0.46 mm"), "{output}");
@@ -79,7 +79,7 @@ fn is_shown_in_the_book(output: &str) {
 }
 
 #[test]
-fn a_line_for_each_method_stands_without_the_paper_for_another_protocol() {
+fn paper_numbers_are_absent_for_another_protocol() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out small");
     let output = bench.palpate_ends(0, "evaluate small --solver all").out;
@@ -91,7 +91,7 @@ fn a_line_for_each_method_stands_without_the_paper_for_another_protocol() {
 
 /// The same array by nearly the same protocol, and another array by the same.
 #[test]
-fn whatever_differs_from_the_papers_protocol_stands_alone() {
+fn any_other_protocol_is_shown_without_the_paper() {
     let bench = TestFolder::new();
     let recipe = shipped_text("recipes/paper.toml");
     let short = recipe

@@ -57,7 +57,7 @@ fn the_page_is_what_the_program_writes_but_for_its_numbers() {
 }
 
 #[test]
-fn the_page_on_validation_says_what_the_runs_came_to() {
+fn validation_page_has_the_numbers_of_its_runs() {
     if campaign::is_quick() {
         return the_page_is_what_the_program_writes_but_for_its_numbers();
     }

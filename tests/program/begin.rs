@@ -1,6 +1,6 @@
 //! The first steps of a new user: `demo`, `init`, schemas, completions and man pages.
 
-use palpate_testing::{CommandOutput, SMALL, TestFolder, shipped, shipped_text};
+use palpate_testing::{CommandOutput, SMALL, TestFolder, shipped_text};
 
 #[cfg(target_os = "linux")]
 #[test]
@@ -132,8 +132,22 @@ fn each_command_has_a_man_page() {
         let text = bench.read(&format!("man1/{page}.1"));
         assert!(text.contains(".TH") && text.contains("NAME"), "{page}: {text}");
     }
-    let commands = std::fs::read_to_string(shipped("docs/reference/commands.md")).unwrap();
+    let commands = bench.palpate_ends(0, "reference commands").out;
     assert!(commands.contains("\n## palpate run\n") && commands.contains("\n### palpate study minutes\n"));
+}
+
+#[test]
+fn docs_lists_and_prints_pages_and_refuses_unknown_and_ambiguous_names() {
+    let bench = TestFolder::new();
+    let list = bench.palpate_ends(0, "docs").out;
+    assert!(list.contains("tutorials/simulation") && list.contains("reference/rig"), "{list}");
+    assert!(list.lines().all(|line| line.len() <= 80), "{list}");
+    assert_eq!(bench.palpate_ends(0, "docs process").out, shipped_text("docs/process.md"));
+    assert_eq!(bench.palpate_ends(0, "docs reference/rig").out, bench.palpate_ends(0, "reference rig").out);
+    let unknown = bench.palpate_ends(2, "docs how-to/line-devise");
+    assert!(unknown.err.contains("did you mean how-to/line-device?"), "{}", unknown.err);
+    let ambiguous = bench.palpate_ends(2, "docs recipe");
+    assert!(ambiguous.err.contains("write one of how-to/recipe, reference/recipe"), "{}", ambiguous.err);
 }
 
 #[test]

@@ -196,7 +196,7 @@ fn progress_without_a_terminal_is_plain_lines() {
 }
 
 #[test]
-fn what_a_recipe_asks_to_be_evaluated_is_printed_and_decides_the_exit_code() {
+fn evaluation_of_the_recipe_decides_the_exit_code() {
     let text = SMALL.to_owned() + "[evaluate]\nsolvers = [\"pearson\", \"pearson-lsq\"]\n";
     let bench = TestFolder::with([("r.toml", text.as_str())]);
     let output = bench.palpate("run r.toml --out run");

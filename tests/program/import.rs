@@ -102,7 +102,7 @@ fn every_way_to_the_same_presses_gives_the_same_errors() {
 }
 
 #[test]
-fn an_imported_run_says_so_in_its_first_record_on_its_page_and_on_its_certificate() {
+fn imported_run_is_marked_in_record_page_and_certificate() {
     let bench = bench();
     bench.palpate_ends(0, "import kalib.csv --test probe.csv --columns columns.toml --sensor A-017");
     let hashes = ["kalib.csv", "probe.csv", "columns.toml"]
@@ -130,7 +130,7 @@ fn an_imported_run_says_so_in_its_first_record_on_its_page_and_on_its_certificat
 }
 
 #[test]
-fn what_can_not_be_imported_leaves_nothing() {
+fn failed_import_leaves_no_files() {
     let bench = bench();
     bench.write("one.csv", "X,Y,Fz,ch0\n0,0,1,2\n");
     bench.write("dead.csv", "X,Y,Fz,ch0,ch1\n0,0,1,2,\n1,0,1,2,\n");

@@ -67,7 +67,7 @@ fn the_calibration_runs_on_the_real_rigs_file_with_simulate() {
 }
 
 #[test]
-fn the_test_runs_on_both_rigs_and_comes_to_the_same() {
+fn test_recipe_gives_equal_results_on_both_rigs() {
     let bench = TestFolder::new();
     let recipe = shipped("recipes/test.toml");
     bench.palpate_ends(0, &format!("run {} --rig {} --out run", recipe.display(), shipped("rigs/sim.toml").display()));

@@ -228,7 +228,7 @@ mod links {
         ["rebuild run", "rebuild run --accept-loss", "report run", "resume run --rig other.toml"];
 
     #[test]
-    fn nothing_outside_changes_whatever_is_planted_and_what_is_planted_is_named() {
+    fn planted_links_change_nothing_outside_and_are_named() {
         let bench = whole();
         bench.palpate_ends(0, "report run");
         let rig = bench.read("run/rig.toml");

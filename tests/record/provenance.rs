@@ -14,7 +14,7 @@ fn whole() -> TestFolder {
 }
 
 #[test]
-fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
+fn changed_views_are_named_and_rebuilt_byte_for_byte() {
     let bench = whole();
     let output = bench.palpate_ends(0, "verify run");
     assert!(output.out.contains("files unchanged") && !output.out.contains("isn't complete"), "{}", output.out);
@@ -59,7 +59,7 @@ fn what_was_changed_is_named_and_views_are_made_anew_byte_for_byte() {
 }
 
 #[test]
-fn a_manifest_that_says_less_or_else_hides_nothing() {
+fn edited_manifest_hides_nothing() {
     let bench = whole();
     let (manifest, presses) = (bench.read("run/manifest.json"), bench.read("run/presses.csv"));
     let files = manifest.find("\n  \"files\": [").expect("files");
@@ -87,7 +87,7 @@ fn a_manifest_that_says_less_or_else_hides_nothing() {
 }
 
 #[test]
-fn a_run_goes_on_by_its_own_recipe_and_says_by_which_rig() {
+fn resumed_run_uses_its_own_recipe_and_names_its_rig() {
     let bench = whole();
     let (journal, recipe, rig) =
         (bench.read("run/journal.log"), bench.read("run/recipe.toml"), bench.read("run/rig.toml"));
@@ -124,7 +124,7 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
 }
 
 #[test]
-fn a_clock_that_is_set_back_changes_nothing_but_what_is_reported() {
+fn clock_set_back_changes_only_reported_times() {
     let bench = whole();
     let whole = bench.read("run/presses.csv");
     // as a power cut before the last press would have left it, begun in a time to come

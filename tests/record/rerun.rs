@@ -37,7 +37,7 @@ fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
 }
 
 #[test]
-fn a_walk_that_leaves_no_files_comes_to_the_records_of_one_that_does() {
+fn run_without_files_has_the_records_of_a_run_with_files() {
     struct RerunSilent;
     impl Listener for RerunSilent {}
     let bench = TestFolder::with([("r.toml", SMALL)]);

@@ -122,7 +122,7 @@ fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> 
 }
 
 #[test]
-fn a_sibling_needs_few_presses() {
+fn sensor_of_the_same_family_needs_few_presses() {
     let all = [(5, 0.27, 2.0), (9, 0.24, 1.25), (50, 0.23, 1.25)];
     let tried = if campaign::is_quick() { &all[1..2] } else { &all[..] };
     let counts: Vec<usize> = tried.iter().map(|(count, ..)| *count).collect();
@@ -145,7 +145,7 @@ fn places_of_the_new_presses_may_be_any() {
 }
 
 #[test]
-fn adapt_writes_a_sensor_file_and_says_what_the_new_presses_show() {
+fn adapt_writes_a_sensor_file_and_prints_held_out_errors() {
     let table = |rows: &[AdaptRow]| {
         let row = |(place, force_n, outputs): &AdaptRow| {
             let outputs: Vec<String> = outputs.iter().map(f64::to_string).collect();

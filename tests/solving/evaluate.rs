@@ -154,7 +154,7 @@ fn all_solvers_are_a_line_each_with_the_best_last() {
 }
 
 #[test]
-fn a_solver_that_cannot_be_fitted_is_a_line_that_says_so() {
+fn unfitted_solver_has_a_line_with_its_reason() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n3,0,5,5\n";
     let bench = TestFolder::with([("a.csv", flat), ("b.csv", flat)]);
     let output = bench.palpate(&format!("{WORDS} --solver all --json"));
@@ -294,7 +294,7 @@ fn saved_parts_give_the_figures_of_the_hold_out_to_the_last_bit() {
 }
 
 #[test]
-fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
+fn hold_out_gives_a_verdict_only_with_holdout_in_the_rule() {
     let permitted = format!("holdout = true\n{RULE}");
     let bench = TestFolder::with([("a.csv", grid(6, 2).as_str()), ("rule.toml", RULE), ("permitted.toml", &permitted)]);
     let words = "evaluate a.csv --solver pearson --holdout press 20%";
@@ -311,7 +311,7 @@ fn a_hold_out_gives_a_verdict_only_if_the_rule_says_so() {
 }
 
 #[test]
-fn what_cannot_be_held_out_is_refused() {
+fn impossible_hold_out_is_refused() {
     let bench = TestFolder::with([("a.csv", grid(6, 2).as_str()), ("b.csv", CALIBRATION)]);
     for (words, part) in [
         ("a.csv --holdout rows 20%", "expected places, press or time"),
@@ -371,7 +371,7 @@ fn assert_near(value: &Value, expected: f64) {
 }
 
 #[test]
-fn rows_of_an_array_that_tells_nothing_are_flagged_and_no_evaluation_takes_them() {
+fn rows_of_a_dead_array_are_flagged_and_not_evaluated() {
     let rig = shipped_text("rigs/sim.toml");
     let is_felt =
         |line: &&str| !["elastomer =", "taxel_noise =", "hysteresis ="].iter().any(|key| line.starts_with(key));

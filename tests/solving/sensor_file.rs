@@ -99,7 +99,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
 }
 
 #[test]
-fn a_sensor_file_that_is_damaged_says_what_is_wrong() {
+fn damaged_sensor_file_error_names_the_damage() {
     let bench = TestFolder::with([("a.csv", CALIBRATION)]);
     assert_eq!(bench.palpate("fit a.csv --solver pearson --out a.palpate").code, Some(0));
     let whole = fs::read(bench.path("a.palpate")).unwrap();

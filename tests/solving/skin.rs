@@ -104,7 +104,7 @@ fn terms_of_the_specimen_cost_the_papers_solver_what_they_should() {
 }
 
 #[test]
-fn what_goes_wrong_after_the_calibration_costs_what_it_should() {
+fn faults_after_calibration_have_their_expected_cost() {
     let with = |unit, kind| SkinSpec { faults: vec![TaxelFault { unit, kind }], ..scene_t() };
     for (name, after, location_mm, force_n) in [
         ("dead corner", with(1, TaxelFaultKind::Dead), 0.912, None),

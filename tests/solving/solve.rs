@@ -66,7 +66,7 @@ fn a_label_comes_back_with_its_contact() {
 }
 
 #[test]
-fn a_reading_without_an_answer_is_a_line_that_says_so() {
+fn unanswered_reading_has_a_line_with_its_reason() {
     let readings = "1,1,1\nnan,1,1\n1,0.3,0.1\n";
     let lines: Vec<String> = solved(WORDS, readings, 0).out.lines().map(str::to_owned).collect();
     assert_eq!(lines[1..3], [",,,,,,,,,,,,,unsolved,", ",,,,,,,,,,,,,unsolved,"]);
@@ -84,7 +84,7 @@ fn a_reading_without_an_answer_is_a_line_that_says_so() {
 }
 
 #[test]
-fn what_is_no_reading_ends_it_after_all_before_it_were_answered() {
+fn malformed_reading_ends_solve_after_earlier_answers() {
     for (readings, before, parts) in [
         ("1,0.3,0.1\n1,0.3\n", 1, ["stdin, line 2: 2 outputs where the calibration has 3", "one number for each"]),
         ("1,0.3,0.1\n\n1,x,1\n", 1, ["stdin, line 3, column `out_2`: expected a number, found `x`", "help"]),
@@ -222,7 +222,7 @@ fn a_reader_that_has_seen_enough_is_no_error() {
 }
 
 #[test]
-fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
+fn run_folder_is_a_calibration_and_its_method_is_printed() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let presses = bench.read("run/presses.csv");
@@ -242,7 +242,7 @@ fn a_run_is_calibrated_on_by_its_folder_and_the_method_is_said_unless_quiet() {
 }
 
 #[test]
-fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
+fn broken_unit_is_reported_once_and_then_excluded() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 0.5").replace("count = 2", "count = 60");
     let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, "run r.toml --out run");
@@ -271,7 +271,7 @@ fn a_unit_that_breaks_on_the_way_is_said_once_and_left_out_from_then_on() {
 }
 
 #[test]
-fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
+fn table_without_forces_is_reported_as_relative() {
     let note = "no force_n in the calibration: relative_force is relative to its typical press\n";
     let silent: String = CALIBRATION.lines().map(|line| exchanged(line, &third(line), "") + "\n").collect();
     let bench = TestFolder::with([("a.csv", silent.as_str())]);
@@ -296,7 +296,7 @@ fn a_table_without_forces_is_said_to_have_a_unit_of_its_own() {
 }
 
 #[test]
-fn what_cannot_be_calibrated_on_or_asked_for_is_refused() {
+fn unusable_calibration_or_option_is_refused() {
     let flat = "x_mm,y_mm,out_1,out_2\n0,0,1,1\n1,0,2,2\n";
     let bench = TestFolder::with([("a.csv", CALIBRATION), ("flat.csv", flat)]);
     for (words, part) in [

@@ -191,7 +191,7 @@ fn assert_true_errors(sums: &Sums) {
 }
 
 #[test]
-fn best_reaches_the_bound_under_table_1s_noise_and_says_how_far_it_is_off() {
+fn best_reaches_the_bound_with_the_noise_of_table_1() {
     let sums = solve(&scene_t(), BEST, 25, 12_000, 3);
     assert!(sums.mean(sums.location_mm) <= 0.22 && sums.mean(sums.location_mm) <= BOUND_T_MM);
     assert!(sums.mean(sums.force_n) <= 0.017);
@@ -199,7 +199,7 @@ fn best_reaches_the_bound_under_table_1s_noise_and_says_how_far_it_is_off() {
 }
 
 #[test]
-fn best_reaches_the_bound_on_the_quiet_scene_and_says_how_far_it_is_off() {
+fn best_reaches_the_bound_on_the_quiet_scene() {
     let sums = solve(&scene_q(), BEST, 25, 12_000, 3);
     assert!(sums.mean(sums.location_mm) <= 0.042 && sums.mean(sums.location_mm) <= 1.2 * BOUND_Q_MM);
     assert!(sums.mean(sums.force_n) <= 0.004);
@@ -246,7 +246,7 @@ fn each_method_is_as_near_as_the_book_states() {
 }
 
 #[test]
-fn what_is_under_the_cover_need_not_be_known() {
+fn physics_needs_no_layout_under_the_cover() {
     let (contacts, seeds) = (campaign::size(3_000, 12_000), campaign::size(1, 3) as u64);
     let sums = solve(&with_all_terms(scene_t()), BEST, 25, contacts, seeds);
     assert!(sums.mean(sums.location_mm) <= 0.23);

@@ -28,7 +28,7 @@ fn judged(bench: &TestFolder, code: i32, words: &str) -> Value {
 }
 
 #[test]
-fn run_evaluate_report_and_comparison_say_the_same_by_the_same_rule() {
+fn run_evaluate_report_and_comparison_agree_on_the_verdict() {
     // the paper's method misses by more than the best does: limits between the two
     for (method, verdict, code) in [("pearson", "not accepted", 1), ("best", "accepted", 0)] {
         let accept = format!("[accept]\nmethod = \"{method}\"\nlocation_mean_mm = 0.25\n");
@@ -87,7 +87,7 @@ fn without_a_rule_there_is_no_verdict_and_one_given_afterwards_is_marked() {
 }
 
 #[test]
-fn a_rule_may_lie_in_a_file_beside_the_recipe_and_stays_with_the_run() {
+fn rule_file_next_to_the_recipe_is_stored_with_the_run() {
     let text = format!("accept = \"limits.toml\"\n{}", recipe(&[CALIBRATE, &test(12)]));
     let bench = TestFolder::with([("r.toml", text.as_str()), ("limits.toml", "location_mean_mm = 5.0\n")]);
     bench.palpate_ends(0, "run r.toml --out run");

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_coarse_cell_and_hum_without_whole_periods_count_in_full() {
+    fn coarse_step_and_partial_mains_periods_count_in_full() {
         let coarse = Zero { step_n: 0.010, ..Zero::with_noise(0.001) };
         assert!(
             (UncertaintyBudget::of(&averaged(0.0), &coarse, None).resolution_n - 0.010 / 12f64.sqrt()).abs() < 1e-12

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn hum_is_found_with_its_frequency_and_noise_is_not_taken_for_it() {
+    fn mains_is_found_with_its_frequency_and_noise_is_not() {
         for (conversions_hz, hum_hz, mains_hz) in [(1000.0, 49.8, 50.0), (1000.0, 60.1, 60.0), (240.0, 50.2, 50.0)] {
             let mains =
                 MainsInterference::find(&readings(conversions_hz, 0.01, hum_hz, 1), 1.0 / conversions_hz).unwrap();
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mean_over_whole_periods_has_none_of_it_however_fast_the_cell_converts() {
+    fn mean_over_whole_periods_is_free_of_mains() {
         for conversions_hz in [1000.0, 600.0, 240.0, 200.0, 120.0, 80.0] {
             let whole_s = whole_s(50.0, 1.0 / conversions_hz).unwrap();
             let count = (whole_s * conversions_hz).round() as usize;

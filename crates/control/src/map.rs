@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_reads_less_changes_the_depth_and_the_force_that_it_stands_for() {
+    fn cell_that_reads_less_changes_depth_and_true_force() {
         let (map, place) = (learned_curve(), Place::new(1.0, 1.0));
         let sunk = map.compare([(1.0, depth_mm(place, 1.0)), (1.0, depth_mm(place, 1.0 / 0.7))]).unwrap();
         assert!((sunk.force - (1.0f64 / 0.7).ln()).abs() < 0.02 && sunk.depth > sunk.limit, "{sunk:?}");

@@ -53,7 +53,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     #[test]
-    fn hum_is_averaged_away_in_time_though_readings_come_irregularly() {
+    fn mains_is_averaged_out_of_irregular_readings() {
         let mains = MainsInterference { amplitude_n: 0.01, hz: 50.0, whole_s: Some(0.02) };
         let with_mains = Zero { mains: Some(mains), ..Zero::with_noise(0.003) };
         let times = (0..60).map(|i| 0.001 * f64::from(i) + if i % 3 == 0 { 0.0004 } else { 0.0 });

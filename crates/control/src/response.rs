@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn where_nothing_near_was_pressed_nothing_is_said() {
+    fn press_without_neighbours_has_no_prediction() {
         let response = learned(0.5);
         assert_eq!(response.check(&felt(20.0, 0.0, 0.5)), Ok(()));
         assert_eq!(LearnedOutputs::new(None).check(&felt(0.0, 0.0, 2.0)), Ok(()));

@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn without_a_touch_it_knows_what_the_frame_says() {
+    fn untouched_map_uses_the_declared_frame() {
         let expected = SurfaceMap::new(0.3).expect(Place::new(6.0, -6.0));
         assert_eq!((expected.first_mm, expected.last_mm), (-0.3, 0.3));
     }

@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_done_in_parallel_comes_back_in_order() {
+    fn parallel_results_keep_their_order() {
         let inputs: Vec<usize> = (0..100).collect();
         assert_eq!(in_parallel(&inputs, |i| i * i), inputs.iter().map(|i| i * i).collect::<Vec<_>>());
     }

@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_that_says_nothing_of_its_error_has_no_weight() {
+    fn answer_without_stated_error_has_no_weight() {
         let blended = mean([&answer(0.0, 1.0, f64::NAN), &answer(0.1, 1.0, 1.0)], &[ERRORS, ERRORS]);
         assert_eq!((blended.place, blended.scale_mm), (Place::new(0.1, 0.0), 0.1));
         let neither = mean([&answer(0.0, 1.0, f64::NAN), &answer(0.1, 1.0, f64::NAN)], &[ERRORS, ERRORS]);

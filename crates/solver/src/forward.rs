@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn where_two_places_look_alike_no_search_of_the_map_does_better_and_the_answer_says_so() {
+    fn ambiguous_places_have_a_wide_stated_error() {
         for seed in 1..=3 {
             let skin = Folded::new(seed);
             let forward = folded_map(&skin, seed);

@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn under_a_constant_load_the_amplitude_tells_the_place() {
+    fn amplitude_locates_contacts_under_a_constant_load() {
         let rows: Vec<[f64; 1]> = (0..11).map(|i| [1.0 + 0.1 * f64::from(i)]).collect();
         let point = |(i, outputs)| CalibrationPoint { place: Place::new(i as f64, 0.0), force_n: 1.0, outputs };
         let points: Vec<_> = rows.iter().map(|row| row.as_slice()).enumerate().map(point).collect();

@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_measured_badly_counts_little() {
+    fn uncertain_deviation_has_little_weight() {
         let (places, values, counts) = unequal();
         let alike = fit(&places, &values);
         let weighted = fit_weighted(&places, &values, &counts);

@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn what_units_have_in_common_that_tells_no_place_is_left_out() {
+    fn common_mode_without_place_information_is_removed() {
         let calibration = rows(false);
         let points: Vec<_> = calibration
             .iter()

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_layout_the_loudest_unit_is_closest_and_a_silent_one_never_is() {
+    fn without_layout_the_largest_output_is_closest() {
         assert_eq!(closest_unit(&point(0.0, 1.0, &[0.1, -0.9, 0.5]), None), 1);
         assert_eq!(closest_unit(&point(0.0, 1.0, &[0.5, 0.5, 0.1]), None), 0);
         let layout = ArrayLayout::grid(1, 3, 4.0);
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reading_without_an_answer_says_why() {
+    fn unanswered_reading_has_a_reason() {
         let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0])], None);
         assert_eq!(solve(&solver, &[0.1, 0.1]), Err(SolveError::AllEqual));
         assert_eq!(solve(&solver, &[0.1]), Err(SolveError::Channels { expected: 2, found: 1 }));
@@ -297,7 +297,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_is_read_the_answer_is_a_number_or_an_error(
+        fn every_reading_gives_a_number_or_an_error(
             row in prop::collection::vec(prop::num::f64::ANY, 3),
             rule in prop::bool::ANY,
         ) {

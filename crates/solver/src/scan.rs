@@ -332,7 +332,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
         #[test]
-        fn what_is_found_is_what_a_plain_search_finds(
+        fn panel_search_finds_the_result_of_a_plain_search(
             (units, table, direction) in tables().prop_flat_map(|(units, rows, bend)| {
                 bundle(units, rows, bend).prop_map(move |(table, direction)| (units, table, direction))
             }),
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn what_single_precision_cannot_tell_apart_is_distinguished() {
+    fn close_candidates_are_separated_in_double_precision() {
         // One row of each table is better than all others, by less than single precision holds.
         for (best, others) in [(0, 1..300), (299, 0..299)] {
             let mut table = [0.6, 0.8].repeat(300);
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fills_a_table_up_is_never_found() {
+    fn padding_rows_are_never_found() {
         // All rows score below 0, which is what the filling would score.
         let scan = Scan::new(1, vec![-1.0; 3]);
         let mut scratch = Scratch::default();

@@ -61,7 +61,7 @@ fn grid(side: i32, units: usize) -> Vec<(f64, f64, f64, Vec<f64>)> {
 }
 
 #[test]
-fn readings_that_say_nothing() {
+fn uninformative_readings() {
     let readings = [
         vec![0.0, 0.0, 0.0],
         vec![0.3, 0.3, 0.3],
@@ -75,7 +75,7 @@ fn readings_that_say_nothing() {
 }
 
 #[test]
-fn calibrations_that_say_little() {
+fn uninformative_calibrations() {
     let readings = [vec![0.4, 0.2, 0.1], vec![0.0, 0.0, 0.0], vec![0.3, 0.3, 0.3]];
     assert_sane(&[row(0.0, 0.0, 3)], &readings); // one point
     assert_sane(&[row(0.0, 0.0, 3), row(1.0, 0.0, 3)], &readings);
@@ -97,7 +97,7 @@ fn arrays_of_one_and_two_units() {
 }
 
 #[test]
-fn a_unit_that_is_dead_in_the_calibration_changes_nothing_whatever_it_reads() {
+fn output_dead_in_calibration_is_ignored() {
     let mut rows = grid(6, 3);
     rows.iter_mut().for_each(|row| row.3.insert(1, 0.7));
     let (whole, with_dead) = (grid(6, 3), rows);
@@ -139,7 +139,7 @@ fn an_unknown_name_and_a_foreign_layout_are_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(6))]
     #[test]
-    fn whatever_is_calibrated_and_read(
+    fn every_calibration_and_reading_gives_a_number_or_an_error(
         rows in prop::collection::vec((-5.0..5.0f64, -5.0..5.0f64, 0.1..2.0f64, prop::collection::vec(-1.0..1.0f64, 3)), 1..40),
         readings in prop::collection::vec(prop::collection::vec(prop::num::f64::ANY, 3), 4),
     ) {

@@ -177,7 +177,7 @@ fn mapped(force_n: f64, surface_mm: f64) -> PressBench {
 }
 
 #[test]
-fn a_press_reaches_its_force_from_below_and_withdraws() {
+fn press_reaches_its_force_from_below_and_retracts() {
     for surface_mm in [-0.25, 0.0, 0.29] {
         for force_n in [0.1, 0.5, 1.0] {
             // one push leaves no point between the touch and its end: the way back is a chord
@@ -308,7 +308,7 @@ fn any_tolerance_is_reached_in_a_few_motions() {
 }
 
 #[test]
-fn what_the_map_cannot_be_trusted_with_is_pressed_guarded() {
+fn mapped_press_far_from_known_places_falls_back_to_guarded() {
     let map = learned_curve();
     assert!(map.shot(Place::default(), 1.0, &LIMITS).is_some());
     for force_n in [0.02, 1.5, 1.95, 2.0] {
@@ -389,7 +389,7 @@ fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is
 }
 
 #[test]
-fn a_press_that_is_half_as_stiff_as_those_around_is_found_whatever_its_strategy() {
+fn press_half_as_stiff_as_neighbours_is_found_with_every_strategy() {
     for strategy in Strategy::ALL {
         let bench = PressBench { strategy, map: learned_curve(), ..bench(PressTask::press(1.0), 0.0) };
         assert_eq!(bench.rule(|depth_mm| 0.44 * force_at(depth_mm)).0, SafetyRule::SofterThanTaught, "{strategy:?}");

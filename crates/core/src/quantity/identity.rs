@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_device_says_does_nothing_to_a_terminal_and_is_short() {
+    fn device_text_is_cut_and_has_no_control_characters() {
         assert_eq!(shown("mine, SN 7\r\n°µ"), "mine, SN 7  °µ");
         assert_eq!(shown("\u{1b}[2J\u{7}\u{9b}1m\u{202e}\0"), "\u{fffd}[2J\u{fffd}\u{fffd}1m\u{fffd}\u{fffd}");
         let long = "é".repeat(SHOWN_MAX_CHARS);

@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn held_out_presses_decide_only_where_the_rule_says_so() {
+    fn held_out_presses_decide_only_with_holdout_in_the_rule() {
         let held_out = Measured { is_held_out: true, ..measured() };
         for most_mm in [0.1, 0.9] {
             let rule = rule(Decision::Simple, &[(LimitedFigure::LocationMean, most_mm, None)]);
@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_found_is_distinguished_from_the_limit_however_near_they_are() {
+    fn value_and_limit_print_differently_however_near() {
         let shown = |limit| {
             let check = judge(&rule(Decision::Simple, &[(LimitedFigure::LocationMean, limit, None)]), &measured())
                 .checks[0]
@@ -506,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_truth_may_be_off_by_widens_each_bound() {
+    fn uncertainty_of_the_truth_widens_each_bound() {
         let mut measured = measured();
         let bound = |measured: &Measured, figure, reach| {
             judge(&rule(Decision::Guarded, &[(figure, 0.5, reach)]), measured).checks[0].bound

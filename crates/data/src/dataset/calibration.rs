@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn stated_forces_stand_and_a_constant_load_is_1_n() {
+    fn stated_forces_are_kept_and_constant_load_is_1_n() {
         let stated = table("x_mm,y_mm,force_n,out_1\n0,0,2,1\n1,0,3,9\n");
         let silent = table("x_mm,y_mm,out_1\n0,0,1\n1,0,9\n");
         for load in [ForceKnown::Unknown, ForceKnown::Constant] {

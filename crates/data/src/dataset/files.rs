@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_program_left_beside_a_file_is_replaced() {
+    fn leftover_temporary_file_is_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.csv");
         fs::write(folder.path().join(".a.csv.new"), "half").unwrap();

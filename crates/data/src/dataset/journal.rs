@@ -495,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn after_damage_nothing_more_is_reported() {
+    fn lines_after_damage_are_not_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let mut bytes = three_records(&path);
@@ -506,7 +506,7 @@ mod tests {
     }
 
     #[test]
-    fn what_could_not_be_read_again_is_not_written() {
+    fn table_that_cannot_be_read_back_is_not_written() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let bytes = three_records(&path);

@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_keeps_what_a_walk_asks_for_again() {
+    fn memory_ledger_returns_what_a_run_reads_again() {
         let mut memory = Memory::default();
         assert!(!memory.has(3));
         let zero = Record::Zero { t_s: 1.0, offset_n: 0.25, sigma_n: 0.003, mains: None, outputs: vec![] };

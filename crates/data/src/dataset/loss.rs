@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_is_damaged_says_what_it_still_says() {
+    fn damaged_table_keeps_its_readable_lines() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("presses.csv");
         let found = |bytes: &[u8]| {

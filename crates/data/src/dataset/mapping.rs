@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_text_says_the_same_as_a_file() {
+    fn short_text_and_file_are_equivalent() {
         let file = "x_mm = \"X [mm]\"\noutputs = \"ch0..ch1\"\n";
         assert_eq!(Mapping::text_of("x_mm=X [mm], outputs=ch0..ch1"), file);
         assert_eq!(Mapping::text_of("x_mm=X,outputs=left, right"), "x_mm = \"X\"\noutputs = [\"left\", \"right\"]\n");
@@ -422,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_columns_file_is_named() {
+    fn columns_file_error_names_its_place() {
         for (text, expected) in [
             ("outputs = \"ch3..ch0\"", "expected the same word with a smaller and a larger number"),
             ("outputs = []", "`outputs` names no column"),

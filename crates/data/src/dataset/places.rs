@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_of_a_hull_is_found() {
+    fn point_outside_the_hull_is_found() {
         let square = at(&[(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0), (1.0, 0.0)]);
         let places = at(&[(1.0, 0.5), (0.0, 1.0), (2.1, 1.0), (-0.1, -0.1)]);
         assert_eq!(is_outside(&square, &places, 0.001), [false, false, true, true]);

@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_back_to_the_last_bit() {
+    fn written_values_are_read_back_bit_for_bit() {
         let text = "x_mm,y_mm,force_n,out_1,out_2,flags\n0.1,-3e-7,0.30000000000000004,1e21,5e-324,\n1,2,3,4,5,bad\n";
         let presses = table(text);
         let again = table(&presses.to_csv());

@@ -199,7 +199,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_number_is_written_and_read_again() {
+    fn nan_and_infinity_survive_a_round_trip() {
         for touched_mm in [f64::INFINITY, f64::NEG_INFINITY, 0.1] {
             let retouch = Record::Retouch(Retouch { t_s: 1.0, place: Place::default(), before_mm: 0.0, touched_mm });
             let text = serde_json::to_string(&retouch).unwrap();

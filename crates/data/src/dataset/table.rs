@@ -485,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_file_line_and_column() {
+    fn table_error_names_file_line_and_column() {
         for (text, expected) in [
             (
                 "x_mm,y_mm,out_1\n1,2,3\n1,NaN,3\n",
@@ -528,7 +528,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_quoted_is_short_and_moves_no_cursor() {
+    fn quoted_text_is_cut_and_has_no_control_characters() {
         let long = "\u{1b}[2J".repeat(20);
         let shown = "\\u{1b}[2J".repeat(10) + "...";
         for (text, expected) in [
@@ -569,7 +569,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn no_text_makes_the_reader_panic(text in "[xy_mout1234567890,.\"\r\n ;N-]{0,60}") {
+        fn reader_survives_arbitrary_text(text in "[xy_mout1234567890,.\"\r\n ;N-]{0,60}") {
             let _ = plain(&text);
             let _ = plain(&format!("x_mm,y_mm,out_1\n{text}"));
         }

@@ -142,7 +142,7 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_an_acceptance_file_is_what_is_listed() {
+    fn acceptance_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&accept::KEYS, |text| drop(parse_rule("accept.toml", text)));
     }
 

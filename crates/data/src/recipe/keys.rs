@@ -152,7 +152,7 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_a_recipe_is_what_is_listed() {
+    fn recipe_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&KEYS, |text| drop(parse("recipe.toml", text)));
     }
 }

@@ -20,7 +20,7 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
 }
 
 #[test]
-fn checks_are_at_the_end_unless_a_recipe_says_otherwise() {
+fn checks_are_at_the_end_by_default() {
     let read = |line: &str| {
         parse("r.toml", &format!("name = \"r\"\n{line}\n[[step]]\nphase = \"test\"\nunits = \"all\"\nforce_n = 1\n"))
     };
@@ -115,7 +115,7 @@ fn a_plan_of_mapped_presses_begins_with_five_that_teach() {
 }
 
 #[test]
-fn what_teaches_asks_for_the_largest_force_but_not_for_the_specimens_limit() {
+fn training_press_uses_the_largest_force_below_the_limit() {
     let harder = "[[step]]\nphase = \"test\"\nforce_n = 1.5\nstrategy = \"map\"\nlist = { places_mm = [[3, 3]] }\n";
     let learned_curve = plan(&format!("{MAPPED}{harder}"), 1).unwrap();
     assert!(learned_contacts(&learned_curve).iter().all(|(.., force_n)| *force_n == 1.5));
@@ -125,7 +125,7 @@ fn what_teaches_asks_for_the_largest_force_but_not_for_the_specimens_limit() {
 }
 
 #[test]
-fn nothing_is_taught_for_a_few_presses_or_for_staircases() {
+fn few_presses_and_staircases_have_no_training() {
     let stairs = "[[step]]\nphase = \"characterisation\"\nunits = \"all\"\nstrategy = \"map\"\n\
                   staircase = { to_n = 2.0, step_n = 1.0, repeats = 3 }\n";
     let nine = MAPPED.replace("[-2, 2]", "[0, 2]").replace("[-1, 2]", "[0, 2]");
@@ -164,7 +164,7 @@ fn rests_lie_between_the_repeats_at_a_place() {
 }
 
 #[test]
-fn what_the_rig_cannot_or_must_not_do_has_no_plan() {
+fn plan_beyond_the_rig_is_refused() {
     let text = "[[step]]\nphase = \"test\"\nforce_n = 2.5\nlist = { places_mm = [[0, 0], [13, 0]] }\n\
                 [[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [10]\n";
     assert_eq!(

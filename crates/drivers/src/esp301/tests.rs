@@ -206,7 +206,7 @@ fn old_firmware_is_warned_of() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_controller_complained_of_is_reported_before_it_moves_again_unless_it_was_stopped() {
+async fn queued_controller_error_is_reported_before_the_next_motion() {
     let limit = "106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED";
     let (mut stage, device) = stage(&[
         (b"1MD?;1TP;TB?\r", b"1\r\n12.5000\r\n106, 7, AXIS-1 POSITIVE SOFTWARE LIMIT DETECTED\r\n"),

@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_speaks_the_same_is_known_by_its_own_words() {
+    fn firmware_is_recognised_by_its_greeting() {
         let read = |texts: &[&str]| Build::read(&texts.iter().map(|text| (*text).to_owned()).collect::<Vec<_>>());
         let shown = |texts| read(texts).map(|build| (build.to_string(), build.sets_origin));
         assert_eq!(shown(&["[VER:1.1h.20190825:]", "[OPT:V,15,128]"]), Some(("GRBL 1.1h.20190825".to_owned(), false)));

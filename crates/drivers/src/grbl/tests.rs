@@ -53,7 +53,7 @@ async fn a_locked_frame_is_identified_checked_and_homed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_frame_that_homes_elsewhere_than_its_settings_say_is_refused() {
+async fn homing_side_other_than_declared_is_refused() {
     let (mut stage, device) = stage(&[
         (b"\x85", b""),
         (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"),
@@ -135,7 +135,7 @@ async fn settings_that_would_be_unsafe_are_refused() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_an_axis_counts_depends_on_its_switch_and_on_the_build() {
+async fn axis_coordinate_depends_on_switch_and_build() {
     let settings = |mask| {
         let numbers = String::from_utf8_lossy(SETTINGS).replace("$23=0", &format!("$23={mask}"));
         let pairs = numbers.lines().filter_map(|line| line.strip_prefix('$')?.split_once('='));

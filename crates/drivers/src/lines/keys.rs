@@ -119,7 +119,7 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_a_line_profile_is_what_is_listed() {
+    fn line_profile_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&KEYS, |text| drop(LineProfile::parse("profile.toml", text)));
     }
 }

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_held_back_has_its_age() {
+    fn buffered_reading_has_its_age() {
         let mut clock = DeviceClock::default();
         assert_eq!(clock.taken_s(5.0, 100.0), 100.0);
         assert!((clock.taken_s(5.1, 100.101) - 100.1).abs() < 1e-4);

@@ -154,7 +154,7 @@ async fn a_device_that_answers_is_asked_when_its_bootloader_has_ended() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_comes_but_fits_nothing_is_shown() {
+async fn line_that_fits_no_profile_is_shown() {
     let (connector, mut far) = link();
     let port = LinePort::new(connector, profile(ONE_BOARD));
     let force = port.profile().force.clone().unwrap();
@@ -172,7 +172,7 @@ async fn what_comes_but_fits_nothing_is_shown() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_devices_own_time_shows_what_was_held_back_and_its_counter_what_was_repeated() {
+async fn device_time_shows_delays_and_counter_shows_repeats() {
     let (connector, mut far) = link();
     let origin = Instant::now();
     let text = "name = \"b\"\n[text]\ncolumns = 3\n[force]\ncolumn = 3\nnewton_per_unit = 1.0\n\

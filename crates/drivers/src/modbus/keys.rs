@@ -121,7 +121,7 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_a_register_map_is_what_is_listed() {
+    fn register_map_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&KEYS, |text| drop(Profile::parse("map.toml", text)));
     }
 }

@@ -67,7 +67,7 @@ mod tests {
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
     #[tokio::test]
-    async fn nothing_is_sent_while_something_lies_there_that_was_not_asked_for() {
+    async fn request_waits_until_unsolicited_bytes_are_discarded() {
         let (near, mut far) = duplex(64);
         let mut line = ModbusLine::new(Box::new(near), Transport::Rtu);
         line.write_all(b"ask").await.unwrap();

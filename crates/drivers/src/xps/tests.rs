@@ -162,7 +162,7 @@ async fn a_target_out_of_range_is_refused_in_the_controllers_words() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_goes_over_its_own_socket_at_once_and_the_motion_says_27() {
+async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
     let (mut stage, devices) = stage(
         [
             &[(b"GroupMoveAbsolute(XYZ.Z,-1.250000)", b""), (b"", b"-27,GroupMoveAbsolute(XYZ.Z,-1.250000),EndOfAPI")],

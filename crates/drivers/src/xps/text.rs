@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_the_answer_to_this_call_is_none() {
+    fn reply_to_another_call_is_ignored() {
         let position = "GroupPositionCurrentGet(XYZ.Z,double *)";
         for text in [
             "",

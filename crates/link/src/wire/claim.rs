@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_real_has_no_owner() {
+    fn simulated_link_is_not_claimed() {
         for link in [Link::Sim, Link::Daqmx(None)] {
             assert_eq!(identity(&link), None);
             Claims::default().take(&link).unwrap();
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_temporary_folder_it_is_reported_which_and_what_to_do() {
+    fn missing_temporary_folder_is_named_with_advice() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("missing");
         let text = taken(&missing, &tcp("stage", 1)).unwrap_err().to_string();

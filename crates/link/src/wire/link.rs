@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_link_says_the_form_that_was_expected() {
+    fn bad_link_error_shows_the_expected_form() {
         for text in [
             "",
             "serial:///dev/ttyUSB0",

@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_leave_the_figure_is_moved_in() {
+    fn label_outside_the_figure_is_moved_inside() {
         for (at, class) in [((198.0, 20.0), "mid"), ((2.0, 20.0), "mid"), ((3.0, 20.0), "end")] {
             let LabelBox { left, right, .. } = Label::fixed(at, class, "long words").within(200.0).frame();
             assert!(left >= 1.0 - 1e-9 && right <= 199.0 + 1e-9, "{left} {right}");

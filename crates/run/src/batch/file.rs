@@ -285,7 +285,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
     }
 
     #[test]
-    fn what_is_read_of_a_batch_file_is_what_is_listed() {
+    fn batch_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&KEYS, |text| drop(parse("batch.toml", text)));
     }
 

@@ -348,7 +348,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_standing_of_a_sensor_follows_from_its_last_events() {
+    fn sensor_state_follows_from_its_last_events() {
         let mut state = begun();
         assert_eq!(state.next().unwrap().serial, "A-1");
         take(&mut state, &[began("A-1")]);

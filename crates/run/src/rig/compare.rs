@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_may_become_tighter_and_nothing_else() {
+    fn changed_limits_must_be_tighter() {
         use Consequence::{Other, Tighter};
         for (key, tighter, looser) in
             [("force_n = 2.0", "1.5", "2.5"), ("depth_mm = 1.6", "1.5", "1.7"), ("stiffness_n_mm = 2.0", "2.5", "1.5")]
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_means_the_same_is_no_difference() {
+    fn equivalent_rigs_have_no_difference() {
         assert_eq!(verdicts(SIM_RIG, SIM_RIG), []);
         for (from, to) in [
             ("speed_mm_s = 10.0", "speed_mm_s = 1e1"),

@@ -227,7 +227,7 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_a_rig_is_what_is_listed() {
+    fn rig_reader_reads_exactly_the_listed_keys() {
         let beside = |_: &str| Err(std::io::ErrorKind::NotFound.into());
         assert_read_is_listed(&KEYS, |text| drop(parse("rig.toml", text, &beside)));
     }

@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_in_a_scene_is_reported() {
+    fn scene_error_is_reported() {
         let last = "array = [1.0, 2.0] }";
         let fault = |text: &str| format!("{last}\n[[scene.fault]]\n{text}\n");
         for (from, to, words) in [

@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn what_isnt_named_isnt_there() {
+    fn unnamed_scene_term_is_absent() {
         let shipped = changed("[scene]", "[scene]").unwrap();
         let SkinSpec { elastomer, indenter_radius_mm, taxels, noise, faults, converter, .. } = shipped;
         assert_eq!(elastomer, Some(Elastomer::half_space(5.0)));
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_skin_is_reported_at_its_place() {
+    fn skin_error_is_reported_at_its_place() {
         let elastomer = |depth: &str| changed(ELASTOMER, &format!("elastomer = {{ {depth} }}"));
         for (found, text) in [
             (

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_recalled_is_what_the_records_say_in_their_order() {
+    fn recalled_state_follows_the_records_in_order() {
         let mut memory = Memory::default();
         let zero = |t_s, offset_n| Record::Zero { t_s, offset_n, sigma_n: 0.003, mains: None, outputs: vec![] };
         let shot =
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn where_less_was_touched_less_is_touched_again() {
+    fn resumed_run_touches_only_touched_places_again() {
         let mut memory = Memory::default();
         let plan = plan(&[(1.0, 1.0)]);
         assert_eq!(Past::of(&memory, &plan, 0.3).unwrap().landmarks(&plan), []);

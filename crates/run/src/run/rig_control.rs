@@ -417,7 +417,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_of_the_converter_and_noise_are_no_contact_and_what_is_no_number_is() {
+    fn converter_step_and_noise_are_no_contact() {
         let known = [0.5, -1.0, 1200.0];
         let sigmas = [0.0, 0.0, 0.0];
         assert_eq!(moved_beyond(&known, &[0.5 + 0.003, -1.0, 1200.0], &sigmas, Some(10.0)), None, "one step of 12 bit");

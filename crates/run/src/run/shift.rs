@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn where_too_little_was_pressed_nothing_is_known() {
+    fn shift_of_too_few_presses_is_unknown() {
         let pair = (felt(0.0, 0.0, 1.0), felt(0.5, 0.0, 1.0));
         let pair = [pair];
         assert_eq!(sideways_shift(&pair, &[]), None);

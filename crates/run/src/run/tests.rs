@@ -147,7 +147,7 @@ fn rule(result: Result<(), Halt>) -> SafetyRule {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_moves_sideways_that_is_not_in_the_clear() {
+async fn sideways_motion_needs_clearance() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
     rig_control.z_mm = -0.12;
@@ -159,7 +159,7 @@ async fn nothing_moves_sideways_that_is_not_in_the_clear() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_moves_sideways_under_a_force() {
+async fn sideways_motion_under_force_is_refused() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let mut rig_control = rig_control(&text, &cancel, (0.05, 0.05));
     rig_control.z_mm = -1.0;
@@ -173,7 +173,7 @@ fn away(z_mm: f64) -> palpate_control::Permitted {
 }
 
 #[tokio::test(start_paused = true)]
-async fn x_and_y_follow_a_withdrawal_once_z_reads_back_clear() {
+async fn x_and_y_move_once_z_reads_back_clear() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
     rig_control.z_mm = 0.8;
@@ -208,7 +208,7 @@ async fn contact_after_x_and_y_have_begun_stops_them() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_withdrawal_ends_where_the_force_rises_and_not_where_a_contact_ends() {
+async fn retraction_stops_where_the_force_rises() {
     // pressed and then free, by a cell that reads right and by one that reads pushes as pulls; then into something
     for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
         let (text, cancel) = (RefCell::default(), Cancel::default());

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_indenter_waits_for_the_play_each_time_the_axis_turns() {
+    fn indenter_waits_for_the_backlash_at_each_reversal() {
         let mut backlash = Backlash::new(0.004).unwrap();
         let run = |backlash: &mut Backlash, from_mm: f64, speed: f64| {
             let engages_s = backlash.engages_in_s((from_mm, speed, 0.0));

@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pair_tells_nothing() {
+    fn single_pair_gives_no_correlation() {
         assert_eq!(Effect::of(&[(1.0, 2.0)]), None);
         assert_eq!(Effect::of(&[]), None);
         assert_eq!(Effect::of(&[(1.0, 2.0), (1.0, f64::NAN)]), None);

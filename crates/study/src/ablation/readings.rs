@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_zero_wanders_by_what_it_says_after_an_hour() {
+    fn zero_drifts_by_its_declared_amount_after_an_hour() {
         let (base, rig) = TermModel::base().unwrap();
         let drifting = with("drift of zeros", &base, true);
         let after = |seed: u64, pieces: u32| {

@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_term_is_in_the_base_where_it_says_so_and_changes_something() {
+    fn base_terms_have_an_effect() {
         let (base, _) = TermModel::base().unwrap();
         for term in TERMS {
             assert_eq!(term.set(&base, term.in_base), base, "{}", term.name);

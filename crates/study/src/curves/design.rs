@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_r_is_refused() {
+    fn reading_without_correlation_is_refused() {
         let refusal = |layout: ArrayLayout| design(&layout).err();
         assert_eq!(refusal(ArrayLayout::grid(1, 1, 4.5)), Some(DesignError::OneUnit));
         let places = vec![Place::new(1.0, 2.0), Place::default(), Place::new(1.0, 2.0)];

@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_is_walked_to_where_r_turns_and_no_farther() {
+    fn path_is_followed_to_the_turn_of_r() {
         let line = StudiedArray::line(3, 1.0);
         let whole = line.follow(Place::default(), 0.0, 2.0, 0.02);
         assert!((whole.turning_mm.unwrap() - 1.5405).abs() < 1e-4, "{whole:?}");

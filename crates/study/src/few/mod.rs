@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn the_map_of_a_sibling_is_as_sure_as_that_of_a_full_calibration() {
+    fn map_with_prior_is_as_certain_as_a_full_calibration() {
         for noise in noises() {
             let design = SensorDesign::papers(*noise);
             let (prior, setting) = (design.prior().unwrap(), Setting::of_layout(Some(design.layout())));
@@ -118,7 +118,7 @@ mod tests {
     const FOREIGN_SENSORS: (usize, usize) = (1, 4);
 
     #[test]
-    fn each_kind_of_stranger_is_refused_and_a_layer_that_is_a_little_off_asks_for_a_full_grid() {
+    fn foreign_sensors_are_refused_and_thicker_layer_needs_a_full_grid() {
         let sensors = GOOD_SEEDS..GOOD_SEEDS + campaign::size(FOREIGN_SENSORS.0, FOREIGN_SENSORS.1) as u64;
         for noise in noises() {
             let design = SensorDesign::papers(*noise);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn a_design_says_which_rotations_its_presses_can_not_show() {
+    fn design_lists_rotations_its_presses_cannot_show() {
         let design = SensorDesign::papers(NoiseReference::T);
         let prior = design.prior().unwrap();
         let places: Vec<Place> = cells(3, 3).iter().map(|touch| touch.place).collect();

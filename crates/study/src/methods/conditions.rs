@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_read_drifts_and_spikes_as_much_as_is_said() {
+    fn drift_and_spikes_have_their_declared_size() {
         let of = |kind| CONDITIONS.iter().find(|harm| harm.kind == kind).unwrap();
         let touches = anywhere(4000, FORCES_N, &mut stream(1, 0, "test"));
         let truths = touches.iter().map(|touch| KnownContact { place: touch.place, force_n: None, second: None });

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_fitted_map_expects_is_the_bound_and_the_maps_own_error() {
+    fn expected_error_is_the_bound_and_the_map_error() {
         let specimen = StudySpecimen::papers(NoiseReference::T);
         let mut skin = specimen.skin(1);
         let presses = KnownReadings::of(&mut skin, &grid(25), &mut stream(5, 0, "calibration"));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn where_units_do_not_tell_there_is_no_bound() {
+    fn uninformative_units_have_no_bound() {
         let specimen = StudySpecimen::square(NoiseReference::T, 1, 4.5);
         assert_eq!(bound(&specimen.skin(1), &specimen.skin, FULL_SCALE_N, Place::default(), 1.0), None);
         let touch = Touch { place: Place::default(), force_n: 1.0, second: Some(Place::default()) };

@@ -185,7 +185,7 @@ fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves
 
 #[cfg(target_os = "linux")]
 #[test]
-fn what_was_typed_during_a_run_does_not_begin_the_next_sensor() {
+fn text_typed_during_a_run_is_discarded() {
     let bench = bench("");
     let mut person = DayPerson::begins(&bench, "--pace 10");
     person.types("A-01");

@@ -130,7 +130,7 @@ fn the_reference_sensor_is_asked_for_first_and_may_wait_for_one_sensor() {
 }
 
 #[test]
-fn a_trip_ends_the_sensor_alone_and_it_needs_a_word_before_it_is_pressed_again() {
+fn trip_ends_one_sensor_which_needs_confirmation() {
     let bench = bench("");
     break_rig(&bench, "stuck", 25.0);
     let output = piped(&bench, RUN, &["A-01", "A-01", "A-02"]);
@@ -249,7 +249,7 @@ fn a_batch_whose_journal_has_lost_a_sensor_names_its_run_and_calibrates_nothing(
 }
 
 #[test]
-fn what_a_person_decides_about_sensors_is_recorded() {
+fn decisions_of_the_operator_are_recorded() {
     let bench = bench("");
     assert_eq!(piped(&bench, RUN, &["A-01", ".skip A-02", "A-02"]).code, Some(0));
     for (words, code, said) in [

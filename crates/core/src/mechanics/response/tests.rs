@@ -60,7 +60,7 @@ fn the_golden_values_of_what_is_no_point() {
 }
 
 #[test]
-fn the_stress_in_the_plane_bears_the_load() {
+fn stress_integrated_over_the_plane_equals_the_load() {
     let both = |passage| Passage { indenter_radius_mm: 1.5, taxel_radius_mm: 2.5, ..passage };
     for passage in [layer(0.0), layer(0.3), layer(0.4999), both(layer(0.49)), both(HALF_SPACE), HALF_SPACE] {
         let response = TaxelResponse::new(passage);

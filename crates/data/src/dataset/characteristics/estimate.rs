@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn what_repeats_share_is_no_uncertainty_of_their_difference() {
+    fn error_shared_by_repeats_cancels_in_their_difference() {
         let (before, after) = ([1.0, 2.0, 4.0], [1.1, 2.1, 4.1]);
         let estimate = RepeatMean::of_difference(&before, &after).unwrap();
         assert!((estimate.value - 0.1).abs() < 1e-12 && estimate.known.unwrap().u < 1e-12, "{estimate:?}");

@@ -172,7 +172,7 @@ fn channels_of_a_unit_share_the_scale_of_the_largest() {
 }
 
 #[test]
-fn what_the_readings_do_not_determine_is_none() {
+fn undetermined_characteristic_is_none() {
     let once = one_unit(staircase(0.0, 0.08, 0.0), Repeatability::T95);
     assert_eq!((once.repeatability_loading_percent, once.repeatability_unloading_percent), (None, None));
     assert_eq!(once.repeatability_loading_interval_percent, None);
@@ -269,7 +269,7 @@ fn nineteen_of_twenty_intervals_hold_the_true_repeatability() {
 }
 
 #[test]
-fn every_term_is_explained_once_and_stands_in_a_sentence() {
+fn every_term_is_explained_once_in_a_sentence() {
     let common = terms::COMMON.map(|term| term.definition);
     let definitions = common.into_iter().chain(Repeatability::ALL.map(|one| one.definition()));
     for definition in definitions {

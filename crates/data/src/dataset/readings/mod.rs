@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_character_tells_the_format() {
+    fn format_is_detected_from_the_first_character() {
         let expected = (vec![reading(2, [1.0, -0.5]), reading(4, [2.0, 3.0])], None);
         for text in [
             "out_1,out_2\n1,-.5\n\n2,3",
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_for_a_sensor_either_is_passed_on() {
+    fn missing_number_of_a_reading_is_passed_on() {
         for text in ["nan,inf\n", "out_1,out_2\nNaN,1e999\n"] {
             let (found, words) = readings(text, None);
             assert!(words.is_none() && found[0].outputs[0].is_nan() && found[0].outputs[1].is_infinite(), "{found:?}");
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_line_and_column_and_what_came_before_is_answered() {
+    fn bad_line_is_named_with_line_and_column_after_earlier_answers() {
         let long = format!("1,2\n{}\n", "1".repeat(MAX_LINE_BYTES));
         for (text, before, expected) in [
             ("1,2\n1,x\n", 1, "stdin, line 2, column `out_2`: expected a number, found `x`"),
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_quoted_is_short_and_moves_no_cursor() {
+    fn quoted_text_is_cut_and_has_no_control_characters() {
         let long = "\u{1b}[2J".repeat(100);
         for (text, expected) in [
             (format!("a,{long}\n"), "`out_1` is missing".to_owned()),
@@ -367,7 +367,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn no_text_makes_the_reader_panic(text in "[out_12,.\"\\[\\]{}: \r\n-]{0,60}") {
+        fn reader_survives_arbitrary_text(text in "[out_12,.\"\\[\\]{}: \r\n-]{0,60}") {
             held(&text, None);
             held(&format!("out_1,out_2\n{text}"), None);
             held(&format!("[1,2]\n{text}"), None);

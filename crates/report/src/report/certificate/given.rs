@@ -281,12 +281,12 @@ mod tests {
     use palpate_document::sample::assert_read_is_listed;
 
     #[test]
-    fn what_is_read_of_a_certificate_file_is_what_is_listed() {
+    fn certificate_reader_reads_exactly_the_listed_keys() {
         assert_read_is_listed(&root::KEYS, |text| drop(parse("certificate.toml", text)));
     }
 
     #[test]
-    fn what_is_missing_or_no_code_is_named() {
+    fn missing_or_invalid_code_is_named() {
         let problems =
             parse("certificate.toml", "[certificate]\nidentifier = \" \"\ncountry = \"Germany\"\n").unwrap_err();
         let lines = problems.lines().join("\n");

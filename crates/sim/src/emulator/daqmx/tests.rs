@@ -131,7 +131,7 @@ async fn so_many_are_read_as_are_asked_for_or_none() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_isnt_read_in_time_is_lost_and_reported_until_the_task_is_started_again() {
+async fn unread_samples_are_lost_and_reported_until_restart() {
     let daqmx = emulator(scene());
     let task = running(&daqmx, "Dev1/ai0", 1000.0, 50);
     wait_ms(50).await;
@@ -205,7 +205,7 @@ async fn tasks_are_refused_what_they_cant_do() {
 
 proptest! {
     #[test]
-    fn no_name_of_a_channel_upsets_it(physical in "(Dev1/ai[0-9:]{0,4},?){0,3}|.{0,20}", terminal in -2i32..3) {
+    fn emulator_survives_arbitrary_channel_names(physical in "(Dev1/ai[0-9:]{0,4},?){0,3}|.{0,20}", terminal in -2i32..3) {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
         let _entered = runtime.enter();
         let daqmx = emulator(scene());

@@ -195,7 +195,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_upset_it(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        fn emulator_survives_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
             let mut inbox = bytes;
             while let Some(line) = take_line(&mut inbox) {
                 for command in commands(&line).into_iter().flatten() {

@@ -111,7 +111,7 @@ fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
 }
 
 #[test]
-fn a_lagging_stage_is_called_done_before_it_rests_and_tp_tells_where_it_is() {
+fn lagging_stage_is_done_before_rest_and_tp_gives_its_position() {
     let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.05, quantum_mm: 0.0, ..Servo::default() })
     }));
@@ -152,7 +152,7 @@ fn a_query_is_reported_with_or_without_its_mark_and_however_it_is_spelt() {
 }
 
 #[test]
-fn what_cant_be_done_is_silent_and_queued_under_its_code() {
+fn impossible_command_queues_its_error_code() {
     for (sent, code) in [
         ("*IDN?", "6"),
         ("*OPC?", "6"),
@@ -288,7 +288,7 @@ fn a_new_speed_acts_at_once() {
 }
 
 #[test]
-fn a_stop_brakes_with_ag_and_the_next_target_is_taken_once_it_stands() {
+fn stop_brakes_with_ag_and_next_target_waits_for_rest() {
     let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA10;1AC50;1AG50;1PA10");
     let before = bench.true_mm(Axis::X, 10.5);
@@ -396,7 +396,7 @@ async fn coalesced_lines_are_answered_in_order_and_a_wait_holds_up_what_follows(
 
 proptest! {
     #[test]
-    fn no_bytes_upset_it(lines in prop::collection::vec("[0-9]{0,2}[A-Z]{2}[-+?.0-9]{0,6}[;\r]?", 0..40)) {
+    fn emulator_survives_arbitrary_bytes(lines in prop::collection::vec("[0-9]{0,2}[A-Z]{2}[-+?.0-9]{0,6}[;\r]?", 0..40)) {
         let mut bench = Esp301Bench::homed();
         for (n, line) in lines.iter().enumerate() {
             bench.say(10.0 + n as f64 * 0.05, line);

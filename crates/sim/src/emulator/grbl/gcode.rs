@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn what_isnt_understood_changes_no_mode() {
+    fn unknown_word_changes_no_mode() {
         for (line, fault) in [
             ("5", GrblError::ExpectedLetter),
             ("X", GrblError::BadNumber),

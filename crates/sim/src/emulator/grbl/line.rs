@@ -101,7 +101,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_bytes_upset_it_and_none_pile_up(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
+        fn emulator_survives_arbitrary_bytes_in_bounded_memory(bytes in prop::collection::vec(any::<u8>(), 0..600)) {
             let mut reader = LineReader::default();
             let mut inbox = bytes;
             while reader.take(&mut inbox).is_some() {}

@@ -104,7 +104,7 @@ impl GrblBench {
 }
 
 #[test]
-fn it_is_locked_when_switched_on_and_a_reset_says_so() {
+fn board_is_locked_at_power_on_and_after_reset() {
     GrblBench::new().script(&[
         (0.1, "\x18", &format!(" Grbl 1.1h ['$' for help] {UNLOCK}")),
         (0.2, "?", "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"),
@@ -120,7 +120,7 @@ fn it_is_locked_when_switched_on_and_a_reset_says_so() {
 }
 
 #[test]
-fn what_it_tells_of_itself() {
+fn identification_lines_are_complete() {
     GrblBench::homed().script(&[
         (40.1, "$G\n", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0] ok"),
         (40.2, "$i\n", "[VER:1.1h.20190825:] [OPT:V,15,128] ok"),
@@ -139,7 +139,7 @@ fn what_it_tells_of_itself() {
 }
 
 #[test]
-fn what_cant_be_done_is_refused_with_its_code_and_moves_nothing() {
+fn impossible_line_is_refused_with_its_code_without_motion() {
     for (sent, code) in [
         ("5", 1),
         ("X", 2),
@@ -420,7 +420,7 @@ fn an_axis_that_homes_to_minus_and_a_build_that_sets_the_origin_count_as_grbl_do
 }
 
 #[tokio::test(start_paused = true)]
-async fn homing_answers_at_its_end_and_tells_no_status_before() {
+async fn homing_answers_at_its_end_without_status_before() {
     let scene = scene();
     let grbl = shared(GrblEmulator::new(MotionBoard { boot_s: None, ..board() }, &scene));
     let origin = Instant::now();
@@ -455,7 +455,7 @@ async fn a_reset_ends_a_search_for_home() {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_it_and_none_pile_up(pieces in prop::collection::vec(
+    fn emulator_survives_arbitrary_bytes_in_bounded_memory(pieces in prop::collection::vec(
         prop_oneof![
             prop::collection::vec(any::<u8>(), 0..30),
             "(\\$J=)?(G[0-9]{1,2}){0,2}([XYZFPST]-?[0-9.]{1,5}){0,4}\n".prop_map(String::into_bytes),

@@ -261,7 +261,7 @@ async fn heard(wire: &mut Wire) -> Vec<u8> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_no_client_reads_is_lost_and_the_board_is_not_slowed_down() {
+async fn unread_lines_are_lost_without_slowing_the_board() {
     let board = shared(bare(1000.0).on(Port::native_usb(0.0)));
     let mut wire = Wire::to(board.clone(), shared(scene()), Instant::now());
     palpate_link::time::sleep(Duration::from_secs(60)).await;
@@ -332,7 +332,7 @@ fn upset<F: BoardFirmware>(firmware: F, chunks: &[Vec<u8>]) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn no_bytes_upset_a_board(chunks in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20)) {
+    fn board_survives_arbitrary_bytes(chunks in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20)) {
         upset(Hx711::new(Hx711Sketch::Demo, 80.0), &chunks);
         upset(Mark10::new(10.0), &chunks);
         upset(ReSkin::new(400.0), &chunks);
@@ -341,7 +341,7 @@ proptest! {
     }
 
     #[test]
-    fn no_words_upset_a_gauge(words in prop::collection::vec("(AOUT|IPOL|OPOL|\\?|N|MN|Z|NUM|LIST|)[0-9A-Zé]{0,5}\r\n?", 0..20)) {
+    fn gauge_survives_arbitrary_lines(words in prop::collection::vec("(AOUT|IPOL|OPOL|\\?|N|MN|Z|NUM|LIST|)[0-9A-Zé]{0,5}\r\n?", 0..20)) {
         upset(Mark10::new(10.0), &words.into_iter().map(String::into_bytes).collect::<Vec<_>>());
     }
 }

@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_host_probes_is_what_a_t7_says() {
+    fn probed_registers_have_the_values_of_a_t7() {
         let mut daq = LabJackT7::new(SceneDevice::Array);
         let mut words = [[0; 2]; 2];
         for (address, bytes) in
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_it_refuses_stands_in_detail_at_55000() {
+    fn refusal_details_are_at_register_55000() {
         let mut daq = LabJackT7::new(SceneDevice::Array);
         let mut odd = [[0; 2]; 3];
         assert_eq!(daq.read(0, &mut odd, &mut scene(), 0.0), Err(Refusal::Value));

@@ -169,14 +169,14 @@ mod tests {
     }
 
     #[test]
-    fn weights_count_millinewtons_and_the_division_says_so() {
+    fn weights_count_millinewtons_as_the_division_states() {
         let mut cell = LaumasTlb::new(5.0);
         assert_eq!([GROSS, NET].map(|address| read(&mut cell, 1.2344, address)), [1234; 2]);
         assert_eq!(read(&mut cell, 0.0, DIVISION) >> 16, 3);
     }
 
     #[test]
-    fn the_sign_stands_in_the_status() {
+    fn sign_is_in_the_status_register() {
         let mut cell = LaumasTlb::new(5.0);
         command(&mut cell, 0.5, 8).expect("zeroed");
         command(&mut cell, 0.75, 7).expect("tared");
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_tells_what_is_beyond_the_range() {
+    fn status_shows_range_overflow() {
         let mut cell = LaumasTlb::new(5.0);
         assert_eq!(status(&mut cell, 1.0), 0);
         assert_eq!(status(&mut cell, 5.005), 0);

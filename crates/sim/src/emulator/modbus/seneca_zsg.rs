@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_tells_full_scale_sign_and_rest() {
+    fn status_shows_full_scale_sign_and_rest() {
         for new in EACH {
             let mut cell = new(5.0);
             assert_eq!(status(&mut cell, 2.0), 0b1_0000);

@@ -34,7 +34,7 @@ fn the_worked_frame_is_answered_to_the_bit() {
 }
 
 #[test]
-fn what_is_not_served_is_answered_with_its_exception() {
+fn unserved_function_is_answered_with_its_exception() {
     let too_many_data = [&[16, 0, 84, 0, 2, 4], &[0; 5][..]].concat();
     for (pdu, exception) in [
         (&[1, 0, 0, 0, 1][..], 1),
@@ -159,7 +159,7 @@ async fn a_device_keeps_its_state_when_a_link_is_opened_again() {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_it(body in prop::collection::vec(any::<u8>(), 0..300), function in 0u8..20) {
+    fn emulator_survives_arbitrary_bytes(body in prop::collection::vec(any::<u8>(), 0..300), function in 0u8..20) {
         let mut scene = scene();
         let mut rtu_device = transmitter();
         let mut tcp_device = Modbus::tcp(LabJackT7::new(SceneDevice::Array));

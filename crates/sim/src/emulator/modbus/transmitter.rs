@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_status_tells_zero_unrest_and_what_is_beyond_the_range() {
+    fn status_shows_zero_unrest_and_range_overflow() {
         let mut cell = Transmitter::new(5.0);
         assert_eq!(status(&mut cell, 0.0), 0b00_1000_0011);
         assert_eq!(status(&mut cell, 1.0), 0b00_0010_0011);

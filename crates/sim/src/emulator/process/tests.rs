@@ -92,7 +92,7 @@ fn a_printer_rests_on_whole_steps_and_reads_them_back() {
 }
 
 #[test]
-fn a_printer_searches_toward_the_specimen_only_if_it_is_reported_to_and_ends_within_its_limits() {
+fn printer_homes_toward_specimen_only_when_allowed() {
     let prepare = |side: &str| {
         let prepare = PREPARE.replace(r#""z": [-12.5, 12.5]"#, r#""z": [-2.0, 12.5]"#);
         prepare.replace(r#""away""#, &format!(r#""home_side": "{side}", "away""#))
@@ -108,7 +108,7 @@ fn a_printer_searches_toward_the_specimen_only_if_it_is_reported_to_and_ends_wit
 }
 
 #[test]
-fn what_a_stage_cant_do_is_an_error_and_moves_nothing() {
+fn impossible_request_is_an_error_without_motion() {
     for (asked, says) in [
         (r#"{"id": 3, "do": "move", "to_mm": {"z": -12.6}, "speed_mm_s": 1}"#, "z = -12.6 mm exceeds the travel"),
         (r#"{"id": 3, "do": "move", "to_mm": {"x": 1, "w": 1}, "speed_mm_s": 1}"#, "no axis \\\"w\\\""),
@@ -229,7 +229,7 @@ async fn a_line_too_long_is_thrown_away() {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_it(line in prop_oneof![
+    fn emulator_survives_arbitrary_bytes(line in prop_oneof![
         prop::collection::vec(any::<u8>(), 0..200),
         "\\{\"id\": ?-?[0-9]{1,3}, ?\"do\": ?\"(move|status|prepare|stop|speed)\"(, ?\"(to_mm|travel_mm|speed_mm_s|away)\": ?([0-9]{1,3}|\\{\"z\": ?-?[0-9e]{1,4}\\}))*\\}".prop_map(String::into_bytes),
     ]) {

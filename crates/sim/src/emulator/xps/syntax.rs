@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_be_no_request_is_taken_to_be_reported_so() {
+    fn malformed_request_is_answered_with_an_error() {
         let (taken, left) = requests(b"*IDN?\r\n)A(b\r\nc)");
         assert_eq!((taken, left.as_slice()), (vec!["*IDN?".into(), ")".into(), "A(b\r\nc)".into()], &b""[..]));
         for bad in ["*IDN?", ")", "(a)", "A", "A(b", "A b(c)", "A(b)c"] {

@@ -114,7 +114,7 @@ fn a_session_goes_as_clients_saw_it() {
 }
 
 #[test]
-fn what_cant_be_done_is_answered_with_its_code_and_the_request_as_it_came() {
+fn impossible_call_is_answered_with_its_code_and_request() {
     for (sent, code) in [
         ("*IDN?\n", -7),
         ("Group Move(1)", -7),
@@ -343,7 +343,7 @@ fn a_kill_brakes_and_ends_what_waits() {
 
 proptest! {
     #[test]
-    fn no_bytes_upset_it(bytes in prop::collection::vec(any::<u8>(), 0..1200)) {
+    fn emulator_survives_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..1200)) {
         let mut bench = XpsBench::homed();
         let mut inbox = bytes;
         while let Some(request) = bench.xps.take_request(&mut inbox) {
@@ -352,7 +352,7 @@ proptest! {
     }
 
     #[test]
-    fn no_call_however_bent_upsets_it(
+    fn emulator_survives_malformed_calls(
         calls in prop::collection::vec((0usize..CALLS.len(), any::<prop::sample::Index>(), any::<u8>(), 0usize..4), 1..30),
     ) {
         let mut bench = XpsBench::homed();

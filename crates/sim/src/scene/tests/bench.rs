@@ -9,7 +9,7 @@ fn without_load(cell: LoadCellScene) -> Scene {
 }
 
 #[test]
-fn the_zero_drifts_wanders_and_hums_with_the_time() {
+fn zero_has_drift_slow_drift_and_mains() {
     let slow_drift = Some(Sine { amplitude: 0.005, period_s: 24.0 });
     let mains = Some(Sine { amplitude: 0.01, period_s: 0.02 });
     let mut scene = without_load(LoadCellScene { drift_n_s: 5e-4, slow_drift, mains, ..LoadCellScene::IDEAL });
@@ -31,7 +31,7 @@ fn a_wrong_gain_scales_the_force_and_nothing_else() {
 }
 
 #[test]
-fn noise_ahead_of_the_low_pass_is_what_it_says_and_neighbours_share_it() {
+fn noise_before_the_low_pass_has_its_size_and_is_correlated() {
     let mut scene =
         without_load(LoadCellScene { noise_ahead_n: 0.002, low_pass_hz: Some(20.0), ..LoadCellScene::IDEAL });
     let read: Vec<f64> = (1..4000).map(|i| scene.load_cell_n(f64::from(i) * 0.005 + 1e-6)).collect();
@@ -51,7 +51,7 @@ fn a_transport_of_many_conversions_repeats_none_as_a_press_begins() {
 }
 
 #[test]
-fn the_indenter_follows_a_turn_only_when_the_play_is_taken_up() {
+fn indenter_follows_a_reversal_after_the_backlash() {
     let stage = Some(Servo { backlash_mm: 0.01, ..Servo::default() });
     let relaxation = vec![];
     let mut scene = scene(SceneSpec { stage, relaxation, ..plain() }, 1);
@@ -69,7 +69,7 @@ fn the_indenter_follows_a_turn_only_when_the_play_is_taken_up() {
 }
 
 #[test]
-fn what_carries_the_tip_yields_by_the_force_over_its_stiffness() {
+fn bench_yields_by_force_over_stiffness() {
     let cell = LoadCellScene { stiffness_n_mm: Some(10.0), ..LoadCellScene::IDEAL };
     for relaxation in [vec![], plain().relaxation] {
         let mut scene = scene(SceneSpec { load_cell: Some(cell), relaxation: relaxation.clone(), ..plain() }, 1);

@@ -67,7 +67,7 @@ fn a_saturated_cell_gives_its_end_again_and_again_and_less_as_it_is() {
 }
 
 #[test]
-fn a_noisy_cell_is_ten_times_as_noisy_or_what_is_said() {
+fn noisy_cell_has_ten_times_or_the_declared_noise() {
     for (value, times) in [(None, 10.0), (Some(3.0), 3.0)] {
         let (_, (_, sd), _) = before_and_after(FaultKind::Noisy, value);
         assert!((sd / (times * 0.003) - 1.0).abs() < 0.2, "{sd}");
@@ -75,7 +75,7 @@ fn a_noisy_cell_is_ten_times_as_noisy_or_what_is_said() {
 }
 
 #[test]
-fn a_slip_takes_the_force_under_way_once_and_the_next_contact_bears_all() {
+fn slip_drops_the_force_once() {
     let (mut scene, force_n) = pressed_with(FaultKind::Slip, None);
     assert_eq!(scene.true_force_n(1.999), force_n);
     assert!((scene.true_force_n(2.0) - 0.35 * force_n).abs() < 1e-12);

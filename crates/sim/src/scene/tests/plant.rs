@@ -245,7 +245,7 @@ fn the_way_slid_is_that_in_contact_alone() {
 }
 
 #[test]
-fn a_scene_run_out_tells_the_worst_to_come_and_stays_where_it_is() {
+fn scene_run_ahead_gives_the_worst_force_and_stays_unchanged() {
     let spec = SceneSpec { stage: Some(Servo { lag_s: 0.007, quantum_mm: 0.0, ..Servo::default() }), ..plain() };
     let mut scene = scene(spec, 1);
     let end_s = go(&mut scene, 1.0, 5.0, 100.0, 0.0);

@@ -93,7 +93,7 @@ async fn a_guard_is_armed_during_a_move_and_one_that_is_removed_guards_no_more()
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_a_closed_socket_began_goes_on_and_is_guarded() {
+async fn motion_of_a_closed_socket_continues_under_its_guard() {
     let (scene, [mut moves, mut polls, mut other], xps) = wired().await;
     exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
     for (sent, answered) in GUARD {
