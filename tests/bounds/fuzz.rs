@@ -235,8 +235,8 @@ fn fuzz_emulator(
 }
 
 #[test]
-fn notification_text_is_valid_for_parsers() {
-    if ran_alone("fuzz::notification_text_is_valid_for_parsers") {
+fn parsers_survive_arbitrary_messages() {
+    if ran_alone("fuzz::parsers_survive_arbitrary_messages") {
         return;
     }
     fuzz("grbl answers", &bytes(GRBL_ANSWERS), |input| {
