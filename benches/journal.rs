@@ -2,6 +2,7 @@
 //! not, then read again.
 //!
 //! `cargo bench --bench journal`. The disk is the one that holds the system's temporary folder.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 use cpu_time::ProcessTime;
 use palpate_control::{LearnedContact, NoLoadReadings};

@@ -2,6 +2,7 @@
 //!
 //! `cargo bench --features files --bench lake -- 10000000` writes ten million presses; 100,000 without a number. Where `PALPATE_PYTHON`
 //! names an interpreter with DuckDB, it reads the maps of all sensors, and those of one.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 #[path = "../tests/files/recorded.rs"]
 mod recorded;

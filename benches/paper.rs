@@ -1,6 +1,7 @@
 //! What the paper's protocol costs on one core, wire protocols and fsync included: `cargo bench`.
 //!
 //! It measures and prints; it doesn't judge. Wall time depends on the disk by one fsync a press.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 use cpu_time::ProcessTime;
 use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder, Status};

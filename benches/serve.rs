@@ -2,6 +2,7 @@
 //!
 //! It measures and prints; it doesn't judge. Each millisecond sends one reading to the server and the same line to the echo, in
 //! alternating order, so both meet the same disturbances.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 use palpate_core::quantity::percentile;
 use std::io::{BufRead, BufReader, Write};

@@ -3,6 +3,7 @@
 //!
 //! It measures and prints; it doesn't judge. Times are the best of several repetitions, as whatever else runs only adds
 //! to them. Numpy is looked for in the interpreter `$PALPATE_PYTHON`, else `python3`.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 use palpate_core::mechanics::lambda;
 use palpate_core::quantity::{ArrayLayout, Place};

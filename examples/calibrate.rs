@@ -1,4 +1,5 @@
 //! Calibrates a simulated sensor, and solves one contact: `cargo run --example calibrate`.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 use palpate::api::{self, Failure, MethodOptions, RunOptions};
 use palpate_run::run::Listener;

@@ -8,6 +8,7 @@
 //! runs palpate once and prints a line of JSON. `--keep DIR` keeps the rig, the recipe, the run folder and what palpate said.
 //! `--stiffness SHARE` sets the true stiffness as a share of the declared one, `--strategy` and `--presses` the recipe. `kinds`
 //! lists the faults. palpate itself starts this program as `stage`, `load_cell` and `array`.
+#![allow(clippy::print_stdout, reason = "it prints its results")]
 
 mod axis;
 mod devices;

@@ -1,4 +1,5 @@
 //! How much memory and time anything from outside may take.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 use cap::Cap;
 use std::alloc::System;

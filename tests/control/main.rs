@@ -1,4 +1,5 @@
 //! How a press is controlled: the machine alone, and whole walks on specimens, links and cells that aren't as they should be.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod bench_ills;
 mod false_alarms;

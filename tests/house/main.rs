@@ -1,4 +1,5 @@
 //! What the project asks of its own files.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod book;
 mod promises;

@@ -1,5 +1,6 @@
 //! Programs and libraries of others, on the real clock. A test that needs something besides Rust is ignored unless it is asked for
 //! (`cargo test --test outside -- --include-ignored`), and fails then where that is missing.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod book;
 mod browser;

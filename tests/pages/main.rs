@@ -1,4 +1,5 @@
 //! Reports and studies: what their pages say, and how they look.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod ablation;
 mod batch;

@@ -1,4 +1,5 @@
 //! The command line as its user meets it.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod begin;
 mod book;

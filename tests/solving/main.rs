@@ -1,4 +1,5 @@
 //! From calibrations to contacts: the solvers, and the numbers that they must reach.
+#![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod acceptance;
 mod adapt;
