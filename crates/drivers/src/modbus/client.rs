@@ -10,9 +10,9 @@ use palpate_link::wire::{ByteStream, Connector};
 use std::io::ErrorKind;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
-use tokio_modbus::Error;
-use tokio_modbus::client::{Context, Reader, rtu, tcp};
+use tokio_modbus::client::{Client as _, Context, rtu, tcp};
 use tokio_modbus::slave::Slave;
+use tokio_modbus::{Error, Request, Response};
 
 /// Number of attempts for a read. A read changes nothing, so it may be repeated.
 const READ_TRIES: usize = 3;
@@ -204,12 +204,18 @@ async fn until(time: Instant) {
     }
 }
 
-/// Reads registers with either function.
+/// Reads registers with either function. The count of the answer isn't checked here: the library's own reading functions panic on a
+/// wrong one where debug assertions are on.
 async fn read(context: &mut Context, function: Function, address: u16, count: u16) -> tokio_modbus::Result<Vec<u16>> {
-    match function {
-        Function::Holding => context.read_holding_registers(address, count).await,
-        Function::Input => context.read_input_registers(address, count).await,
-    }
+    let request = match function {
+        Function::Holding => Request::ReadHoldingRegisters(address, count),
+        Function::Input => Request::ReadInputRegisters(address, count),
+    };
+    let answered = context.call(request).await?;
+    Ok(answered.map(|response| match response {
+        Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words) => words,
+        _ => Vec::new(), // the library refuses an answer to another function
+    }))
 }
 
 /// Discards incoming bytes until no more arrive.

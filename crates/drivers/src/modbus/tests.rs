@@ -134,3 +134,16 @@ async fn a_link_that_the_far_end_closes_is_reported_as_that() {
         device.await.unwrap();
     }
 }
+
+#[tokio::test(start_paused = true)]
+async fn answer_with_too_few_registers_is_an_error() {
+    const REQUEST: &[u8] = b"\0\0\0\0\0\x06\x01\x03\0\x08\0\x01";
+    const EMPTY: &[u8] = b"\0\0\0\0\0\x03\x01\x03\0";
+    let (link, device) = closing(&[&[(REQUEST, EMPTY)], &[(REQUEST, EMPTY)], &[(REQUEST, EMPTY)]]);
+    let profile = Profile::shipped("generic-rs485").unwrap();
+    let mut client = ModbusClient::new(link, Transport::Tcp, &profile, "load cell", "script");
+    let text = client.read("reading", Function::Holding, 8, 1).await.unwrap_err().to_string();
+    assert!(text.ends_with("while reading: 0 registers arrived instead of 1, 3 times"), "{text}");
+    drop(client);
+    device.await.unwrap();
+}
