@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""An array for palpate: the process protocol of docs/process.md. Fill in the class Array; the rest may stay as it is.
+"""An array for palpate: the process protocol of `palpate docs process`. Fill in the class Array; the rest may stay as it is.
 
 As it stands it is an array in memory that feels nothing but noise. Try it:  python3 examples/array.py 9
     {"id": 1, "do": "identify"}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A load cell for palpate: the process protocol of docs/process.md. Fill in the class LoadCell; the rest may stay as it is.
+"""A load cell for palpate: the process protocol of `palpate docs process`. Fill in the class LoadCell; the rest may stay as it is.
 
 As it stands it is a cell in memory that bears nothing but noise. Try it:  python3 examples/load_cell.py
     {"id": 1, "do": "identify"}

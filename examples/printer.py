@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A printer as a stage for palpate: the process protocol of docs/process.md. Replace the class Printer; the rest may stay as it is.
+"""A printer as a stage for palpate: the process protocol of `palpate docs process`. Replace the class Printer; the rest may stay as it is.
 
 As it stands it is a printer in memory that moves in real time. Try it:  python3 stage.py
     {"id": 1, "do": "identify"}

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A stage for palpate: the process protocol of docs/process.md. Fill in the class Stage; the rest may stay as it is.
+"""A stage for palpate: the process protocol of `palpate docs process`. Fill in the class Stage; the rest may stay as it is.
 
 As it stands it is a stage in memory that moves in real time. Try it:  python3 examples/stage.py
     {"id": 1, "do": "identify"}

@@ -1,4 +1,4 @@
-//! A spring world in real time behind the process protocol (docs/process.md): a stage, a load cell, an array and a specimen that
+//! A spring world in real time behind the process protocol (docs/reference/process.md): a stage, a load cell, an array and a specimen that
 //! know the true force, with faults on demand. palpate's safety is attacked with it; `tests/control/spring_world.rs` does that.
 //!
 //! ```sh

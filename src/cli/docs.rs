@@ -57,19 +57,18 @@ const PAGES: &[(&str, &str)] = pages!(
     "reference/run-folder",
     "reference/tables",
     "reference/drivers",
-    "reference/trips",
     "reference/exit-codes",
+    "reference/process",
+    "reference/sensor-file",
     "reference/glossary",
-    "acceptance",
-    "process",
-    "sensor-file",
     "explanation/force-loop",
     "explanation/solvers",
     "explanation/uncertainty",
     "explanation/simulation",
-    "promises",
-    "validation",
-    "minutes",
+    "explanation/verdicts",
+    "explanation/promises",
+    "explanation/validation",
+    "explanation/minutes",
 );
 
 /// Prints a page, or the list of all.
@@ -86,44 +85,57 @@ pub(super) fn docs(args: &DocsArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// A page of the book: written by hand, or made by the program.
+enum Page {
+    Written(&'static str),
+    Made(ReferencePage),
+}
+
+impl Page {
+    fn by_name(name: &str) -> Option<Page> {
+        let written = PAGES.iter().find(|(page, _)| *page == name).map(|(_, text)| Page::Written(text));
+        let made = || ReferencePage::from_str(name.strip_prefix("reference/")?, false).ok().map(Page::Made);
+        written.or_else(made)
+    }
+
+    fn text(self) -> String {
+        match self {
+            Page::Written(text) => text.to_owned(),
+            Page::Made(page) => page.print(),
+        }
+    }
+}
+
 /// Returns name and title of each page that can be printed, in the order of the book.
 fn listed() -> impl Iterator<Item = (&'static str, &'static str)> {
     let page = |line: &'static str| {
         let (title, file) = line.strip_prefix("- [")?.strip_suffix(".md)")?.split_once("](")?;
-        (by_name(file).is_some()).then_some((file, title))
+        Page::by_name(file).map(|_| (file, title))
     };
     INDEX.lines().filter_map(page)
-}
-
-/// Returns the text of the page with this name.
-fn by_name(name: &str) -> Option<String> {
-    let written = PAGES.iter().find(|(page, _)| *page == name).map(|(_, text)| (*text).to_owned());
-    let made = || ReferencePage::from_str(name.strip_prefix("reference/")?, false).ok().map(ReferencePage::print);
-    written.or_else(made)
 }
 
 fn text_of(page: &str) -> Result<String, Failure> {
     let name = page.strip_prefix("docs/").unwrap_or(page);
     let name = name.strip_suffix(".md").unwrap_or(name);
+    if let Some(page) = Page::by_name(name) {
+        return Ok(page.text());
+    }
     let last = |name: &'static str| name.rsplit('/').next().unwrap_or(name);
     let alike: Vec<&str> = listed().map(|(known, _)| known).filter(|known| last(known) == name).collect();
-    if let Some(text) = by_name(name) {
-        return Ok(text);
-    }
-    match alike.as_slice() {
-        [one] => Ok(by_name(one).unwrap_or_default()),
+    let (help, problem) = match alike.as_slice() {
+        [one] => return Ok(Page::by_name(one).map(Page::text).unwrap_or_default()),
         [] => {
             let known: Vec<&str> = listed().flat_map(|(known, _)| [known, last(known)]).collect();
-            let nearest = palpate_document::misspelt(name, &known)
-                .map_or_else(String::new, |nearest| format!("did you mean {nearest}? "));
-            let help = format!("{nearest}`palpate docs` lists the pages");
-            Err(Failure::usage(miette::miette!(help = help, "the book has no page {page}")))
+            let nearest = palpate_document::misspelt(name, &known);
+            let nearest = nearest.map_or_else(String::new, |nearest| format!("did you mean {nearest}? "));
+            (format!("{nearest}`palpate docs` lists the pages"), format!("the book has no page {page}"))
         }
         several => {
-            let help = format!("write one of {}", several.join(", "));
-            Err(Failure::usage(miette::miette!(help = help, "the book has {} pages {page}", several.len())))
+            (format!("write one of {}", several.join(", ")), format!("the book has {} pages {page}", several.len()))
         }
-    }
+    };
+    Err(Failure::usage(miette::miette!(help = help, "{problem}")))
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ mod brief;
 mod certificate;
 mod check;
 mod check_weight;
+mod commands_page;
 mod demo;
 mod docs;
 mod doctor;
@@ -119,9 +120,9 @@ enum Command {
 pub fn main(commit: Option<&'static str>) -> ExitCode {
     built_from(commit);
     let matches = help::command().version(&*provenance::version().leak()).try_get_matches();
-    let parsed = matches.and_then(|matches| CommandLine::from_arg_matches(&matches));
-    let command = parsed.unwrap_or_else(|error| refuse(&error)).command;
-    note_former_name();
+    let matches = matches.unwrap_or_else(|error| refuse(&error));
+    note_former_name(matches.subcommand_name());
+    let command = CommandLine::from_arg_matches(&matches).unwrap_or_else(|error| refuse(&error)).command;
     // fails only if one is set already, which is as good
     let _ = miette::set_hook(Box::new(|_| Box::new(exit::handler())));
     let outcome = check_stdin(&command).and_then(|()| match &command {
@@ -159,14 +160,13 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     outcome.unwrap_or_else(exit::report)
 }
 
-/// Former names of commands, which are still accepted.
-const RENAMED: [(&str, &str); 1] = [("withdraw", "retract")];
-
-/// Reports the present name of a command that was called by its former one.
-fn note_former_name() {
-    let first = std::env::args().nth(1).unwrap_or_default();
-    if let Some((former, now)) = RENAMED.iter().find(|(former, _)| *former == first) {
-        summary::note(&format!("note: `palpate {former}` is now `palpate {now}`"));
+/// Reports the present name of a command that was called by its former one, which is a hidden alias.
+fn note_former_name(name: Option<&str>) {
+    let given = std::env::args().nth(1);
+    if let (Some(given), Some(name)) = (given, name)
+        && given != name
+    {
+        summary::note(&format!("note: `palpate {given}` is now `palpate {name}`"));
     }
 }
 

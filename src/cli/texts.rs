@@ -1,10 +1,11 @@
 //! `palpate schema` and `palpate reference`: the allowed content of recipes, rigs and other texts, for editors and for people.
 
-use super::help;
+use super::commands_page::commands_page;
 use super::summary::print;
 use crate::api::Failure;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use palpate_control::SafetyRule;
 use palpate_data::dataset::COLUMN_KEYS;
 use palpate_data::recipe;
 use palpate_document::{Keys, reference, schema};
@@ -114,16 +115,17 @@ pub(super) fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Subject of a reference page: a kind of text file, or the commands.
+/// Subject of a reference page: a kind of text file, the safety rules, or the commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ReferencePage {
     Keys(TextKind),
+    SafetyRules,
     Commands,
 }
 
 impl ValueEnum for ReferencePage {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [ReferencePage; 9] = [
+        const ALL: [ReferencePage; 10] = [
             ReferencePage::Keys(TextKind::Recipe),
             ReferencePage::Keys(TextKind::Rig),
             ReferencePage::Keys(TextKind::Batch),
@@ -132,6 +134,7 @@ impl ValueEnum for ReferencePage {
             ReferencePage::Keys(TextKind::Acceptance),
             ReferencePage::Keys(TextKind::Columns),
             ReferencePage::Keys(TextKind::Certificate),
+            ReferencePage::SafetyRules,
             ReferencePage::Commands,
         ];
         &ALL
@@ -140,6 +143,9 @@ impl ValueEnum for ReferencePage {
     fn to_possible_value(&self) -> Option<PossibleValue> {
         match self {
             ReferencePage::Keys(text) => text.to_possible_value(),
+            ReferencePage::SafetyRules => {
+                Some(PossibleValue::new("safety-rules").help("What ends a run, and what to check"))
+            }
             ReferencePage::Commands => Some(PossibleValue::new("commands").help("All commands and their options")),
         }
     }
@@ -149,7 +155,8 @@ impl ReferencePage {
     pub(super) fn print(self) -> String {
         match self {
             ReferencePage::Keys(text) => text.page(),
-            ReferencePage::Commands => commands(),
+            ReferencePage::SafetyRules => safety_rules(),
+            ReferencePage::Commands => commands_page(),
         }
     }
 }
@@ -172,30 +179,11 @@ pub(super) fn print_reference(args: &ReferenceArgs) -> Result<ExitCode, Failure>
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns a page with the help of every command.
-fn commands() -> String {
-    let mut page = "# Commands\n\nEach section is the output of `palpate COMMAND --help`.\n".to_owned();
-    // as wide as the help of a terminal of 80 columns
-    let mut all = help::command().term_width(80);
-    all.build();
-    let groups = all.get_subcommands_mut().filter(|command| command.get_name() != "help");
-    for command in groups {
-        let inner: Vec<String> = command
-            .get_subcommands_mut()
-            .filter(|inner| inner.get_name() != "help")
-            .map(|inner| section(3, inner))
-            .collect();
-        page += &section(2, command);
-        inner.iter().for_each(|inner| page += inner);
-    }
-    page
-}
-
-fn section(level: usize, command: &mut clap::Command) -> String {
-    let help = command.render_long_help().to_string();
-    let lines = help.lines().map(str::trim_end).collect::<Vec<_>>().join("\n");
-    let name = command.get_bin_name().unwrap_or(command.get_name());
-    format!("\n{} {name}\n\n```text\n{}\n```\n", "#".repeat(level), lines.trim_end())
+/// Returns a page with the meaning of every safety rule, and what to check first.
+fn safety_rules() -> String {
+    let row = |rule: &SafetyRule| format!("| `{}` | {} | {} |\n", rule.name(), rule.meaning(), rule.check());
+    let rows: String = SafetyRule::ALL.iter().map(row).collect();
+    format!("{}| rule | meaning | first check |\n|---|---|---|\n{rows}", include_str!("texts/safety-rules.md"))
 }
 
 #[cfg(test)]

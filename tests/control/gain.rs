@@ -117,7 +117,7 @@ fn wrong_gain_is_found_with_a_check_weight() {
                 println!("| {name} | {gain} | 0.5 N | {least} | doctor, and any run after it: gain-off | 0 | 0.00 N |");
                 println!("| {name} | {gain} | - | {least} | {by} | {presses} | {peak_n:.2} N |");
                 assert!(by == "-" || peak_n <= limit_n, "{name}, {gain}: {peak_n} N");
-                // as the table of docs/promises.md has it
+                // as the table of docs/explanation/promises.md has it
                 let (expected, expected_n) = match (gain, least_n_mm) {
                     (0.5, Some(_)) => ("softer-than-declared", 0.73),
                     (0.5, None) => ("-", 2.01),

@@ -1,5 +1,5 @@
 //! Programs that play devices end with palpate, whatever they do: the end of their input first, then a deadline, then signals to
-//! their group, as `docs/process.md` has it.
+//! their group, as `docs/reference/process.md` has it.
 //!
 //! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
 

@@ -8,6 +8,10 @@ use std::path::{Path, PathBuf};
 
 /// Most words of the README, code and tables included.
 const README_WORDS_MOST: usize = 900;
+/// Most words of the pages that people write, without decisions and the index. What holds no letter and no digit isn't a word.
+const BOOK_WORDS_MOST: usize = 26_000;
+/// The page that `palpate study validation` writes.
+const VALIDATION: &str = "docs/explanation/validation.md";
 /// Most words of a sentence of the README, the tutorials, how-to and explanation.
 const SENTENCE_WORDS_MOST: usize = 30;
 /// Most bytes of a picture.
@@ -67,6 +71,16 @@ fn the_readme_is_a_landing_page() {
 }
 
 #[test]
+fn book_can_be_read_to_its_end() {
+    let not_read = |page: &str| page.starts_with("docs/decisions/") || page == "docs/SUMMARY.md";
+    let by_program = |page: &str| made(page).is_some() || page == VALIDATION;
+    let by_hand = |page: &String| page.starts_with("docs/") && !not_read(page) && !by_program(page);
+    let words: usize = pages().iter().filter(|page| by_hand(page)).map(|page| prose::words(&read(page))).sum();
+    println!("{words} words");
+    assert!(words <= BOOK_WORDS_MOST, "the book has {words} words, at most {BOOK_WORDS_MOST} are allowed");
+}
+
+#[test]
 fn sentences_are_short() {
     let short = ["README.md", "docs/README.md", "docs/tutorials/", "docs/how-to/", "docs/explanation/"];
     let (mut count, mut longest, mut long) = (0, 0, Vec::new());
@@ -86,8 +100,7 @@ fn sentences_are_short() {
 
 #[test]
 fn unwanted_words_do_not_come_back() {
-    // the program writes validation.md
-    let read_here = |page: &String| page != "docs/validation.md";
+    let read_here = |page: &String| page != VALIDATION;
     let mut found = Vec::new();
     for page in pages().into_iter().filter(read_here) {
         for (line, text) in prose::lines(&read(&page)) {
@@ -133,8 +146,8 @@ fn test_helpers_find_examples() {
     assert_eq!(unwanted("The page tells it. A foretelling"), ["tells"]);
     assert_eq!(unwanted("What comes to 3 mm; besides, it is held."), ["is held", "comes to"]);
     assert_eq!(broken_link("docs/README.md", "nowhere.md").as_deref(), Some("no such file"));
-    assert_eq!(broken_link("docs/README.md", "acceptance.md#verdicts"), None);
-    assert_eq!(broken_link("docs/README.md", "acceptance.md#verdict").as_deref(), Some("no such heading"));
+    assert_eq!(broken_link("docs/README.md", "explanation/verdicts.md#verdicts"), None);
+    assert_eq!(broken_link("docs/README.md", "explanation/verdicts.md#verdict").as_deref(), Some("no such heading"));
 }
 
 /// Why a link of a page leads nowhere; none where it leads somewhere.
@@ -193,8 +206,18 @@ fn pages() -> Vec<String> {
 }
 
 /// The pages under docs/reference that the program makes.
-const MADE: [&str; 9] =
-    ["acceptance", "batch", "certificate", "columns", "commands", "line-profile", "recipe", "register-map", "rig"];
+const MADE: [&str; 10] = [
+    "acceptance",
+    "batch",
+    "certificate",
+    "columns",
+    "commands",
+    "line-profile",
+    "recipe",
+    "register-map",
+    "rig",
+    "safety-rules",
+];
 
 /// The name of a page that the program makes.
 fn made(page: &str) -> Option<&str> {

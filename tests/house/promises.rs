@@ -1,4 +1,4 @@
-//! The promises of `docs/promises.md`: each has a number, and `docs/reference/tests.md` names tests of it that exist.
+//! The promises of `docs/explanation/promises.md`: each has a number, and `docs/reference/tests.md` names tests of it that exist.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -18,7 +18,8 @@ fn every_promise_has_tests_that_exist() {
         };
         read(page).lines().filter_map(row).collect()
     };
-    let promised: BTreeSet<usize> = numbered("docs/promises.md").into_iter().map(|(number, _)| number).collect();
+    let promised: BTreeSet<usize> =
+        numbered("docs/explanation/promises.md").into_iter().map(|(number, _)| number).collect();
     let tested = numbered("docs/reference/tests.md");
     assert_eq!(promised, tested.iter().map(|(number, _)| *number).collect());
     assert!(promised.len() >= PROMISES_LEAST, "{} promises", promised.len());

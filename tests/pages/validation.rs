@@ -1,4 +1,4 @@
-//! `docs/validation.md` is what the program finds, its numbers are those of the runs, and the paper's are the paper's.
+//! `docs/explanation/validation.md` is what the program finds, its numbers are those of the runs, and the paper's are the paper's.
 
 use palpate_data::dataset::characteristics::UnitCharacteristics;
 use palpate_solver::Evaluation;
@@ -35,7 +35,7 @@ static ONCE: LazyLock<Validation> =
 
 /// The page has the paper's numbers, and the words of the page that a single run writes.
 fn the_page_is_what_the_program_writes_but_for_its_numbers() {
-    let (found, page) = (ONCE.markdown(), shipped_text("docs/validation.md"));
+    let (found, page) = (ONCE.markdown(), shipped_text("docs/explanation/validation.md"));
     let words = |text: &str| {
         // one line counts the runs in words
         let is_count = |line: &str| line.starts_with("Best is what cross-validation");
@@ -62,7 +62,7 @@ fn validation_page_has_the_numbers_of_its_runs() {
         return the_page_is_what_the_program_writes_but_for_its_numbers();
     }
     let found = validation(SEEDS, 1, &|_, _| {}).expect("the shipped recipe and rig are sound");
-    let page = shipped_text("docs/validation.md");
+    let page = shipped_text("docs/explanation/validation.md");
     for (line, (found, kept)) in found.markdown().lines().zip(page.lines()).enumerate() {
         assert_eq!(found, kept, "line {}: `palpate study validation` writes it anew", line + 1);
     }

@@ -142,7 +142,7 @@ fn docs_lists_and_prints_pages_and_refuses_unknown_and_ambiguous_names() {
     let list = bench.palpate_ends(0, "docs").out;
     assert!(list.contains("tutorials/simulation") && list.contains("reference/rig"), "{list}");
     assert!(list.lines().all(|line| line.len() <= 80), "{list}");
-    assert_eq!(bench.palpate_ends(0, "docs process").out, shipped_text("docs/process.md"));
+    assert_eq!(bench.palpate_ends(0, "docs process").out, shipped_text("docs/reference/process.md"));
     assert_eq!(bench.palpate_ends(0, "docs reference/rig").out, bench.palpate_ends(0, "reference rig").out);
     let unknown = bench.palpate_ends(2, "docs how-to/line-devise");
     assert!(unknown.err.contains("did you mean how-to/line-device?"), "{}", unknown.err);

@@ -86,7 +86,7 @@ fn a_reading_that_lacks_outputs_is_solved_as_by_an_array_without_these_units() {
 
 #[test]
 fn so_many_fits_are_kept_and_no_more() {
-    assert_eq!(MOST_PARTIAL, 16, "as docs/promises.md has it");
+    assert_eq!(MOST_PARTIAL, 16, "as docs/explanation/promises.md has it");
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
     let mut session =

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Largest number of characters of a device's text that are shown or stored (docs/process.md), so that a message stays readable.
+/// Largest number of characters of a device's text that are shown or stored (docs/reference/process.md), so that a message stays readable.
 pub const SHOWN_MAX_CHARS: usize = 300;
 
 /// Replacement for a character that would control a terminal.

@@ -6,7 +6,7 @@
 //! | mean | Hall's transformation of Student's t (Hall 1992, J. R. Stat. Soc. B 54, 221), which allows for skewed errors | [`MEAN_PRESSES_LEAST`] |
 //! | standard deviation | chi-squared; assumes normal | 2 |
 //!
-//! `docs/acceptance.md` shows how often each is exceeded, on drawn errors of several shapes.
+//! `docs/explanation/verdicts.md` shows how often each is exceeded, on drawn errors of several shapes.
 
 use palpate_core::quantity::COVERAGE;
 use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, StudentsT};

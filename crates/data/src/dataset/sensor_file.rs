@@ -1,7 +1,7 @@
 //! A calibrated sensor as a file: two lines of text and the numbers of a model.
 //!
 //! The first line is [`MARK`]. The second line is a JSON object, the [`Card`]: it describes the file and its range of validity.
-//! The bytes after it are the [`Model`]. `docs/sensor-file.md` describes all three.
+//! The bytes after it are the [`Model`]. `docs/reference/sensor-file.md` describes all three.
 
 use super::files;
 use super::fingerprint::Fingerprint;

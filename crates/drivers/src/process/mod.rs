@@ -1,5 +1,5 @@
 //! A program of the user that plays a role. It exchanges one JSON object per line over its standard input and output, as
-//! described in `docs/process.md`.
+//! described in `docs/reference/process.md`.
 
 mod port;
 mod readers;

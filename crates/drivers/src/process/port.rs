@@ -7,13 +7,13 @@ use serde_json::{Map, Value, json};
 use std::io::ErrorKind;
 use std::time::Duration;
 
-/// Number of the protocol version (docs/process.md).
+/// Number of the protocol version (docs/reference/process.md).
 const PROTOCOL: u64 = 1;
 
-/// Longest line (docs/process.md), bytes.
+/// Longest line (docs/reference/process.md), bytes.
 const LINE_MAX_BYTES: usize = 65_536;
 
-/// Longest wait for an answer (docs/process.md). The second constant is the longest wait for the answer to `prepare`.
+/// Longest wait for an answer (docs/reference/process.md). The second constant is the longest wait for the answer to `prepare`.
 pub(super) const ANSWER_DEADLINE: Duration = Duration::from_secs(2);
 pub(super) const PREPARE_DEADLINE: Duration = Duration::from_secs(120);
 
@@ -57,7 +57,7 @@ impl ProgramPort {
         let said = self.ask_within(doing, "identify", JsonObject::new(), None, self.start).await?;
         let misfit = |expected: String| self.misfit(doing, &said, expected);
         if said.get("protocol").and_then(Value::as_u64) != Some(PROTOCOL) {
-            return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/process.md")));
+            return Err(misfit(format!("\"protocol\": {PROTOCOL}, the number of docs/reference/process.md")));
         }
         if said.get("role").and_then(Value::as_str) != Some(self.role) {
             return Err(misfit(format!("\"role\": \"{}\"", self.role)));

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::process::{ChildStdin, ChildStdout};
 
-/// Time from the end of a program's input to the program's own end (docs/process.md). During this time the program brings its
+/// Time from the end of a program's input to the program's own end (docs/reference/process.md). During this time the program brings its
 /// device to rest.
 const INPUT_ENDED_DEADLINE: Duration = Duration::from_secs(2);
 

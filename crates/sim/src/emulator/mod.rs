@@ -14,7 +14,7 @@
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
 //! - [`lines`]: boards that push lines or frames: an HX711 or a Mark-10 gauge (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
-//! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/process.md).
+//! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
 
 mod daqmx;
 mod esp301;

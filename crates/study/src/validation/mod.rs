@@ -1,5 +1,5 @@
 //! Repetition of the paper's validation: its complete protocol on its own rig, simulated, with one specimen for each seed, and
-//! the claims of its numerical study. [`Validation::markdown`] is the content of `docs/validation.md`.
+//! the claims of its numerical study. [`Validation::markdown`] is the content of `docs/explanation/validation.md`.
 
 mod page;
 

@@ -1,4 +1,4 @@
-//! Programs written by the user that use the process protocol (docs/process.md), in any role.
+//! Programs written by the user that use the process protocol (docs/reference/process.md), in any role.
 
 use super::{DeviceFamily, Links, Role};
 use crate::rig::emulated::EmulatedDevice;

@@ -1,4 +1,4 @@
-//! Devices of the process protocol (docs/process.md): one JSON object per line in, one per line out.
+//! Devices of the process protocol (docs/reference/process.md): one JSON object per line in, one per line out.
 //!
 //! They support the requests on that page and answer all others with an error. A request without an id gets its error under the
 //! id `null`.
