@@ -136,7 +136,7 @@ impl Failure {
         match halt {
             Halt::Cancelled => Failure::new(FailureKind::Cancelled, miette::miette!("cancelled")),
             Halt::Tripped(trip) => {
-                let help = "find the cause before going on";
+                let help = "find the cause before you continue";
                 Failure::new(FailureKind::Trip, miette::miette!(help = help, "safety trip: {trip}"))
             }
             Halt::Device(error) => Failure::new(FailureKind::Device, error),

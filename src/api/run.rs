@@ -64,7 +64,7 @@ pub struct MannerOptions {
     /// Run a simulation at X times real time instead of as fast as possible
     #[arg(long, value_name = "X", value_parser = positive)]
     pub pace: Option<f64>,
-    /// Acknowledged presses survive a power failure (full), or only the end of the program (fast)
+    /// How safely presses are stored: full survives a power failure, fast only the end of palpate
     #[arg(long, value_name = "NAME", value_enum, default_value_t)]
     pub durability: DurabilityChoice,
     /// What a person has made sure of.

@@ -17,7 +17,7 @@ const KEPT_MAX_BYTES: u64 = 1 << 20;
 /// What a person has made sure of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Confirmed {
-    /// `frame.down` is right: z moves away from the specimen when it is sent away
+    /// I have checked that z retracts from the specimen (`frame.down`)
     Down,
     /// A stage without switches is at the zero of `travel_mm` (`home` of the rig: by hand)
     Home,

@@ -77,7 +77,7 @@ impl WeightArgs {
     pub(super) fn weight(&self, rig: &RigSpec) -> Result<Option<KnownWeight>, Failure> {
         let Some(weight_n) = self.check_weight_n else { return Ok(None) };
         let limit_n = rig.limits.force_n;
-        // asked for what must hold, so that a NaN is refused
+        // written as the positive condition, so NaN fails
         let is_borne = weight_n > 0.0 && weight_n <= limit_n;
         if !is_borne {
             let help = "use a lighter weight; nothing was moved";

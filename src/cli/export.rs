@@ -35,7 +35,7 @@ physics.
 
 Parquet, arrow, npz, mat and the lake need the feature `files`.";
 
-/// Write the tables of runs as files of other programs
+/// Export runs to CSV, Parquet, Arrow, NumPy, MATLAB or C
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct ExportArgs {

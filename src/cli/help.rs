@@ -49,11 +49,11 @@ const CODES: [(&str, &str, &str); 35] = [
     ("batch check", "0 the batch can be run", "2 it can't: each problem is reported with its line"),
     (
         "batch run",
-        "0 the batch or the input ended, with any verdicts",
+        "0 the batch or the input ended, even if sensors failed",
         "2 bad input; 3 the stage can't be parked, 4 the same after a safety trip, 5 the record can't be written, 130 cancelled",
     ),
     ("batch status", "0 done", READS),
-    ("batch report", "0 the page is written, with any verdicts", WRITES),
+    ("batch report", "0 the page is written, even if sensors failed", WRITES),
     (
         "doctor",
         "0 the rig can be used; 1 nothing has shown that the load cell measures force",

@@ -22,7 +22,7 @@ Examples:
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct InitArgs {
-    /// The folder to write to; it is made if it is missing
+    /// Output folder; created if missing
     #[arg(value_name = "DIR", default_value = ".")]
     folder: PathBuf,
 

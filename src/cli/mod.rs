@@ -190,7 +190,7 @@ fn refuse(error: &clap::Error) -> ! {
         let root = help::command();
         let first = std::env::args().nth(1).unwrap_or_default();
         if Path::new(&first).exists() {
-            let _ = writeln!(io::stderr(), "error: {first} is a file: the command comes first\n");
+            let _ = writeln!(io::stderr(), "error: {first} is a file. Write the command first: palpate run {first}\n");
         }
         if RECIPES.iter().any(|recipe| recipe.name == first) {
             let _ = writeln!(io::stderr(), "error: {first} is a recipe: palpate run {first}");

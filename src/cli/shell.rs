@@ -106,7 +106,7 @@ Example:
 #[derive(Debug, clap::Args)]
 #[command(after_help = MAN_EXAMPLES)]
 pub(super) struct ManArgs {
-    /// The folder to write to; it is made if it is missing
+    /// Output folder; created if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }

@@ -86,7 +86,7 @@ pub(super) fn chosen(choice: &Choice) -> String {
     let why = if smaller.is_empty() {
         String::new()
     } else {
-        format!(" ({}: ahead by too little to be chosen)", smaller.join(", "))
+        format!(" ({}: better by too little to be preferred)", smaller.join(", "))
     };
     let tried: Vec<String> =
         tried.iter().map(|(solver, error_mm)| format!("{solver} {}{NO_BREAK}mm", figures(*error_mm))).collect();

@@ -167,7 +167,7 @@ impl Permit {
     /// # Errors
     /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
     pub fn advance(&self, context: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
-        // asked for what must hold, so that a NaN is refused
+        // written as the positive condition, so NaN fails
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
         let is_fresh = context.age_s <= FRESH_S;
         if !is_fresh {

@@ -269,7 +269,7 @@ impl Stage for Esp301 {
             return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
         self.usage = None; // until it is homed it counts as it likes
-        // a program that died may have left a motion behind: where an axis is means nothing until it stands
+        // an earlier program may have left a motion, and a position is valid only at rest
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
         self.complaints().await?; // of what happened before us

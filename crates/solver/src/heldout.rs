@@ -36,7 +36,7 @@ impl Loads {
     /// Number of trials of each press.
     fn count(self) -> usize {
         match self {
-            // a press that stands for itself stands for one force
+            // an unscaled press represents one force
             Loads::Between(least, most) if least == most => 1,
             Loads::Between(..) => FORCES_A_PRESS,
             Loads::Each(shares) => shares.len(),

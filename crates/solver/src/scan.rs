@@ -236,7 +236,7 @@ fn any_reaches(floor: f32, scores: &[f32]) -> bool {
 
 /// Inserts a row among the `count` best rows so far, if it belongs there.
 fn offer(scan: &Scan, direction: &[f64], count: usize, row: usize, hits: &mut Vec<Hit>) {
-    // With few rows the floor lies so low that what is no row comes up too.
+    // with few rows the threshold also admits padding
     let Some(values) = scan.rows.chunks_exact(scan.units).nth(row) else { return };
     let score = dot(values, direction);
     let place = hits.partition_point(|hit| hit.score >= score);

@@ -32,7 +32,7 @@ const COMMANDS: &str = "  .repeat [SERIAL]  allow a sensor to be calibrated agai
   .end              end; the same command continues the batch
 ";
 
-/// A batch at work, and the person at its bench.
+/// Interactive session of a batch.
 pub(super) struct Desk {
     /// The batch on disk.
     pub folder: BatchFolder,

@@ -139,7 +139,7 @@ fn design_summary(found: &DesignFindings) -> String {
     line(
         "r turns",
         match &survey.first {
-            None => format!("nowhere: none of {} ways over the area", survey.rays),
+            None => format!("no reversal on any of {} paths", survey.rays),
             Some(first) => format!(
                 "from {:.2} mm = {:.2} H on: {}; {:.1} % of {} ways over the area turn",
                 first.distance_mm,

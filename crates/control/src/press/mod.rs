@@ -179,7 +179,7 @@ impl ForceLoop {
     /// Takes the newest air reading as the zero of the forces, if the permit accepts it as air.
     fn begin(&mut self, no_load: NoLoadReadings) -> Result<LoopCommand, Trip> {
         let noise_n = self.context.zero.noise_most_n();
-        // asked for what must hold, so that a NaN is refused
+        // written as the positive condition, so NaN fails
         let is_quiet = no_load.sigma_n <= noise_n && no_load.readings >= NO_LOAD_READINGS;
         if !is_quiet {
             return Err(Trip::new(SafetyRule::Noisy, no_load.sigma_n, noise_n, "N"));

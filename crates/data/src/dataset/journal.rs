@@ -285,7 +285,7 @@ impl<R: Logged> JournalRecords<R> {
     pub fn go_on(self) -> Result<Journal<R>, JournalError> {
         let path = &self.path;
         let file = files::open_to_append(path).map_err(failed(path))?;
-        // a record that was never acknowledged may stand here and not be on the disk yet: what is built on it must be
+        // the last record may not be synced yet: sync before appending
         file.set_len(self.offset).and_then(|()| file.sync_data()).map_err(failed(path))?;
         Ok(Journal::at_end(file, path, self.next, self.offset))
     }
@@ -326,7 +326,7 @@ impl<R: Logged> JournalRecords<R> {
                 self.pass(self.next);
                 Ok(Some((offset, record)))
             }
-            // it was never acknowledged, unless all of it is there and its end alone is changed
+            // an incomplete last line was never acknowledged; a complete one with a wrong end is damage
             Err(_) if self.is_torn && !self.is_whole_but_for_its_end() => Ok(None),
             Err(problem) => {
                 self.is_over = true;

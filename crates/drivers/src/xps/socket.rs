@@ -66,7 +66,7 @@ impl Socket {
     /// # Errors
     /// Errors of the link.
     pub(super) async fn begin(&mut self, doing: &str, call: &str, deadline: Duration) -> Result<(), DeviceError> {
-        // an answer that nobody waited for, or text that nobody asked for: neither may be taken for this one's
+        // discard late and unsolicited replies
         if self.owed.is_some() || self.lines.something_came().await {
             self.close();
         }

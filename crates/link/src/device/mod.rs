@@ -100,8 +100,7 @@ pub trait Stage {
     /// error. The stage was [identified](Stage::identify) before.
     fn home(&mut self, usage: &StageUse, orders: &MotionOrders) -> impl Future<Output = Result<(), DeviceError>>;
 
-    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
-    /// again.
+    /// Resets learned timing at the start of a press.
     fn forget_timing(&mut self) {}
 
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
@@ -145,8 +144,7 @@ pub trait LoadCell {
     /// Connects and checks that the answers mean what the rig says.
     fn prepare(&mut self) -> impl Future<Output = Result<Identity, DeviceError>>;
 
-    /// A press begins, which rests on nothing that came before it: what was learned of how the device answers is learned
-    /// again.
+    /// Resets learned timing at the start of a press.
     fn forget_timing(&mut self) {}
 
     /// Returns the latest reading, relative to the cell's own zero.

@@ -64,7 +64,7 @@ impl Runner<'_> {
             self.ledger.record(&Record::Retouch(retouch))?;
             self.listener.retouched(&retouch);
             let moved_mm = touched_mm - known.z_mm;
-            let is_there = moved_mm.abs() <= MOVED_MOST_MM; // asked for what must hold, so that a NaN is refused
+            let is_there = moved_mm.abs() <= MOVED_MOST_MM; // written as the positive condition, so NaN fails
             if !is_there {
                 return Err(Trip::new(SafetyRule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
             }

@@ -112,7 +112,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// repetition is safe, because the position is asked each time and the target is the same position at clearance height.
     async fn stop_and_retract(&mut self, z_mm: f64) -> Result<(), Halt> {
         self.stage.stop().await?;
-        // with any force, nothing may hold up the way out; a guard that can't be removed is no reason to stay
+        // retract at any force, even if the controller's guard can't be cleared
         let _ = self.stage.guard(None).await;
         self.stage.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
         self.retract_at_any_force(z_mm).await

@@ -408,7 +408,7 @@ pub(super) fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Op
         let steps = range.map_or(OUTPUT_SHARE * known.abs(), |range| RANGE_SHARE * range);
         ((now - known).abs(), OUTPUT_SIGMAS * sigma.max(common) + steps)
     });
-    // asked for what must hold, so that a NaN is refused
+    // written as the positive condition, so NaN fails
     all.find(|(moved, most)| !matches!(moved.partial_cmp(most), Some(Less | Equal)))
 }
 

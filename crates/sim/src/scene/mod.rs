@@ -166,7 +166,7 @@ impl Scene {
         *real = real.followed_by(&trajectory, now_s, self.servo.lag_s);
         self.profiles[axis.index()] = trajectory;
         if axis != Axis::Z && !self.contact.touching() {
-            self.contact.forget_load(); // another spot knows nothing of what this one bore
+            self.contact.forget_load(); // relaxation history doesn't carry over to another spot
         }
     }
 

@@ -44,23 +44,22 @@ const LINEARITY: DefinedTerm = DefinedTerm {
     name: "linearity",
     definition: "the largest |mean loading output of a level - straight line|, over levels and places, in % of full scale. \
         The line is fitted by least squares at each place to the loading outputs against the load cell, 0 N included, and \
-        does not have to pass through zero (the independent linearity of IEC 61298-2, whose line makes the largest deviation \
-        least, is no larger)",
+        does not have to pass through zero (the independent linearity of IEC \
+        61298-2 is the same or smaller)",
 };
 
 /// Term for the output that remains after a load.
 const ZERO_RETURN: DefinedTerm = DefinedTerm {
     name: "zero return",
-    definition: "the mean output at the level of 0 N, without load, after the staircases less that before them, as read, in % of \
-        full scale; of several places the largest in magnitude (as zero error in ISO 376)",
+    definition: "output without load after the staircases minus output without load before them, in % of full \
+        scale; of several places the largest in magnitude (as zero error in ISO 376)",
 };
 
 /// Term for the uncertainty of a repeatability.
 const INTERVAL: DefinedTerm = DefinedTerm {
     name: "95 % interval",
     definition: "where the true repeatability lies, by chi-squared; it assumes normal errors. The levels of a staircase share \
-        its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite. Where \
-        levels also have errors of their own, the interval is wider than it had to be",
+        its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite.",
 };
 
 /// Every term except the repeatability, in the order of explanation.
@@ -76,20 +75,20 @@ impl Repeatability {
     pub const fn definition(self) -> &'static str {
         match self {
             Repeatability::ThreeSd => {
-                "3 standard deviations (n - 1) of the repeats of a level at a place, pooled over levels but zero and places, \
-                 in % of full scale (as measurement repeatability in VIM 2.21, times 3)"
+                "3 standard deviations (n - 1) of the repeats of a level at a place, pooled over all places and all levels \
+                 except zero, in % of full scale (as measurement repeatability in VIM 2.21, times 3)"
             }
             Repeatability::Range => {
-                "largest less smallest of the repeats of a level at a place, mean over levels but zero and places, in % of \
+                "largest less smallest of the repeats of a level at a place, mean over all places and all levels except zero, in % of \
                  full scale (as non-repeatability in IEC 61298-2, which takes the largest level)"
             }
             Repeatability::T95 => {
                 "Student's t (95 %, two-sided, with the degrees of freedom of the interval; 2.776 for 5 repeats) times the \
-                 standard deviation (n - 1) of the repeats of a level at a place, pooled over levels but zero and places, \
-                 in % of full scale"
+                 standard deviation (n - 1) of the repeats of a level at a place, pooled over all places and all levels \
+                 except zero, in % of full scale"
             }
             Repeatability::WorstLevel => {
-                "3 standard deviations (n - 1) of the repeats, at the level but zero and the place where they are largest, \
+                "3 standard deviations (n - 1) of the repeats, at the place and the level above zero where they are largest, \
                  in % of full scale; it has no interval, since the largest of several isn't distributed as one of them"
             }
         }

@@ -73,7 +73,7 @@ pub(super) fn section(history: &History) -> Markup {
                 strong { (found.markup()) " accepted" }
                 p {
                     (number("accepted", found.accepted as f64, 0, "")) " of " (number("judged", found.judged as f64, 0, ""))
-                    " sensors with a verdict. In brackets: 95 % interval (Clopper and Pearson). A sensor that isn't decided counts as judged."
+                    " sensors with a verdict. In brackets: 95 % interval (Clopper and Pearson). \"Not decided\" counts against the yield."
                 }
             } @else {
                 strong { "No sensor has a verdict" }

@@ -21,7 +21,7 @@ pub(super) fn section(history: &History) -> Option<Markup> {
         @if let Some(limits) = limits {
             h3 { "Nearest to a limit, or beyond it" }
             (limits)
-            p.note { "Used: part of the limit that the figure uses, by its 95 % bound if the rule is guarded. A fraction is used by what it lacks." }
+            p.note { "Used: part of the limit that the figure uses, by its 95 % bound if the rule is guarded. Of a fraction: (1 - fraction) / (1 - limit)." }
         }
         @if let Some(outputs) = outputs {
             h3 { "Outputs that deviate most from the design" }
