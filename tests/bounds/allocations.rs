@@ -1,5 +1,4 @@
-//! Once a workspace has been used with a solver, solving allocates nothing: neither time nor memory depends on an
-//! allocator.
+//! A solver with a used workspace allocates nothing: neither time nor memory depends on an allocator.
 
 use crate::HEAP;
 use palpate_core::mechanics::lambda;

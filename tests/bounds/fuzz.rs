@@ -1,5 +1,4 @@
-//! Every parser of what comes over a link, fed with real messages that were mutated: none panics, none takes more memory than
-//! a message is worth.
+//! Mutated messages for every parser of a link: none panics, and none takes more memory than a message needs.
 //!
 //! `PALPATE_TESTS=full` tries 100,000 inputs of each.
 
@@ -26,13 +25,13 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 /// Inputs of each parser: quick and full.
 const INPUTS: (usize, usize) = (2_000, 100_000);
 
-/// Most that parsing one message may hold at once, bytes: the longest message there is, several times over.
+/// Largest memory for parsing one message, bytes: several times the longest message.
 const HELD_MOST: usize = 1 << 20;
 
-/// Most that the process may ever hold, bytes: an emulated rig, and a message in hand.
+/// Largest memory of the process, bytes: an emulated rig and one message.
 const EVER_HELD_MOST: usize = 16 << 20;
 
-/// What real devices say and are told (PROTOCOLS).
+/// Answers of real devices and requests to them (PROTOCOLS).
 const ESP301_ANSWERS: &[&str] = &[
     "-10.2370\r\n",
     "1\r\n0.0000\r\n",
@@ -60,7 +59,7 @@ const GRBL_VERSIONS: &[&str] = &[
     "[VER:1.1f.20230610:]\n[OPT:VNMSL,100,1024,3,0]\n[FIRMWARE:grblHAL]",
     "[VER:3.7 FluidNC v3.7.16:]\n[OPT:MPHS]",
 ];
-/// What boards send that push lines or frames, and their profiles.
+/// Lines or frames that boards send on their own, and their profiles.
 const LINES: [(&str, &str, &[&[u8]]); 4] = [
     (
         "lines of text",
@@ -133,7 +132,7 @@ const TCP: &[&[u8]] = &[
     &[0, 0, 0, 0, 0, 11, 1, 0x10, 0, 0, 0, 2, 4, 0, 0, 0, 0],
 ];
 
-/// Every second frame with the check sum that belongs to it: what has none gets no further.
+/// Corrects the check sum of every second frame: a parser ignores the others early.
 fn sealed(frame: &[u8], nth: &mut usize) -> Vec<u8> {
     *nth += 1;
     if nth.is_multiple_of(2) || frame.len() < 2 {
@@ -154,12 +153,12 @@ fn bytes<'a>(seeds: &[&'a str]) -> Vec<&'a [u8]> {
     seeds.iter().map(|seed| seed.as_bytes()).collect()
 }
 
-/// Feeds a parser, and says how much and how fast.
+/// Feeds a parser, and prints speed and number of inputs.
 fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
     let inputs = campaign::size(INPUTS.0, INPUTS.1);
     let mut rng = stream(1, 0, name);
     let mut input = Vec::with_capacity(2 * INPUT_MOST);
-    parse(seeds[0]); // what it holds for good, it holds by now
+    parse(seeds[0]); // permanent memory is allocated by now
     let (before, began) = (HEAP.allocated(), Wall::now());
     for n in 0..inputs {
         mutated(seeds, &mut rng, &mut input);
@@ -174,7 +173,7 @@ fn fuzz(name: &str, seeds: &[&[u8]], mut parse: impl FnMut(&[u8])) {
     println!("{name}: {inputs} inputs in {took_s:.1} s, {:.0} a second", inputs as f64 / took_s);
 }
 
-/// Links whose far ends answer whatever comes with the same bytes, and are closed then.
+/// Links whose far ends answer every request with the same bytes, and then close.
 fn answered(input: Arc<Mutex<Vec<u8>>>) -> Connector {
     Connector::Memory(Box::new(move || {
         let (near, far) = duplex(4096);
@@ -186,11 +185,11 @@ fn answered(input: Arc<Mutex<Vec<u8>>>) -> Connector {
 async fn answer(mut far: DuplexStream, input: Vec<u8>) {
     let mut request = [0; 256];
     if far.read(&mut request).await.is_ok() {
-        let _ = far.write_all(&input).await; // whoever has gone needs no answer
+        let _ = far.write_all(&input).await; // a client that is gone needs no answer
     }
 }
 
-/// An emulator's framing and parser together, on a scene that goes on; it starts anew now and then.
+/// Framing and parser of an emulator on a running scene. It is restarted now and then.
 fn fuzz_emulator(
     name: &str,
     text: &str,

@@ -1,8 +1,8 @@
-//! Every file that comes from outside, fed with real ones that were mutated: none upsets the program, none takes more memory
-//! or time than it is worth, and what is wrong with it is told with its place.
+//! Mutated files for every reader of a file: none crashes the program or takes too much memory or time, and each problem is reported with
+//! its place.
 //!
-//! The numbers here are those of the full tier. `PALPATE_TESTS=100 cargo test --release --test bounds fuzz_files::recipes --
-//! --nocapture` tries a hundred times as many of one target.
+//! The numbers here are those of the full tier. `PALPATE_TESTS=100 cargo test --release --test bounds fuzz_files::recipes -- --nocapture`
+//! tries a hundred times as many inputs of one reader.
 
 mod feeding;
 mod seeds;
@@ -19,14 +19,14 @@ use seeds::{root, run, sim_rig, texts_in};
 use std::fs;
 use std::path::Path;
 
-/// Presses that teach at most.
+/// Largest number of training presses.
 const TRAINING_PRESSES: usize = 5;
 
-/// How many problems of an input are drawn as a person sees them, and how much each may take, bytes: its lines, twice over.
+/// Number of problems of an input that are drawn as a person sees them, and the largest size of each, bytes: twice its lines.
 const DRAWN: usize = 2;
 const DRAWN_MOST: usize = TEXT_MOST + (64 << 10);
 
-/// A name of a file in messages, that no mutation writes.
+/// A file name in messages that no mutation writes.
 const FILE: &str = "outside";
 
 #[test]
@@ -183,9 +183,9 @@ fn manifests() {
     assert!(sound > 0 && refused > 0, "{sound} read, {refused} refused");
 }
 
-// ---- what is asked of an answer ------------------------------------------------------------------------------------
+// ---- checks of an answer ------------------------------------------------------------------------------------------
 
-/// No plan is longer than it may be, or leaves what the rig allows.
+/// No plan exceeds its largest length or the limits of the rig.
 fn check_plan(plan: &Plan, spec: &RigSpec) {
     let entries = &plan.entries;
     assert!(!entries.is_empty() && entries.len() <= PRESSES_MAX + TRAINING_PRESSES, "{} entries", entries.len());
@@ -198,7 +198,7 @@ fn check_plan(plan: &Plan, spec: &RigSpec) {
     }
 }
 
-/// Each problem is one line, without anything that a terminal would act on, at a place within the text.
+/// Each problem is one line, without control characters, at a place within the text.
 fn check_problems(problems: Problems, text: &str) {
     let output = problems.lines();
     assert!(!output.is_empty(), "refused without a reason");
@@ -238,12 +238,12 @@ fn check_table(table: Result<Presses, TableError>, path: &Path, input: &[u8]) {
     }
 }
 
-/// A message that names a file and a line of it, and on which a terminal doesn't act.
+/// A message that names a file and a line, without control characters.
 fn check_line(output: &str, file: &str, input: &[u8]) {
     check_line_of(output, file, lines(input));
 }
 
-/// The same of so many lines.
+/// The same with several lines.
 fn check_line_of(output: &str, file: &str, lines: usize) {
     let line = output.strip_prefix(file).and_then(|rest| rest.strip_prefix(", line "));
     let line = line.and_then(|rest| rest.split([',', ':']).next()).and_then(|line| line.parse::<usize>().ok());
@@ -251,7 +251,7 @@ fn check_line_of(output: &str, file: &str, lines: usize) {
     assert!(!output.contains(char::is_control), "control characters in {output:?}");
 }
 
-/// How many lines there can be, whatever ends them.
+/// Largest number of lines, for any line ends.
 fn lines(input: &[u8]) -> usize {
     1 + input.iter().filter(|&&byte| byte == b'\n' || byte == b'\r').count()
 }

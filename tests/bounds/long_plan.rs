@@ -1,4 +1,4 @@
-//! A recipe of a million points is refused at once and costs nothing; where it is allowed, it is planned.
+//! A recipe of a million points is refused at once and needs no memory. Where it is allowed, it is planned.
 
 use crate::HEAP;
 use cpu_time::ThreadTime;
@@ -8,13 +8,13 @@ use palpate_testing::alone::ran_alone;
 
 const MILLION: usize = 1_000_000;
 
-/// What a refusal may hold, bytes: a plan that was made first would hold ten times as much.
+/// Largest memory of a refusal, bytes: a complete plan would need ten times as much.
 const REFUSAL_BYTES: usize = 20 << 20;
 
-/// What the plan of so many presses may take on the way, bytes a press.
+/// Largest memory for the plan of so many presses, bytes for each press.
 const PRESS_BYTES: usize = 300;
 
-/// Every kind of a step that a few words make a million presses of.
+/// Every kind of step that gives a million presses in a few words.
 const STEPS: [&str; 4] = [
     "grid = { x_mm = [-5, 4.99], y_mm = [-5, 4.99], spacing_mm = 0.01 }\nforce_n = 1.0",
     "random = { count = 1000000, x_mm = [-5, 5], y_mm = [-5, 5] }\nforce_n = 1.0",
@@ -30,7 +30,7 @@ fn a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed()
     }
     let spec = rig::parse("sim.toml", SIM_RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig");
     let text = |step| format!("name = \"long\"\n[[step]]\nphase = \"test\"\n{step}\n");
-    // the refusals first: what was held at most is never forgotten
+    // the refusals first, because the peak of memory never falls
     for step in STEPS {
         let (refused, cost) = measured(|| planned(&spec, &text(step), recipe::PRESSES_MAX));
         println!("refused: {:.6} s, {} bytes", cost.cpu_s, cost.bytes);
@@ -49,18 +49,18 @@ fn a_million_points_are_refused_for_nothing_and_planned_where_they_are_allowed()
     }
 }
 
-/// How many presses the plan has that a recipe comes to where so many are allowed.
+/// Number of presses in the plan of a recipe, where so many are allowed.
 fn planned(spec: &RigSpec, text: &str, presses_max: usize) -> Result<usize, Vec<String>> {
     let recipe = recipe::parse("r.toml", text).map_err(|problems| problems.lines())?;
     let plan = Plan::new(&recipe.with_presses_max(presses_max), &spec.ground(), 1).map_err(|problems| problems.lines());
     plan.map(|plan| plan.entries.len())
 }
 
-/// What something cost.
+/// Cost of something.
 #[derive(Debug)]
 struct LongPlanCost {
     cpu_s: f64,
-    /// The most that was held at once until now.
+    /// Peak of memory until now.
     bytes: usize,
 }
 

@@ -1,4 +1,4 @@
-//! How much memory and time anything from outside may take.
+//! Bounds of memory and time for everything from outside.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 use cap::Cap;

@@ -1,4 +1,4 @@
-//! A run takes no more memory as it grows: what it has measured is on the disk, and only there. Neither does solving readings.
+//! A longer run takes no more memory, because its presses are only on the disk. Solving readings doesn't either.
 
 use crate::HEAP;
 use palpate_control::{LearnedContact, NoLoadReadings};
@@ -14,19 +14,19 @@ use palpate_solver::{Calibration, CalibrationPoint, Model, Session, Setting};
 use palpate_testing::alone::ran_alone;
 use std::io::{self, Read};
 
-/// Contacts that are recorded; each would take more than a kilobyte if it were held.
+/// Number of contacts. Each would take more than a kilobyte in memory.
 const PRESSES: u64 = 5000;
 
-/// Outputs of each, so many that a matrix of them is made in two parts.
+/// Outputs of each: enough for a matrix that is made in two parts.
 const UNITS: usize = 11 * 11;
 
-/// Room for what is held of a press: where it stands in the journal.
+/// Memory for each press: its position in the journal.
 const HELD_BYTES_A_PRESS: usize = 16;
 
-/// Room for the outputs in hand while the matrix is turned, whatever the number of presses.
+/// Memory for outputs while the matrix is transposed, for any number of presses.
 const TURNED_BYTES: usize = 8 << 20;
 
-/// Room for buffers, whatever the number of presses.
+/// Memory for buffers, for any number of presses.
 const BUFFERS_BYTES: usize = 64 << 10;
 
 #[test]
@@ -42,7 +42,7 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
 
     let before = HEAP.allocated();
     let mut folder = RunFolder::create(Some(&path), &origins, facts(), Provenance::default(), &layout).unwrap();
-    // every second one first, as a plan may visit them
+    // every second one first, as a plan may order them
     for press in (0..PRESSES).step_by(2).chain((1..PRESSES).step_by(2)) {
         folder.record(&Record::Contact(contact(press))).unwrap();
     }
@@ -78,10 +78,10 @@ fn a_folder_holds_places_of_contacts_and_no_contacts() {
     assert!(matrix.starts_with("0,0.001,0.002,"), "in the order of the numbers");
 }
 
-/// Readings that are answered; one in a hundred of them is bad or lacks an output.
+/// Number of readings. One in a hundred is invalid or lacks an output.
 const READINGS: usize = 200_000;
 
-/// Room for what answers leave in buffers, whatever the number of readings.
+/// Memory for buffers of answers, for any number of readings.
 const ANSWERS_BYTES: usize = 16 << 10;
 
 #[test]
@@ -111,7 +111,7 @@ fn readings_are_answered_and_none_is_held() {
     }
 }
 
-/// A good reading, and ten that aren't: eight without an answer, two with a channel missing.
+/// A good reading, and ten others: eight without an answer, two with a missing channel.
 const CSV_READINGS: [&str; 11] = [
     "1,0.3,0.1",
     "1,x,1",
@@ -139,13 +139,13 @@ const JSON_READINGS: [&str; 11] = [
     "[1,null,0.2]",
 ];
 
-/// 1000 lines with each of those that aren't good once.
+/// 1000 lines with each of the invalid ones once.
 fn block(readings: [&str; 11]) -> Vec<u8> {
     let nth = |line: usize| if line % 100 == 99 { 1 + line / 100 } else { 0 };
     (0..1000).flat_map(|line| format!("{}\n", readings[nth(line)]).into_bytes()).collect()
 }
 
-/// A block, so many times.
+/// A block, repeated so many times.
 struct MemoryRepeated {
     block: Vec<u8>,
     at: usize,
@@ -166,7 +166,7 @@ impl Read for MemoryRepeated {
     }
 }
 
-/// Three units that read the less the farther a press is, at nine places.
+/// Three units whose output falls with the distance, at nine places.
 fn calibration() -> Calibration {
     let units = [Place::new(-2.0, 0.0), Place::new(2.0, 1.0), Place::new(0.0, -2.0)];
     let at = |index: i32| Place::new(f64::from(index % 3) - 1.0, f64::from(index / 3) - 1.0);

@@ -1,7 +1,7 @@
-//! The force with the ills of a bench: drift, wander, mains interference, and all at once. (a) is the true force less the set one in the window,
-//! (b) the true force less the recorded one, both as the scene knows them.
+//! Forces on a bench with disturbances: drift of the zero, slow drift, mains interference, and all at once. (a) is the true force minus the
+//! set force in the window, (b) the true force minus the recorded one. The true force is that of the scene.
 //!
-//! The full tier makes one calibration of 121 presses of each ill; `PALPATE_TESTS=5` makes five of 625.
+//! The full tier makes one calibration of 121 presses with each disturbance; `PALPATE_TESTS=5` makes five of 625.
 
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::Record;
@@ -11,16 +11,16 @@ use palpate_sim::scene::{LoadCellScene, Servo, Sine};
 use palpate_testing::campaign;
 use palpate_testing::executions::{BENCHES, ExecutedRun, bench, bench_recipe, benches, executed, in_parallel, plan};
 
-/// How much worse than the nominal bench (a) may be at 95 %, and the most of (b), N.
+/// Largest increase of (a) over the nominal bench at 95 %, and largest (b), N.
 const WORSE_N: f64 = 0.0006;
 const RECORDED_N: f64 = 0.0012;
-/// (a) with a drift of 300 mN in one run, 2 to 3 mN in each press: how much worse it may be, N; it was 1.6 mN.
+/// Largest increase of (a), N, with a drift of 300 mN in one run, 2 to 3 mN in each press. It was 1.6 mN.
 const DRIFTED_WORSE_N: f64 = 0.002;
-/// (a) of all ills at once, and the most that a peak may exceed the set force, N: 2.7 and 6.6 mN with one seed.
+/// (a) with all disturbances, and largest excess of a peak over the set force, N. They were 2.7 and 6.6 mN with one seed.
 const ALL_N: f64 = 0.0035;
 const ALL_PEAK_N: f64 = 0.009;
 
-/// An ill by its name.
+/// A disturbance by its name.
 pub(crate) type Ill = (&'static str, fn(&mut RigSpec));
 
 pub(crate) const ILLS: [Ill; 5] = [
@@ -41,7 +41,7 @@ fn cell(spec: &mut RigSpec) -> &mut LoadCellScene {
     spec.scene.load_cell.as_mut().expect("a load cell")
 }
 
-/// All at once, with a slow controller, play, a soft mounting and a surface that creeps.
+/// All at once, with a slow controller, backlash, a soft mounting and a creeping surface.
 pub(crate) fn all(spec: &mut RigSpec) {
     let cell = cell(spec);
     cell.mains = Some(Sine { amplitude: 0.010, period_s: 1.0 / 50.0 });
@@ -52,7 +52,7 @@ pub(crate) fn all(spec: &mut RigSpec) {
     spec.scene.stage = Some(Servo { backlash_mm: 0.003, ..spec.scene.stage.unwrap_or_default() });
 }
 
-/// What the presses of some seeds came to, N.
+/// Results of the presses of some seeds, N.
 struct BenchIllFigures {
     set_p95_n: f64,
     recorded_p95_n: f64,
@@ -112,7 +112,7 @@ fn drift_slow_drift_and_mains_are_counted() {
 
 #[test]
 fn all_ills_at_once_are_borne() {
-    // the benches differ in nothing but the latency of the stage, which is an ill here
+    // the benches differ only in the latency of the stage, which is a disturbance here
     let (name, _) = BENCHES[0];
     let found = figures(name, "all at once", all);
     assert!(found.set_p95_n <= ALL_N, "{} N", found.set_p95_n);
@@ -120,7 +120,7 @@ fn all_ills_at_once_are_borne() {
     assert!(found.peak_n <= ALL_PEAK_N, "{} N", found.peak_n);
 }
 
-/// A drift of 0.3 N in all: the zero is taken in full on the way, no run ends by it, and the forces stay right.
+/// A drift of 0.3 N in all: the run takes new zeros, doesn't end, and its forces are right.
 #[test]
 fn a_run_goes_on_through_a_drift_of_300_mn() {
     let recipe = bench_recipe(1);
@@ -147,7 +147,7 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
     }
 }
 
-/// Where home is above the surface, mm: the first descent from there takes half a minute, in which a zero moves by 15 mN.
+/// Height of home over the surface, mm: the first descent takes half a minute, in which the zero changes by 15 mN.
 const HOME_MM: f64 = 12.5;
 
 #[test]

@@ -1,7 +1,7 @@
-//! Sound calibrations raise no alarm of the rules that compare a press with the presses around it, and none comes near: with the
-//! ills of a bench, with soft or stiff free edges, and where nothing near was pressed before.
+//! Sound calibrations don't come near the limits of the rules that compare a press with the presses around it: with disturbances, with soft
+//! or stiff free edges, and without presses nearby.
 //!
-//! The shares of the limits come from the ledger: its contacts go through a new map and a new response, as in a run.
+//! The fractions of the limits come from the ledger: its contacts go through a new map and a new response, as in a run.
 
 use crate::bench_ills::{ILLS, all};
 use palpate_control::{
@@ -18,10 +18,10 @@ use rand::seq::SliceRandom;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// Calibrations of the quick and of the full tier.
+/// Calibrations of the quick and the full tier.
 const CALIBRATIONS: (usize, usize) = (3, 60);
 
-/// Largest share of a limit that a sound press may use up.
+/// Largest fraction of a limit for a sound press.
 const SHARE_MOST: f64 = 0.8;
 
 /// The shipped recipe's grid, coarser in the quick tier.
@@ -29,24 +29,24 @@ const RECIPE: &str = include_str!("../../recipes/bench.toml");
 const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 4.0");
 const PAPER: &str = include_str!("../../recipes/paper.toml");
 
-/// The force near the limit, N.
+/// A force near the limit, N.
 const NEAR_LIMIT_N: f64 = 1.8;
 
-/// Distance between places that lie far apart, mm, and how far each may be from its point of the grid.
+/// Distance between places that are far apart, mm, and largest displacement of each from its grid point.
 const APART_MM: f64 = 4.0;
 const JITTER_MM: f64 = 1.0;
 
-/// Change of the stiffness at a free edge, %; where the edges are, and how far they reach, mm.
+/// Change of the stiffness at a free edge, %; position of the edges, and their width, mm.
 const EDGE_PERCENT: f64 = 40.0;
 const EDGE_HALF_MM: (f64, f64) = (6.0, 7.0);
 const EDGE_WIDTH_MM: (f64, f64) = (1.5, 4.0);
 
-/// What a specimen with such edges is declared as: its largest stiffness, N/mm, or its depth, mm.
+/// Declaration of a specimen with such edges: its largest stiffness, N/mm, or its depth, mm.
 const STIFF_N_MM: f64 = 2.8;
 const SOFT_DEPTH_MM: f64 = 3.2;
 
-/// The part of a limit that is 0.25, which is the least that the rules allow, as a logarithm; and the fraction of the softest
-/// press around before a prediction counts.
+/// The fraction 0.25 of a limit as a logarithm: the least that the rules allow. And the fraction of the softest press around, before a
+/// prediction counts.
 const LEAST: f64 = 0.25;
 const SOFTEST_SHARE: f64 = 0.55;
 const WAY_MM: f64 = 0.010;
@@ -65,7 +65,7 @@ enum FalseAlarmPressed {
     Paper,
 }
 
-/// In this order, again and again: most are whole calibrations.
+/// In this order, repeatedly: most are whole calibrations.
 const PRESSED: [FalseAlarmPressed; 12] = [
     FalseAlarmPressed::Map,
     FalseAlarmPressed::Guarded,
@@ -99,7 +99,7 @@ impl FalseAlarmCalibration {
         let has_edges = (nth + nth / PRESSED.len()).is_multiple_of(2);
         let with = if has_edges { give_edges(&mut spec, &mut rng) } else { give_an_ill(&mut spec, pressed, &mut rng) };
         if pressed == FalseAlarmPressed::NearLimit {
-            spec.limits.depth_mm = SOFT_DEPTH_MM; // where the tip's support gives way it goes deeper
+            spec.limits.depth_mm = SOFT_DEPTH_MM; // where the support of the tip gives way it goes deeper
         }
         let recipe = recipe(pressed, &mut rng);
         let output = format!("calibration {seed}: {bench}, {pressed:?}, {with}");
@@ -114,14 +114,14 @@ impl FalseAlarmCalibration {
     }
 }
 
-/// How a calibration went.
+/// Result of a calibration.
 struct FalseAlarmOutcome {
     presses: usize,
     alarm: Option<String>,
     shares: BTreeMap<&'static str, Share>,
 }
 
-/// The largest share of a rule's limit, in which press, and how many presses were compared.
+/// Largest fraction of a rule's limit, its press, and the number of compared presses.
 #[derive(Clone, Copy, Default)]
 struct Share {
     largest: f64,
@@ -143,7 +143,7 @@ fn give_edges(spec: &mut RigSpec, rng: &mut RandomStream) -> String {
 }
 
 fn give_an_ill(spec: &mut RigSpec, pressed: FalseAlarmPressed, rng: &mut RandomStream) -> String {
-    // the first is a drift: in the hours of the paper's protocol it leaves the range of the cell
+    // the first one is a drift: in the hours of the paper's protocol it leaves the range of the cell
     let first = usize::from(pressed == FalseAlarmPressed::Paper);
     match ILLS.get(rng.random_range(first..ILLS.len() + 2)) {
         Some((output, ill)) => {
@@ -201,7 +201,7 @@ fn recipe(pressed: FalseAlarmPressed, rng: &mut RandomStream) -> String {
     }
 }
 
-/// Places of a coarse grid in any order, each off its point.
+/// Places of a coarse grid in random order, each displaced from its grid point.
 fn far_apart(rng: &mut RandomStream) -> Vec<Place> {
     let mut places = Vec::new();
     for (column, row) in (0..16).map(|i| (f64::from(i % 4), f64::from(i / 4))) {
@@ -212,7 +212,7 @@ fn far_apart(rng: &mut RandomStream) -> Vec<Place> {
     places
 }
 
-/// The largest share of each rule's limit that a press of a ledger used up.
+/// Largest fraction of each rule's limit in the presses of a ledger.
 fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
     let (mut map, mut response) =
         (ContactMap::new(spec.frame.uncertainty_mm), LearnedOutputs::new(spec.array.layout.pitch_mm()));
@@ -259,7 +259,7 @@ fn shares(spec: &RigSpec, ledger: &Memory) -> BTreeMap<&'static str, Share> {
     all
 }
 
-/// What the array felt, as a run compares it.
+/// Outputs of a press, as a run compares them.
 fn felt(contact: &RecordedContact, cell_n: f64) -> Option<MeasuredContact> {
     let level = contact.levels.iter().find(|level| level.force_set_n.is_some_and(|force_n| force_n > 0.0))?;
     let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
@@ -268,7 +268,7 @@ fn felt(contact: &RecordedContact, cell_n: f64) -> Option<MeasuredContact> {
     Some(MeasuredContact { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0, cell_n] })
 }
 
-/// The rise of the force that a press showed: its place, from and to which force, N, and over which distance, mm.
+/// Rise of the force in a press: its place, the two forces, N, and the distance between them, mm.
 fn rise(learned_contact: &LearnedContact, map: &ContactMap) -> Option<(Place, f64, f64, f64)> {
     match learned_contact {
         LearnedContact::Touch { place, path, .. } => {
@@ -281,7 +281,7 @@ fn rise(learned_contact: &LearnedContact, map: &ContactMap) -> Option<(Place, f6
     }
 }
 
-/// Share of the distance that a press may take, by the limit that holds: that of a prediction, or of the softest press around.
+/// The distance as a fraction of its limit, which is that of a prediction or of the softest press around.
 fn softer(learned_curve: &LearnedCurve, from_n: f64, to_n: f64, way_mm: f64) -> f64 {
     let most_mm = learned_curve.longest_mm(from_n, to_n) - WAY_MM;
     match learned_curve.share(from_n, to_n, way_mm) {

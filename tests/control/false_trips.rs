@@ -1,4 +1,4 @@
-//! Without a fault no strategy trips, and a map keeps its bars: whole calibrations on both benches, judged by the scene's truth.
+//! Without a fault no strategy trips, and `map` stays within its bounds: whole calibrations on both benches, judged by the true forces.
 
 use palpate_control::Strategy;
 use palpate_data::recipe::Phase;
@@ -11,10 +11,11 @@ const COARSER: (&str, &str) = ("spacing_mm = 0.5", "spacing_mm = 3.0");
 const POINTS: &str = "\n[[step]]\nphase = \"test\"\nrandom = { count = 100, x_mm = [-6.0, 6.0], \
                       y_mm = [-6.0, 6.0], force_n = [0.1, 1.0] }\n";
 
-/// The fastest a press of 1 N can be on these benches, whatever the loop (CONTROL 2), s.
+/// Least time of a press of 1 N on these benches, for any control (CONTROL 2), s.
 const BOUND_S: f64 = 0.534;
 
-/// How well a strategy has to do: error in the window, N, 95 % of presses and all; time over the bound; force over the set one, N.
+/// Bounds of a strategy: force error in the window, N, of 95 % of the presses and of all; time over the least time; excess over the set
+/// force, N.
 struct Bars {
     p95_n: f64,
     most_n: f64,
@@ -22,18 +23,18 @@ struct Bars {
     over_n: f64,
 }
 
-/// On the fast bench, then on the other.
+/// On the fast bench, then on the other one.
 const MAP_BARS: [Bars; 2] = [
     Bars { p95_n: 0.003, most_n: 0.010, ratio: 1.45, over_n: 0.010 },
     Bars { p95_n: 0.004, most_n: 0.012, ratio: 1.6, over_n: 0.012 },
 ];
-/// The same of a cell with three times the noise. It came to 6.0 and 6.7 mN, 11.5 and 12.1 mN, 13.1 and 12.2 mN over ten seeds.
+/// Bounds for a cell with three times the noise. Over ten seeds the values were 6.0 and 6.7 mN, 11.5 and 12.1 mN, 13.1 and 12.2 mN.
 const NOISIER_BARS: [Bars; 2] = [
     Bars { p95_n: 0.0075, most_n: 0.015, ratio: 1.6, over_n: 0.016 },
     Bars { p95_n: 0.0080, most_n: 0.015, ratio: 1.7, over_n: 0.016 },
 ];
-/// Guarded and velocity: every window within the recipe's tolerance of 10 mN, and nothing over the set force. 95 % came to 6.8 and
-/// 6.6 mN, 6.2 and 5.3 mN.
+/// Guarded and velocity: every window within the recipe's tolerance of 10 mN, and nothing over the set force. 95 % were within 6.8 and 6.6
+/// mN, 6.2 and 5.3 mN.
 const GUARDED_BARS: [Bars; 2] = [
     Bars { p95_n: 0.0075, most_n: 0.010, ratio: 2.8, over_n: 0.0 },
     Bars { p95_n: 0.0075, most_n: 0.010, ratio: 3.2, over_n: 0.0 },
@@ -42,11 +43,11 @@ const VELOCITY_BARS: [Bars; 2] = [
     Bars { p95_n: 0.0070, most_n: 0.010, ratio: 3.0, over_n: 0.0 },
     Bars { p95_n: 0.0065, most_n: 0.010, ratio: 4.1, over_n: 0.0 },
 ];
-/// The paper's points, forces of 0.1 to 1 N: 95 % of the windows and the largest over. They came to 3.7 and 14.4 mN.
+/// The paper's points, forces of 0.1 to 1 N: 95 % of the windows, and the largest excess. They were 3.7 and 14.4 mN.
 const POINTS_P95_N: f64 = 0.005;
 const POINTS_OVER_N: f64 = 0.020;
 
-/// What presses came to.
+/// Results of presses.
 struct FalseTripFigures {
     p95_n: f64,
     most_n: f64,
@@ -56,7 +57,7 @@ struct FalseTripFigures {
 }
 
 impl FalseTripFigures {
-    /// Of the presses of one phase, in the order they were made.
+    /// Of the presses of one phase, in the order of pressing.
     fn of(executions: &[&ExecutedRun], phase: Phase) -> FalseTripFigures {
         let (mut errors_n, mut over_n, mut times_s) = (Vec::new(), f64::NEG_INFINITY, Vec::new());
         for executed in executions {
@@ -78,7 +79,7 @@ impl FalseTripFigures {
         FalseTripFigures { p95_n: share(&errors_n, 0.95), most_n: share(&errors_n, 1.0), over_n, median_s, count }
     }
 
-    /// The bars that are missed, by name; times only where they are asked for.
+    /// Names of the bounds that are exceeded; times only on request.
     fn missed(&self, bars: &Bars, timed: bool) -> Vec<String> {
         let FalseTripFigures { p95_n, most_n, over_n, median_s, .. } = *self;
         let rules = [
@@ -103,8 +104,7 @@ impl FalseTripFigures {
     }
 }
 
-/// Whole calibrations on a bench: the load cell's noise, N; the strategy; seeds; whether the paper's points follow or stand
-/// alone.
+/// Whole calibrations on a bench: noise of the load cell, N; strategy; seeds; and whether the paper's points follow or are made alone.
 struct FalseTripCalibration {
     bench: &'static str,
     noise_n: f64,
@@ -140,7 +140,7 @@ impl FalseTripCalibration {
     }
 }
 
-/// The noise of the benches' load cell, and a noisier one's, N.
+/// Noise of the benches' load cell, and of a noisier one, N.
 const NOISE_N: f64 = 0.003;
 const NOISIER_N: f64 = 0.010;
 
@@ -152,7 +152,7 @@ fn seeds(most: usize) -> std::ops::RangeInclusive<u64> {
 fn a_map_trips_for_nothing_and_keeps_its_bars() {
     let mut missed = Vec::new();
     for (((bench, _), bars), noisier_bars) in BENCHES.into_iter().zip(MAP_BARS).zip(NOISIER_BARS) {
-        // the first five go on with the paper's points
+        // the first five continue with the paper's points
         let whole = |noise_n, seed| FalseTripCalibration {
             bench,
             noise_n,
@@ -168,7 +168,7 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
         let raster: Vec<FalseTripCalibration> =
             seeds(2).map(|seed| FalseTripCalibration { points: false, raster: true, ..whole(NOISE_N, seed) }).collect();
         let raster = in_parallel(&raster, FalseTripCalibration::executed);
-        // the bound is reckoned for steps of 0.5 mm from place to place
+        // the least time is calculated for steps of 0.5 mm from place to place
         let raster = FalseTripFigures::of(&raster.iter().collect::<Vec<_>>(), Phase::Calibration);
         raster.print(&format!("{bench}, map, in raster order"));
         let executions = in_parallel(&jobs, FalseTripCalibration::executed);

@@ -1,5 +1,5 @@
-//! Every fault, alone and with every other, on both benches, at any instant of a run: nothing the load cell, the specimen or
-//! a link does may cost the specimen its limits. Judged by the scene's truth from the first message until all is at rest.
+//! Every fault, alone and with every other, on both benches, at any time of a run: no fault of load cell, specimen or link may exceed the
+//! specimen's limits. Judged by the true values from the first message until all is at rest.
 
 use palpate_control::{Reaction, Strategy, safe_speed_mm_s};
 use palpate_core::quantity::stream;
@@ -14,46 +14,45 @@ use palpate_testing::executions::{
 use rand::RngExt;
 use std::collections::BTreeMap;
 
-/// Of so many runs of one seed the quick tier makes one; it goes with neither rigs nor speeds.
+/// The quick tier makes one in so many runs of a seed. The number divides neither that of rigs nor that of speeds.
 const THINNED_BY: usize = 5;
 
-/// Seeds of each fault, rig and speed in the full tier, with the map's presses; with the others; of each pair of faults.
+/// Seeds of each fault, rig and speed in the full tier, for presses with the map; for the others; for each pair of faults.
 const SEEDS: usize = 20;
 const OTHER_SEEDS: usize = 4;
 const PAIR_SEEDS: usize = 3;
 const OTHER_PAIR_SEEDS: usize = 1;
 
-/// Speeds of the stage, mm/s; the last is the benches' own.
+/// Speeds of the stage, mm/s; the last one is that of the benches.
 const SPEEDS_MM_S: [f64; 4] = [0.5, 2.0, 5.0, 25.0];
 const OTHER_SPEEDS_MM_S: [f64; 2] = [2.0, 25.0];
 const PAIR_SPEED_MM_S: f64 = 5.0;
 
-/// Of how many seeds one has its fault strike before the first press.
+/// One in so many seeds has its fault before the first press.
 const EARLY: u64 = 5;
 
-/// Presses of a plan: those that teach, and ordinary ones; fewer where each takes long.
+/// Presses of a plan: training presses and ordinary ones; fewer where each takes long.
 const TRAINING_PRESSES: usize = 5;
 const ORDINARY: usize = 5;
 const ORDINARY_SLOW: usize = 2;
 const SLOW_MM_S: f64 = 1.0;
 
-/// The window of the plans, s.
+/// Window of the plans, s.
 const WINDOW_S: f64 = 0.1;
 
-/// How long after the begin of its window a contact may last at most, s, besides the way out of it: the window, the command, and
-/// speeding up and braking.
+/// Longest contact after the beginning of its window, s, except for the retraction: the window, the command, acceleration and braking.
 const LEAVES_S: f64 = WINDOW_S + 0.2;
 
-/// What the record of a press may be off by whose fault nobody noticed, N, and how much more in ten times the noise; 1.2 and 9.5 mN
-/// were the most. By that record it is within the tolerance of the plans, N.
+/// Largest error of a recorded force with an unnoticed fault, N, and with ten times the noise; 1.2 and 9.5 mN were the largest. By the
+/// record the force is within the tolerance of the plans, N.
 const RECORDED_N: f64 = 0.0015;
 const NOISIER: f64 = 10.0;
 const TOLERANCE_N: f64 = 0.010;
 
-/// How much longer than without a fault a run may take, s: a link that falls silent is waited for, and parking tried again.
+/// Largest extra time of a run with a fault, s: a silent link is waited for, and parking is tried again.
 const LONGER_S: f64 = 120.0;
 
-/// One run to make.
+/// One run.
 #[derive(Clone, Debug)]
 struct FaultCase {
     bench: &'static str,
@@ -64,7 +63,7 @@ struct FaultCase {
     seed: u64,
 }
 
-/// What came of it.
+/// Its result.
 struct FaultOutcome {
     case: FaultCase,
     faults: Vec<SceneFault>,
@@ -77,12 +76,12 @@ struct FaultOutcome {
     kept: StoredPress,
 }
 
-/// What the presses on record came to.
+/// Results of the recorded presses.
 #[derive(Default)]
 struct StoredPress {
-    /// When their windows began, s.
+    /// Times when their windows began, s.
     windows_s: Vec<f64>,
-    /// The most by which the true force was off the set one, and off the recorded one, in rows without a flag, N.
+    /// Largest differences of the true force from the set one and from the recorded one, in rows without a flag, N.
     off_n: f64,
     recorded_n: f64,
 }
@@ -109,7 +108,7 @@ impl FaultCase {
         spec
     }
 
-    /// Presses near each other, so that the ways between them are short; few of them, but those that teach among them.
+    /// Presses near each other, so that the ways between them are short; few except the training presses.
     fn plan(&self, spec: &RigSpec) -> Plan {
         let (strategy, force_n) = (self.strategy.name(), self.force_n);
         let text = format!(
@@ -132,7 +131,7 @@ impl FaultCase {
         format!("{} at {} mm/s, {}, {} N", self.bench, self.speed_mm_s, self.strategy.name(), self.force_n)
     }
 
-    /// A run, each fault striking at any instant that a sound one has.
+    /// A run for each fault, which begins at any time of a sound run.
     fn run(&self, sound: &FaultSound) -> FaultOutcome {
         let mut spec = self.spec();
         let plan = self.plan(&spec);
@@ -155,7 +154,7 @@ impl FaultCase {
         }
     }
 
-    /// Whether this speed is safe on what the fault puts in the specimen's place (I3): that is the rig's to declare.
+    /// Whether this speed is safe on the specimen that the fault puts in place (I3), which the rig declares.
     fn is_judged(&self) -> bool {
         let spec = self.spec();
         let hard = self.kinds.contains(&FaultKind::HardContact);
@@ -163,7 +162,7 @@ impl FaultCase {
     }
 }
 
-/// The fastest approach that stays within the force limit on a hard contact, mm/s.
+/// Fastest approach that stays within the force limit on a hard contact, mm/s.
 fn hard_speed_mm_s(spec: &RigSpec) -> f64 {
     let latencies = &spec.scene.latencies;
     let reaction = Reaction {
@@ -176,7 +175,7 @@ fn hard_speed_mm_s(spec: &RigSpec) -> f64 {
     safe_speed_mm_s(spec.limits.force_n - 0.03, hard_n_mm, reaction.worst_s(), spec.stage.acceleration_mm_s2)
 }
 
-/// How a run without faults goes.
+/// Result of a run without faults.
 struct FaultSound {
     ready_s: f64,
     virtual_s: f64,
@@ -190,7 +189,7 @@ fn named(kinds: &[FaultKind]) -> String {
     kinds.iter().map(|&kind| name(kind)).collect::<Vec<_>>().join(" + ")
 }
 
-/// Runs all cases, each against a sound run of its own rig, speed and strategy.
+/// Runs all cases, and compares each with a sound run of its rig, speed and strategy.
 fn run_all(cases: &[FaultCase]) -> Vec<FaultOutcome> {
     let sound_cases: BTreeMap<String, FaultCase> = cases.iter().map(|case| (case.key(), case.sound())).collect();
     let (keys, sound_cases): (Vec<String>, Vec<FaultCase>) = sound_cases.into_iter().unzip();
@@ -211,7 +210,7 @@ fn cases(kinds: &[Vec<FaultKind>], speeds: &[f64], strategy: Strategy, force_n: 
         for (bench, _) in BENCHES {
             for &speed_mm_s in speeds {
                 for seed in 1..=seeds {
-                    // one seed alone would have its faults strike at one place in every run
+                    // with one seed, the faults of all runs would begin at one place
                     let seed = if is_quick { 1 + cases.len() as u64 } else { seed };
                     cases.push(FaultCase { bench, speed_mm_s, strategy, force_n, kinds: kinds.clone(), seed });
                 }
@@ -235,8 +234,7 @@ fn pairs() -> Vec<Vec<FaultKind>> {
     (0..all.len()).flat_map(pair).collect()
 }
 
-/// One line a fault: how many runs, over which limit, the peaks, what ended them. Gives the runs that break a limit though
-/// they may not.
+/// One line for each fault: number of runs, exceeded limits, peaks, ends. Returns the runs that exceed a limit without permission.
 fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
     let mut rows: BTreeMap<String, Vec<&FaultOutcome>> = BTreeMap::new();
     for outcome in outcomes {
@@ -277,7 +275,7 @@ fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
             println!("    faster than is safe there: {}", speeds.iter().map(output).collect::<Vec<_>>().join("; "));
         }
         broken.extend(judged.iter().filter(|o| !o.worst.is_within(&o.case.spec())).map(|o| o.text()));
-        // whatever the speed, a hard contact is no deeper and nothing slides
+        // at any speed, a hard contact is no deeper and nothing slides
         let deep = |o: &&&&FaultOutcome| o.worst.depth_mm > limits.depth_mm || o.worst.slid_mm > 0.0;
         broken.extend(printed.iter().filter(deep).map(|o| o.text()));
     }
@@ -291,25 +289,25 @@ fn worst_of(all: impl Iterator<Item = ExecutionWorst>) -> ExecutionWorst {
     })
 }
 
-/// What a fault may be noticed by; `device` is an instrument whose driver gives up before a rule is asked.
+/// Rules by which a fault may be noticed; `device` is a driver that gives up before a rule is checked.
 fn fitting(kind: FaultKind) -> &'static [&'static str] {
     match kind {
-        // a cell that sticks before it is zeroed has no noise, so that repeating itself says nothing
+        // a cell that sticks before it is zeroed has no noise, so equal readings show nothing
         FaultKind::Stuck => &["frozen", "no-response", "no-contact"],
-        // before the first touch the array tells of it; a look in which it strikes is a mean of both
+        // before the first touch the array detects it; a reading during which it begins is a mean of both
         FaultKind::NoSensor => &["fallen", "no-response", "no-contact", "outputs-moved", "softer-than-taught"],
         FaultKind::NoContact => &["fallen", "no-response", "no-contact"],
-        // between two looks at a contact its force seems to have gone; a look in which it strikes is a mean of both signs
+        // between two readings of a contact the force seems to disappear; a reading during which it begins is a mean of both signs
         FaultKind::WrongSign => &["wrong-sign", "no-response", "fallen", "softer-than-taught"],
         FaultKind::Saturated => &["frozen", "no-response"],
-        // one that slips before it touches is felt as softer than it can be
+        // a specimen that slips before it touches feels softer than it can be
         FaultKind::Slip => &["fallen", "no-response", "out-of-reach", "softer-than-taught"],
         FaultKind::HardContact => &["hard-contact", "over-force"],
         FaultKind::Stale => &["stale", "device"],
         FaultKind::StageLost => &["stage-silent", "device", "unparked"],
         FaultKind::ArrayLost => &["device"],
         FaultKind::SlowStage => &["stage-silent"],
-        // in a contact ten times the noise can look like a force that does anything
+        // in contact, ten times the noise can look like any change of the force
         FaultKind::Noisy => &[
             "noisy",
             "wrong-sign",
@@ -319,16 +317,16 @@ fn fitting(kind: FaultKind) -> &'static [&'static str] {
             "softer-than-taught",
             "still-touching",
         ],
-        // half a newton that is gone while it presses could be anything's
+        // a loss of half a newton during a press can have any cause
         FaultKind::DriftedZero => &["zero-drifted", "wrong-sign", "no-response", "fallen", "softer-than-taught"],
-        // no rig file has it: `wire_faults` has
+        // no rig file can state it: `wire_faults` does
         FaultKind::Risen => &[],
     }
 }
 
 impl FaultOutcome {
-    /// Whether what ended the run is something that its fault looks like. One that nobody noticed must have come too late, or be
-    /// harmless, and every press on record must be right.
+    /// Whether the end of the run fits its fault. An unnoticed fault must have begun too late, or be harmless, and every recorded press
+    /// must be right.
     fn is_fitting(&self) -> bool {
         if self.end != "-" {
             return fitting(self.case.kinds[0]).contains(&self.end);
@@ -337,25 +335,25 @@ impl FaultOutcome {
         self.may_be_missed() && self.kept.recorded_n <= recorded_n && self.kept.off_n <= TOLERANCE_N + recorded_n
     }
 
-    /// Whether the fault could have done no harm to a press of this run.
+    /// Whether the fault couldn't harm a press of this run.
     fn may_be_missed(&self) -> bool {
         let from_s = self.faults[0].from_s;
         let windows_s = &self.kept.windows_s;
         let begun_after = |nth_last: usize| windows_s.len().checked_sub(nth_last).is_none_or(|n| from_s > windows_s[n]);
         match self.case.kinds[0] {
-            // the zero was taken with it
+            // the zero contains it
             FaultKind::Noisy | FaultKind::DriftedZero if from_s < self.ready_s => true,
-            // noise is compared with the zero's without load before a press, and a specimen is another from the next contact on
+            // noise is compared with that of the zero before a press, and the specimen changes from the next contact on
             FaultKind::Noisy | FaultKind::HardContact => begun_after(2),
-            // one contact slips, once: its window was over
+            // one contact slips, once, after its window
             FaultKind::Slip => {
                 let spec = self.case.spec();
                 let leaves_s = LEAVES_S + spec.limits.depth_mm / spec.stage.speed_mm_s;
                 begun_after(1) || windows_s.iter().any(|at_s| (0.0..leaves_s).contains(&(from_s - at_s)))
             }
-            // a stage that can't be parked is reported, though all was measured
+            // a stage that can't be parked is reported, although all presses were made
             FaultKind::StageLost => from_s >= self.virtual_s,
-            // slower answers cost time alone
+            // slower answers only cost time
             FaultKind::SlowStage => true,
             _ => begun_after(1),
         }
@@ -407,7 +405,7 @@ fn no_two_faults_together_cost_a_limit() {
     must_be_none(&report(&all));
 }
 
-/// At the force limit itself a cell that lies leaves the depth limit alone: what it bears there may be above the force limit.
+/// At the force limit, a cell that reads wrong leaves only the depth limit, and the force there may exceed the force limit.
 #[test]
 fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
     const LYING: [FaultKind; 6] = [

@@ -1,7 +1,7 @@
-//! The first descent asks the frame for nothing: wherever the surface really is, and whenever the host dies, the specimen as
-//! declared bears at most the force limit.
+//! The first descent doesn't use the frame: for any real height of the surface and any time of a failure, the force on the declared
+//! specimen is at most the force limit.
 //!
-//! `PALPATE_TESTS=full` tries twelve surfaces of each strategy and each failure.
+//! `PALPATE_TESTS=full` tries twelve surfaces for each strategy and each failure.
 
 use palpate_control::{FIRST_APPROACH_MM_S, Strategy};
 use palpate_core::quantity::{Axis, Place, stream};
@@ -10,16 +10,16 @@ use palpate_testing::campaign;
 use palpate_testing::executions::{BENCHES, Deaths, bench, end_of, executed_with, in_parallel, must_be_none, plan};
 use rand::RngExt;
 
-/// How far the surface may really be from where the frame says, either way, mm.
+/// Largest distance of the real surface from that of the frame, mm.
 const OFF_MM: f64 = 10.0;
 
-/// Where home is, as far above the surface as the frame has it, mm.
+/// Height of home over the surface of the frame, mm.
 const HOME_MM: f64 = 12.5;
 
-/// When it may fail, s since the rig was opened: at any time until the surface is met.
+/// Times of the failure, s since the rig was opened: any time until the surface is touched.
 const FAILS_S: f64 = 60.0;
 
-/// How much of a peak a scene may pass over between two looks, N.
+/// Largest part of a peak that a scene may miss between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
 fn descents() -> u64 {
@@ -34,7 +34,7 @@ fn recipe(strategy: Strategy) -> String {
     )
 }
 
-/// What fails on the way: nothing, the load cell (silent, frozen, no longer on the indenter), or the link to the stage.
+/// Failures on the way: none, the load cell (silent, frozen, no longer on the indenter), or the link to the stage.
 const FAILS: [Option<FaultKind>; 5] =
     [None, Some(FaultKind::Stale), Some(FaultKind::Stuck), Some(FaultKind::NoSensor), Some(FaultKind::StageLost)];
 
@@ -81,10 +81,10 @@ fn force_limit_holds_on_every_surface_with_every_failure() {
     must_be_none(&broken.into_iter().flat_map(|(_, broken)| broken).collect::<Vec<_>>());
 }
 
-/// Something in the way that is much harder than the specimen as declared: a clamp, N/mm.
+/// An obstacle that is much harder than the declared specimen: a clamp, N/mm.
 const HARD_N_MM: f64 = 200.0;
 
-/// Speeds of the first approach, mm/s, the default among them, and the most that the clamp may bear at them while host and cell live, N.
+/// Speeds of the first approach, mm/s, with the default, and the largest forces on the clamp while host and cell work, N.
 const SPEEDS: [(f64, f64); 4] = [(2.0, 15.0), (1.0, 8.0), (FIRST_APPROACH_MM_S, 3.0), (0.25, 2.0)];
 
 #[test]
@@ -114,7 +114,7 @@ fn force_on_a_hard_obstacle_depends_on_approach_speed() {
             let dead_n = of_it().map(|(.., dead_n)| *dead_n).fold(0.0, f64::max);
             let output = format!("{bench}, {HARD_N_MM} N/mm in the way at {speed_mm_s} mm/s: {alive_n:.2} N");
             println!("{output}; had the program died at the worst moment {dead_n:.0} N");
-            // and no less than what it takes to be noticed
+            // and at least the force that can be noticed
             if !(0.03..=most_n).contains(&alive_n) {
                 broken.push(output);
             }

@@ -1,6 +1,6 @@
-//! A load cell whose gain is off: what a check with a known weight makes of it, and what notices it without one.
+//! A load cell whose gain is off: what a check with a known weight does about it, and what notices it without one.
 //!
-//! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625, each with a seed of its own.
+//! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625 with different seeds.
 
 use palpate_core::quantity::WeightCheck;
 use palpate_data::recipe::Phase;
@@ -13,11 +13,11 @@ use palpate_testing::executions::{bench, bench_recipe, benches, end_of, executed
 
 const WEIGHT_N: f64 = 0.5;
 
-/// The true force less the set one, 95 % of the windows, N, with a weight that is known within so much.
+/// True force minus set force, 95 % of the windows, N, with a weight that is known to this fraction.
 const WELL_KNOWN: (f64, f64) = (0.001, 0.004);
 const BADLY_KNOWN: (f64, f64) = (0.005, 0.008);
 
-/// The least stiffness that is declared: a tenth below the softest that a press of these benches shows first, N/mm.
+/// Declared least stiffness: a tenth below the softest first press of these benches, N/mm.
 const STIFFNESS_LEAST_N_MM: f64 = 0.9;
 
 fn seeds() -> u64 {
@@ -34,7 +34,7 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
     spec
 }
 
-/// What the doctor finds with a weight that is known within this share of it; its true force follows from the seed.
+/// Result of the doctor with a weight that is known to this fraction; its true force follows from the seed.
 fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> WeightMeasurement {
     let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
     let found = run_virtually(async {
@@ -83,7 +83,7 @@ fn a_gain_that_is_off_by_one_percent_is_adjusted_for_as_well_as_the_weight_is_kn
     }
 }
 
-/// What becomes of a cell of this gain: what noticed it, how many presses were recorded by then, and the true peak force, N.
+/// Effect of a cell with this gain: what noticed it, the number of recorded presses, and the true peak force, N.
 fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
     let executed = executed(spec, &plan(spec, &recipe(), seed));
     (end_of(&executed.ending), executed.ledger.contacts().count(), executed.truth.force_n)
@@ -91,7 +91,7 @@ fn noticed(spec: &RigSpec, seed: u64) -> (&'static str, usize, f64) {
 
 #[test]
 fn wrong_gain_is_found_with_a_check_weight() {
-    // a cell that reads half presses twice as hard as the recipe asks, which no rule can know without the weight
+    // a cell that reads half presses twice as hard as the recipe requires, which no rule can know without the weight
     println!("| bench | gain | check weight | least stiffness | noticed by | presses | true peak force |");
     for (name, _) in benches() {
         let limit_n = bench(name).limits.force_n;
@@ -126,7 +126,7 @@ fn wrong_gain_is_found_with_a_check_weight() {
                     _ => ("wrong-sign", 0.10),
                 };
                 assert_eq!(by, expected, "{name}, {gain}, {least}");
-                // what is noticed is noticed in the first press, at no larger force; what isn't is as large as stated
+                // what is noticed is noticed in the first press, at no larger force; the others are as large as stated
                 let is_so =
                     if by == "-" { (peak_n - expected_n).abs() < 0.015 } else { presses == 0 && peak_n <= expected_n };
                 assert!(is_so, "{name}, {gain}, {least}: {presses} presses, {peak_n} N");

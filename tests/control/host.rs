@@ -1,5 +1,4 @@
-//! The host and its links may die at any instant: whatever the devices were told by then is safe to finish. Judged by the
-//! scene's truth until all is at rest.
+//! Host and links may die at any time: the devices can safely finish all earlier commands. Judged by the true values until all is at rest.
 
 use palpate_control::Strategy;
 use palpate_run::rig::{RigSpec, SimulatedRig};
@@ -13,44 +12,44 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-/// Each so-many-th command meets with a mishap: quick and full.
+/// One in so many commands has a mishap: quick and full.
 const EVERY: (usize, usize) = (97, 1);
 
-/// How late what is late is, s.
+/// Delay of late messages, s.
 const LATE_S: f64 = 10.0;
 
-/// Presses that teach, and presses.
+/// Training presses, and all presses.
 const TRAINING_PRESSES: usize = 5;
 const PRESSES: usize = 3;
 
-/// The stage's last command before it is homed, and how many park it after a window: both are waited for.
+/// Number of the stage's last command before it is homed, and number of commands that park it after a window: both are waited for.
 const HOMES_AT: usize = 6;
 const PARKS: usize = 2;
 
-/// How much of a peak a scene may pass over between two looks, N.
+/// Largest part of a peak that a scene may miss between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
-/// Longest a run with a mishap may take, s.
+/// Longest run with a mishap, s.
 const LONGEST_S: f64 = 180.0;
 
-/// What happens when the stage takes one of its commands.
+/// What happens when the stage gets one of its commands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Mishap {
     /// Nothing.
     None,
-    /// The stage's link is cut before it.
+    /// The stage's link is cut before the command.
     StageCut,
-    /// The stage's link is cut behind it: it is acted on, as is what comes after it, and nothing is answered any more.
+    /// The stage's link is cut after the command: this and later commands are carried out, but no answers come.
     StageMute,
-    /// It lies on the link before it is acted on, and what is sent meanwhile waits behind it.
+    /// The command is delayed on the link, and so are the later ones.
     CommandLate,
-    /// It is acted on, but its answer lies on the link.
+    /// The command is carried out, but its answer is delayed on the link.
     AnswerLate,
-    /// It is answered as if it had been taken, and nothing moves.
+    /// The command is answered but not carried out.
     CommandIgnored,
     /// The load cell's link is cut.
     CellCut,
-    /// The load cell answers nothing for a while, then everything.
+    /// The load cell is silent for a while, then answers everything.
     CellLate,
 }
 
@@ -65,14 +64,14 @@ impl Mishap {
         Mishap::CellLate,
     ];
 
-    /// Whether nobody need notice it at the stage's `at`-th command.
+    /// Whether it may remain unnoticed at the stage's `at`-th command.
     fn may_be_missed(self, at: usize, commands: Commands) -> bool {
         let parks = |end: usize| (end - PARKS..end).contains(&at);
         let measured = parks(commands.all);
         match self {
-            // the next look at z tells, and what is missing is asked for again
+            // the next reading of z shows it, and missing messages are requested again
             Mishap::None | Mishap::CommandIgnored => true,
-            // a stage that can't be parked is reported, though all was measured
+            // a stage that can't be parked is reported, although all presses were made
             Mishap::StageCut | Mishap::StageMute => false,
             Mishap::CommandLate | Mishap::AnswerLate => measured || parks(commands.planned) || at == HOMES_AT,
             Mishap::CellCut | Mishap::CellLate => measured,
@@ -80,14 +79,14 @@ impl Mishap {
     }
 }
 
-/// How many commands the stage takes in a run: for the plan, and with the check that closes it.
+/// Number of the stage's commands in a run: for the plan, and with the closing check.
 #[derive(Clone, Copy)]
 struct Commands {
     planned: usize,
     all: usize,
 }
 
-/// A rig, and how it is pressed with.
+/// A rig, and its strategy.
 #[derive(Clone, Copy, Debug)]
 struct HostSetup {
     bench: &'static str,
@@ -117,7 +116,7 @@ impl HostSetup {
         executed_with(&spec, &plan, deaths, tamper)
     }
 
-    /// The same with a mishap at the stage's `at`-th command; how many commands there were.
+    /// The same with a mishap at the stage's `at`-th command; the number of commands.
     fn struck(&self, mishap: Mishap, at: usize) -> (ExecutedRun, usize) {
         let commands = Arc::new(AtomicUsize::new(0));
         let executed = self.executed(Deaths::Ignored, 4, &|rig| {
@@ -141,30 +140,30 @@ fn setups(speeds_mm_s: &[f64]) -> Vec<HostSetup> {
     speeds_mm_s.iter().flat_map(with_speed).collect()
 }
 
-/// What is in store for a rig.
+/// The mishap of a rig.
 struct HostFate {
     mishap: Mishap,
-    /// At which of the stage's commands, counted from 0.
+    /// Which of the stage's commands, from 0.
     at: usize,
     commands: Arc<AtomicUsize>,
     struck_s: Option<f64>,
     now_s: f64,
 }
 
-/// A device on a link with which something happens.
+/// A device on a link with a mishap.
 struct Beset {
     device: Shared<dyn Instrument>,
     fate: Shared<HostFate>,
-    /// An answer that lies on the link.
+    /// An answer that is delayed on the link.
     held: Option<Vec<u8>>,
 }
 
-/// Whether a message to the stage has it do something: go, go faster, stop, home.
+/// Whether a message makes the stage do something: move, change its speed, stop, home.
 fn is_command(request: &[u8]) -> bool {
     ["PA", "VA", "ST", "OR"].iter().any(|word| request.windows(2).any(|two| two == word.as_bytes()))
 }
 
-/// What a message to the stage asks, without what it commands.
+/// The request in a message to the stage, without its values.
 fn questions(request: &[u8]) -> Vec<u8> {
     let text = String::from_utf8_lossy(request);
     let asks: Vec<&str> =
@@ -215,7 +214,7 @@ impl Instrument for Beset {
                         self.held = Some(answer);
                         Vec::new()
                     }
-                    // what was held comes in front of the first answer after its time
+                    // delayed messages come before the first answer after their time
                     Some(held) if !held.is_empty() && now_s > struck_s + LATE_S => {
                         let late = std::mem::take(self.held.as_mut().expect("it is held"));
                         [late, answer].concat()
@@ -243,8 +242,7 @@ impl Instrument for Beset {
     }
 }
 
-/// Nothing but a message to the stage changes a motion, and every one of those is tried: what readers are asked decides
-/// nothing any more once the host is dead.
+/// Only messages to the stage change a motion, so each of them is tried. Messages to readers can't matter once the host is dead.
 #[test]
 fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
     let speeds: &[f64] = if campaign::is_quick() { &[25.0] } else { &[0.5, 5.0, 25.0] };
@@ -264,7 +262,7 @@ fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
     println!("{messages} deaths: at most {:.3} N and {:.3} mm", all.force_n, all.depth_mm);
 }
 
-/// What the runs with one mishap came to.
+/// Results of the runs with one mishap.
 #[derive(Default)]
 struct HostRow {
     runs: usize,

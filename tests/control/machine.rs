@@ -1,5 +1,5 @@
-//! The press as a machine, driven by specimens that keep what the rig declares and by drivers that say anything: every motion
-//! keeps the permit's promise for what the press was told, every press ends, and nothing is answered with a panic.
+//! A press as a state machine, with specimens that keep the rig's declarations and drivers that answer anything: every motion keeps the
+//! permit's promise, every press ends, and no answer causes a panic.
 
 use palpate_control::{
     Branch, ContactMap, Context, ForceLevel, ForceLoop, LearnedContact, LoopCommand, LoopEvent, Moment,
@@ -12,25 +12,25 @@ use rand::RngExt;
 use std::collections::BTreeMap;
 use std::thread;
 
-/// Steps of each of the two drivers.
+/// Steps with each of the two drivers.
 fn steps_wanted() -> u64 {
     campaign::size(100_000, 4_000_000) as u64
 }
-/// Threads; each has its own part of the seeds.
+/// Threads; each has its own seeds.
 const THREADS: u64 = 2;
 
-/// Most commands of a press, for each of its levels, and besides.
+/// Largest number of commands of a press, for each level, and the rest.
 const COMMANDS_A_LEVEL: usize = 8_000;
 const COMMANDS_MORE: usize = 10;
 
-/// Oldest force on which a motion toward the specimen may rest, s (I4).
+/// Largest age of a force that permits a motion toward the specimen, s (I4).
 const FRESH_S: f64 = 0.25;
-/// Rounding that isn't held against a motion, mm or N.
+/// Rounding of a motion that doesn't count, mm or N.
 const ROUNDING: f64 = 1e-6;
-/// Longest dwell that can be meant, s.
+/// Longest dwell that makes sense, s.
 const DWELL_MOST_S: f64 = 100.0;
 
-/// A press with all that it knows, drawn at random.
+/// A press with random knowledge.
 struct MachineDraw {
     press: ForceLoop,
     context: Context,
@@ -39,14 +39,14 @@ struct MachineDraw {
     reaction_s: f64,
 }
 
-/// What a press has been told so far.
+/// What a press has learned so far.
 #[derive(Clone, Copy, Debug)]
 struct MachineTranscript {
     z_mm: f64,
     force_n: f64,
     age_s: f64,
     now_s: f64,
-    /// The deepest that the press has taken the surface to be, mm.
+    /// Deepest surface that the press has assumed, mm.
     surface_mm: f64,
 }
 
@@ -56,14 +56,14 @@ impl MachineTranscript {
         MachineTranscript { z_mm, force_n: 0.0, age_s: 0.0, now_s: 0.0, surface_mm }
     }
 
-    /// Takes in where the press has the surface, if it says.
+    /// Updates the surface that the press assumes, if it states one.
     fn note_surface(&mut self, draw: &MachineDraw) {
         let touched_mm = draw.press.touched_mm().filter(|mm| mm.is_finite()).unwrap_or(f64::NEG_INFINITY);
         self.surface_mm = self.surface_mm.max(touched_mm).max(draw.context.expected.first_mm);
     }
 }
 
-/// The fraction of the force limit that a step may add; a stage of every second seed has steps.
+/// Fraction of the force limit that a step may add; every second seed has a stage with steps.
 const STEP_SHARE: f64 = 0.05;
 
 fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
@@ -114,7 +114,7 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
     let force_n = limits.force_n * rng.random_range(0.02..1.0);
     let levels = match rng.random_range(0..4) {
         0 => PressTask::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
-        // whatever comes to mind
+        // anything
         1 => (0..rng.random_range(0..4))
             .map(|_| ForceLevel {
                 force_set_n: if rng.random_bool(0.3) { 0.0 } else { limits.force_n * rng.random_range(0.01..1.0) },
@@ -133,7 +133,7 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
     }
 }
 
-/// A map taught by presses on a plane whose curve is a parabola, or by anything.
+/// A map learned from presses on a plane with a parabolic curve, or from anything.
 fn learned_curve(rng: &mut RandomStream, limits: &Limits, truthful: bool) -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let n_mm = limits.stiffness_n_mm * rng.random_range(0.2..0.6);
@@ -164,7 +164,7 @@ fn any_of(rng: &mut RandomStream) -> f64 {
     rng.random_range(0.0..3.0)
 }
 
-/// A number that a broken driver could say.
+/// A number that a broken driver could answer.
 fn garbage(rng: &mut RandomStream) -> f64 {
     match rng.random_range(0..20) {
         0 => f64::NAN,
@@ -179,8 +179,8 @@ fn garbage(rng: &mut RandomStream) -> f64 {
     }
 }
 
-/// What of the permit's promise a motion breaks, for what the press was told. Nothing of the loop's own is asked but where it
-/// takes the surface to be once it has touched it.
+/// How a motion breaks the permit's promise, given what the press knew. Only the surface that the loop assumes after the touch is taken
+/// from it.
 fn broken_promise(draw: &MachineDraw, output: &MachineTranscript, granted: &Permitted) -> Option<&'static str> {
     let MachineDraw { context, reaction_s, .. } = draw;
     let (limits, z_mm, speed_mm_s) = (&context.limits, granted.z_mm(), granted.speed_mm_s());
@@ -192,15 +192,15 @@ fn broken_promise(draw: &MachineDraw, output: &MachineTranscript, granted: &Perm
         return Some("a speed isn't one of this stage");
     }
     if z_mm <= output.z_mm + ROUNDING {
-        return None; // away, or no way at all
+        return None; // away, or no motion
     }
     let force_n = output.force_n;
-    // a stage with steps may end deeper, and may stand deeper than it says
+    // a stage with steps may end deeper, and may be deeper than it reports
     let z_mm = z_mm + context.permit.steps().reserve_mm();
     let at_most_n = force_n + limits.stiffness_n_mm * (z_mm - output.z_mm.max(output.surface_mm));
     let (room_n, a) = (limits.force_n - context.zero.detect_n(), context.timing.acceleration_mm_s2);
     let fastest_mm_s = safe_speed_mm_s(room_n, limits.stiffness_n_mm, *reaction_s, a);
-    // asked for what must hold, so that a NaN breaks it
+    // written as the positive condition, so NaN fails
     let rules = [
         ("I1: the force", at_most_n <= limits.force_n + ROUNDING),
         ("I2: the depth", z_mm <= output.surface_mm + limits.depth_mm + ROUNDING),
@@ -226,7 +226,7 @@ fn is_out_of_turn(command: &LoopCommand) -> bool {
     matches!(command, LoopCommand::Trip(trip) if trip.rule == SafetyRule::NotPermitted && trip.unit == "event out of turn")
 }
 
-/// Whether an event is what a command asks for.
+/// Whether an event is an answer to a command.
 fn answers(command: &LoopCommand, event: &LoopEvent) -> bool {
     matches!(
         (command, event),
@@ -264,17 +264,17 @@ impl Specimen {
     }
 }
 
-/// How a press on a specimen went.
+/// Result of a press on a specimen.
 struct MachineDriven {
     seed: u64,
     end: LoopCommand,
-    /// How far the deepest end point was below the depth limit, mm.
+    /// Distance of the deepest end point from the depth limit, mm.
     over_mm: f64,
     broken: Vec<&'static str>,
 }
 
-/// Drives one press on a specimen that keeps what is declared: noise within three sd, motions that end on their target, where
-/// the press stops them or anywhere between. How many steps it took, and how it ended.
+/// Drives one press on a specimen as declared: noise within three sd, and motions that end on their target, where the press stops them or
+/// between. Returns the number of steps and the end.
 fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
     let mut rng = stream(seed, 0, "plausible");
     let mut draw = draw(seed, &mut rng, true);
@@ -338,7 +338,7 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
                         break;
                     }
                 }
-                // it ends on the nearest of its own steps, and reads them back
+                // it ends on the nearest of its steps, and reports them
                 output.z_mm = at_mm + off.random_range(-0.5..0.5) * steps_of_z.along(Axis::Z);
                 LoopEvent::Moved { z_mm: output.z_mm }
             }
@@ -350,12 +350,12 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
     panic!("seed {seed}: the press has no end: {:?}", draw.task);
 }
 
-/// Drives one press with answers that fit in kind, mostly, and say anything. How many steps it took.
+/// Drives one press with answers that mostly have the right kind, and any value. Returns the number of steps.
 fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'static str>) {
     let mut rng = stream(seed, 0, "garbage");
     let mut draw = draw(seed, &mut rng, false);
     let mut output = MachineTranscript::at(f64::NAN);
-    // most of what it says is as a specimen would have it, or it would not come far
+    // most answers are plausible, because the press would end early otherwise
     let specimen = Specimen::under(&draw, &mut rng);
     let sane = 1.0 - rng.random_range(0.0..0.4f64).powi(2);
     let (mut steps, mut broken) = (0, Vec::new());
@@ -430,7 +430,7 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
     panic!("seed {seed}: the press has no end: {:?}", draw.task);
 }
 
-/// Runs presses of one seed after another until there were steps enough; the sum of what each came to.
+/// Runs presses of successive seeds until there are enough steps; returns the sums.
 fn until_enough<T: Send>(drive: impl Fn(u64) -> (u64, T) + Sync) -> (u64, Vec<T>) {
     let part = |thread: u64| {
         let (mut steps, mut ends, mut seed) = (0, Vec::new(), thread);
@@ -453,7 +453,7 @@ fn until_enough<T: Send>(drive: impl Fn(u64) -> (u64, T) + Sync) -> (u64, Vec<T>
     })
 }
 
-/// Nothing was broken; what was, how often, and in which press first.
+/// Nothing was broken; otherwise what, how often, and in which press first.
 fn must_be_none<'a>(presses: impl Iterator<Item = (u64, &'a Vec<&'static str>)>) {
     let mut counts = BTreeMap::<&str, (usize, u64)>::new();
     for (seed, broken) in presses {
@@ -472,7 +472,7 @@ fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_l
     for MachineDriven { end, seed, .. } in &ends {
         let kind = if let LoopCommand::Trip(trip) = end { trip.rule.name() } else { "done" };
         *kinds.entry(kind).or_default() += 1;
-        // of a press on a specimen that is as declared, the loop asks for nothing that the permit refuses
+        // of a press on a declared specimen, the loop requests nothing that the permit refuses
         assert_ne!(kind, SafetyRule::NotPermitted.name(), "seed {seed}");
     }
     println!("{steps} steps, {} presses: {kinds:?}", ends.len());

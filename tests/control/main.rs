@@ -1,4 +1,4 @@
-//! How a press is controlled: the machine alone, and whole walks on specimens, links and cells that aren't as they should be.
+//! How a press is controlled: the state machine alone, and whole runs with specimens, links and load cells that aren't as declared.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod bench_ills;

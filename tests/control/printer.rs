@@ -1,7 +1,7 @@
-//! A stage with a printer's steps under faults: whatever fails, and wherever the surface is, the specimen bears no more than its
-//! limits. Judged by the scene's truth.
+//! A stage with a printer's steps under faults: for any fault and any height of the surface, the specimen's limits aren't exceeded. Judged
+//! by the true values.
 //!
-//! `PALPATE_TESTS=full` makes 60 runs of 49 presses with a fault in each.
+//! `PALPATE_TESTS=full` makes 60 runs of 49 presses, each with a fault.
 
 use palpate_control::Strategy;
 use palpate_core::quantity::{Place, Steps, stream};
@@ -19,13 +19,13 @@ const RUNS: (usize, usize) = (8, 60);
 /// The force of the presses, N.
 const FORCE_N: f64 = 0.5;
 
-/// How much of a peak a scene may pass over between two looks, N.
+/// Largest part of a peak that a scene may miss between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
 /// Steps of z, mm: of printers with finer and coarser screws.
 const STEPS_MM: [f64; 4] = [0.000_625, 0.0025, 0.005, 0.01];
 
-/// The faults. A contact far harder than declared isn't one of them: a rig's speed is safe for what it declares.
+/// The faults. A contact much harder than declared isn't one of them: a rig's speed is safe for its declaration.
 fn kinds() -> Vec<FaultKind> {
     FaultKind::ALL.iter().map(|&(_, kind)| kind).filter(|kind| *kind != FaultKind::HardContact).collect()
 }
@@ -71,7 +71,7 @@ fn printer_press_is_within_half_a_step_at_its_recorded_place() {
 #[test]
 fn force_limit_holds_on_a_printer_with_every_failure() {
     let runs = campaign::size(RUNS.0, RUNS.1) as u64;
-    // a sound run says when anything may fail
+    // a sound run shows the times at which something may fail
     let sound: Vec<(f64, f64)> = Strategy::ALL
         .map(|strategy| {
             let spec = printer();
@@ -88,7 +88,7 @@ fn force_limit_holds_on_a_printer_with_every_failure() {
         let from_s = if rng.random_bool(0.2) { 0.0..sound[nth].0 } else { sound[nth].0..sound[nth].1 };
         let mut spec = printer();
         spec.stage.steps = Steps { mm: [0.0125, 0.0125, STEPS_MM[rng.random_range(0..STEPS_MM.len())]] };
-        // where the steps lie under the surface isn't known
+        // the phase of the steps below the surface isn't known
         let off_mm = rng.random_range(-0.25..0.25);
         spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm: off_mm });
         spec.scene.faults = vec![SceneFault { kind, from_s: rng.random_range(from_s), value: None }];

@@ -1,5 +1,5 @@
-//! How long a rig takes from a force to a stop on the wire, for every stage driver: what comes and goes is seen on the links
-//! themselves. See the histograms with `cargo test --release --test control reaction:: -- --nocapture`.
+//! Time from a force to a stop on the wire, for every stage driver, measured on the links themselves. See the histograms with `cargo test
+//! --release --test control reaction:: -- --nocapture`.
 
 use palpate_data::dataset::Memory;
 use palpate_data::recipe::Entry;
@@ -24,20 +24,20 @@ list = { places_mm = [[0.0, 0.0], [1.0, 0.5], [-2.0, 1.0]] }
 force_n = 1.0
 ";
 
-/// What the cell reads more from the fault on, N: far over any limit, and beyond the range of any converter here.
+/// Added force from the fault on, N: far over any limit, and beyond the range of any converter here.
 const LEAP_N: f64 = 50.0;
 
-/// Runs of each rig; the fault comes at another moment of the presses in each.
+/// Runs of each rig; the fault comes at another time in each.
 const RUNS: (usize, usize) = (12, 60);
 
-/// When something was on a wire.
+/// Time of a message on a wire.
 #[derive(Default)]
 struct ReactionHeard {
-    /// The first reading over the limit, as it came in.
+    /// The first reading over the limit, on arrival.
     over: Option<Instant>,
-    /// The first stop after it, or it itself where the motion before had been stopped already.
+    /// The first stop after it, or the reading itself if the motion was stopped already.
     stop: Option<Instant>,
-    /// Whether the last that the stage was told is to stop.
+    /// Whether the stage's last command is a stop.
     stopped: bool,
 }
 
@@ -49,7 +49,7 @@ impl ReactionHeard {
         }
     }
 
-    /// What the stage is told at once is one piece of the stream.
+    /// Commands that are sent to the stage at once are one piece of the stream.
     fn text(&mut self, piece: &[u8], stop: &[u8], motion: &[u8]) {
         let has = |word: &[u8]| piece.windows(word.len()).any(|window| window == word);
         if has(stop) {
@@ -63,7 +63,7 @@ impl ReactionHeard {
     }
 }
 
-/// Notes when the presses begin.
+/// Notes the time when the presses begin.
 struct Begin(Option<Instant>);
 
 impl Listener for Begin {
@@ -72,10 +72,10 @@ impl Listener for Begin {
     }
 }
 
-/// How a stop and a motion look on a stage's wire.
+/// How stops and motions look on a stage's wire.
 type ReactionWords = [&'static [u8]; 2];
 
-/// The rigs: a name, the rig's text, and how its stage's stop and motions look on the wire.
+/// The rigs: name, text, and the look of stops and motions on the wire of the stage.
 fn rigs() -> [(&'static str, String, ReactionWords); 4] {
     // a cell whose every answer is a force
     let force_alone = |text: String| {
@@ -121,7 +121,7 @@ fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_i
     }
 }
 
-/// When the presses begin and end where nothing goes wrong, s.
+/// Begin and end of the presses without a fault, s.
 fn presses_s(spec: &RigSpec) -> Range<f64> {
     run_virtually(async {
         let (plan, origin, cancel) = (plan(spec, RECIPE, 1), Instant::now(), Cancel::default());
@@ -134,7 +134,7 @@ fn presses_s(spec: &RigSpec) -> Range<f64> {
     })
 }
 
-/// Runs into a force far over the limit; what was on the wires, and when the scene's time began.
+/// Makes a run with a force far over the limit; returns the messages, and the time when the scene began.
 fn tripped(spec: &RigSpec, from_s: f64, words: ReactionWords) -> (ReactionHeard, Instant) {
     let mut spec = spec.clone();
     spec.scene.faults.push(SceneFault { kind: FaultKind::DriftedZero, from_s, value: Some(LEAP_N) });
@@ -167,16 +167,16 @@ fn tripped(spec: &RigSpec, from_s: f64, words: ReactionWords) -> (ReactionHeard,
     })
 }
 
-/// What is listened for on a link.
+/// What is observed on a link.
 #[derive(Clone, Copy)]
 enum Tap {
     /// Stops and motions to the device.
     Stage(ReactionWords),
-    /// A force over this from it, N, from a moment on: what a device is asked while it is identified are no forces.
+    /// A force over this value, N, after a time: answers during identification aren't forces.
     Over(f64, Instant),
 }
 
-/// A device behind a link that is listened to.
+/// A device behind an observed link.
 struct ReactionLine {
     instrument: Shared<dyn Instrument>,
     scene: Shared<Scene>,
@@ -198,7 +198,7 @@ impl ReactionLine {
     }
 }
 
-/// Passes on at once what comes from either side.
+/// Passes bytes on at once in both directions.
 async fn relay(mut near: DuplexStream, mut far: DuplexStream, heard: Arc<Mutex<ReactionHeard>>, tap: Tap) {
     let (mut there, mut back) = ([0; 1024], [0; 1024]);
     loop {

@@ -1,5 +1,5 @@
-//! Safety, end to end: whatever the specimen, its mount and the load cell are like, force and depth stay within their limits
-//! over a whole walk; and a person's stop at any moment of it parks.
+//! Safety, end to end: for any specimen, mounting and load cell, force and depth stay within their limits in a whole run; a stop at any
+//! time parks the stage.
 
 use palpate_core::quantity::{Axis, Down, Place, Range};
 use palpate_data::dataset::Status;
@@ -73,7 +73,7 @@ fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
 
 #[test]
 fn a_load_cell_that_is_slow_is_waited_for() {
-    // a conversion that was held before a motion ended isn't the force after it
+    // a conversion from before the end of a motion isn't the force after it
     for conversions_hz in [10.0, 20.0, 50.0, 1000.0] {
         for seed in 1..=4 {
             let spec = rig_with(|spec, scene| {
@@ -108,7 +108,7 @@ fn a_noisy_load_cell_doesnt_cost_force() {
         assert_eq!(executed.ending.status(), Status::Complete, "seed {seed}: {:?}", executed.ending.text());
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "seed {seed}: {peak_n} N, {depth_mm} mm");
-        // the tolerance, and what a window's mean of 20 readings is known to: 2.5 sd of 4.5 mN
+        // the tolerance, and the uncertainty of a window's mean of 20 readings: 2.5 sd of 4.5 mN
         let contact = bench.contacts().next().expect("a press");
         let off_n = contact.truth[0].force_true_n - 1.9;
         assert!(off_n.abs() <= 0.05 + 0.011, "seed {seed}: off by {off_n} N");
@@ -117,7 +117,7 @@ fn a_noisy_load_cell_doesnt_cost_force() {
 
 #[test]
 fn depth_is_held_where_the_specimen_yields_late() {
-    // a soft start: contact is felt well after it began, and the depth limit is what binds
+    // a soft start: contact is noticed late, and the depth limit ends the press
     for (i, contact) in [
         ContactLaw { linear_n_mm: 0.1, quadratic_n_mm2: 1.0, toe_mm: 0.0 },
         ContactLaw { linear_n_mm: 0.6, quadratic_n_mm2: 0.0, toe_mm: 0.3 },
@@ -131,7 +131,7 @@ fn depth_is_held_where_the_specimen_yields_late() {
             scene.contact = contact;
             truthful(scene);
         });
-        // as much as the specimen bears at the depth limit, so that the press ends there, done or tripped
+        // the specimen reaches the force limit at the depth limit, so the press ends there, complete or with a trip
         let deepest_n = contact.force_n(spec.limits.depth_mm);
         let load = format!("force_n = {:.3}", (deepest_n * 1.02).min(2.0));
         let mut bench = SafetyBench::new(spec, &recipe("[[-4, 1], [3, 3]]", &load), 3);
@@ -139,12 +139,12 @@ fn depth_is_held_where_the_specimen_yields_late() {
         assert!(executed.ending.unparked.is_none(), "specimen {i}");
         let (peak_n, depth_mm) = bench.worst();
         assert!(peak_n <= 2.0 && depth_mm <= 1.6, "specimen {i}: {peak_n} N, {depth_mm} mm");
-        // 10 % for what the branches add
+        // 10 % for the branches
         assert!(executed.shown_most_n <= 1.1 * deepest_n, "specimen {i}: {} of {deepest_n} N", executed.shown_most_n);
     }
 }
 
-// ---- a person's stop -----------------------------------------------------------------------------------------------
+// ---- a stop by a person --------------------------------------------------------------------------------------------
 
 #[test]
 fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {

@@ -1,15 +1,14 @@
-//! The program against an independent world in real time: a spring behind the process protocol that knows the true force
-//! (`examples/spring_world`), with a fault or two of devices, specimen or host in each run.
+//! The program against an independent world in real time: a spring behind the process protocol with a known true force
+//! (`examples/spring_world`), with one or two faults of devices, specimen or host in each run.
 //!
 //! ```sh
 //! PALPATE_TESTS=full cargo test --test control spring_world::campaign -- --ignored --nocapture
 //! PALPATE_WORLD="cell-slow:lag=1.2,at-press=3" PALPATE_WORLD_SEED=7 cargo test --test control spring_world::one -- --ignored --nocapture
 //! ```
 //!
-//! The first writes a line for each run into `target/tmp/spring_world.jsonl`, and fails if a bound doesn't hold. A number in
-//! `PALPATE_TESTS` does that multiple, and `PALPATE_WORLD_SEED` is the first seed. The second does one run again, with a seed and
-//! a fault that the first printed; `PALPATE_WORLD_STIFFNESS` is the true stiffness as a share of the declared one, where it was
-//! printed too.
+//! The first command writes a line for each run to `target/tmp/spring_world.jsonl`, and fails if a bound is exceeded. A number in
+//! `PALPATE_TESTS` makes that multiple, and `PALPATE_WORLD_SEED` is the first seed. The second command repeats one run, with a seed and a
+//! fault that the first one printed; `PALPATE_WORLD_STIFFNESS` is the true stiffness as a fraction of the declared one, if it was printed.
 #![cfg(unix)]
 
 mod draw;
@@ -89,7 +88,7 @@ fn a_verdict_names_each_bound_that_broke() {
         let clean = "\"own_mm\": 0.1, \"end_n\": 0.0, \"wrong_rows\": 0, \"worst_row_n\": 0.0";
         let said =
             format!("\"fault\": {fault:?}, \"world\": \"map k={k} k2=0.00\", \"words\": \"x\", \"fired\": {fired}");
-        // of two values of a key the last counts
+        // the last value of a key counts
         format!("{{{said}, \"code\": \"4\", \"force_max_n\": 2.0, {clean}, {changed}}}")
     };
     for (fault, press, k, changed, expected) in [
@@ -116,13 +115,13 @@ fn a_verdict_names_each_bound_that_broke() {
     }
 }
 
-/// The world's program.
+/// The program of the world.
 struct SpringWorld {
     path: PathBuf,
 }
 
 impl SpringWorld {
-    /// `cargo test --test control` builds no example, so this does.
+    /// Builds the example, because `cargo test --test control` doesn't.
     fn built() -> SpringWorld {
         let folder = program().parent().expect("a folder").to_owned();
         let release = folder.ends_with("release");
@@ -133,13 +132,13 @@ impl SpringWorld {
         SpringWorld { path: folder.join("examples/spring_world") }
     }
 
-    /// The faults that it knows, with each value that it gives.
+    /// The known faults, with each of their values.
     fn kinds(&self) -> Vec<DrawKind> {
         let output = Command::new(&self.path).arg("kinds").output().expect("the world starts");
         String::from_utf8(output.stdout).expect("a text").lines().flat_map(DrawKind::of_line).collect()
     }
 
-    /// Carries a run out; its line of JSON.
+    /// Makes a run; returns its line of JSON.
     fn run(&self, draw: &RandomDraw, keep: Option<&Path>) -> String {
         let mut command = Command::new(&self.path);
         command.arg("run").arg("--palpate").arg(program()).args(["--fault", &draw.fault]);

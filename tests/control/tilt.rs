@@ -1,4 +1,4 @@
-//! A tilted specimen: `align` finds its tilt, rows are along its normal, and x and y stay where they are in contact.
+//! A tilted specimen: `align` finds its tilt, rows are along its normal, and x and y don't move in contact.
 
 use palpate_core::quantity::{Axis, Place, Tilt, stream};
 use palpate_data::recipe::Plan;
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use rand::RngExt;
 use std::sync::{Arc, Mutex};
 
-/// Surface of a rig that has a tilt of up to 5 degrees, mm: the tilt over half of the loading area, and a little.
+/// Surface of a rig with a tilt of up to 5 degrees, mm: the tilt over half of the loading area, and a margin.
 const UNCERTAINTY_MM: f64 = 0.6;
 
 /// Half of the loading area, mm, to which `surface_tilt_mm` refers.
@@ -88,7 +88,7 @@ fn align_gives_the_tilt_in_the_frame_of_a_rotated_specimen() {
     let off = |found: Tilt| (found.per_x - real.per_x).hypot(found.per_y - real.per_y);
     // the error of the rotation, some degrees, turns the slope of 0.035
     assert!((first.frame.rotation_deg - 10.0).abs() < 2.0 && off(first.frame.tilt) < 2e-3, "{first:?}");
-    // a rig that states a tilt already is aligned to the same, not to the rest or to twice of it
+    // a rig that states a tilt already gets the same value, not the remainder or the double
     spec.frame.tilt = first.frame.tilt;
     let again = found(&spec, 3).expect("an alignment");
     assert!((again.frame.tilt.per_x - first.frame.tilt.per_x).abs() < 1e-6, "{again:?}");
@@ -104,8 +104,7 @@ fn align_refuses_a_specimen_that_is_not_level_enough() {
     assert!(output.contains("deeper toward 200 degrees") || output.contains("deeper toward 199 degrees"), "{output}");
 }
 
-/// Mean errors of what was recorded, and the means of what was: forces, and the depths gained from the first
-/// level in contact to the deepest.
+/// Mean errors of the recorded values, and their means: forces, and depths gained from the first level in contact to the deepest one.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct TiltRecorded {
     force_off_n: f64,
@@ -126,7 +125,7 @@ fn recorded(spec: &RigSpec, plan: &Plan) -> TiltRecorded {
         }
         let deepest = contact.levels.len() / 2;
         let gained = |of: &dyn Fn(usize) -> f64| of(deepest) - of(1); // level 0 is without load
-        // nothing relaxes, so that the true force tells the depth along the normal
+        // nothing relaxes, so the true force shows the depth
         let real_mm = gained(&|level| spec.scene.contact.depth_mm(contact.truth[level].force_true_n));
         sum.depth_off_mm += gained(&|level| contact.levels[level].depth_mm.expect("a depth")) - real_mm;
         sum.depth_mm += real_mm;
@@ -174,7 +173,7 @@ fn rows_are_along_the_normal_of_a_rig_that_states_its_tilt() {
     }
 }
 
-/// Stands before the stage, and notes the largest true force under which x or y was set in motion.
+/// Observes the stage, and notes the largest true force at which x or y began to move.
 struct TiltSideways {
     stage: Shared<dyn Instrument>,
     seen: Arc<Mutex<TiltSeen>>,
@@ -212,7 +211,7 @@ impl Instrument for TiltSideways {
     }
 }
 
-/// Presses a tilted specimen at five places. x and y aren't commanded under a force, and don't move in contact.
+/// Presses a tilted specimen at five places. x and y get no command under a force, and don't move in contact.
 fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, stated: bool) -> Result<(), TestCaseError> {
     let strategy = ["guarded", "velocity", "map"][strategy];
     let mut spec = tilted_rig(false, 0.0, tilt(degrees, toward_deg));
@@ -235,7 +234,7 @@ fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, state
     Ok(())
 }
 
-/// The place after the middle one is the highest, and two touches tell how high the middle one is by then.
+/// The place after the middle one is the highest. Two touches show the height of the middle one by then.
 #[test]
 fn x_and_y_wait_until_z_is_clear_of_a_next_place_that_is_higher() {
     for strategy in 0..3 {
@@ -246,7 +245,7 @@ fn x_and_y_wait_until_z_is_clear_of_a_next_place_that_is_higher() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: campaign::size(3, 24) as u32, ..ProptestConfig::default() })]
 
-    /// Whatever the tilt, the seed and the strategy, and whether the rig states the tilt.
+    /// For any tilt, seed and strategy, and whether or not the rig states the tilt.
     #[test]
     fn x_and_y_never_move_in_contact_with_a_tilted_surface(
         degrees in 0.0..5.0f64, toward_deg in 0.0..360.0f64, seed in 0..1000u64, strategy in 0..3usize, stated: bool,

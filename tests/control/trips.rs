@@ -1,5 +1,4 @@
-//! What is refused, end to end: a specimen, a surface or a load cell that isn't as declared ends a walk with a trip, and the
-//! permit that every advance needs isn't given on anything that is no number.
+//! Refusals, end to end: a specimen, a surface or a load cell that isn't as declared ends a run with a trip, and NaN gets no permit.
 
 use palpate_control::{MotionContext, Permit, SafetyRule, Zero};
 use palpate_core::quantity::Limits;
@@ -18,7 +17,7 @@ fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
         let depth_limit_mm = spec.limits.depth_mm;
         let mut bench = SafetyBench::new(spec, &recipe("[[2, -2]]", "force_n = 1.0"), seed);
         let executed = bench.must_trip(&[SafetyRule::OutOfReach], &format!("seed {seed}"));
-        // nothing relaxes and nothing is noise, so that the force tells the depth
+        // nothing relaxes and there is no noise, so the force shows the depth
         let depth_mm = (executed.shown_most_n - COUNT_N) / 0.3;
         assert!(depth_mm <= depth_limit_mm, "seed {seed}: {depth_mm} mm");
     }
@@ -60,7 +59,7 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
         let spec = rig_with(|spec, scene| {
             spec.load_cell.conversions_hz = conversions_hz;
             spec.limits.stiffness_n_mm = 0.5;
-            // more than the limit where its depth ends, less than the cell's range
+            // more than the limit at the end of its depth, less than the range of the cell
             scene.contact = linear(2.0);
             scene.relaxation.clear();
             truthful(scene);
@@ -89,13 +88,13 @@ fn permit() -> Permit {
 
 #[test]
 fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
-    // a bump: the force is there 0.2 mm before the earliest surface that the learned plane allows
+    // a bump: the force appears 0.2 mm before the earliest surface that the learned plane allows
     let sensor_state =
         MotionContext { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };
     let deepest_mm = permit().deepest_mm(&sensor_state);
     let force_n = 0.1 + 2.0 * (deepest_mm + 0.2);
     assert!(force_n <= 2.0, "{force_n} N at {deepest_mm} mm");
-    // with force to spare it is the depth that binds, and it counts from no later than here
+    // with force to spare the depth limit decides, and it counts from here at the latest
     let limits = Limits { force_n: 50.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let zero = Zero { offset_sigma_n: 0.0003, ..Zero::with_noise(0.003) };
     let depth_mm = Permit::new(limits, 0.05, 100.0, &zero).deepest_mm(&sensor_state) + 0.2;

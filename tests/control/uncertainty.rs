@@ -1,4 +1,4 @@
-//! The stated uncertainty of a force is true: over many load cells that differ from theirs as their certificates say.
+//! The stated uncertainty of a force is true, over many load cells whose errors follow their certificates.
 //!
 //! `PALPATE_TESTS=full` tries 200 rigs of each kind.
 
@@ -12,12 +12,12 @@ use rand_distr::StandardNormal;
 /// Rigs of each kind of certificate: quick and full.
 const RIGS: (usize, usize) = (10, 200);
 
-/// Expanded uncertainty of the cells' gains, percent, k = 2; and a class: limits of error as a share of full scale, percent and N.
+/// Expanded uncertainty of the cells' gains, percent, k = 2; and a class: limits of error as a fraction of full scale, percent and N.
 const U_PERCENT: f64 = 1.0;
 const CLASS_PERCENT: f64 = 0.5;
 const FULL_SCALE_N: f64 = 2.0;
 
-/// The forces that are pressed, N; the limit lies above them.
+/// The set forces, N; the limit is above them.
 const FORCES_N: [f64; 4] = [0.1, 0.5, 1.0, 2.0];
 const LIMIT_N: f64 = 2.5;
 
@@ -38,7 +38,7 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
             let mut rng = stream(nth, u64::from(by_class), "gains");
             let cell = spec.scene.load_cell.as_mut().expect("a load cell");
             let stated = if by_class {
-                // the worst of what a class allows: the limit of error is reached at full scale
+                // the largest error that a class allows, at full scale
                 let off: f64 = Uniform::new(-1.0, 1.0).expect("a range").sample(&mut rng);
                 cell.gain = 1.0 + off * CLASS_PERCENT / 100.0;
                 StatedError::Class { class_percent: CLASS_PERCENT, full_scale_n: FULL_SCALE_N }
@@ -61,7 +61,7 @@ fn twice_the_stated_uncertainty_covers_the_error_as_often_as_it_says() {
         for (n, force_n) in FORCES_N.iter().enumerate() {
             let covered = errors.iter().filter(|of_rig| of_rig[n].abs() <= COVERAGE).count();
             let share = covered as f64 / rigs as f64;
-            // of a share of 95.4 %, chance alone shows so much in as many rigs, 3 sd
+            // random deviation from 95.4 % in so many rigs, 3 sd
             let chance = 3.0 * (0.954f64 * 0.046 / rigs as f64).sqrt();
             let output = format!(
                 "{} rigs, {}, {force_n} N: k = 2 covers {:.1} %",

@@ -1,5 +1,5 @@
-//! What happens before there is a zero: wherever home is and whichever way z really goes, the specimen as declared bears at most
-//! the force limit, and no zero is taken in contact.
+//! What happens before there is a zero: for any place of home and any direction of z, the force on the declared specimen is at most the
+//! force limit, and no zero is taken in contact.
 //!
 //! `PALPATE_TESTS=full` makes 50 trials of each kind on each bench.
 
@@ -21,31 +21,31 @@ fn trials() -> u64 {
     campaign::size(5, 50) as u64
 }
 
-/// The end of z's travel, where an ESP301 homes to, mm.
+/// The end of z's travel at which an ESP301 homes, mm.
 const END_MM: f64 = 12.5;
 
-/// What hangs from the load cell, kg.
+/// Mass on the load cell, kg.
 const TOOL_KG: f64 = 0.2;
 
-/// How deep z may go where only the array feels the specimen, mm.
+/// Largest depth where only the array feels the specimen, mm.
 const FELT_MM: f64 = 0.5;
 
-/// How much of a peak a scene may pass over between two looks, N.
+/// Largest part of a peak that a scene may miss between two looks, N.
 const PEAK_N: f64 = 0.0005;
 
 const RECIPE: &str =
     "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0]] }\nforce_n = 1.0\n";
 
-/// What is wrong with a rig.
+/// The fault of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum UnzeroedWrong {
-    /// `frame.down` is reversed, and z stands free.
+    /// `frame.down` is reversed, and z is clear.
     Down,
     /// The same with a load cell that reads no force: only the array feels the specimen.
     DownDeadCell,
-    /// `frame.down` is reversed, and z stands in contact.
+    /// `frame.down` is reversed, and z is in contact.
     DownInContact,
-    /// z stands in contact at the end of its travel, where homing leaves it.
+    /// z is in contact at the end of its travel, where homing leaves it.
     Preload,
 }
 
@@ -54,7 +54,7 @@ impl UnzeroedWrong {
         [UnzeroedWrong::Down, UnzeroedWrong::DownDeadCell, UnzeroedWrong::DownInContact, UnzeroedWrong::Preload];
 }
 
-/// A specimen as declared whose surface is so far down from the end of z's travel, mm; negative: z is in it there.
+/// A declared specimen whose surface is at this distance below the end of z's travel, mm; negative: z is in it there.
 fn specimen_at(name: &str, from_end_mm: f64) -> RigSpec {
     let mut spec = bench(name);
     spec.stage.travel.axes[Axis::Z.index()].max = END_MM;
@@ -94,7 +94,7 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
             executed.truth.force_n
         );
         let mut broken = Vec::new();
-        // an XPS homes its group whole: x and y move before anything shows that z is in contact
+        // an XPS homes a whole group: x and y move before anything shows that z is in contact
         let slid = executed.truth.slid_mm > 0.0 && name != "bench-fast";
         if executed.truth.force_n > real.limits.force_n + PEAK_N || slid {
             broken.push(output.clone());
@@ -138,7 +138,7 @@ fn a_tool_of_200_g_stops_no_search_for_home() {
     must_be_none(&stopped.into_iter().flatten().collect::<Vec<_>>());
 }
 
-/// A stage that takes no stop.
+/// A stage that ignores stops.
 struct Unstoppable(Shared<dyn Instrument>);
 
 impl Instrument for Unstoppable {
@@ -168,7 +168,7 @@ impl Instrument for Unstoppable {
     }
 }
 
-/// The stage of `bench-esp301` homes toward the specimen and takes no stop: it is not reported as stopped.
+/// The stage of `bench-esp301` homes toward the specimen and ignores stops: it is not reported as stopped.
 #[test]
 fn a_stage_that_does_not_stop_is_reported_with_the_emergency_stop() {
     let real = specimen_at("bench-esp301", 5.0);

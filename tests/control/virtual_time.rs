@@ -1,4 +1,4 @@
-//! Shipped recipes on shipped rigs: the same presses in virtual time as by tokio's paused clock, to the last bit.
+//! Shipped recipes on shipped rigs: virtual time and tokio's paused clock give the same presses, to the last bit.
 
 use palpate_data::dataset::{Memory, RecordedContact};
 use palpate_link::time::run_virtually;
@@ -20,7 +20,7 @@ impl Listener for VirtualTimeDeaf {}
 
 #[test]
 fn presses_are_those_of_tokios_paused_clock() {
-    // quickly, each recipe on the simulated rig, and one recipe on each rig
+    // in the quick tier, each recipe on the simulated rig, and one recipe on each rig
     let is_quick = campaign::is_quick();
     let pairs = RIGS.into_iter().flat_map(|rig| RECIPES.map(|recipe| (rig, recipe)));
     let tried = |(rig, recipe): &(&str, &str)| !is_quick || *rig == "sim" || *recipe == "test";
@@ -31,7 +31,7 @@ fn presses_are_those_of_tokios_paused_clock() {
     }
 }
 
-/// Makes the first presses of a recipe on a simulated rig. A rig whose limits the recipe exceeds makes none.
+/// Makes the first presses of a recipe on a simulated rig, or none if the recipe exceeds the rig's limits.
 fn contacts(rig: &str, recipe: &str, ours: bool) -> Vec<String> {
     let beside = |name: &str| Ok(shipped_text(&format!("rigs/{name}")));
     let spec = rig::parse(rig, &shipped_text(&format!("rigs/{rig}.toml")), &beside).expect("a shipped rig").simulated();

@@ -1,5 +1,5 @@
-//! Random runs with a fault at the wire: the load cell turns slow or its gain changes, the array shifts, the specimen rises, the
-//! stage drops. Judged by the scene's truth. Each case follows from its seed alone.
+//! Random runs with a fault at the wire: the load cell becomes slow or changes its gain, the array shifts, the specimen rises, the stage
+//! slips. Judged by the true values. Each case follows from its seed alone.
 
 use palpate_control::Strategy;
 use palpate_core::quantity::{Axis, RandomStream, stream};
@@ -19,60 +19,59 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-/// Runs of the quick and of the full tier, and the step between the seeds of the quick one: each is of another kind.
+/// Runs of the quick and of the full tier, and the step between the seeds of the quick one, so that each has another kind.
 const RUNS: (usize, usize) = (2, 160);
 const QUICK_STEP: u64 = 5;
 
-/// Presses of a plan, and the distance between their places, mm, each off its point by at most the last.
+/// Presses of a plan, the distance between their places, mm, and the largest displacement of each.
 const PRESSES: (usize, usize) = (12, 16);
 const APART_MM: f64 = 2.5;
 const JITTER_MM: f64 = 0.8;
 
-/// Set forces, N; of how many runs one is at the limit.
+/// Set forces, N; one in so many runs has the force limit.
 const FORCES_N: (f64, f64) = (0.5, 2.0);
 const AT_LIMIT: f64 = 0.25;
 
 /// Speeds of the stage, mm/s.
 const SPEEDS_MM_S: [f64; 3] = [5.0, 10.0, 25.0];
 
-/// True stiffness up to the limit, as a fraction of the declared one, with all that a scene adds to its curve: relaxation, and
-/// variation from place to place.
+/// True stiffness up to the limit, as a fraction of the declared one, with relaxation and variation from place to place.
 const STIFFNESS: (f64, f64) = (0.2, 1.0);
 const ADDED: f64 = 1.1 * 1.06 * 1.02;
 
-/// Depth limit, as a multiple of the depth at the force limit: it shall not be what bounds the force. And the most, mm.
+/// Depth limit, as a multiple of the depth at the force limit, so that it doesn't limit the force; and its largest value, mm.
 const DEEP: f64 = 2.5;
 const DEEPEST_MM: f64 = 9.0;
 
-/// As far up as z goes if the specimen rises, mm.
+/// Largest rise of z if the specimen rises, mm.
 const TOP_MM: f64 = 4.5;
 
-/// Of how many runs one has its fault strike before the first press.
+/// One in so many runs has its fault before the first press.
 const EARLY: f64 = 0.1;
 
 /// Presses from which a prediction counts.
 const LEARNED: usize = 10;
 
-/// The most true force of a fault of the load cell, as a multiple of the limit, after that and before: what is held, and what is
-/// wanted, which the table counts. It came to 1.17 and 1.43 over a thousand runs.
+/// Largest true force with a fault of the load cell, as a multiple of the limit, after that and before: the bound that is checked, and the
+/// intended one, which the table counts. It was 1.17 and 1.43 in a thousand runs.
 const HELD_LIMITS: [f64; 2] = [1.25, 1.5];
 const WANTED_LIMITS: [f64; 2] = [1.1, 1.25];
-/// Seeds whose load cell sticks, or is off, near the limit, and costs nearly all of the wanted bound.
+/// Seeds whose load cell sticks, or is off, near the limit, with nearly all of the intended bound.
 const NEAR_LIMIT: [u64; 3] = [132, 438, 612];
 /// Seeds whose specimen rises by 1 to 3 mm.
 const RISEN: [u64; 3] = [12, 28, 44];
-/// The noise of a mean that steers at the limit, N, and how much a stage that moves on its own may add, as a fraction.
+/// Noise of a mean that steers at the limit, N, and the fraction that a slipping stage may add.
 const NOISE_N: f64 = 0.012;
 const STAGE_SHARE: f64 = 0.05;
 
-/// Change of a gain that is found once enough was learned, as a factor. Before that there is nothing to compare with.
+/// Factor by which a gain must change to be found once enough is learned. Before that there is no comparison.
 const GAIN_FOUND: f64 = 1.5;
 
-/// What a row may be off by that nobody flagged, as a fraction; and the force that may be left on the specimen, N.
+/// Largest error of a row without a flag, as a fraction; and largest force that may remain on the specimen, N.
 const OFF_MOST: f64 = 0.05;
 const LEFT_MOST_N: f64 = 0.05;
 
-/// What goes wrong.
+/// The faults.
 #[derive(Clone, Copy, Debug)]
 enum WireFaultWrong {
     Wire(WireFault),
@@ -107,7 +106,7 @@ const KINDS: [WireFaultKind; 16] = [
     ("stop ignored", |_| WireFaultWrong::Wire(WireFault::StopIgnored)),
 ];
 
-/// One run to make.
+/// One run.
 struct WireFaultCase {
     seed: u64,
     kind: &'static str,
@@ -115,16 +114,16 @@ struct WireFaultCase {
     spec: RigSpec,
     plan: Plan,
     text: String,
-    /// When the fault strikes: before the first press or not, and at which fraction of that time.
+    /// When the fault begins: before the first press or not, and at which fraction of that time.
     is_early: bool,
     onset: f64,
 }
 
-/// What came of it.
+/// Its result.
 struct WireFaultOutcome {
     case: WireFaultCase,
     from_s: f64,
-    /// Presses whose window was over before the fault; whether it struck during the run.
+    /// Presses whose window was over before the fault; whether it began during the run.
     learned: usize,
     fired: bool,
     end: &'static str,
@@ -132,7 +131,7 @@ struct WireFaultOutcome {
     most_n: [f64; 2],
     left_n: f64,
     remaining: Remaining,
-    /// Rows without a flag that are off by too much, and the most.
+    /// Rows without a flag and with too large an error, and the largest error.
     off: usize,
     off_most: f64,
     text: Option<String>,
@@ -219,7 +218,7 @@ impl WireFaultCase {
         matches!(self.wrong, WireFaultWrong::Wire(fault) if fault.device() == SceneDevice::Array)
     }
 
-    /// The most true force that this fault may cost, N.
+    /// Largest true force allowed for this fault, N.
     fn most_n(&self, learned: usize, [after, before]: [f64; 2]) -> f64 {
         let (limit_n, declared_n_mm) = (self.spec.limits.force_n, self.spec.limits.stiffness_n_mm);
         use WireFault as Is;
@@ -241,7 +240,7 @@ impl WireFaultCase {
     }
 }
 
-/// A curve whose stiffness at the force limit is this, N/mm: a straight one, or one that begins at 70 % of it.
+/// A curve with this stiffness at the force limit, N/mm: a straight one, or one that begins at 70 % of it.
 fn law(stiffness_n_mm: f64, limit_n: f64, is_straight: bool) -> ContactLaw {
     let linear_n_mm = if is_straight { stiffness_n_mm } else { 0.7 * stiffness_n_mm };
     let depth_mm = 2.0 * limit_n / (linear_n_mm + stiffness_n_mm);
@@ -249,7 +248,7 @@ fn law(stiffness_n_mm: f64, limit_n: f64, is_straight: bool) -> ContactLaw {
     ContactLaw { linear_n_mm, quadratic_n_mm2, toe_mm: 0.01 }
 }
 
-/// The window of the plans, s.
+/// Window of the plans, s.
 const WINDOW_S: f64 = 0.1;
 
 fn recipe(strategy: Strategy, force_n: f64, rng: &mut RandomStream) -> String {
@@ -268,8 +267,8 @@ fn recipe(strategy: Strategy, force_n: f64, rng: &mut RandomStream) -> String {
     )
 }
 
-/// How far a row is off, as a fraction: its force from the true one, or its outputs for each newton from those without a fault.
-/// `None` if it has a flag.
+/// Error of a row, as a fraction: its force compared with the true one, or its outputs for each newton with those without a fault. `None`
+/// if it has a flag.
 fn off(contact: &RecordedContact, twin: Option<&RecordedContact>) -> Option<f64> {
     let (row, truth) = (&contact.levels[0], &contact.truth[0]);
     let true_n = truth.force_true_n;
@@ -287,7 +286,7 @@ fn off(contact: &RecordedContact, twin: Option<&RecordedContact>) -> Option<f64>
 }
 
 impl WireFaultOutcome {
-    /// Whether the plan was done although rows are off.
+    /// Whether the plan was completed with wrong rows.
     fn is_wrong(&self) -> bool {
         self.end == "-" && self.off > 0
     }
@@ -296,8 +295,8 @@ impl WireFaultOutcome {
         self.left_n > LEFT_MOST_N && self.remaining == Remaining::Nothing
     }
 
-    /// Whether the force of this run is judged, and its rows: a gain that changed before enough was learned shows nowhere, and
-    /// outputs are compared with presses nearer than these.
+    /// Whether force and rows of this run are judged: a gain that changed before enough was learned shows nowhere, and outputs are compared
+    /// only with near presses.
     fn is_judged(&self) -> [bool; 2] {
         match self.case.wrong {
             WireFaultWrong::Wire(WireFault::CellGain(gain)) => {
@@ -308,7 +307,7 @@ impl WireFaultOutcome {
         }
     }
 
-    /// What is broken, if anything.
+    /// The broken bounds.
     fn broken(&self) -> Vec<&'static str> {
         let [is_force, is_rows] = self.is_judged();
         let rules = [
@@ -347,7 +346,7 @@ impl WireFaultOutcome {
     }
 }
 
-/// One line a kind, those of the load cell's apart by how many presses were learned.
+/// One line for each kind; faults of the load cell by the number of learned presses.
 fn report(outcomes: &[WireFaultOutcome]) {
     let mut rows: BTreeMap<(&str, &str), Vec<&WireFaultOutcome>> = BTreeMap::new();
     for outcome in outcomes {

@@ -1,5 +1,5 @@
-//! Every driver on a line that drops, delays, doubles, cuts short, garbles and swaps messages, and is closed now and then. No
-//! call hangs or panics, no value is taken that can be told to be wrong, and a stage ends where it was sent or stopped.
+//! Every driver on a line that drops, delays, repeats, truncates, garbles and swaps messages, and sometimes closes. No call hangs or
+//! panics, no value is used that can be known to be wrong, and a stage ends where it was sent or stopped.
 //!
 //! `PALPATE_TESTS=10` makes 100,000 runs of all drivers together, `PALPATE_BAD_LINE_ONLY=Xps` only one driver's.
 
@@ -18,11 +18,10 @@ use std::sync::Mutex;
 /// Runs of all drivers together: quick and full.
 const RUNS: (usize, usize) = (500, 10_000);
 
-/// Part of the values that a line may falsify without anybody being able to tell: what garbles 15 % of all messages garbles
-/// some digit of at most so many answers.
+/// Largest fraction of undetectable wrong values: a line that garbles 15 % of all messages garbles a digit of at most so many answers.
 const UNSEEN_MOST: f64 = 0.05;
 
-/// Most that is told of what is broken.
+/// Largest number of printed problems.
 const SHOWN_MOST: usize = 40;
 
 /// What is tried.
@@ -43,7 +42,7 @@ enum BadLineSubject {
     ArrayProcess,
 }
 
-/// Each with its part of the runs: a stage has more that can go wrong.
+/// Each with its fraction of the runs: a stage has more that can fail.
 const SUBJECTS: [(BadLineSubject, u64); 13] = [
     (BadLineSubject::Esp301, 4),
     (BadLineSubject::Xps, 4),
@@ -73,24 +72,24 @@ impl BadLineSubject {
     }
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Default)]
 struct BadLineOutcome {
     values: usize,
     altered: usize,
     stray: usize,
     errors: usize,
-    /// A stage that went where nobody sent it, its command garbled, and how many of those nobody noticed.
+    /// A stage that moved elsewhere after a garbled command, and the number of those that nobody noticed.
     elsewhere: usize,
     unnoticed: usize,
-    /// What must not be.
+    /// What must not happen.
     broken: Vec<String>,
-    /// The longest call of each name, s, and the most messages of one.
+    /// The longest call of each name, s, and the largest number of its messages.
     longest: BTreeMap<&'static str, (f64, usize)>,
 }
 
 impl BadLineOutcome {
-    /// Judges a wrong value by what happened on the line while it was asked for.
+    /// Judges a wrong value by the events on the line during its request.
     fn judge(&mut self, subject: BadLineSubject, altered: bool, stray: bool, output: impl FnOnce() -> String) {
         self.values += 1;
         if altered && !subject.has_check_sum() {
@@ -119,7 +118,7 @@ impl BadLineOutcome {
     }
 }
 
-/// A rig in which all that is read is exact, so that what is false shows.
+/// A rig whose values are exact, so that a wrong value shows.
 fn rig(stage: &str, load_cell: &str, array: &str) -> RigSpec {
     let text = format!(
         "[stage]\ndriver = {stage}\nlink = \"sim\"\n\
@@ -155,7 +154,7 @@ fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLineOutcome {
     tried.unwrap_or_else(|_| BadLineOutcome { broken: vec!["it panicked".into()], ..BadLineOutcome::default() })
 }
 
-/// Panics of this process: one in a task of its own would go unseen.
+/// Panics of this process: a panic in a task would be missed otherwise.
 static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 fn note_panics() {
@@ -217,6 +216,6 @@ fn damaged_line_is_never_taken_for_a_true_reading() {
         return;
     }
     let runs = campaign::size(RUNS.0, RUNS.1) as u64;
-    campaign(runs / 20, false); // what is judged here holds on a good line
+    campaign(runs / 20, false); // the judged properties are checked on a good line
     campaign(runs, true);
 }

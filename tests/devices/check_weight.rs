@@ -1,11 +1,11 @@
-//! `palpate doctor --check-weight-n`, and what a run makes of a load cell's certificate and check.
+//! `palpate doctor --check-weight-n`, and the effect of a load cell's certificate and check on a run.
 
 use palpate_testing::{SMALL, TestFolder, exchanged, shipped_text};
 
 const DOCTOR: &str = "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005";
 const CERTIFICATE: &str = "certificate = { number = \"K-7\", date = \"2026-05-04\", u_n = 0.002 }\n";
 
-/// The shipped rig with a load cell that reads so many percent too much, and more keys of it.
+/// The shipped rig with a load cell that reads this percentage too much, and with more keys.
 fn rig(gain_error_percent: f64, more: &str) -> String {
     let noise = "noise_n = 0.003";
     let rig = shipped_text("rigs/sim.toml");

@@ -1,5 +1,4 @@
-//! What the drivers owe to safety, each against an emulated device or a far end that the test plays, in virtual time: where
-//! things are is asked of the scene.
+//! Safety of the drivers, each with an emulated device or a scripted far end, in virtual time. True positions come from the scene.
 
 use palpate_core::quantity::{Axis, Down, Steps};
 use palpate_drivers::Esp301;
@@ -21,7 +20,7 @@ use tokio::sync::mpsc;
 
 // ---- the stage's driver against its emulator -----------------------------------------------------------------------
 
-/// The emulated stage of a rig, with a driver on it and a hand in its scene.
+/// The emulated stage of a rig with a driver, and access to its scene.
 struct StageBench {
     driver: Esp301,
     instrument: Shared<dyn Instrument>,
@@ -62,7 +61,7 @@ impl StageBench {
         self.origin.elapsed().as_secs_f64()
     }
 
-    /// A command as another client of the controller would send it, acted on at once.
+    /// A command of another client of the controller, carried out at once.
     fn command(&self, line: &str) {
         let now_s = self.now_s();
         self.instrument.lock().unwrap().answer(line.as_bytes(), &mut self.scene.lock().unwrap(), now_s);
@@ -74,7 +73,7 @@ impl StageBench {
     }
 }
 
-/// Whether x or y moved while z was within reach of the specimen, looked at each ms.
+/// Whether x or y moved while z was near the specimen, checked each ms.
 async fn sideways_in_contact(scene: Shared<Scene>, origin: Instant, contact_below_mm: f64) -> bool {
     let look = || {
         let now_s = origin.elapsed().as_secs_f64();
@@ -94,7 +93,7 @@ async fn sideways_in_contact(scene: Shared<Scene>, origin: Instant, contact_belo
 
 #[test]
 fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
-    // z was homed and still presses; the x motor is off (a following error, or a hand on the front panel)
+    // z was homed and still presses; the x motor is off (a following error, or the front panel)
     run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
@@ -106,7 +105,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
         bench.command("1MF");
         assert!(bench.at_mm(Axis::Z) < -0.9, "pressing");
         let watch = sideways_in_contact(bench.scene.clone(), bench.origin, 0.3);
-        // whether it homes x after a retreat of its own or refuses to go on is its choice
+        // it may home x after its own retraction or refuse to continue
         let never = MotionOrders::default();
         let moved = tokio::select! {
             biased;
@@ -119,7 +118,7 @@ fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
 
 #[test]
 fn a_stage_that_still_moves_when_a_program_starts_is_brought_to_rest_first() {
-    // a program that was killed left a motion behind; the next one must not take where it is for where it stays
+    // a killed program left a motion; the next one must not take a moving position for the final one
     run_virtually(async {
         let spec = rig_with(|_, _| {});
         let mut bench = StageBench::new(&spec);
@@ -174,7 +173,7 @@ fn an_indenter_that_presses_at_power_up_is_homed_away_from_the_specimen() {
     }
 }
 
-/// A driver whose far end is played by the test: line by line.
+/// A driver with a scripted far end, line by line.
 fn scripted<F: Future<Output = ()> + Send + 'static>(backlash: impl FnOnce(DuplexStream) -> F) -> Esp301 {
     let (near, far) = duplex(4096);
     palpate_link::time::spawn(backlash(far));
@@ -253,8 +252,8 @@ fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
 
 // ---- the load cell's driver ----------------------------------------------------------------------------------------
 
-/// Dials a serial line that outlives its openings, as a real one does: the device answers one request after another, and
-/// an answer goes to whoever has the port open by then. Answers may be late, by as much as `late` says for each request.
+/// Opens a serial line that persists, as a real one does: the device answers one request after another, to the program that has the port
+/// open by then. `late` delays the answer to each request.
 fn serial_line(
     instrument: Shared<dyn Instrument>,
     scene: Shared<Scene>,
@@ -272,7 +271,7 @@ fn serial_line(
             sleep(Duration::from_millis(2) + late(count)).await;
             count += 1;
             if let Some(writer) = writer.lock().await.as_mut() {
-                // who has closed the port meanwhile misses the answer
+                // a program that closed the port misses the answer
                 let _ = writer.write_all(&answer).await;
             }
         }
@@ -311,7 +310,7 @@ fn reading_beyond_the_range_is_named_with_its_value() {
         let now_s = origin.elapsed().as_secs_f64();
         scene.lock().unwrap().set_motion(Axis::Z, Trajectory::at_rest(-6.0), now_s);
         sleep(Duration::from_millis(20)).await;
-        // a mean of four, as a step is decided on: its last reading at least knows
+        // a mean of four, as for the decision about a step: at least its last reading shows it
         let mut health = Default::default();
         for _ in 0..4 {
             health = cell.read().await.unwrap().health;
@@ -326,7 +325,7 @@ fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();
         let SimulatedRig { scene, load_cell, .. } = spec.emulators(1).unwrap();
-        // the fifth request is answered after the driver gave it up (200 ms) and found the line quiet
+        // the fifth answer comes after the driver gave up (200 ms) and found the line quiet
         let late = |count| Duration::from_millis(if count == 4 { 240 } else { 0 });
         let line = serial_line(load_cell.instrument().expect("it has a link").clone(), scene.clone(), origin, late);
         let profile = Profile::shipped("generic-rs485").expect("a register map");
@@ -339,7 +338,7 @@ fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
             scene.lock().unwrap().set_motion(Axis::Z, Trajectory::at_rest(-1.0), now_s);
         };
         let (reading, ()) = tokio::join!(cell.read(), press);
-        // refusing it is right, and so is the force of now; the force of before isn't
+        // refusing it is right, and so is the present force; the earlier force isn't
         for reading in [reading, cell.read().await, cell.read().await].into_iter().flatten() {
             assert!(reading.force_n > 0.5, "{} N at {} s, after 1 mm at 0.1 s", reading.force_n, reading.at_s);
         }

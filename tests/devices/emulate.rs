@@ -1,4 +1,4 @@
-//! `palpate emulate` as another program meets it: by hand, byte for byte, and with the real drivers in real time.
+//! `palpate emulate` with another program: byte by byte by hand, and with the real drivers in real time.
 #![cfg(unix)]
 
 use palpate_testing::{Live, TestFolder, exchanged, shipped, shipped_text};
@@ -13,14 +13,14 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(5);
 
 const PRESS: &str = "name = \"press\"\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nlist = { places_mm = [[0, 0]] }\n";
-/// Longest wait for a press in real time, the first descent before it: some 10 s on a machine that does nothing else.
+/// Longest wait for a press in real time after the first descent: some 10 s on an idle machine.
 const PRESSED: Duration = Duration::from_secs(120);
 
-/// Where the surface is, and a place nearer to the end of z's travel: the first descent takes seconds less.
+/// Height of the surface, and a place nearer to the end of z's travel, which shortens the first descent by seconds.
 const SURFACE: &str = "surface_mm = { z = 0.0";
 const NEAR_SURFACE: &str = "surface_mm = { z = 9.0";
 
-/// A press that is held longer than the test takes.
+/// A press with a longer hold than the test.
 const HELD: &str = "name = \"held\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
 
 #[test]
@@ -30,14 +30,14 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     let emulators = Live::start(bench.command("emulate sim.toml --json"));
     let [stage, load_cell, array] = addresses(&emulators);
 
-    // by hand, each as its manual says
+    // by hand, as in the manuals
     assert!(ask(&stage, b"VE?\r", |answer| answer.ends_with(b"\n")).starts_with(b"ESP301 Version"));
     let weight = ask(&load_cell, &[0x01, 0x03, 0x00, 0x50, 0x00, 0x02, 0xC4, 0x1A], |answer| answer.len() >= 9);
     assert_eq!((weight.len(), &weight[..3]), (9, &[0x01, 0x03, 0x04][..]), "{weight:02X?}");
     assert_eq!(crc(&weight), 0, "the sum over a frame and its own sum: {weight:02X?}");
     assert_eq!(registers(&array, 60000), 7.0, "PRODUCT_ID");
 
-    // by the drivers: the real rig's file with other addresses, and a first approach that a test can wait for
+    // by the drivers: the real rig's file with other addresses, and an approach that is fast enough for a test
     let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
         ("serial:///dev/ttyUSB0?", format!("serial://{stage}?")),
@@ -69,7 +69,7 @@ fn emulated_instruments_answer_any_program_and_the_real_drivers() {
     assert!((force_n - 1.0).abs() <= 0.05, "{force_n} N");
     assert!(!bench.has("run/scene.csv"), "nobody knows the truth behind a real link");
 
-    // stopped in contact, as the middle unit feels; the stage itself says where it stands then
+    // stopped in contact, as the middle unit shows; the stage itself reports its position then
     let live = Live::start(bench.command("run held.toml --rig rig.toml --out stopped --json --confirmed down"));
     live.until_printed("from press 1");
     let began = Instant::now();
@@ -101,7 +101,7 @@ fn without_json_each_device_is_a_plain_line() {
     assert_eq!(emulators.end().code, Some(0));
 }
 
-/// Where the three devices listen: two pseudo-terminals and a port of this machine, bare.
+/// Addresses of the three devices: two pseudo-terminals and a port of this machine.
 fn addresses(emulators: &Live) -> [String; 3] {
     let expected =
         [("stage", "esp301", "/dev/"), ("load_cell", "modbus-rtu", "/dev/"), ("array", "modbus-tcp", "127.")];
@@ -110,13 +110,13 @@ fn addresses(emulators: &Live) -> [String; 3] {
         let object: serde_json::Map<_, _> = serde_json::from_str(&line).expect("one JSON object a line");
         let listen = object["listen"].as_str().unwrap_or_default().to_owned();
         assert_eq!((object.len(), &object["device"], &object["protocol"]), (3, &device.into(), &protocol.into()));
-        // a system that names its terminals otherwise still has them in its file tree
+        // a system with other names for terminals still has them in its file tree
         assert!(listen.starts_with(start), "{line}");
         listen
     })
 }
 
-/// A number of converter of the array: two registers from an address, over a connection of its own.
+/// A value of the array's converter: two registers from an address, over its own connection.
 fn registers(array: &str, address: u16) -> f32 {
     let mut socket = TcpStream::connect(array).expect("connects");
     socket.set_read_timeout(Some(PATIENCE)).expect("a deadline");
@@ -129,8 +129,8 @@ fn registers(array: &str, address: u16) -> f32 {
     f32::from_be_bytes([a, b, c, d])
 }
 
-/// Writes to a terminal and reads until the answer is whole. The reading is a thread's, which is left behind if nothing
-/// comes: a terminal has no deadline of its own.
+/// Writes to a terminal and reads until the answer is complete. A thread reads, and is abandoned if nothing comes, because a terminal has
+/// no deadline.
 fn ask(path: &str, question: &[u8], is_whole: fn(&[u8]) -> bool) -> Vec<u8> {
     let mut terminal = OpenOptions::new().read(true).write(true).open(path).expect("the terminal opens");
     terminal.write_all(question).expect("writes");
@@ -142,13 +142,13 @@ fn ask(path: &str, question: &[u8], is_whole: fn(&[u8]) -> bool) -> Vec<u8> {
             let count = terminal.read(&mut bytes).expect("reads");
             answer.extend(&bytes[..count]);
         }
-        // its only error is that nobody waits any more
+        // the only error is that nobody waits any more
         let _ = sender.send(answer);
     });
     receiver.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("no answer from {path} to {question:02X?}"))
 }
 
-/// CRC-16 of Modbus over serial line, 0 over a frame with its own at the end.
+/// CRC-16 of Modbus over serial line; 0 over a frame with its CRC.
 fn crc(frame: &[u8]) -> u16 {
     frame.iter().fold(0xFFFF, |sum, byte| {
         (0..8).fold(sum ^ u16::from(*byte), |sum, _| if sum & 1 == 1 { sum >> 1 ^ 0xA001 } else { sum >> 1 })

@@ -1,7 +1,7 @@
-//! Programs that play devices end with palpate, whatever they do: the end of their input first, then a deadline, then signals to
-//! their group, as `docs/reference/process.md` has it.
+//! Device programs end with palpate in any case: first the end of their input, then a deadline, then signals to their group, as in
+//! `docs/reference/process.md`.
 //!
-//! They are scripts of the shell. What happens to one it notes as a file of that name, whose time says when.
+//! They are shell scripts. Each event of a script is a file of that name, whose time is that of the event.
 
 use palpate_testing::{CommandOutput, Live, SMALL, TestFolder, exchanged, shipped_text};
 use std::fs;
@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-/// Plays a role (the first word) in some manner (the second one).
+/// Plays a role (the first word) with some behaviour (the second one).
 const DEVICE: &str = r#"
 role=$1 manner=$2 x=0.0 y=0.0 z=0.0 moving=false noise=1
 note() { : > "$role.$1"; }
@@ -76,23 +76,23 @@ case $manner in
 esac
 "#;
 
-/// The documented deadlines: from the end of the input to SIGTERM, and from there to SIGKILL, s.
+/// The documented deadlines: from the end of the input to SIGTERM, and then to SIGKILL, s.
 const TERM_S: f64 = 2.0;
 const KILL_S: f64 = 1.0;
 
-/// How long a stage that was told to stop while it is prepared is waited for, s.
+/// Wait for a stage that was stopped while it is prepared, s.
 const STOPPED_S: f64 = 2.0;
 
-/// What a busy machine may add, s: less than the deadline of 120 s of the answers that don't come, by far.
+/// Extra time on a busy machine, s: much less than the deadline of 120 s for the missing answers.
 const BUSY_S: f64 = 8.0;
 
-/// What the clock of files may be behind, s.
+/// Largest delay of the clock of files, s.
 const CLOCK_S: f64 = 0.05;
 
-/// Longest wait for a program to do the next thing.
+/// Longest wait for the next event of a program.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A rig of three scripts, each in its manner.
+/// A rig of three scripts with different behaviours.
 struct Scripts {
     bench: TestFolder,
 }
@@ -123,7 +123,7 @@ impl Scripts {
         Live::start(self.bench.command("doctor rig.toml --confirmed down"))
     }
 
-    /// When something happened.
+    /// Time of an event.
     fn at(&self, event: &str) -> SystemTime {
         let noted = fs::metadata(self.bench.path(event)).and_then(|file| file.modified());
         noted.unwrap_or_else(|error| panic!("{event}: {error}"))
@@ -137,12 +137,12 @@ impl Scripts {
         }
     }
 
-    /// How long after the first the second happened, s.
+    /// Time from the first event to the second one, s.
     fn between_s(&self, first: &str, second: &str) -> f64 {
         since_s(self.at(first), self.at(second))
     }
 
-    /// Nobody of any of the groups is left.
+    /// Checks that no process of the groups is left.
     fn assert_all_ended(&self) {
         for role in ["stage", "load_cell", "array"].iter().filter(|role| self.bench.has(&format!("{role}.pid"))) {
             let group = self.bench.read(&format!("{role}.pid")).trim().to_owned();
@@ -151,7 +151,7 @@ impl Scripts {
     }
 }
 
-/// Who of a process group is there, but for those who have ended and whom nobody has asked about.
+/// The processes of a group, except for ended ones whose parent hasn't asked about them.
 fn members(group: &str) -> String {
     match Command::new("ps").args(["-A", "-o", "pgid=", "-o", "stat=", "-o", "args="]).output() {
         Ok(listed) => {
@@ -170,12 +170,12 @@ fn members(group: &str) -> String {
     }
 }
 
-/// A file's clock ticks; what happened at once may seem to have happened in another order.
+/// Resolution of a file's clock, within which the order of events isn't known.
 fn since_s(first: SystemTime, second: SystemTime) -> f64 {
     second.duration_since(first).map_or_else(|error| -error.duration().as_secs_f64(), |since| since.as_secs_f64())
 }
 
-/// Ends a program, and says how long that took from some moment.
+/// Ends a program; returns the time since a moment.
 fn ended(live: Live, from: SystemTime) -> (CommandOutput, f64) {
     let output = live.end();
     (output, since_s(from, SystemTime::now()))
@@ -208,7 +208,7 @@ fn a_search_for_home_toward_the_specimen_waits_for_a_person_who_confirms_it() {
 fn program_that_ends_with_its_input_gets_no_signal() {
     let scripts = Scripts::new("late", "well", "well");
     let (output, _) = ended(scripts.doctor(), SystemTime::now());
-    // outputs that are all alike are no fault of a doctor's visit; nothing shows that the load cell measures force
+    // equal outputs aren't an error for the doctor; nothing shows that the load cell measures force
     assert_eq!(output.code, Some(1), "{}{}", output.out, output.err);
     assert!(scripts.bench.has("stage.rest"), "it was ended before its device was at rest, or by its last word");
     assert_within("at rest after the end of its input", scripts.between_s("stage.eof", "stage.rest"), 0.7, TERM_S);

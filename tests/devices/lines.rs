@@ -1,5 +1,5 @@
-//! The driver of lines and frames against boards that damage them, stall and restart. See the numbers with
-//! `cargo test --release --test devices lines:: -- --nocapture`.
+//! The driver of lines and frames with boards that damage them, stall and restart. See the numbers with `cargo test --release --test
+//! devices lines:: -- --nocapture`.
 
 use palpate_drivers::lines::{LinePort, LineProfile, Received};
 use palpate_link::time::Instant;
@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::duplex;
 
-/// How a board marks its readings.
+/// Format of a board's readings.
 #[derive(Clone, Copy, Debug)]
 enum LineMarks {
     /// A line of text.
@@ -31,7 +31,7 @@ enum LineMarks {
     HeadAndCrc,
 }
 
-/// A skin whose channels are counts that differ from reading to reading.
+/// A skin with different counts in each reading.
 struct LineSkin {
     marks: LineMarks,
     channels: usize,
@@ -101,7 +101,7 @@ impl LineMarks {
     }
 }
 
-/// What was received in some seconds, and what had been sent.
+/// The readings received in some seconds, and those sent.
 struct LineOutcome {
     received: Vec<Received>,
     sent: Vec<Sent>,
@@ -140,14 +140,13 @@ fn received(skin: LineSkin, damage: f64, faults: &[LineFault], seconds: f64) -> 
 }
 
 impl LineOutcome {
-    /// Readings that were never sent so.
+    /// Received readings that were never sent.
     fn wrong(&self) -> usize {
         let was_sent = |one: &&Received| !self.sent.iter().any(|line| line.reading == one.numbers);
         self.received.iter().filter(was_sent).count()
     }
 
-    /// The largest difference of a reading's time from the departure of its last byte, s. The same numbers come again after 1024
-    /// lines.
+    /// Largest difference between a reading's time and the departure of its last byte, s. The numbers repeat after 1024 lines.
     fn off_s(&self) -> f64 {
         let off = |one: &Received| {
             let at_s = (one.at - self.origin).as_secs_f64();
@@ -188,7 +187,7 @@ fn readings_have_the_age_of_their_last_byte_through_damage_a_stall_and_a_reset()
 
 #[test]
 fn how_many_damaged_readings_pass_depends_on_the_marks() {
-    // of 20,000 lines, 3 % damaged: what passes of them
+    // accepted lines of 20,000, with 3 % damaged
     for (marks, most) in [
         (LineMarks::Text, 200),
         (LineMarks::MarkedText, 200),

@@ -1,4 +1,4 @@
-//! Drivers on lines and devices that fail, and rigs of every kind.
+//! Drivers with failing lines and devices, and rigs of every kind.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod bad_line;

@@ -1,13 +1,13 @@
-//! `palpate doctor` and `palpate align` as their user meets them.
+//! `palpate doctor` and `palpate align` as their user sees them.
 
 use palpate_testing::{SMALL, TestFolder, exchanged, shipped, shipped_text};
 
 const RIGS: [&str; 9] = ["sim", "paper", "esp301", "xps", "grbl", "process", "printer", "bench-fast", "bench-esp301"];
 
-/// The one thing that no shipped rig can say of itself.
+/// The key that no shipped rig can state.
 const NEITHER: &str = "- load_cell: it has neither a certificate nor a check";
 
-/// Where a simulated specimen really lies, beside where the rig says: x, y and z in mm, and degrees.
+/// True position of a simulated specimen relative to that of the rig: x, y and z in mm, and degrees.
 const MOUNTING: &str = "mounting = { x_mm = 0.6, y_mm = -0.4, z_mm = 0.1, rotation_deg = 3.0 }\n";
 
 #[test]
@@ -84,7 +84,7 @@ fn the_doctor_measures_what_a_run_reckons_with() {
     let found = &output.json_lines()[0];
     let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key}: {found}"));
     assert!((number("noise_n") - 0.003).abs() < 0.0005 && number("zero_n").abs() < 0.001, "{found}");
-    // conversion 5 ms, half as much again as the longest exchanges of 20 and 10 ms, servo 10 ms
+    // conversion 5 ms, 1.5 times the longest exchanges of 20 and 10 ms, servo 10 ms
     assert_eq!(number("reaction_worst_ms"), 60.0);
     assert_eq!(found["reaction_ms"].as_array().map(Vec::len), Some(200));
     assert!((number("approach_mm_s") - 9.26).abs() < 0.01, "{found}");
@@ -133,7 +133,7 @@ fn align_finds_a_displaced_specimen_and_writes_only_the_frame() {
     assert!((numbers(&of("surface_mm"))[0] + 0.1).abs() < 0.08, "{}", of("surface_mm"));
     assert!((1e-4..0.15).contains(&numbers(&of("u_origin_mm"))[0]), "{}", of("u_origin_mm"));
     assert!(of("rotation_deg").contains("# aligned, +-"), "{written}");
-    // the specimen is level; a slope of 0.001 is 6 um to the edge
+    // the specimen is level; a slope of 0.001 is 6 um at the edge
     let tilt = numbers(&of("tilt_mm_per_mm"));
     assert!(tilt.len() == 2 && tilt[0].hypot(tilt[1]) < 1e-3, "{tilt:?}");
     assert!(
@@ -149,7 +149,7 @@ fn align_finds_a_displaced_specimen_and_writes_only_the_frame() {
     bench.palpate_ends(0, &format!("check {} --rig rig.toml", shipped("recipes/paper.toml").display()));
 }
 
-/// A specimen of this slope along x, and room for it.
+/// A specimen with this slope along x, and travel for it.
 fn sloped(per_x: f64) -> String {
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "uncertainty = 0.3", "uncertainty = 0.6");
     let slope = format!("surface = {{ tilt_mm_per_mm = {{ x = {per_x}, y = 0.0 }} }}\nload_cell = {{");

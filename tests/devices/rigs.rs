@@ -1,4 +1,4 @@
-//! One recipe on every kind of rig: other controllers, other converters, the same specimen, the same answers. See the numbers with
+//! One recipe on every kind of rig: other controllers and converters give the same answers for the same specimen. See the numbers with
 //! `cargo test --release --test devices rigs:: -- --nocapture`.
 
 use palpate_core::quantity::{ArrayLayout, Axis, Place};
@@ -12,21 +12,21 @@ use palpate_testing::executions::run_virtually;
 use palpate_testing::{SMALL, TestFolder, campaign, exchanged, made_ready, shipped, shipped_text};
 use std::time::Duration;
 
-/// The rig that the others are held against, and the others.
+/// The rig for comparison, and the others.
 const FIRST: &str = "sim";
 const OTHERS: [&str; 5] = ["paper", "esp301", "xps", "grbl", "process"];
 
-/// How far apart two rigs may find a test point, mm: the median, and of 95 %. A unit's error is one draw a contact, the same on
-/// all rigs; what is left is the force loop's and the converters'.
+/// Largest distance between the places that two rigs find for a test point, mm: the median, and of 95 %. A unit has the same error in a
+/// contact on all rigs; the rest is due to force loop and converters.
 const LOCATION_MM: (f64, f64) = (0.001, 0.3);
 
-/// How far apart the forces of a test point may be that two rigs find, N: the median, and of 95 %.
+/// Largest difference between the forces that two rigs find for a test point, N: the median, and of 95 %.
 const FORCE_N: (f64, f64) = (0.006, 0.020);
 
-/// How far apart the mean forces of one window may be on two rigs, N: 95 %. Each is within some 10 mN of what was set.
+/// Largest difference between the mean forces of a window on two rigs, N: 95 %. Each is within some 10 mN of the set force.
 const WINDOW_N: f64 = 0.025;
 
-/// What a rig made of the paper's protocol.
+/// Result of the paper's protocol on a rig.
 struct RigOutcome {
     windows_n: Vec<f64>,
     found: Vec<(Place, f64)>,
@@ -76,7 +76,7 @@ fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
 
 #[test]
 fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
-    // 73 ms a command, 71 to 78: the recording of a real one
+    // 73 ms a command, 71 to 78: a recording of a real one
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "stage = [5.0, 20.0]", "stage = [71.0, 78.0]");
     let bench = TestFolder::with([("slow.toml", rig.as_str()), ("r.toml", SMALL)]);
     let doctor = bench.palpate_ends(0, "doctor slow.toml --json").json_lines().remove(0);
@@ -86,7 +86,7 @@ fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
     assert_eq!(bench.column("run/presses.csv", "flags").iter().filter(|flags| !flags.is_empty()).count(), 0);
 }
 
-/// The shipped rig of an XPS, with its positioners in other groups: one, two, three.
+/// The shipped rig of an XPS with its positioners in one, two or three groups.
 fn xps_in_groups() -> [String; 3] {
     let one = "xps = \"XYZ\", positioners = [\"X\", \"Y\", \"Z\"]";
     let two = "xps = [\"XY\", \"Z\"], positioners = [\"XY.X\", \"XY.Y\", \"Z.Pos\"]";
@@ -149,7 +149,7 @@ fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
 }
 
 fn guard_ends_a_motion(rig: &str) {
-    // the cell jumps over the limit while z is under way; nobody looks at it but the controller
+    // the cell jumps over the limit while z moves; only the controller reads it
     let text = rig.to_owned() + "\n[scene]" + shipped_text("rigs/paper.toml").split_once("[scene]").unwrap().1;
     let text = exchanged(&text, "stage = [1.0, 5.0]", "stage = [60.0, 70.0]");
     let mut spec = rig::parse("rig.toml", &text, &|_| unreachable!()).expect("a rig").simulated();
@@ -161,18 +161,18 @@ fn guard_ends_a_motion(rig: &str) {
         made_ready(&mut stage, &stage_use, &orders).await.expect("a stage");
         stage.guard(Some(2.05)).await.expect("a guard");
         sleep_until(began + Duration::from_secs_f64(leap_s - 1.0)).await;
-        // alone in its group, z is away from where x and y were homed; with them, it is at its home
+        // if z has its own group, it is away from where x and y were homed; otherwise it is at its home
         let from_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
         stage.begin(&[(Axis::Z, 10.0)], 2.0, &orders).await.expect("a motion");
         let begun_s = began.elapsed().as_secs_f64();
         let error = stage.follow(&[Axis::Z], Duration::from_secs(5), &orders).await.expect_err("it was ended");
         assert!(matches!(error.problem, DeviceProblem::Guarded { limit_n: 2.05 }), "{error}");
-        // under way for less than a second at 2 mm/s: what it loses at the start, 0.02 mm, it takes to brake
+        // moving for less than a second at 2 mm/s; the 0.02 mm that it loses at the start are its braking distance
         let ran_mm = 2.0 * (leap_s - begun_s);
         let at_mm = stage.position_mm(Axis::Z, &orders).await.expect("a place");
         let went_mm = (at_mm - from_mm).abs();
         assert!((0.0..0.15).contains(&(went_mm - ran_mm)), "z went {went_mm} mm, {ran_mm} mm when the force came");
-        // it has done its duty: the way out is free
+        // it has ended a motion: the way out is free
         stage.guard(None).await.expect("none any more");
         stage.begin(&[(Axis::Z, 10.0)], 10.0, &orders).await.expect("the way out");
         let places_mm = stage.follow(&[Axis::Z], Duration::from_secs(1), &orders).await.expect("the way out");
@@ -203,7 +203,7 @@ fn every_shipped_map_of_a_load_cell_fits_its_emulator() {
     }
 }
 
-/// The median and what 95 % are within.
+/// The median, and the bound of 95 %.
 fn spread(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);

@@ -1,8 +1,8 @@
-//! A device is lost in the middle of a press: unplugged, silent or garbled from one message on, whatever the press is at. The
-//! run ends by itself and says which device, nothing is hurt, what was recorded stays, and the run goes on when it is back.
+//! A device is lost during a press: unplugged, silent or garbled from one message on, in any phase. The run ends and names the device, the
+//! specimen isn't harmed, recorded presses remain, and the run continues when the device is back.
 //!
-//! `PALPATE_TESTS=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of
-//! a press, and at every message where a phase has no more.
+//! `PALPATE_TESTS=50 cargo test --release --test devices unplugged:: -- --nocapture` loses each device so often in each phase of a press,
+//! or at every message if a phase has fewer.
 
 mod far;
 mod kept;
@@ -20,21 +20,21 @@ use palpate_testing::executions::{ExecutionWorst, bench, in_parallel, plan};
 use palpate_testing::phases::PressPhase;
 use std::collections::BTreeMap;
 
-/// How often each device is lost in each way in each phase.
+/// Number of losses of each device in each way and phase.
 const LOSSES: usize = 1;
 
-/// Of so many cases one is made, in the quick tier and in the full one: on a bench, and on another rig.
+/// One in so many cases is tried, in the quick tier and in the full one: on a bench, and on another rig.
 const EVERY: (usize, usize) = (5, 2);
 const EVERY_ELSEWHERE: (usize, usize) = (12, 3);
 
-/// Presses that teach, and presses in which something is lost: a staircase, a plain one, and one for that to depart to.
+/// Training presses, and presses with a loss: a staircase, a plain one, and a next one to move to.
 const TRAINING_PRESSES: usize = 5;
 const PRESSES: usize = 3;
 
-/// How much longer than without a loss a run may take, s: a link is waited for, and parking is tried again.
+/// Extra time of a run with a loss, s: a link is waited for, and parking is tried again.
 const LONGER_S: f64 = 120.0;
 
-/// How far from where it is parked an axis may stand, mm: as far as a read-back may be off.
+/// Largest distance of an axis from its parking position, mm: the error of a read-back.
 const PARKED_MM: f64 = 0.003;
 
 const RECIPE: &str = r#"
@@ -62,7 +62,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
     ("process", include_str!("../../rigs/process.toml")),
 ];
 
-/// A rig, how it is pressed with, and how often something is lost there.
+/// A rig, the strategy, and the number of losses there.
 #[derive(Clone, Copy, Debug)]
 struct UnpluggedSetup {
     rig: &'static str,
@@ -71,14 +71,14 @@ struct UnpluggedSetup {
     every: usize,
 }
 
-/// A case: a setup by its number, the fate, and the phase it strikes in.
+/// A case: the number of a setup, the loss, and its phase.
 struct UnpluggedCase {
     setup: usize,
     fate: FarEndFate,
     phase: PressPhase,
 }
 
-/// A setup's plan, and the run in which nothing is lost.
+/// A setup's plan, and its run without a loss.
 struct UnpluggedSound {
     setup: UnpluggedSetup,
     spec: RigSpec,
@@ -88,7 +88,7 @@ struct UnpluggedSound {
 
 #[test]
 fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing() {
-    // a program that another test starts holds, for a moment, what this one locks: a run that is let go of wouldn't be free
+    // a program that another test starts briefly holds this program's locks, so a released run wouldn't be free
     if ran_alone("unplugged::a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing") {
         return;
     }
@@ -142,14 +142,14 @@ impl UnpluggedSound {
         assert_eq!(executed.ending.status(), Status::Complete, "{setup:?}: {:?}", executed.ending.text());
         assert_eq!(executed.contacts.len(), plan.entries.len(), "{setup:?}");
         for phase in PressPhase::ALL {
-            // each press ends above the place of the next: a run's first travels alone, which of a map's teaches
+            // each press ends above the place of the next one: the first press of a run ends alone, and with a map that is a training press
             let may_miss = phase == PressPhase::Travel && setup.strategy == Strategy::Map;
             assert!(may_miss || executed.phases.contains(&Some(phase)), "{setup:?} has no {phase:?}");
         }
         UnpluggedSound { setup, spec, plan, executed }
     }
 
-    /// Every phase with each device lost in each way, at messages all over it.
+    /// Every phase with each device lost in each way, at messages throughout it.
     fn cases(&self, setup: usize) -> Vec<UnpluggedCase> {
         let mut cases = Vec::new();
         let combined: Vec<(SceneDevice, FarEndLoss)> =
@@ -159,7 +159,7 @@ impl UnpluggedSound {
                 (0..self.executed.phases.len()).filter(|&at| self.executed.phases[at] == Some(phase)).collect();
             let losses = self.setup.losses.min(messages.len());
             for (i, &(device, loss)) in combined.iter().enumerate() {
-                // each device in each way at messages of its own
+                // each device in each way at other messages
                 let nth = |k: usize| messages[(k * combined.len() + i) * messages.len() / (losses * combined.len())];
                 cases.extend((0..losses).map(|k| UnpluggedCase {
                     setup,
@@ -171,13 +171,13 @@ impl UnpluggedSound {
         cases.into_iter().skip(setup % self.setup.every).step_by(self.setup.every).collect()
     }
 
-    /// The devices that can be lost by themselves: a load cell on the stage's own controller can't.
+    /// The devices that can be lost alone: a load cell on the stage's own controller can't.
     fn devices(&self) -> Vec<SceneDevice> {
         let shared = self.spec.emulators(1).is_ok_and(|rig| rig.load_cell.is_same(&rig.stage));
         SceneDevice::ALL.into_iter().filter(|&device| device != SceneDevice::LoadCell || !shared).collect()
     }
 
-    /// Loses the device, then goes on with the run on a rig that is whole again; all that isn't as it must be.
+    /// Loses the device, then continues the run on the sound rig; returns all problems.
     fn lose(&self, case: &UnpluggedCase) -> End {
         let UnpluggedSound { spec, plan, .. } = self;
         let mut kept = StoredRun::new(spec, plan);
@@ -201,7 +201,7 @@ impl UnpluggedSound {
         End { ended, worst: executed.worst, longer_s, wrong }
     }
 
-    /// What is wrong with a walk in which a device was lost.
+    /// Problems of a run in which a device was lost.
     fn wrong_with(&self, case: &UnpluggedCase, executed: &UnpluggedRun) -> Vec<String> {
         let FarEndFate { device, at, .. } = case.fate;
         let UnpluggedRun { ending, worst, z_mm, at_rest, .. } = executed;
@@ -222,7 +222,7 @@ impl UnpluggedSound {
                 let failed = matches!(ending.status(), Status::Failed | Status::Tripped);
                 check(failed, format!("{:?}", ending.status()));
                 let output = ending.text().unwrap_or_default();
-                // what is said of parking names the stage in any case
+                // a message about parking names the stage in any case
                 let halted = output.split("; the stage could not be parked").next().unwrap_or_default();
                 let shared = self.devices().len() < SceneDevice::ALL.len();
                 let names: &[&str] = match device {
@@ -238,12 +238,12 @@ impl UnpluggedSound {
     }
 }
 
-/// What came of a case.
+/// Result of a case.
 struct End {
     /// Whether the loss ended the run.
     ended: bool,
     worst: ExecutionWorst,
-    /// How much longer than a sound run it took, s.
+    /// Its extra time compared with a sound run, s.
     longer_s: f64,
     wrong: Vec<String>,
 }

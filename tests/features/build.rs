@@ -1,3 +1,3 @@
-//! Cargo takes build dependencies into account only where there is a build script.
+//! Cargo considers build dependencies only with a build script.
 
 fn main() {}

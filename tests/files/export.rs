@@ -1,4 +1,4 @@
-//! Exported files, each read by its own reader and compared with the CSV export, bit for bit.
+//! Exported files, each read by its own program and compared with the CSV export, bit by bit.
 
 use crate::bench;
 use palpate_testing::python::{Python, said};
@@ -6,10 +6,10 @@ use palpate_testing::{TestFolder, there};
 use std::fs;
 use std::process::Command;
 
-/// Fewest values that a reader compares: fewer mean that it no longer reads what is there.
+/// Fewest values that a comparison needs: with fewer the reader is broken.
 const VALUES_LEAST: u64 = 5000;
 
-/// A bench with `all/`: the exports of one run in every format.
+/// A folder with `all/`: the exports of one run in every format.
 fn exported() -> TestFolder {
     let bench = bench([("runs/every", "--sensor A-017")]);
     fs::create_dir(bench.path("all")).unwrap();

@@ -1,4 +1,4 @@
-//! Tables in files of other programs: the same presses as from CSV, to the last bit.
+//! Tables in files of other programs give the same presses as CSV, to the last bit.
 
 use crate::bench;
 use palpate_testing::python::{Python, said};
@@ -6,7 +6,7 @@ use palpate_testing::{TestFolder, shipped_text};
 
 const SHORT: &str = "--columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch_1..ch_9";
 
-/// A bench with the example's calibration under other names, as CSV and in the formats of other libraries.
+/// A folder with the example's calibration under other names, as CSV and in the formats of other libraries.
 fn tables() -> TestFolder {
     let imports = "import numpy, openpyxl, pandas, polars, scipy.io, pyarrow";
     let python = Python::with(imports);
@@ -18,7 +18,7 @@ fn tables() -> TestFolder {
     let taken: Vec<usize> = [at("x_mm"), at("y_mm"), at("force_n")].into_iter().chain(outputs).collect();
     let mut table = "X,Y,Fz,ch_1,ch_2,ch_3,ch_4,ch_5,ch_6,ch_7,ch_8,ch_9\n".to_owned();
     for (number, row) in reader.records().map(Result::unwrap).enumerate() {
-        // digits that no decimal of a few places has
+        // digits that no short decimal has
         let cell = |at: &usize| (row[*at].parse::<f64>().unwrap() / 3.0 + number as f64 * 1e-13).to_string();
         table += &(taken.iter().map(cell).collect::<Vec<_>>().join(",") + "\n");
     }
@@ -48,7 +48,7 @@ fn a_table_of_any_format_gives_the_presses_of_its_csv() {
         bench.palpate_ends(0, &format!("import {file} {SHORT} --out from-{file}"));
         assert_eq!(presses(&bench, &format!("from-{file}")), presses(&bench, "csv"), "{file}");
     }
-    // every command that takes a table takes them: the sensor files are the same but for their sources
+    // every command that reads a table reads them: the sensor files differ only in their sources
     for (file, out) in [("grid.csv", "a.palpate"), ("matrix.mat", "b.palpate")] {
         bench.palpate_ends(0, &format!("fit {file} {SHORT} --solver pearson --out {out}"));
     }

@@ -1,4 +1,4 @@
-//! A writer of a lake that is killed at any moment: no reader ever sees half a run.
+//! A writer of a lake that is killed at any time: no reader sees a part of a run.
 
 use crate::bench;
 use palpate_testing::{TestFolder, campaign};
@@ -11,9 +11,9 @@ use std::process::Stdio;
 /// Kills: quick and full.
 const KILLS: (usize, usize) = (5, 20);
 
-/// Rows of the files of presses that are visible now.
+/// Rows of the visible files of presses.
 ///
-/// A file may be replaced while it is looked for, and is then looked for again.
+/// A file that is replaced during the search is searched for again.
 pub(crate) fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
     let mut found = Vec::new();
     let mut folders = vec![lake.join("presses")];
@@ -35,7 +35,7 @@ pub(crate) fn visible(lake: &Path) -> Vec<(PathBuf, i64)> {
     found
 }
 
-/// A run as it was after some of its presses: the beginning of its journal, and no other files.
+/// A run after some of its presses: the beginning of its journal, and no other files.
 fn cut(bench: &TestFolder, run: &str, part: &str, contacts: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let mut left = contacts;
@@ -67,7 +67,7 @@ fn a_killed_writer_leaves_whole_runs() {
         let mut command = bench.command(&format!("export {runs} --lake lake"));
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     };
-    // the moment of a kill is a number of looks of the reader; a writer that isn't killed shows how many there are
+    // the time of a kill is a number of looks of the reader; a writer that isn't killed shows their number
     let (mut whole, mut writer) = (0, spawned("runs/a runs/b"));
     while writer.try_wait().unwrap().is_none() {
         visible(&lake);

@@ -1,4 +1,4 @@
-//! The lake: read as it is by DuckDB, polars and pyarrow, and kept up to date by exports.
+//! The lake: read directly by DuckDB, polars and pyarrow, and updated by exports.
 
 use crate::bench;
 use palpate_testing::python::{Python, said};

@@ -1,4 +1,4 @@
-//! A long run in the lake: all of its presses are there. `cargo bench --features files --bench lake` prints what one costs.
+//! A long run in the lake has all of its presses. `cargo bench --features files --bench lake` prints the cost of one.
 
 use crate::killed::visible;
 use crate::recorded::recorded;

@@ -1,4 +1,4 @@
-//! Files of other programs and the lake, with the feature `files`: read by their own readers.
+//! Files of other programs and the lake, with the feature `files`, read by their own programs.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod export;
@@ -10,7 +10,7 @@ mod recorded;
 
 use palpate_testing::TestFolder;
 
-/// A recipe with every kind of step, which takes a tenth of a second: staircases of all units, a grid, random places, a rule.
+/// A recipe with every kind of step that takes a tenth of a second: staircases of all units, a grid, random places, a rule.
 const RECIPE: &str = r#"
 name = "every"
 rig = "sim"
@@ -37,7 +37,7 @@ phase = "test"
 random = { count = 20, x_mm = [-5.0, 5.0], y_mm = [-5.0, 5.0], force_n = [0.8, 1.0] }
 "#;
 
-/// A bench with complete runs of that recipe, each with its labels.
+/// A folder with complete runs of that recipe, each with its labels.
 fn bench<'a>(runs: impl IntoIterator<Item = (&'a str, &'a str)>) -> TestFolder {
     let bench = TestFolder::with([("every.toml", RECIPE)]);
     for (seed, (run, labels)) in runs.into_iter().enumerate() {

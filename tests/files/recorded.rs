@@ -33,7 +33,7 @@ pub(crate) fn press(number: u64) -> Press {
     .rounded()
 }
 
-/// Makes a run folder of so many presses that nobody ended.
+/// Makes an unfinished run folder of so many presses.
 pub(crate) fn recorded(run: &Path, presses: u64) {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let facts = RunFacts { recipe: "many".to_owned(), presses_planned: presses, ..RunFacts::default() };

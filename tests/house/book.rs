@@ -17,7 +17,7 @@ const SENTENCE_WORDS_MOST: usize = 30;
 /// Most bytes of a picture.
 const PICTURE_BYTES_MOST: u64 = 200_000;
 
-/// Words and phrases that don't come back, in lower case. Code and links are not read.
+/// Unwanted words and phrases, in lower case. Code and links are not read.
 const UNWANTED: [&str; 23] = [
     "told",
     "tell",
@@ -150,7 +150,7 @@ fn test_helpers_find_examples() {
     assert_eq!(broken_link("docs/README.md", "explanation/verdicts.md#verdict").as_deref(), Some("no such heading"));
 }
 
-/// Why a link of a page leads nowhere; none where it leads somewhere.
+/// Why a link of a page leads nowhere; none if it leads somewhere.
 fn broken_link(page: &str, link: &str) -> Option<String> {
     let (path, anchor) = link.split_once('#').map_or((link, None), |(path, anchor)| (path, Some(anchor)));
     let target = if path.is_empty() { PathBuf::from(page) } else { target(page, path) };

@@ -1,4 +1,4 @@
-//! What the project asks of its own files.
+//! Checks of the project's own files.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod book;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
-/// Fewest promises that the tables make: empty ones would keep all of them.
+/// Fewest promises in the tables, because empty tables would pass.
 const PROMISES_LEAST: usize = 50;
 
 #[test]

@@ -1,4 +1,4 @@
-//! Markdown as far as tests read it: prose without code, sentences, links, anchors.
+//! The Markdown that tests read: prose without code, sentences, links, anchors.
 
 /// The lines of prose with their numbers: no fenced code; code spans and targets of links are cut out.
 pub(crate) fn lines(text: &str) -> Vec<(usize, String)> {
@@ -24,7 +24,7 @@ pub(crate) fn sentences(text: &str) -> Vec<String> {
     paragraphs.iter().flat_map(|paragraph| split(paragraph)).collect()
 }
 
-/// How many words a sentence has: what holds a letter or a digit.
+/// Number of words in a sentence. A word has a letter or a digit.
 pub(crate) fn words(sentence: &str) -> usize {
     sentence.split_whitespace().filter(|word| word.chars().any(char::is_alphanumeric)).count()
 }
@@ -86,7 +86,7 @@ fn without_code(line: &str) -> String {
     line.split('`').step_by(2).collect::<Vec<_>>().join(" ")
 }
 
-/// Each code span as one word, without what would end a sentence.
+/// Each code span as one word, without characters that end a sentence.
 fn spans_as_words(line: &str) -> String {
     let parts = line.split('`').enumerate();
     parts.map(|(at, part)| if at % 2 == 1 { "code".to_owned() } else { part.to_owned() }).collect()
@@ -97,7 +97,7 @@ fn is_numbered(line: &str) -> bool {
     line.split_once(". ").is_some_and(|(number, _)| !number.is_empty() && number.chars().all(|c| c.is_ascii_digit()))
 }
 
-/// A paragraph's sentences. A mark within a word, as in 0.5, ends none.
+/// A paragraph's sentences. A mark within a word, as in 0.5, doesn't end one.
 fn split(paragraph: &str) -> Vec<String> {
     let (mut sentences, mut sentence) = (Vec::new(), Vec::new());
     for word in paragraph.split_whitespace() {

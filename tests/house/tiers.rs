@@ -1,4 +1,4 @@
-//! How much a campaign does follows from one variable, and from nothing else.
+//! The size of a campaign follows from one variable alone.
 
 use palpate_testing::campaign::Tier;
 use std::fs;

@@ -1,9 +1,9 @@
-//! The English of what a person reads: words that don't come back in strings and docs of the program.
+//! The English that a person reads: unwanted words in strings and docs of the program.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Refused in strings and docs, with what to write.
+/// Refused in strings and docs, with the alternative.
 const EVERYWHERE: [(&str, &str); 16] = [
     ("told", "reported, given, known"),
     ("tell", "report, show, distinguish"),
@@ -44,7 +44,7 @@ const IN_STRINGS: [(&str, &str); 17] = [
     ("heeds", "follows"),
 ];
 
-/// Fewest strings and docs that are read: with fewer this test no longer reads what is there.
+/// Fewest strings and docs: with fewer this test doesn't read them any more.
 const READ_LEAST: usize = 5000;
 
 #[test]
@@ -97,7 +97,7 @@ struct Text {
     text: String,
 }
 
-/// The words of a text with one blank around each; without what stands in braces of a string or in code marks of a doc.
+/// The words of a text with one blank around each; without braces of a string and code marks of a doc.
 fn plain(text: &str, is_doc: bool) -> String {
     let (open, close) = if is_doc { ('`', '`') } else { ('{', '}') };
     let (mut words, mut is_code) = (String::from(" "), false);
@@ -141,14 +141,14 @@ fn texts(source: &str) -> impl Iterator<Item = Text> {
     found.into_iter()
 }
 
-/// How many `#` a raw string begins with, if one begins here.
+/// Number of `#` at the beginning of a raw string, if one begins here.
 fn raw_marks(rest: &str) -> Option<usize> {
     let after = rest.strip_prefix('r')?;
     let marks = after.len() - after.trim_start_matches('#').len();
     after[marks..].starts_with('"').then_some(marks)
 }
 
-/// Where a string ends.
+/// End of a string.
 fn closing(rest: &str) -> usize {
     let mut is_escaped = false;
     for (at, letter) in rest.char_indices().skip(1) {
@@ -162,7 +162,7 @@ fn closing(rest: &str) -> usize {
     rest.len() - 1
 }
 
-/// How long a character literal is, or the mark of a lifetime.
+/// Length of a character literal, or of the mark of a lifetime.
 fn character(rest: &str) -> usize {
     let mut letters = rest.char_indices().skip(1);
     match (letters.next(), letters.next()) {

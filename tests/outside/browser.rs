@@ -1,7 +1,7 @@
-//! Pages in a real browser without a screen: nothing complains, no text is cut or lies over another, every figure shows
-//! something, on a desk and on a telephone.
+//! Pages in a real browser without a screen: no errors, no text is cut or covers another, and every figure shows something, on a desk and
+//! on a telephone.
 //!
-//! The screenshots are left in the folder that is printed, for a person to look at.
+//! The screenshots stay in the folder that is printed, for a person.
 
 use palpate_testing::batches::{self, Drawn, MONTH};
 use palpate_testing::skins::skins;
@@ -14,7 +14,7 @@ use std::process::{Command, Stdio};
 
 /// Widths of the window, px: a desk and a telephone.
 const WIDTHS: [u32; 2] = [1280, 390];
-/// A rule of which not every value can be judged.
+/// A rule with values that can't all be judged.
 const GUARDED: &str = "\
 rule = \"guarded\"
 location_mean_mm = 1.0
@@ -23,9 +23,9 @@ force_mean_n = 0.1
 ";
 /// Height of a first screen at the first of these widths, px.
 const FIRST_SCREEN_PX: u64 = 800;
-/// Browsers that take the same words, by name.
+/// Browsers with the same options, by name.
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
-/// What looks at a page.
+/// The script that checks a page.
 const LOOK: &str = include_str!("browser/look.js");
 
 #[test]
@@ -127,7 +127,7 @@ fn figures_of_the_studies_have_room_for_their_words() {
     assert!(figures >= 10, "{figures} figures");
 }
 
-/// A page of ours with one label moved onto another, and with one that is too small: both are found.
+/// A page with one label on top of another, and with one that is too small: both are found.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_page_whose_labels_overlap_is_found_out() {
@@ -153,7 +153,7 @@ fn a_page_whose_labels_overlap_is_found_out() {
     assert!(found.iter().any(|problem| problem.starts_with("too small, ")), "{found:?}");
 }
 
-/// The look itself sees what it is there for.
+/// The script finds the errors that it is for.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_page_with_faults_is_found_out() {
@@ -187,7 +187,7 @@ struct Browser {
     album: PathBuf,
 }
 
-/// What a page looks like.
+/// Result of a page.
 #[derive(Debug)]
 struct BrowserSeen {
     width: u64,
@@ -195,14 +195,14 @@ struct BrowserSeen {
     texts: u64,
     /// Lower end of the errors and the places, px.
     first: u64,
-    /// Beginnings of the parts in which a table is moved sideways.
+    /// Beginnings of the parts with a table that scrolls sideways.
     scrolled: Vec<String>,
     problems: Vec<String>,
     console: Vec<String>,
 }
 
 impl Browser {
-    /// The one that is named by `PALPATE_BROWSER`, or the first on the path.
+    /// The browser named by `PALPATE_BROWSER`, or the first on the path.
     fn find() -> Browser {
         let path = std::env::var_os("PATH").unwrap_or_default();
         let named = std::env::var_os("PALPATE_BROWSER").map(PathBuf::from);
@@ -216,7 +216,7 @@ impl Browser {
         Browser { program, album }
     }
 
-    /// Opens a page with what looks at it, in a frame of that width: a window has a least width of its own.
+    /// Opens a page with the script in a frame of that width, because a window has a least width.
     fn look(&self, page: &Path, width: u32) -> BrowserSeen {
         let text = fs::read_to_string(page).expect("a page");
         let (watched, framed) = (page.with_extension("watched.html"), page.with_extension("framed.html"));
@@ -250,7 +250,7 @@ impl Browser {
         }
     }
 
-    /// Prints a page. It is on A4.
+    /// Prints a page on A4.
     fn print(&self, page: &Path, name: &str) {
         let printed = self.album.join(format!("{name}.pdf"));
         let mut word = OsString::from("--print-to-pdf=");
@@ -261,7 +261,7 @@ impl Browser {
         assert!(text.contains("/MediaBox [0 0 594.95") || text.contains("/MediaBox [0 0 595"), "{name}: not A4");
     }
 
-    /// Keeps a picture of a page.
+    /// Saves a picture of a page.
     fn photograph(&self, page: &Path, name: &str, size: (u32, u64), is_dark: bool) -> Vec<u8> {
         let picture = self.album.join(format!("{name}.png"));
         let mut word = OsString::from("--screenshot=");

@@ -1,4 +1,4 @@
-//! A sensor as a C file: compiled by the system's compiler, it answers as this library does.
+//! A sensor as a C file: compiled by the system's compiler, it gives the answers of this library.
 
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, percentile, stream};
 use palpate_report::export::c_file;
@@ -14,7 +14,7 @@ use std::fs::{self, File};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Reads readings, a line each, and prints place, force, misfit, verdict and output.
+/// Reads readings, one on each line, and prints place, force, misfit, verdict and output.
 const MAIN: &str = r#"
 #define PALPATE_DECLARATIONS
 #include "sensor.c"
@@ -75,7 +75,7 @@ fn pressed(skin: &mut Skin, rng: &mut RandomStream, place: Place, force_n: f64) 
     outputs
 }
 
-/// A calibration of 625 places, and readings of random contacts. `unit` multiplies all outputs, as another unit does.
+/// A calibration of 625 places, and readings of random contacts. `unit` multiplies all outputs, like another unit of measurement.
 fn skin(spec: &SkinSpec, unit: f64, count: usize) -> (ArrayLayout, Calibration, Vec<Vec<f64>>) {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let (mut skin, mut rng) = (Skin::new(spec, &layout, 2.0, 5), stream(5, 1, "contacts"));

@@ -1,4 +1,4 @@
-//! Certificates as others read them: the schema of the PTB, and a reader that isn't ours.
+//! Certificates in other programs: the schema of the PTB, and another reader.
 
 use palpate_testing::certified::bench;
 use palpate_testing::{TestFolder, shipped, there};
@@ -42,7 +42,7 @@ fn certificate_has_the_numbers_of_evaluate() {
         assert!((found["value"].as_f64().unwrap() - expected).abs() < 1e-12, "{name}: {found} {expected}");
         assert_eq!(found["unit"], unit);
     }
-    // the scatter of the mean alone is less than what the certificates add to it
+    // the certificates add more to the mean than its scatter
     assert!(of("location error, mean")["expanded"].as_f64() > Some(0.01), "{results:?}");
     assert_eq!(of("location error, mean")["k"], 2.0);
     // three staircases leave two degrees of freedom
@@ -73,7 +73,7 @@ fn is_valid(xml: &Path) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// What a reader that isn't ours finds in the document.
+/// The content that another reader finds in the document.
 fn read_outside(bench: &TestFolder, xml: &str) -> Value {
     let mut python = Command::new("python3");
     let output = there(python.arg(shipped("tests/outside/certificate.py")).arg(bench.path(xml)), "python3");

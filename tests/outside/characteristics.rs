@@ -1,4 +1,4 @@
-//! The characteristics of units, by the library and by a script that shares nothing with it.
+//! The characteristics of units, by the library and by an independent script.
 
 use palpate_testing::characteristics::characterised;
 use palpate_testing::{TestFolder, shipped, shipped_text, there};
@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 fn an_independent_script_finds_the_same_characteristics() {
     let text = shipped_text("data/example/characterisation.csv");
     assert_eq!(recomputed(&text), shipped_text("data/example/characteristics.csv"));
-    // the simulated units are straight and return to zero: these are bent and wander, and some of their levels are flagged
+    // the simulated units are linear and return to zero: these are nonlinear and drift, and some levels are flagged
     let worn = worn(&text);
     let expected = characterised(&worn);
     for column in [5, 6] {
@@ -32,7 +32,7 @@ fn recomputed(text: &str) -> String {
     String::from_utf8(output.stdout).expect("text").replace("\r\n", "\n")
 }
 
-/// The table with outputs that bend and wander with time, and a flag at every 37th row.
+/// The table with outputs that are nonlinear and drift, and a flag at every 37th row.
 fn worn(text: &str) -> String {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let header: Vec<String> = reader.headers().expect("a header").iter().map(str::to_owned).collect();

@@ -16,16 +16,16 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Mutex;
 
-/// Longest wait for samples that come a thousand times a second.
+/// Longest wait for samples at 1 kHz.
 const PATIENCE: Duration = Duration::from_secs(5);
 const RATE_HZ: f64 = 1000.0;
-/// What the stub says in NI's words.
+/// Messages of the stub.
 const UNKNOWN_DEVICE: &str =
     "error -200220: Device identifier is invalid.\n\nDevice Specified: Dev7\n\nStatus Code: -200220";
 const OVERRUN: &str = "error -200279: The application is not able to keep up with the hardware acquisition.\n\nStatus \
                        Code: -200279";
 
-/// The stub, built with some words more.
+/// The stub, built with additional messages.
 fn stub(bench: &TestFolder, words: &[&str]) -> PathBuf {
     let words: Vec<&str> = words.iter().copied().chain(["-Wl,-soname,libnidaqmx.so"]).collect();
     shared_library(bench, "libnidaqmx.so", "tests/outside/daqmx/stub.c", &words)

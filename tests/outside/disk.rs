@@ -1,8 +1,8 @@
-//! Disks that fail: every call of a run, and of a resume, that opens or changes a file is made to fail in turn. It is told with
-//! its exit code, and when the disk is sound again the run is finished with all that was acknowledged.
+//! Failing disks: every call of a run or a resume that opens or changes a file fails in turn. The exit code reports it, and on a sound disk
+//! the run is completed with all acknowledged presses.
 //!
-//! The calls are caught by a library in C (`tests/outside/disk/failing.c`) that is loaded before the system's, so these tests need a C
-//! compiler (`cc`). `PALPATE_TESTS=full` lets every call fail in four ways, `PALPATE_TESTS=3` in ten.
+//! A library in C (`tests/outside/disk/failing.c`), loaded before the system's, catches the calls, so these tests need a C compiler (`cc`).
+//! `PALPATE_TESTS=full` lets every call fail in four ways, `PALPATE_TESTS=3` in ten.
 #![cfg(target_os = "linux")]
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts};
@@ -16,7 +16,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Where the run is, below the folder that fails: a folder and the one that holds it are to be made.
+/// Place of the run below the failing folder: a new folder in a new folder.
 const DISK: &str = "disk";
 const RUN: &str = "disk/new/run";
 
@@ -36,31 +36,31 @@ force_n = 1.0
 "#;
 const PLAN: [(u64, u64); 5] = [(0, 0), (0, 1), (0, 2), (1, 0), (2, 0)];
 
-/// Exit codes: all is done; bad input, nothing was moved; the record couldn't be kept.
+/// Exit codes: complete; bad input, nothing moved; the record couldn't be written.
 const DONE: i32 = 0;
 const USAGE: i32 = 2;
 const RECORD: i32 = 5;
 
-/// What disks fail with, as Linux numbers it.
+/// Errors of disks, as Linux numbers them.
 const EIO: i32 = 5;
 const EACCES: i32 = 13;
 const ENOSPC: i32 = 28;
 const EROFS: i32 = 30;
 const EDQUOT: i32 = 122;
 
-/// How they fail: one call; half a write and the call after it; half a write and the two calls after it, so that the half can't be
-/// taken away either; every call from one on.
+/// Ways to fail: one call; half a write and the next call; half a write and the next two calls, so that the half can't be removed either;
+/// every call from one on.
 const FAILURES: [(&str, i32); 4] = [("once", ENOSPC), ("short", ENOSPC), ("torn", ENOSPC), ("from", EIO)];
 const MORE_FAILURES: [(&str, i32); 6] =
     [("once", EIO), ("once", EACCES), ("short", EDQUOT), ("from", ENOSPC), ("from", EROFS), ("from", EDQUOT)];
 
-/// Each so-many-th call fails: quick and full.
+/// One in so many calls fails: quick and full.
 const EVERY: (usize, usize) = (11, 1);
 
-/// Calls after which a session that goes on doesn't end by itself: it has some hundred.
+/// Number of calls after which a session doesn't end any more: a sound one has some hundred.
 const CALLS_MOST: usize = 2000;
 
-/// The calls that write a record, and put it on the disk.
+/// The calls that write and flush a record.
 const WRITE: &str = "write journal.log";
 const FLUSH: &str = "fdatasync journal.log";
 
@@ -68,10 +68,10 @@ const FLUSH: &str = "fdatasync journal.log";
 const BATCH: &str =
     "name = \"day\"\ndesign = \"skin\"\nrig = \"rig.toml\"\nrecipes = [\"r.toml\"]\nserials = [\"A-01\"]\n";
 
-/// Calls whose failure changes nothing, with their file, and why: such a run may end well, if all of it is there.
+/// Calls whose failure changes nothing, with their file, and why: such a run may succeed if it is complete.
 const HARMLESS: [(&str, &str); 0] = [];
 
-/// Files of a run that `resume` reads before it moves anything, as `run` reads the user's: one that can't be read is bad input.
+/// Files of a run that `resume` reads before it moves anything, as `run` reads the user's: an unreadable one is bad input.
 const INPUTS: [&str; 2] = ["recipe.toml", "rig.toml"];
 
 #[test]
@@ -87,7 +87,7 @@ fn every_call_of_a_resume_may_fail() {
     assert_every_call_may_fail("every call of a resume", &half_done());
 }
 
-/// What isn't flushed outlives the program, and no power cut.
+/// Unflushed data survive the end of the program, but not a power cut.
 #[test]
 #[ignore = "needs a C compiler: cc"]
 fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
@@ -96,7 +96,7 @@ fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
     let run =
         calls(&library, &DiskStart { words: format!("run r.toml --rig rig.toml --out {RUN}"), ..DiskStart::default() });
     assert_flushed("a run", &run, presses);
-    // the draft of the run's folder, the folder in which it appears, and the one in which that was made
+    // the draft of the run's folder, the folder in which it appears, and the folder of that one
     for folder in [".short.", "new", "disk"] {
         let is_flush = |call: &String| call.starts_with(&format!("fsync {folder}"));
         assert!(run.iter().any(is_flush), "{folder} isn't flushed: {run:?}");
@@ -109,7 +109,7 @@ fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
     assert_flushed("a note in a batch", &calls(&library, &DiskStart { words, files, ..DiskStart::default() }), 1);
 }
 
-/// Each of a session's records is flushed, and there are at least so many.
+/// Each record of a session is flushed, and there are at least so many.
 fn assert_flushed(session: &str, calls: &[String], least: usize) {
     let journal: Vec<&str> = calls.iter().map(String::as_str).filter(|call| [WRITE, FLUSH].contains(call)).collect();
     let writes = journal.iter().filter(|call| **call == WRITE).count();
@@ -135,7 +135,7 @@ fn a_folder_that_may_not_be_written_is_reported_and_left_alone() {
     refused(&format!("resume {RUN} --json"));
     assert!(bench.bytes(RUN) == before, "the run folder is as it was");
     locked(RUN, 0o755);
-    // a journal that may not be written, in a folder that may
+    // a read-only journal in a writable folder
     let journal = format!("{RUN}/journal.log");
     locked(&journal, 0o444);
     refused(&format!("resume {RUN} --json"));
@@ -143,7 +143,7 @@ fn a_folder_that_may_not_be_written_is_reported_and_left_alone() {
     locked(&journal, 0o644);
     ends_without_privileges(&bench, DONE, &format!("resume {RUN}"));
     assert_eq!(numbered(&rows::table(&bench, RUN)), PLAN);
-    // a folder in which none can be made
+    // a folder in which none can be created
     locked(DISK, 0o555);
     refused(&format!("run r.toml --rig rig.toml --json --out {DISK}/other"));
     assert!(!bench.has("disk/other"));
@@ -154,8 +154,8 @@ fn a_folder_that_may_not_be_written_is_reported_and_left_alone() {
 /// The user and the group that own nothing, on every Linux.
 const NOBODY: u32 = 65534;
 
-/// Runs the program as somebody who may not write everywhere: as this user, or where that is root, as nobody, who owns the bench
-/// then and has a copy of the program there.
+/// Runs the program as a user with restricted rights: as this user, or if that is root, as nobody, who then owns the folder and a copy of
+/// the program there.
 fn ends_without_privileges(bench: &TestFolder, code: i32, words: &str) -> CommandOutput {
     let mut command = bench.command(words);
     if geteuid().is_root() {
@@ -174,7 +174,7 @@ fn ends_without_privileges(bench: &TestFolder, code: i32, words: &str) -> Comman
     printed
 }
 
-/// Makes nobody the owner of a folder and of all that is in it.
+/// Makes nobody the owner of a folder and its content.
 fn hand_over(path: &Path) {
     chown(path, Some(NOBODY), Some(NOBODY)).expect("root may give away what it has");
     if path.is_dir() {
@@ -182,7 +182,7 @@ fn hand_over(path: &Path) {
     }
 }
 
-/// Where a session begins: what is said to the program, what is there, and what of it was acknowledged.
+/// Begin of a session: the command line, the existing files, and the acknowledged presses.
 #[derive(Default)]
 struct DiskStart {
     words: String,
@@ -247,8 +247,7 @@ fn assert_every_call_may_fail(test: &str, start: &DiskStart) {
     assert!(violations.is_empty(), "{test}: {} of {failed}:\n{}", violations.len(), violations.join("\n"));
 }
 
-/// One session in which a call fails: which call it was on which file, what was said, and what it left; none if the session
-/// has no such call.
+/// One session with a failing call: the call with its file, the output, and the remaining files; none if the session has no such call.
 fn fail(
     library: &Path,
     start: &DiskStart,
@@ -260,14 +259,14 @@ fn fail(
     Some((calls.into_iter().next()?, output, bench))
 }
 
-/// The calls of a session in which none fails.
+/// The calls of a session without failures.
 fn calls(library: &Path, start: &DiskStart) -> Vec<String> {
     let (calls, output, _) = session(library, start, "look", 0, 0);
     assert_eq!(output.code, Some(DONE), "{}", output.err);
     calls
 }
 
-/// One session with the library: the calls that it noted, each with its file, what was said, and what it left.
+/// One session with the library: the recorded calls with their files, the output, and the remaining files.
 fn session(
     library: &Path,
     start: &DiskStart,
@@ -284,15 +283,15 @@ fn session(
     let printed = command.output().expect("the program starts").into();
     let noted = |line: &str| {
         let (name, path) = line.rsplit_once(' ').expect("a call and its path");
-        // the folders above are the test's own
+        // the folders above belong to the test
         format!("{name} {}", Path::new(path).file_name().unwrap_or_default().to_string_lossy())
     };
-    // there is none where no call was noted
+    // there is none if no call was recorded
     let calls = fs::read_to_string(log).unwrap_or_default().lines().map(noted).collect();
     (calls, printed, bench)
 }
 
-/// Whether a session in which a call failed told of it as it must, and can be gone on with.
+/// Whether a session with a failing call reported it correctly, and can be continued.
 fn judge(bench: &TestFolder, start: &DiskStart, output: &CommandOutput, name: &str) -> Result<(), String> {
     let CommandOutput { code, out, err } = output;
     ensure(!err.contains("panicked"), || format!("it panicked: {err}"))?;
@@ -321,13 +320,13 @@ fn judge(bench: &TestFolder, start: &DiskStart, output: &CommandOutput, name: &s
     ensure(kept.first.is_none(), || format!("{kept:?}"))?;
     let manifest = bench.manifest(RUN);
     ensure(manifest["status"] == "complete", || format!("the manifest says {}", manifest["status"]))?;
-    // what was said is looked at last: what is lost weighs more
+    // the output is checked last, because losses matter more
     ensure(fits, || format!("exit code {code:?}: {}", output.running()))?;
     ensure(is_complete || !err.contains("complete: "), || "it says `complete`, which the manifest doesn't".to_owned())?;
     ensure(!err.contains("restore the journal"), || "it says that a sound journal is damaged".to_owned())
 }
 
-/// Whether nothing is left that a sound run wouldn't leave. Where the next calls fail too nothing can be taken away.
+/// Whether no unexpected file is left. If the next calls fail too, nothing can be removed.
 fn tidy(bench: &TestFolder, files: &[String], mode: &str) -> Result<(), String> {
     let (inside, beside) = (names(bench, RUN), names(bench, "disk/new"));
     ensure(inside == files, || format!("in the run's folder are {inside:?}"))?;

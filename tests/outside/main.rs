@@ -1,5 +1,5 @@
-//! Programs and libraries of others, on the real clock. A test that needs something besides Rust is ignored unless it is asked for
-//! (`cargo test --test outside -- --include-ignored`), and fails then where that is missing.
+//! Programs and libraries of others, on the real clock. Tests that need more than Rust are ignored by default (`cargo test --test outside
+//! -- --include-ignored` runs them); without the other program they fail.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod book;

@@ -1,4 +1,4 @@
-//! Presses with spikes: the method that `best` takes against boosted trees of scikit-learn.
+//! Presses with outliers: the choice of `best` compared with boosted trees of scikit-learn.
 
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::Skin;
@@ -9,7 +9,7 @@ use rand::RngExt;
 use serde_json::Value;
 use std::fmt::Write as _;
 
-/// The share of presses of which one to three units read something else.
+/// Fraction of presses in which one to three units have wrong outputs.
 const SPIKED: f64 = 0.05;
 
 /// A table of presses of 0.3 to 1 N at these places.

@@ -1,4 +1,4 @@
-//! Programs of others talk to our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer.
+//! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer.
 //!
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
@@ -78,7 +78,7 @@ fn mbpoll_asks_the_labjack_over_tcp() {
     let ask = |words: &str| mbpoll(&format!("-m tcp -p {port} {words}"), host);
     for unit in [1, 17] {
         for function in [3, 4] {
-            // PRODUCT_ID and TEST: both word orders, in both kinds of registers, whatever the unit
+            // PRODUCT_ID and TEST: both word orders, in both kinds of registers, for any unit ID
             let words = format!("-a {unit} -t {function}:float -B -r 60000");
             assert_eq!(ask(&words), Ok(vec!["7".into()]), "{words}");
         }
@@ -103,7 +103,7 @@ fn mbpoll_asks_the_transmitter_over_a_serial_line() {
     assert_eq!(ask("-t 4:hex -r 0 -c 100").expect("the whole map").len(), 100);
     refuses(ask("-t 0 -r 0 -c 1"), "Illegal function");
     refuses(ask("-t 4 -r 99 -c 2"), "Illegal data address");
-    // another unit's request isn't answered
+    // a request for another unit ID isn't answered
     refuses(ask("-a 2 -o 0.3 -t 4 -r 8"), "Connection timed out");
 }
 
@@ -143,7 +143,7 @@ fn a_printer_behind_a_real_process_presses() {
     let rig = exchanged(&rig, r#"["python3", "examples/printer.py"]"#, &command("stage"));
     let rig = exchanged(&rig, r#"["python3", "examples/load_cell.py"]"#, &command("load_cell"));
     let rig = exchanged(&rig, r#"["python3", "examples/array.py", "9"]"#, &command("array"));
-    // the way down is short, so that the test is
+    // a short way down makes the test short
     let rig = exchanged(&rig, "z = [0.0, 25.0]", "z = [0.0, 11.5]");
     let recipe = "name = \"few\"\n[press]\nstrategy = \"guarded\"\n[[step]]\nphase = \"calibration\"\n\
                   grid = { x_mm = [-1.0, 1.0], y_mm = [-1.0, 1.0], spacing_mm = 2.0 }\nforce_n = 0.5\n";
@@ -166,7 +166,7 @@ fn has_python3() {
     there(Command::new("python3").arg("--version"), "python3");
 }
 
-/// What mbpoll reads, once: the values, or what it complains of.
+/// One read by mbpoll: the values or the error.
 fn mbpoll(words: &str, device: &str) -> Result<Vec<String>, String> {
     let mut command = Command::new("mbpoll");
     let output = there(command.args(["-0", "-1", "-q"]).args(words.split_whitespace()).arg(device), "mbpoll");

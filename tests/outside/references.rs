@@ -1,4 +1,4 @@
-//! `best` against regressions of scikit-learn on the shipped example.
+//! `best` compared with regressions of scikit-learn on the shipped example.
 
 use palpate_testing::python::{Python, said};
 use palpate_testing::{TestFolder, shipped};

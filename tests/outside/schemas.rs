@@ -1,11 +1,11 @@
-//! The JSON Schemas of recipes and rigs, read by the validator of others.
+//! The JSON Schemas of recipes and rigs in another validator.
 
 use palpate_testing::python::{Python, said};
 use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
 use palpate_testing::{SMALL, TestFolder, exchanged, shipped, shipped_text};
 use std::path::PathBuf;
 
-/// What the validator says of each of some texts, in their order.
+/// The validator's result for each text, in their order.
 fn judged(python: &Python, bench: &TestFolder, kind: &str, texts: &[PathBuf]) -> Vec<String> {
     bench.write("schema.json", &bench.palpate_ends(0, &format!("schema {kind}")).out);
     let words = [bench.path("schema.json")].into_iter().chain(texts.iter().cloned());

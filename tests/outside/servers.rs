@@ -1,4 +1,4 @@
-//! Our drivers read devices that others serve: load cells of pymodbus, over TCP and over a pseudo-terminal.
+//! Our drivers read devices that other programs serve: load cells of pymodbus, over TCP and over a pseudo-terminal.
 //!
 //! Needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`.
 #![cfg(unix)]
@@ -8,11 +8,11 @@ use palpate_testing::served::ServedProgram;
 use palpate_testing::{Live, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 
-/// What the server's script says: the middle of its forces, and the most they are away from it.
+/// Output of the server's script: the middle of its forces, and their largest deviation from it.
 const FORCE_N: f64 = 0.250;
 const SPREAD_N: f64 = 0.002;
 
-/// A map of the user's own, whose words are the other way round.
+/// The user's own map, with the other word order.
 const SWAPPED: &str = "name = \"swapped transmitter\"\ntransport = \"tcp\"\nunit_id = 1\ndeadline_ms = 500\n[force]\naddress \
                        = 26\ntype = \"f32\"\nword_order = \"little\"\nnewton_per_unit = 1.0\n";
 
@@ -37,7 +37,7 @@ fn a_load_cell_served_over_a_serial_line() {
     examined(&stage(), "generic-rs485", &format!("serial://{address}?baud=115200"));
 }
 
-/// It has none of the registers that the map's probe asks for.
+/// It lacks the registers of the map's probe.
 #[test]
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
 fn a_served_device_that_isnt_what_the_map_says_is_refused() {
@@ -49,12 +49,12 @@ fn a_served_device_that_isnt_what_the_map_says_is_refused() {
     assert!(error.contains("PRODUCT_ID"), "{error}");
 }
 
-/// An ESP301 and an array of our own, on TCP.
+/// An ESP301 and an array of ours, on TCP.
 fn stage() -> ServedProgram {
     ServedProgram::new(&shipped_text("rigs/sim.toml"), "--port stage=0")
 }
 
-/// A bench with a rig whose load cell is elsewhere.
+/// A folder with a rig whose load cell is elsewhere.
 fn bench(served: &ServedProgram, driver: &str, load_cell: &str) -> TestFolder {
     let mut rig = shipped_text("rigs/esp301.toml");
     for (from, to) in [
@@ -68,7 +68,7 @@ fn bench(served: &ServedProgram, driver: &str, load_cell: &str) -> TestFolder {
     TestFolder::with([("rig.toml", rig.as_str()), ("swapped.toml", SWAPPED)])
 }
 
-/// What doctor finds: three devices, and the served force in its place.
+/// Result of doctor: three devices, and the served force.
 fn examined(served: &ServedProgram, driver: &str, load_cell: &str) {
     let output = bench(served, driver, load_cell).palpate_ends(1, "doctor rig.toml --json --confirmed down");
     let output: Value = serde_json::from_str(&output.out).expect("one JSON object");

@@ -1,4 +1,4 @@
-//! Completions, each loaded by its shell.
+//! Completions, loaded by each shell.
 
 use palpate_testing::{TestFolder, there};
 use std::process::Command;
@@ -47,14 +47,14 @@ fn completions_offer_shipped_recipes_and_rigs() {
     }
 }
 
-/// What a shell prints.
+/// Output of a shell.
 fn run(shell: &str, bench: &TestFolder, script: &str) -> String {
     let mut command = Command::new(shell);
     let output = there(command.args(["-c", script]).current_dir(bench.path(".")), shell);
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// Loads the completions by these words of the shell, which must take them without a word.
+/// Loads the completions with these commands of the shell, which must print nothing.
 fn loads(shell: &str, load: &str) {
     let bench = TestFolder::new();
     bench.write("script", &bench.palpate_ends(0, &format!("completions {shell}")).out);

@@ -1,4 +1,4 @@
-//! Magnetic skins: the packages of PyPI read our emulator, and our driver reads a stand-in of their board.
+//! Magnetic skins: packages of PyPI read our emulator, and our driver reads a stand-in of their board.
 //!
 //! Needs `PALPATE_PYTHON`, an interpreter with the packages.
 #![cfg(unix)]

@@ -1,5 +1,5 @@
-//! `palpate study ablation`: a small one runs and says the same twice; what the whole one found is what a smaller one finds; and the
-//! shipped scenes carry no more than it justifies.
+//! `palpate study ablation`: a small study gives the same result twice; a smaller one agrees with the whole one; and the shipped scenes
+//! have no more terms than it justifies.
 
 use palpate_study::ablation::{AblationFindings, AblationSize, Needed, QUESTIONS, TERMS, TermRow, ablation};
 use palpate_testing::printed::is_narrow;
@@ -9,8 +9,8 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::sync::LazyLock;
 
-/// What the whole study found with seed 1: each term that a scene needs, and for what. A smaller study doesn't refute it, and the
-/// shipped scenes carry no more.
+/// Result of the whole study with seed 1: each necessary term, and for which question. A smaller study doesn't contradict it, and the
+/// shipped scenes have no more terms.
 const NEEDED: [(&str, &[&str]); 9] = [
     (
         "taxel noise",
@@ -47,7 +47,7 @@ const NEEDED: [(&str, &[&str]); 9] = [
     ("relaxation", &["press-error"]),
 ];
 
-/// Where a term stands in a rig's `[scene]`, of those that have a key there.
+/// The key of a term in a rig's `[scene]`, if it has one.
 const KEYS: [(&str, &str); 14] = [
     ("taxel noise", "taxel_noise"),
     ("noise of reading", "taxel_noise.of"),
@@ -91,12 +91,12 @@ fn a_small_study_leaves_rows_and_is_the_same_twice_but_for_its_times() {
     assert_ne!(timeless(&bench.read("a/rows.ndjson")), timeless(&other.out));
 }
 
-/// The smallest study that has every term: the quick tier makes it once.
+/// The smallest study with every term: the quick tier makes it once.
 const SMALLEST_SIZE: AblationSize = AblationSize { seeds: 2, side: 5, tests: 10, presses: 2 };
 static SMALLEST: LazyLock<AblationFindings> =
     LazyLock::new(|| ablation(SMALLEST_SIZE, 101, &|_, _| {}).expect("the shipped scene is sound"));
 
-/// Each term has a row for each question that it can touch, and its numbers fit each other.
+/// Each term has a row for each question that it can affect, and its numbers are consistent.
 fn check_rows(rows: &[Value], seeds: usize) {
     let (costs, rows): (Vec<Value>, Vec<Value>) = rows.iter().cloned().partition(|row| row["cost"].is_string());
 
@@ -150,14 +150,14 @@ fn smaller_study_agrees_with_the_whole_study() {
     let found = ablation(size, 101, &|_, _| {}).expect("the shipped scene is sound");
     let refuted = refuted_by(&found);
     assert!(refuted.is_empty(), "{refuted:#?}");
-    // and a listed one is no lucky guess: most are found again
+    // a listed term isn't a random result: most are found again
     let listed = NEEDED.iter().map(|(_, questions)| questions.len()).sum::<usize>();
     let again = found.rows.iter().filter(|row| row.needed == Needed::Yes).count();
     println!("{} rows, {again} of {listed} found again", found.rows.len());
     assert!(4 * again >= 3 * listed, "{again} of {listed}");
 }
 
-/// The rows of a study that contradict the list of what is needed.
+/// The rows of a study that contradict the list of necessary terms.
 fn refuted_by(found: &AblationFindings) -> Vec<String> {
     let is_refuted = |row: &&TermRow| {
         let surely_counts = row.effect.difference.abs() - row.effect.within > row.counts_from;
@@ -170,7 +170,7 @@ fn refuted_by(found: &AblationFindings) -> Vec<String> {
     found.rows.iter().filter(is_refuted).map(line).collect()
 }
 
-/// What a shipped scene may carry without a term of the study that needs it, and why.
+/// Terms of a shipped scene that the study doesn't need, and why.
 const ALLOWED: [(&str, &str); 11] = [
     ("elastomer.depth_mm", "geometry"),
     ("contact", "the specimen itself: without it there is no press"),
@@ -185,7 +185,7 @@ const ALLOWED: [(&str, &str); 11] = [
     ("surface.tilt_mm", "the loop's own test bench: a slope is what its strategy map has to learn"),
 ];
 
-/// What the scene of a batch may carry too: its sensors differ, and its prior is about how they do.
+/// The same for the scene of a batch: its sensors differ, and its prior describes how.
 const OF_BATCH: [&str; 3] = ["taxels.gain_spread_percent", "taxels.place_spread_mm", "taxels.depth_spread_percent"];
 
 #[test]
@@ -215,7 +215,7 @@ fn a_scene_with_more_than_is_needed_is_reported_of() {
     assert_eq!(scene("converter = { bits = 16, range = 10.0 }\nnovelty = 1.0"), ["converter", "novelty"]);
 }
 
-/// The keys of a scene that no needed term stands for, and that aren't allowed.
+/// The keys of a scene without a necessary term, and without permission.
 fn unjustified(scene: &toml::Table) -> Vec<String> {
     let is_needed = |name: &str| NEEDED.iter().any(|(term, _)| *term == name);
     let is_justified = |key: &str| {

@@ -1,4 +1,4 @@
-//! Pages of batches: their numbers are those of the events, and they stay usable with thousands of sensors.
+//! Pages of batches: their numbers are those of the events, and they remain usable with thousands of sensors.
 
 use palpate_data::acceptance::SensorVerdict;
 use palpate_run::batch::{BatchEvent, Ended};
@@ -10,7 +10,7 @@ use std::fs;
 /// Largest page of 5,000 sensors, MB.
 const LARGEST_MB: f64 = 8.0;
 
-/// The numbers of a page by their keys: the first of each.
+/// The first number of each key on a page.
 fn numbers(page: &str) -> HashMap<String, f64> {
     let mut found = HashMap::new();
     for data in page.split("<data value=\"").skip(1) {

@@ -1,4 +1,4 @@
-//! `palpate certificate`: what it writes is valid, says what `evaluate` says, and rests on the journals that it names.
+//! `palpate certificate`: its files are valid, have the numbers of `evaluate`, and name their journals.
 
 use palpate_testing::certified::bench;
 use palpate_testing::exchanged;

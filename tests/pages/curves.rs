@@ -1,5 +1,4 @@
-//! `palpate study curves`: the paper's curves and claims have the numbers that were computed apart by another program, and any
-//! array goes through the same.
+//! `palpate study curves`: the paper's curves and claims have the numbers of an independent program, and the study takes any array.
 
 use palpate_run::rig::SIM_RIG;
 use palpate_testing::{CommandOutput, TestFolder};
@@ -103,7 +102,7 @@ fn each_claim_has_its_verdict_and_its_golden_numbers() {
     assert!((sides[0] - 2.9974).abs() <= half(4) && (sides[1] - 3.0215).abs() <= half(4), "{sides:?}");
 
     let always = &claims["always"];
-    // 2.1837 is what it is at d1 = 2.45, where the other program looked; the smallest is 2.1835, at 2.44
+    // 2.1837 is the value at d1 = 2.45, where the other program looked; the smallest is 2.1835, at 2.44
     near(always, "turns_from", 2.1835, half(4));
     near(always, "d1", 2.45, 0.01);
     near(always, "d1_mirrored", 5.55, 0.01);
@@ -115,7 +114,7 @@ fn each_claim_has_its_verdict_and_its_golden_numbers() {
     assert!((0.12..0.145).contains(&share), "{share}");
     let mut place = ["x_mm", "y_mm"].map(|key| papers[key].as_f64().expect("a place").abs());
     place.sort_by(f64::total_cmp);
-    // where it begins is told less sharply than how far it is
+    // its beginning is known less exactly than its distance
     assert!((place[0] - 0.06).abs() < 0.1 && (place[1] - 3.26).abs() < 0.1, "{place:?}");
 
     let space = &claims["half-space"];
@@ -224,7 +223,7 @@ fn a_list_of_places_is_studied_under_what_its_rig_names() {
     is_narrow(&said);
     assert!(said.contains("the rig states no noise") && said.contains("bonded layer of 4 mm"), "{said}");
 
-    // a depth that is given takes the elastomer's place
+    // a given depth replaces that of the elastomer
     let output = bench.palpate_ends(0, "study curves --rig rig.toml --depth-mm 2.5 --out c --json");
     let array = &output.json_lines()[0];
     near(array, "depth_mm", 2.5, 0.0);
@@ -282,7 +281,7 @@ fn is_narrow(text: &str) {
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
 }
 
-/// A figure whose every element ends, that has lost no number, and has so many curves at least, each of many points.
+/// A figure that is closed, without missing numbers, and with at least so many curves of many points.
 fn is_drawn(bench: &TestFolder, name: &str, curves: usize) {
     let svg = bench.read(name);
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");

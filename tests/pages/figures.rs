@@ -1,4 +1,4 @@
-//! `palpate report --figures`: each figure of a page as a file of its own, with the numbers behind it; and what every figure keeps to.
+//! `palpate report --figures`: each figure of a page as a file with its numbers; and rules for every figure.
 
 use palpate_testing::TestFolder;
 use serde_json::Value;
@@ -75,7 +75,7 @@ fn every_figure_is_saved_with_its_numbers() {
             assert!(!text.contains("NaN") && !text.contains("inf"), "{name}");
         }
     }
-    // again: the same bytes in the place of ours
+    // again: the same bytes replace our files
     bench.palpate_ends(0, "report all --figures figures");
     assert_eq!(bench.bytes("figures"), files);
 }

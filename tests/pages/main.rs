@@ -1,4 +1,4 @@
-//! Reports and studies: what their pages say, and how they look.
+//! Content and look of reports and studies.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod ablation;

@@ -1,4 +1,4 @@
-//! `palpate report` as its user meets it: what a page says is what `evaluate` says, and a page needs nothing else.
+//! `palpate report` as its user sees it: a page has the numbers of `evaluate`, and needs nothing else.
 
 use palpate_testing::interrupted::sealed;
 use palpate_testing::{CommandOutput, TestFolder, exchanged, shipped_text};
@@ -34,7 +34,7 @@ fn recipe(steps: &[&str]) -> String {
     format!("name = \"small\"\nrig = \"sim\"\n{}", steps.concat())
 }
 
-/// A bench with a run of everything, called `all`.
+/// A folder with a complete run, called `all`.
 fn bench() -> TestFolder {
     let bench = TestFolder::with([("all.toml", recipe(&[CHARACTERISE, CALIBRATE, TEST, ACCEPT]).as_str())]);
     bench.palpate_ends(0, "run all.toml --out all");
@@ -76,7 +76,7 @@ fn has_the_runs_characteristics(bench: &TestFolder, page: &str) {
     let (header, mut rows) = bench.table("all/characteristics.csv");
     rows.retain(|row| !row[1].is_empty());
     assert_eq!(rows.len(), 2, "{rows:?}");
-    // the table, which of its numbers, the paper's own before them where it has some, and the column of the run
+    // the table, which of its numbers, the paper's numbers if there are some, and the column of the run
     for (title, place, column) in [
         ("Repeatability, loading", 0, "repeatability_loading_percent"),
         ("Repeatability, loading", 1, "repeatability_loading_least_percent"),
@@ -198,7 +198,7 @@ fn interrupted_run_is_reported_first() {
 #[test]
 fn a_sensors_name_can_be_printed() {
     let bench = TestFolder::with([("one.toml", recipe(&[TEST]).as_str())]);
-    // a look-alike of another ID would be another sensor: IDs follow the rule of a batch
+    // a look-alike ID would be another sensor: IDs follow the rule of a batch
     for name in ["\u{1b}[2Jx", "a\nb", " ", &"x".repeat(65), "A\u{200b}-7", "\u{410}-7", "A<7>&co"] {
         let printed = bench.command("run one.toml --out one --sensor").arg(name).output().expect("the program starts");
         assert_eq!(printed.status.code(), Some(2), "{name:?}");
@@ -241,7 +241,7 @@ fn a_crafted_sensor_id_reaches_no_terminal_and_no_file() {
         if !file.is_empty() {
             assert_eq!(output.code.map(|code| code < 2), Some(true), "{words}: {}", output.err);
             let bytes = std::fs::read(bench.path(file)).expect("a file");
-            // the model of a sensor file isn't text, its head is
+            // the model of a sensor file isn't text, but its head is
             let lines = if file == "s.palpate" { 2 } else { usize::MAX };
             let text = bytes.split(|byte| *byte == b'\n').take(lines).collect::<Vec<_>>().join(&b'\n');
             assert!(is_shown(&text) && !String::from_utf8_lossy(&text).contains("u001b"), "{file}");
@@ -314,12 +314,12 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
     for (name, steps) in [("line", [&*line, &on_line]), ("edge", [CALIBRATE, &edge]), ("place", [&place, &on_place])] {
         bench.write("one.toml", &recipe(&steps));
         bench.palpate_ends(0, &format!("run one.toml --out {name}"));
-        // a figure whose places are all as far from the edge never came to an end
+        // a figure whose places all have the same distance from the edge never ended
         bench.palpate_ends(0, &format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
         assert!(!page.contains("NaN") && !page.contains("inf\""), "{name}");
         assert!(!figures(&page).is_empty(), "{name}");
-        // the panels of a line are too flat for more than a number each
+        // the panels of a line have room for one number each
         for figure in figures(&page).into_iter().filter(|_| name != "line") {
             let output: Vec<&str> =
                 figure.split("class=\"end\"").skip(1).map(|rest| rest.split("</").next().unwrap()).collect();
@@ -328,7 +328,7 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
         }
     }
     assert!(bench.read("edge/report.html").contains("distance from the edge"));
-    // three errors of 1 mm: none is smaller, so the share rises at 1 mm and not on the way there
+    // three errors of 1 mm: none is smaller, so the fraction rises at 1 mm
     let page = bench.read("line/report.html");
     let errors = figures(&page).into_iter().find(|figure| figure.contains("aria-label=\"Location errors\"")).unwrap();
     let lines: Vec<&str> = errors.split("<polyline ").skip(1).map(|rest| rest.split('>').next().unwrap()).collect();
@@ -337,7 +337,7 @@ fn presses_on_one_line_or_at_one_place_make_a_page() {
     assert_eq!(up(corners[0]), up(corners[1]), "{corners:?}");
 }
 
-/// What a text element tells.
+/// Content of a text element.
 fn number_of(element: &str) -> &str {
     element.rsplit('>').next().unwrap()
 }
@@ -397,7 +397,7 @@ fn device_file_is_not_read_and_symlink_is_kept() {
     std::os::unix::fs::symlink("page.html", bench.path("link.html")).unwrap();
     bench.palpate_ends(0, "report one --out link.html");
     assert!(bench.path("link.html").symlink_metadata().unwrap().is_symlink());
-    // a text that quotes a page is none
+    // a text that quotes a page isn't a page
     bench.write("quoting.txt", &format!("notes: {}", bench.read("page.html")));
     bench.palpate_ends(2, "report one --out quoting.txt");
     let output = bench.palpate_ends(5, "report one --out file/page.html").running();
@@ -467,12 +467,12 @@ fn only_what_is_alike_is_joined_and_compared() {
     assert!(output.contains("other has 9 units, narrow has 9 at other places"), "{output}");
 }
 
-/// What stands in the page's `data` elements that have a key.
+/// Content of the page's `data` elements with a key.
 fn numbers(page: &str) -> BTreeMap<String, f64> {
     data(page).filter(|(key, ..)| !key.is_empty()).map(|(key, value, _)| (key, value)).collect()
 }
 
-/// The page's `data` elements: key, value, and what a person reads, with the unit behind it.
+/// The page's `data` elements: key, value, and visible text with its unit.
 fn data(page: &str) -> impl Iterator<Item = (String, f64, String)> {
     page.split("<data ").skip(1).map(|rest| {
         let (element, rest) = rest.split_once('>').unwrap();
@@ -486,7 +486,7 @@ fn data(page: &str) -> impl Iterator<Item = (String, f64, String)> {
     })
 }
 
-/// Whether what a person reads is the value, rounded; a share is read as %.
+/// Whether the visible text is the rounded value; a fraction is read as %.
 fn is_reported(value: f64, words: &str) -> bool {
     let (number, unit) = words.split_once(' ').unwrap_or((words, ""));
     let digits = number.split_once('.').map_or(0, |(_, digits)| digits.len());
@@ -498,7 +498,7 @@ fn figures(page: &str) -> Vec<&str> {
     page.split("<svg ").skip(1).map(|rest| rest.split("</svg>").next().unwrap()).collect()
 }
 
-/// Whether anything is drawn that is no axis, no grid and no legend: more than a handful of marks, or a path of many.
+/// Whether something is drawn besides axes, grid and legend: more than a few marks, or a path of many points.
 fn has_data(figure: &str) -> bool {
     let marks = ["<circle ", "<polygon ", "<path "].map(|mark| figure.matches(mark).count()).iter().sum::<usize>();
     let corners = figure.split(" d=\"").skip(1).map(|path| path.split('"').next().unwrap().matches('M').count());

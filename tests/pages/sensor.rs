@@ -1,9 +1,9 @@
-//! The page of one sensor: what is on its first screen, its units as they are in the array, and what isn't known.
+//! The page of one sensor: its first screen, its units as in the array, and missing information.
 
 use palpate_testing::TestFolder;
 use palpate_testing::skins::FIFTEEN;
 
-/// Five units of three channels, one of them in the middle of the other four.
+/// Five units of three channels, one in the middle of the other four.
 const CHARACTERISE: &str = "
 [[step]]
 phase = \"characterisation\"
@@ -22,7 +22,7 @@ phase = \"test\"
 random = { count = 10, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], force_n = [0.2, 1.0] }
 ";
 
-/// A bench with a run of these steps, called `run`, and its page.
+/// A folder with a run of these steps, called `run`, and its page.
 fn page_of(steps: &[&str]) -> (TestFolder, String) {
     let recipe = format!("name = \"skin\"\nrig = \"rig.toml\"\n{}", steps.concat());
     let bench = TestFolder::with([("rig.toml", FIFTEEN), ("skin.toml", recipe.as_str())]);
@@ -53,7 +53,7 @@ fn errors_and_places_come_first_and_each_unit_is_where_the_array_has_it() {
     assert_eq!(&header[..2], ["panel", "series"]);
     assert!(saved.iter().any(|row| row[0] == "unit 5" && row[1] == "channel 3, unloading"));
 
-    // a map of each channel, and where the units and the calibrated places are
+    // a map of each channel, and the places of units and calibration
     for channel in 1..=3 {
         let map = figure(&page, &format!("Output of channel {channel} of each unit for 1 N at each place"));
         assert_eq!(texts(map).iter().filter(|text| text.2.starts_with("unit ")).count(), 5);

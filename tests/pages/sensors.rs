@@ -1,5 +1,5 @@
-//! Pages of sensors of every kind: a magnetic skin, one of 15 outputs, and the paper's own array. Only the last has the paper's
-//! numbers beside it, on its page and where `evaluate` and `run` print.
+//! Pages of sensors of every kind: a magnetic skin, one of 15 outputs, and the paper's own array. Only the last one has the paper's
+//! numbers, on its page and in the output of `evaluate` and `run`.
 
 use palpate_testing::printed::is_narrow;
 use palpate_testing::skins::skins;
@@ -89,7 +89,7 @@ fn paper_numbers_are_absent_for_another_protocol() {
     );
 }
 
-/// The same array by nearly the same protocol, and another array by the same.
+/// The same array with nearly the same protocol, and another array with the same one.
 #[test]
 fn any_other_protocol_is_shown_without_the_paper() {
     let bench = TestFolder::new();

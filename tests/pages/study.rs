@@ -1,4 +1,4 @@
-//! `palpate study`: a small one of each runs, says the same twice, and leaves rows and figures that another program can read.
+//! `palpate study`: a small study of each kind gives the same result twice, with rows and figures that another program can read.
 
 use palpate_control::Strategy;
 use palpate_study::{self as study, ConditionOutcome, LoopCondition, LoopFindings, LoopSize, NOMINAL, StudyPart};
@@ -43,7 +43,7 @@ fn a_small_study_leaves_rows_and_figures_and_is_the_same_twice() {
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }
 
-/// The same of the nominal scene on one bench alone, without the program.
+/// The same for the nominal scene on one bench alone, without the program.
 fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
     const SIZE: LoopSize = LoopSize { main: 3, scene: 3, small: 3, tests: 0 };
     let condition = |part, strategy| LoopCondition {
@@ -79,7 +79,7 @@ fn one_scene_leaves_rows_and_figures_and_is_the_same_twice() {
     }
 }
 
-/// A row of a condition says how far it came, and has every number that this comes to.
+/// A row of a condition states its progress, and has every number for it.
 fn check_row(row: &Value) {
     let (points, done, trips) = (row["points"].as_u64(), row["done"].as_u64(), row["trips"].as_u64());
     assert_eq!(row["rule"].is_null(), trips == Some(0), "{row}");
@@ -92,12 +92,12 @@ fn check_row(row: &Value) {
     }
 }
 
-/// How far guarded's peak may be over the set force where the specimen is no stiffer than declared, mN: on steel, 500 N/mm declared
-/// as 550, the stage's step of 0.1 um, which is 50 mN, costs 35 to 39 mN with this seed; on steel behind a spring, 0.2 mN.
+/// Largest excess of guarded's peak over the set force on a specimen no stiffer than declared, mN: on steel, 500 N/mm declared as 550, the
+/// stage's step of 0.1 um is 50 mN, and the excess is 35 to 39 mN with this seed; on steel behind a spring, 0.2 mN.
 const STEEL_OVER_MN: std::ops::RangeInclusive<f64> = 20.0..=45.0;
 const SPRING_OVER_MN: f64 = 0.5;
 
-/// The numbers of a condition that was walked to its end are what its errors can come to, and guarded keeps its promise.
+/// The numbers of a complete condition are possible for its errors, and guarded keeps its promise.
 fn check_condition(row: &Value) {
     let number = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key} in {row}"));
     let [mean_mn, p95_mn, most_mn] = ["mean", "p95", "max"].map(|part| number(&format!("error_{part}_mn")));
@@ -300,7 +300,7 @@ fn every_study_has_help_and_leaves_a_folder_alone() {
     assert_eq!(bench.read("mine"), "text");
 }
 
-/// 3 units that read the less the farther a press of 1 N is, at 3 x 3 places.
+/// 3 units whose output falls with the distance of a press of 1 N, at 3 x 3 places.
 const GRID: &str = "\
 x_mm,y_mm,force_n,out_1,out_2,out_3
 0,0,1,0.9,0.3,0.3
@@ -335,7 +335,7 @@ fn check_rows(rows: &[Value], scenes: &[&str]) {
             assert!(is_share || row["refused"].is_string(), "{key} in {row}");
         }
         let share = |key: &str| row[key].as_f64().unwrap_or(0.0);
-        // of what is wrong at most that part can be flagged that is flagged at all
+        // at most the flaggable part of wrong answers can be flagged
         let [wrong, flagged, unflagged] = ["wrong", "flagged", "wrong_unflagged"].map(share);
         let least = (wrong - flagged - 2e-6).max(0.0);
         assert!((least..=wrong.min(1.0 - flagged) + 2e-6).contains(&unflagged), "{row}");
@@ -346,7 +346,7 @@ fn check_rows(rows: &[Value], scenes: &[&str]) {
     }
 }
 
-/// Rows without what is measured by a clock, and what follows from it.
+/// Rows without the values of a clock, and without what follows from them.
 fn timeless(rows: &str) -> Vec<Value> {
     let without = |line: &str| {
         let mut row: Value = serde_json::from_str(line).expect("a row is JSON");
@@ -358,12 +358,12 @@ fn timeless(rows: &str) -> Vec<Value> {
     rows.lines().map(without).collect()
 }
 
-/// Which rows say that they are the best of their bench.
+/// The rows that are marked as the best of their bench.
 fn pareto(rows: &[Value]) -> Vec<bool> {
     rows.iter().map(|row| row["pareto"] == true).collect()
 }
 
-/// The same, recomputed from their numbers.
+/// The same, calculated from their numbers.
 fn pareto_again(rows: &[Value]) -> Vec<bool> {
     let mark = |row: &Value| {
         let error_mn = row["error_p95_mn"].as_f64().filter(|_| row["rule"].is_null())?;

@@ -1,4 +1,5 @@
-//! `docs/explanation/validation.md` is what the program finds, its numbers are those of the runs, and the paper's are the paper's.
+//! `docs/explanation/validation.md` has the results of the program: its numbers are those of the runs, and the paper's numbers are those of
+//! the paper.
 
 use palpate_data::dataset::characteristics::UnitCharacteristics;
 use palpate_solver::Evaluation;
@@ -7,7 +8,7 @@ use palpate_testing::{TestFolder, campaign, shipped_text};
 use serde_json::Value;
 use std::sync::LazyLock;
 
-/// What the paper prints (Sensors 2018, 18, 351), copied from it and not from the program: name, value, digits here, unit.
+/// The paper's numbers (Sensors 2018, 18, 351), copied from it and not from the program: name, value, digits here, unit.
 const PAPERS: [(&str, &str, usize, &str); 5] = [
     ("location error, mean", "0.46", 3, "mm"),
     ("location error under 1 mm", "93", 1, "%"),
@@ -33,7 +34,7 @@ const TABLE_1: [[&str; 4]; 9] = [
 static ONCE: LazyLock<Validation> =
     LazyLock::new(|| validation(1, 3, &|_, _| {}).expect("the shipped recipe and rig are sound"));
 
-/// The page has the paper's numbers, and the words of the page that a single run writes.
+/// The page has the paper's numbers, and the same words as the page of a single run.
 fn the_page_is_what_the_program_writes_but_for_its_numbers() {
     let (found, page) = (ONCE.markdown(), shipped_text("docs/explanation/validation.md"));
     let words = |text: &str| {
@@ -155,7 +156,7 @@ fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
     assert_eq!(bench.bytes("a"), bench.bytes("b"));
 }
 
-/// Each specimen has a row, and so has each claim.
+/// Each specimen and each claim has a row.
 fn check_rows(rows: &[Value], expected: &[u64]) {
     let seeds: Vec<u64> = rows.iter().filter_map(|row| row["seed"].as_u64()).collect();
     assert_eq!(seeds, expected);

@@ -7,7 +7,7 @@ use palpate_testing::{CommandOutput, SMALL, TestFolder, shipped_text};
 fn demo_runs_the_papers_recipe_and_opens_its_page() {
     use std::{fs, os::unix::fs::PermissionsExt as _};
 
-    // no file of this name is taken for the recipe, and a browser that fails is no error
+    // no file of this name is used as the recipe, and a browser that fails is no error
     let bench = TestFolder::with([("paper", SMALL), ("xdg-open", "#!/bin/sh\necho \"$@\" > opened\nexit 3\n")]);
     fs::set_permissions(bench.path("xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
     let path = format!("{}:{}", bench.path(".").display(), std::env::var("PATH").unwrap());
@@ -74,7 +74,7 @@ fn the_commands_that_init_prints_work_to_their_end() {
     }
 }
 
-/// The comparison of the driver at the start of a run is made before anything is created, and what it suggests works.
+/// At the start of a run the driver compares the rig before anything is created, and its suggestion works.
 #[test]
 fn a_travel_that_a_simulated_grbl_cant_have_is_refused_by_check_with_one_that_it_can() {
     let rig = shipped_text("rigs/grbl.toml");

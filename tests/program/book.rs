@@ -1,14 +1,14 @@
-//! What the book shows works: commands are run, recipes and rigs are checked.
+//! The examples of the book work: commands are run, recipes and rigs are checked.
 #![cfg(unix)]
 
 use palpate_testing::book::{blocks, needs_python, pages, try_pages};
 use palpate_testing::campaign;
 
-/// How many commands and checked files there are at least: a test that reads nothing would pass.
+/// Least number of commands and checked files, because a test that reads nothing would pass.
 const COMMANDS_LEAST: usize = 35;
 const FILES_LEAST: usize = 6;
 
-/// The pages that need nothing but the program; those that need Python are tried in `tests/outside`.
+/// The pages that need nothing but the program; pages that need Python are tried in `tests/outside`.
 #[test]
 fn every_block_of_readme_tutorials_and_how_to_works() {
     let mut pages = pages();

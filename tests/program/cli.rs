@@ -1,4 +1,4 @@
-//! The command line as a user and another program meet it: help, acknowledgements, tables, a complete run left alone.
+//! The command line for a user and for another program: help, acknowledgements, tables, complete runs.
 
 use palpate_testing::{SMALL, SMALL_PRESSES, SMALL_ROWS, TestFolder, shipped};
 use serde_json::{Value, json};

@@ -1,11 +1,10 @@
-//! The folder `data`: its example is what the program makes of its recipe, and an independent script finds the same
-//! characteristics.
+//! The folder `data`: the program makes its example from its recipe, and an independent script finds the same characteristics.
 
 use palpate_testing::characteristics::characterised;
 use palpate_testing::{TestFolder, shipped, shipped_text};
 use toml::{Table, Value};
 
-/// The example's tables and the phase that each holds.
+/// The example's tables and the phase of each.
 const TABLES: [(&str, &str); 3] =
     [("characterisation", "characterisation"), ("calibration", "calibration"), ("test", "test")];
 

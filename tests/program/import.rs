@@ -1,4 +1,4 @@
-//! Tables of other programs: imported as runs, or read as they are with `--columns`.
+//! Tables of other programs: imported as runs, or read directly with `--columns`.
 
 use palpate_testing::{CommandOutput, TestFolder, shipped, shipped_text};
 use serde_json::Value;
@@ -6,7 +6,7 @@ use std::fs::File;
 
 const SHORT: &str = "--columns x_mm=X,y_mm=Y,force_n=Fz,outputs=ch0..ch8";
 
-/// Names, units, separators and decimals as another laboratory has them; the values are those of the examples.
+/// Names, units, separators and decimals of another laboratory; the values are those of the examples.
 const COLUMNS: &str = "\
 x_mm = \"X [um]\"
 y_mm = \"Y [um]\"

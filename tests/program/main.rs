@@ -1,4 +1,4 @@
-//! The command line as its user meets it.
+//! The command line as its user sees it.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod begin;

@@ -1,8 +1,8 @@
-//! What commands print as JSON, and standard input as a file.
+//! JSON output of the commands, and standard input as a file.
 
 use palpate_testing::{TestFolder, shipped};
 
-/// Commands whose result can be one JSON object, in an order in which each finds the files of those before it, and one of its keys.
+/// Commands whose result can be one JSON object, in an order in which each finds the files of the earlier ones, and one of its keys.
 const COMMANDS: [(&str, &str); 17] = [
     ("check batch --json", "plan"),
     ("run batch --dry-run --json", "warnings"),

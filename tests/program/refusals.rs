@@ -1,5 +1,4 @@
-//! Wrong input never moves the stage: exit 2, every problem at its file, line and column with what to write instead,
-//! and no run folder.
+//! Wrong input never moves the stage: exit 2, every problem with its file, line, column and correction, and no run folder.
 
 use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, Twin};
 use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged, shipped_text};
@@ -140,7 +139,7 @@ fn a_wrong_command_line_is_refused_with_what_to_write() {
     }
 }
 
-/// It ends with 2 and says each part; nothing has come into being on the bench.
+/// It ends with 2 and prints each part; no file was created.
 fn assert_refused(bench: &TestFolder, words: &str, parts: &[&str]) -> CommandOutput {
     let output = bench.palpate(words);
     let running = output.running();

@@ -1,4 +1,4 @@
-//! What is shipped works as shipped: every recipe on every rig.
+//! Shipped files work: every recipe on every rig.
 
 use palpate_data::recipe::{self, Recipe};
 use palpate_testing::{SMALL, TestFolder, campaign, exchanged, shipped, shipped_text};
@@ -74,7 +74,7 @@ fn test_recipe_gives_equal_results_on_both_rigs() {
     assert_complete(&bench);
     let rig = shipped("rigs/esp301.toml");
     bench.palpate_ends(0, &format!("run {} --rig {} --simulate --out again", recipe.display(), rig.display()));
-    // without a scene of its own, a simulated rig has the paper's
+    // a simulated rig without a scene has the paper's
     assert_eq!(bench.read("run/presses.csv"), bench.read("again/presses.csv"));
 }
 
@@ -112,7 +112,7 @@ fn the_real_rig_is_the_simulated_one_but_for_its_links_and_its_scene() {
     assert_eq!(simulated, real);
 }
 
-/// A step without where it stands in its text.
+/// A step without its place in the text.
 fn step(step: &recipe::Step) -> String {
     let recipe::Step { phase, places, load, manner, .. } = step;
     format!("{phase:?} {places:?} {load:?} {manner:?}")
@@ -122,7 +122,7 @@ fn recipe(path: &str) -> Recipe {
     recipe::parse(path, &shipped_text(path)).unwrap_or_else(|problems| panic!("{:?}", problems.lines()))
 }
 
-/// The paths of what is shipped in a folder.
+/// The paths of the shipped files in a folder.
 fn files(folder: &str) -> Vec<String> {
     let entries = fs::read_dir(shipped(folder)).expect("a folder").map(|entry| entry.expect("an entry").path());
     let mut paths: Vec<_> = entries.map(|path| path.display().to_string()).collect();

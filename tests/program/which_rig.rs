@@ -1,21 +1,21 @@
-//! Which rig a recipe is run on, and that no real stage moves unless `--rig` names the rig or a person confirms it.
+//! The choice of the rig for a recipe; and no real stage moves unless `--rig` names the rig or a person confirms it.
 #![cfg(unix)]
 
 use palpate_testing::terminal::{TestTerminal, spawned, wait};
 use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged, shipped_text};
 
-/// File that the programs of the real rig leave: a real device was opened.
+/// A file that the programs of the real rig create: a real device was opened.
 const OPENED: &str = "opened";
 
-/// Where the rig of a recipe is.
+/// Place of a recipe's rig.
 struct Layout {
-    /// Words behind `run`.
+    /// Words after `run`.
     words: &'static str,
     /// The recipe's file and text.
     recipe: (&'static str, fn() -> String),
-    /// The file that holds the rig.
+    /// The file with the rig.
     rig: &'static str,
-    /// What the first line says about the choice; `None`: there is no rig to choose.
+    /// The first line about the choice; `None`: there is no rig to choose.
     first: Option<&'static str>,
 }
 
@@ -35,7 +35,7 @@ const LAYOUTS: [Layout; 8] = [
     Layout { words: "r.toml", recipe: ("r.toml", unnamed), rig: "sub/rig.toml", first: None },
 ];
 
-/// Who is there while the program runs.
+/// Who is present while the program runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum WhichRigPerson {
     Nobody,
@@ -55,7 +55,7 @@ fn shipped() -> String {
     shipped_text("recipes/batch.toml")
 }
 
-/// A rig behind programs that show that they were started, and end.
+/// A rig with programs that show their start, and end.
 fn real() -> String {
     let text = shipped_text("rigs/process.toml").replace("\"examples/stage.py\"", "\"examples/load_cell.py\"");
     let text = text.replace("\"examples/array.py\", \"9\"", "\"examples/load_cell.py\"");
@@ -67,7 +67,7 @@ impl Layout {
         let bench = TestFolder::new();
         std::fs::create_dir(bench.path("sub")).expect("makes");
         bench.write(self.recipe.0, &self.recipe.1());
-        // a file that was the default once is never taken
+        // a file that was the default once is never used
         std::fs::create_dir(bench.path("rigs")).expect("makes");
         bench.write("rigs/sim.toml", &real());
         bench.write(self.rig, &if is_real { real() } else { shipped_text("rigs/sim.toml") });
@@ -80,7 +80,7 @@ impl Layout {
     }
 }
 
-/// Runs the program, with a person at a terminal or with nobody.
+/// Runs the program, with a person at a terminal or without one.
 fn run(bench: &TestFolder, words: &str, person: WhichRigPerson, is_asked: bool) -> CommandOutput {
     let mut command = bench.command(&format!("run {words} --out out"));
     if person == WhichRigPerson::Nobody {

@@ -1,4 +1,4 @@
-//! A run goes on with the rig that it began with: each of its keys is compared.
+//! A run continues with the rig of its beginning: each key is compared.
 
 use palpate_run::rig::{KEYS, SIM_RIG};
 use palpate_testing::{Live, SMALL, TestFolder, exchanged};
@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Read as _;
 use toml_edit::{DocumentMut, Item, Value};
 
-/// A simulated rig that says more than the shipped one: its keys can be changed one by one.
+/// A simulated rig with more keys than the shipped one, which can be changed one by one.
 fn rig() -> String {
     let more = "surface = { tilt_mm = 0.0 }\nstiffness = { smooth_percent = 0.0 }\nstage = { servo_ms = 0.0 }\n\
                 mounting = { x_mm = 0.0 }\nindenter = { radius_mm = 0.1 }\ntaxels = { radius_mm = 0.1 }\nelastomer =";
@@ -56,7 +56,7 @@ fn a_rig_that_was_changed_is_refused_by_key_and_nothing_is_changed() {
         }
         match item {
             Some(Item::Value(value)) if !value.is_inline_table() => *value = another(value),
-            // what isn't there is added, where the table that it would stand in is there
+            // a missing key is added if its table exists
             None if !listed.key.example.is_empty() => {
                 let Some((table, name)) = listed.path.rsplit_once('.') else { continue };
                 let mut parent = Some(rig.as_item_mut());
@@ -110,7 +110,7 @@ fn a_tighter_limit_is_taken_recorded_and_both_texts_stay() {
     let change = &bench.manifest("run")["sessions"][1]["changes"][0];
     assert_eq!(change.to_string(), "{\"before\":\"2.0\",\"key\":\"limits.stiffness_n_mm\",\"now\":\"2.5\"}");
     bench.palpate_ends(0, "verify run");
-    // looser than what it began with, though tighter than nothing: refused
+    // looser than at the beginning, though tighter than nothing: refused
     for (from, to) in [("stiffness_n_mm = 2.0", "stiffness_n_mm = 1.0"), ("depth_mm = 1.6", "depth_mm = 3.2")] {
         let bench = killed();
         bench.write("run/rig.toml", &bench.read("run/rig.toml").replacen(from, to, 1));

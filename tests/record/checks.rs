@@ -1,5 +1,5 @@
-//! Checks before and after: the first place is pressed again, the plan's presses stay as they are, and a load cell or a sensor that
-//! has changed meanwhile leaves nothing decided.
+//! Checks after a run: the first place is pressed again, the plan's presses don't change, and a changed load cell or sensor leaves the
+//! verdict undecided.
 
 use palpate_core::quantity::WeightCheck;
 use palpate_data::dataset::{Ledger, Memory, Record, RecordedCheck, RecordedContact, Status};
@@ -10,14 +10,14 @@ use palpate_testing::executions::{bench, plan, run_virtually};
 use palpate_testing::interrupted::{change_the_world, cut_to_lines, lines_before_contacts};
 use palpate_testing::{TestFolder, shipped_text};
 
-/// Five presses: fewer than the rules within a run need to compare.
+/// Five presses: fewer than the rules within a run need for a comparison.
 const TINY: &str = "name = \"tiny\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\n\
                     list = { places_mm = [[0, 0], [2, 0], [0, 2], [2, 2]] }\nforce_n = 1.0\n\
                     [[step]]\nphase = \"test\"\nlist = { places_mm = [[1, 1]] }\nforce_n = 1.0\n\
                     [accept]\nlocation_mean_mm = 100.0\n";
 const TINY_PRESSES: u64 = 5;
 
-/// 13 by 8 presses, of which a check comes after the hundredth.
+/// 13 by 8 presses: a check comes after the hundredth.
 const LONGER: &str = "name = \"longer\"\nrig = \"sim\"\nchecks = \"between\"\n[[step]]\nphase = \"calibration\"\n\
                       cells = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], columns = 13, rows = 8 }\nforce_n = 1.0\n\
                       strategy = \"velocity\"\n";
@@ -38,7 +38,7 @@ impl Listener for Stopping<'_> {
     }
 }
 
-/// Walks a plan until so many more presses are made.
+/// Executes a plan for so many more presses.
 fn executed(spec: &RigSpec, plan: &Plan, memory: &mut Memory, presses: usize) -> Ending {
     let cancel = Cancel::default();
     run_virtually(async {
@@ -203,7 +203,7 @@ fn a_verdict_notes_that_a_known_weight_was_not_used_after_the_run() {
     assert!(bench.manifest("other").get("cell_unchecked").is_none());
 }
 
-/// A person with a weight, who may not notice that it is asked for.
+/// A person with a weight, who may not notice the request for it.
 struct CheckWeighing {
     weight: KnownWeight,
     asked: Vec<Ask>,

@@ -1,4 +1,4 @@
-//! A record that says one thing: tables that were changed, journals that were cut, and links that were planted.
+//! A consistent record: changed tables, truncated journals, and planted links.
 
 use palpate_core::quantity::stream;
 use palpate_testing::interrupted::sealed;
@@ -15,7 +15,7 @@ const READERS: [&str; 4] = [
     "report --compare run again --solver pearson --out page.html",
 ];
 
-/// A run of [`SMALL`] that is complete, and the same once more.
+/// A complete run of [`SMALL`], and a second one.
 fn whole() -> TestFolder {
     let bench = TestFolder::with([("r.toml", SMALL), ("readings.csv", "0.1,0.2,0.3,0.4,0.5,0.4,0.3,0.2,0.1\n")]);
     for run in ["run", "again"] {
@@ -24,7 +24,7 @@ fn whole() -> TestFolder {
     bench
 }
 
-/// What each command answers: what it prints and the page that it writes; and its warnings.
+/// Output of each command with its page, and its warnings.
 fn answers(bench: &TestFolder) -> (Vec<String>, Vec<String>) {
     let mut warnings = Vec::new();
     let answer = |words: &&str| {
@@ -35,7 +35,7 @@ fn answers(bench: &TestFolder) -> (Vec<String>, Vec<String>) {
         warnings.push(err.lines().filter(|line| line.starts_with("warning: ")).collect::<Vec<_>>().join("\n"));
         let page = if words.starts_with("report") { bench.read("page.html") } else { String::new() };
         let out = String::from_utf8(printed.stdout).expect("UTF-8");
-        // how long a solve takes is measured each time
+        // the time of a solve is measured each time
         let out = out.split("\"ns_per_solve\"").next().unwrap_or_default().to_owned();
         format!("{:?}\n{out}\n{page}", printed.status.code())
     };
@@ -80,7 +80,7 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
     let output = bench.palpate_ends(0, words);
     let answer = |output: &CommandOutput| {
         let mut answer = output.json_lines().remove(0);
-        // how long a solve takes is measured each time
+        // the time of a solve is measured each time
         answer.as_object_mut().expect("an object").remove("ns_per_solve").expect("a time");
         answer
     };
@@ -89,7 +89,7 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
                  note: again/presses.csv: its 2 rows of phase `test` are used, of 6\n";
     assert_eq!(output.err, notes);
     assert_eq!(answer(&bench.palpate_ends(0, words)), answer(&output), "the same table, the same answer");
-    // every place of the calibration is elsewhere, so the one that answers is too
+    // every place of the calibration has moved, so the answer has too
     let table = bench.read("run/presses.csv");
     let moved: String = table
         .lines()
@@ -140,7 +140,7 @@ fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
         .join("\n");
     let first = journal.lines().find(|line| contact(line)).expect("a contact");
     bench.write("run/journal.log", &format!("{kept}\n{first}\n"));
-    // whatever became of the manifest: the tables still say it
+    // for any manifest: the tables still show it
     fs::remove_file(bench.path("run/manifest.json")).expect("a manifest");
     let refused = bench.palpate_ends(2, "rebuild run");
     assert!(
@@ -199,7 +199,7 @@ mod links {
     use super::*;
     use std::os::unix::fs::symlink;
 
-    /// Every name that is ever written in a run folder, and those beside which a file is written before its rename.
+    /// Every file name of a run folder, and the drafts before a rename.
     const NAMES: [&str; 11] = [
         "journal.log",
         "manifest.json",
@@ -213,7 +213,7 @@ mod links {
         "rig-1.toml",
         "report.html",
     ];
-    /// Those that `rebuild` writes or vouches for.
+    /// The files that `rebuild` writes or verifies.
     const REBUILT: [&str; 8] = [
         "manifest.json",
         "presses.csv",
@@ -258,7 +258,7 @@ mod links {
                     let _ = fs::remove_dir_all(bench.path("outside"));
                     fs::create_dir(bench.path("outside")).expect("a folder");
                     let (inside, outside) = (bench.path(&format!("run/{name}")), bench.path("outside/file"));
-                    // what already exists stays what it was, so that a program which follows the link goes on
+                    // an existing file isn't changed, so a program that follows the link can continue
                     let was = fs::read(&inside).unwrap_or_else(|_| b"somebody's".to_vec());
                     let _ = fs::remove_file(&inside);
                     match kind {
@@ -285,9 +285,9 @@ mod links {
                         if output.code != Some(0) {
                             refusals += 1;
                             let is_named = output.running().contains(name.as_str())
-                                // a journal that is nowhere makes no run
+                                // a journal that leads nowhere is no run
                                 || (name == "journal.log" && output.running().contains("journal.log"))
-                                // what is missing because it is planted elsewhere
+                                // files that are missing because they are planted elsewhere
                                 || output.running().contains("presses are missing");
                             assert!(is_named, "{words}, {kind} {name}: {}", output.err);
                         }
@@ -322,8 +322,8 @@ fn a_press_that_tripped_has_its_worst_force_in_the_scenes_table() {
     let [peak_n, depth_peak_mm] = [3, 4].map(|column| tripped[column].parse::<f64>().expect("a number"));
     let trip = json(&bench.read("run/manifest.json"))["trip"].clone();
     let tripped_n = trip["measured"].as_f64().unwrap_or_else(|| panic!("the force that tripped: {trip}"));
-    // steel of 60 N/mm that is touched at the surface, and a stage that is braked after the reading; how far over the limit that
-    // comes to depends on the moment of the run, and the control's own tests bound it
+    // steel of 60 N/mm at the surface, and a stage that is braked after the reading; the excess over the limit depends on the time of the
+    // run, and the tests of the control bound it
     assert!((peak_n - 60.0 * depth_peak_mm).abs() < 60.0 * 1e-5, "{peak_n} N at {depth_peak_mm} mm");
     assert!(peak_n >= tripped_n && tripped_n > 2.0, "{peak_n} N, tripped at {tripped_n} N");
     assert!(rows[..rows.len() - 1].iter().all(|row| row[1] != "trip"));

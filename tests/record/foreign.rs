@@ -1,11 +1,11 @@
-//! A journal that isn't the one of its manifest: that of another run, or one that was edited with the right checksums.
+//! A journal that doesn't belong to its manifest: that of another run, or one that was edited with the right checksums.
 
 use palpate_testing::interrupted::{cut_to_lines, lines_before_contacts, sealed};
 use palpate_testing::{SMALL, TestFolder, exchanged, shipped_text};
 use serde_json::Value;
 use std::fs;
 
-/// Commands that answer from a run, and what each writes.
+/// Commands that answer from a run, and the files of each.
 const READERS: [(&str, &str); 7] = [
     ("evaluate one --solver pearson", ""),
     ("solve --calibration one --solver pearson", ""),
@@ -30,7 +30,7 @@ fn copy(bench: &TestFolder, from: &str, to: &str) {
     fs::copy(bench.path(from), bench.path(to)).expect("a copy");
 }
 
-/// The journal with the places of its test presses moved, each record with its new checksum.
+/// The journal with moved test presses and the right checksums.
 fn moved(journal: &str) -> String {
     let line = |(number, line): (usize, &str)| {
         let json = line.splitn(3, ' ').nth(2).expect("a record");
@@ -48,7 +48,7 @@ fn moved(journal: &str) -> String {
     journal.lines().enumerate().map(|(number, text)| line((number, text)) + "\n").collect()
 }
 
-/// Every command refuses run `one` by the name of its journal and changes nothing, until a person accepts the journal.
+/// Every command names the journal of run `one`, refuses it and changes nothing, until a person accepts it.
 fn is_refused_until_accepted(bench: &TestFolder, differences: &[&str]) {
     let before = bench.bytes("one");
     let expected = "one/journal.log: the journal isn't the one that manifest.json describes: ";
@@ -125,7 +125,7 @@ fn a_run_that_is_not_complete_goes_on_only_with_its_own_journal() {
     is_refused_until_accepted(&bench, &["sensor S-2, manifest.json states S-1"]);
     bench.palpate_ends(0, "resume one");
     bench.palpate_ends(0, "verify one");
-    // and one of another recipe or rig, whatever the labels say
+    // and one of another recipe or rig, for any labels
     for (text, from, to) in
         [("recipe.toml", "force_n = 1.0", "force_n = 0.9"), ("rig.toml", "speed_mm_s = 10.0", "speed_mm_s = 9.0")]
     {

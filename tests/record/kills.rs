@@ -1,4 +1,4 @@
-//! Runs that are killed at any moment: nothing that was acknowledged is lost or changed, and `resume` finishes the plan.
+//! Runs that are killed at any time: nothing acknowledged is lost or changed, and `resume` completes the plan.
 //!
 //! `PALPATE_TESTS=full` kills 50 times, and cuts the journal at each eleventh byte of its last records; `PALPATE_TESTS=20` kills 1000
 //! times, and cuts it at every byte.
@@ -25,11 +25,11 @@ const KILLS: (usize, usize) = (8, 50);
 /// Trials at a time.
 const THREADS: usize = 2;
 
-/// Records whose bytes the journal is cut at (the last three presses and the end), and every how many of these bytes: quick and full.
+/// Records in which the journal is cut (the last three presses and the end), and the step between cuts, bytes: quick and full.
 const CUT_RECORDS: usize = 4;
 const CUT_STRIDE: (usize, usize) = (1009, 11);
 
-/// 2 staircases of 5 levels and 12 points of a grid: enough that `--strategy map` puts presses that teach before them.
+/// 2 staircases of 5 levels and 12 points of a grid: enough for training presses with `--strategy map`.
 const RECIPE: &str = r#"
 name = "killed"
 
@@ -50,7 +50,7 @@ const TRAINING_PRESSES: u64 = 5;
 
 const STRATEGIES: [&str; 3] = ["guarded", "velocity", "map"];
 
-/// What the shipped rig's specimen remembers of the presses before: without it a press measured again is the same again.
+/// Memory of the shipped rig's specimen: without it a repeated press has the same values.
 const MEMORIES: [&str; 2] = ["relaxation = ", "hysteresis = "];
 
 #[test]
@@ -86,7 +86,7 @@ fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
     tally.assert_clean();
 }
 
-/// Does the same on some threads at once; what they counted is added up.
+/// Does the same on some threads at once, and adds their counts.
 fn on_threads(work: impl Fn(&mut KillTally) + Sync) -> KillTally {
     let mut sum = KillTally::default();
     thread::scope(|scope| {
@@ -101,14 +101,14 @@ fn on_threads(work: impl Fn(&mut KillTally) + Sync) -> KillTally {
     sum
 }
 
-/// A rig and a strategy, and the run of them that nothing interrupts.
+/// A rig and a strategy, and their uninterrupted run.
 struct KillCourse {
     rig: String,
-    /// Whether the rig's specimen forgets a press when it is over.
+    /// Whether the rig's specimen has no memory after a press.
     forgets: bool,
     strategy: &'static str,
     whole: Vec<(String, Vec<u8>)>,
-    /// How long it took, and would take at a pace of 1.
+    /// Its duration, and its duration at a pace of 1.
     took: Duration,
     virtual_s: f64,
 }
@@ -141,7 +141,7 @@ impl KillCourse {
         TestFolder::with([("r.toml", RECIPE), ("rig.toml", self.rig.as_str())])
     }
 
-    /// What goes on from where a bench is.
+    /// Continues from the state of a folder.
     fn words(&self, bench: &TestFolder, pace: Option<u32>) -> String {
         let words = if bench.has("run") {
             "resume run --json".to_owned()
@@ -162,7 +162,7 @@ impl KillCourse {
         &self.whole.iter().find(|(file, _)| file == name).expect("a file of the run").1
     }
 
-    /// Where the journal is to be cut: at the end of each of the last records and one byte off it, and between.
+    /// Where to cut the journal: at the end of each of the last records, one byte before and after it, and between.
     fn cuts(&self) -> impl Iterator<Item = usize> {
         let journal = self.file("journal.log");
         let ends: Vec<usize> = (1..=journal.len()).filter(|&end| journal[end - 1] == b'\n').collect();
@@ -173,7 +173,7 @@ impl KillCourse {
         (first..=journal.len()).filter(is_wanted)
     }
 
-    /// The run as a power cut would have left it that took the journal's end away and nothing else.
+    /// The run after a power cut that only lost the journal's end.
     fn assert_finished_from(&self, cut: usize) -> KillTally {
         let bench = self.bench();
         fs::create_dir(bench.path("run")).expect("a folder");
@@ -183,7 +183,7 @@ impl KillCourse {
         let (header, _) = bench.table("run/presses.csv");
         let table = rows::table(&bench, "run");
         cut_back(&bench, "run", &self.file("journal.log")[..cut]);
-        // what is whole before the cut was acknowledged
+        // complete records before the cut were acknowledged
         let kept: Vec<(u64, u64)> = journalled(&bench).iter().flat_map(rows_of).collect();
         let acknowledged: Vec<Value> = table
             .into_iter()
@@ -196,7 +196,7 @@ impl KillCourse {
         tally
     }
 
-    /// Finishes what is left and looks at all of it.
+    /// Completes the run and checks all of it.
     fn assert_finished(&self, bench: &TestFolder, acknowledged: &[Value], output: &str) -> KillTally {
         let before: Vec<(u64, u64)> = journalled(bench).iter().flat_map(rows_of).collect();
         let ended = bench.palpate_ends(0, &self.words(bench, None));
@@ -223,7 +223,7 @@ impl KillCourse {
         KillTally { acknowledged, lost, changed, again, other, first, ..KillTally::default() }
     }
 
-    /// The rows that aren't what the run measured that nothing interrupted, to the last digit.
+    /// The rows that differ from those of the uninterrupted run, to the last digit.
     fn others(&self, bench: &TestFolder) -> Vec<String> {
         let whole = std::str::from_utf8(self.file("presses.csv")).expect("text");
         let (same, now) = (timeless(whole), timeless(&bench.read("run/presses.csv")));
@@ -232,7 +232,7 @@ impl KillCourse {
     }
 }
 
-/// The contacts of the journal, in the order they were made.
+/// The contacts of the journal, in their order.
 fn journalled(bench: &TestFolder) -> Vec<RecordedContact> {
     if !bench.has("run") {
         return Vec::new();
@@ -245,7 +245,7 @@ fn rows_of(contact: &RecordedContact) -> impl Iterator<Item = (u64, u64)> {
     contact.levels.iter().map(|row| (row.press, row.level))
 }
 
-/// The lines of a table of presses without their times: these are others if there was a break.
+/// The lines of a table of presses without their times, which differ after a break.
 fn timeless(table: &str) -> Vec<String> {
     let column = table.lines().next().and_then(|header| header.split(',').position(|name| name == "t_s"));
     let column = column.expect("a time");

@@ -1,4 +1,4 @@
-//! What is on the disk after whatever happens, and how a run goes on.
+//! The files on the disk after any event, and how a run continues.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod changed_rig;

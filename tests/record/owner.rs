@@ -1,4 +1,4 @@
-//! One owner of a real link and of a run's folder, for as long as it lives; simulated rigs run side by side.
+//! A real link and a run's folder have one owner as long as it lives; simulated rigs run at the same time.
 #![cfg(unix)]
 
 use palpate_testing::served::ServedProgram;
@@ -15,10 +15,10 @@ use std::time::Duration;
 const HELD: &str =
     "name = \"held\"\nrig = \"sim\"\n[press]\nhold_s = 600\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
 
-/// Longest wait for a connection of our own to be let in.
+/// Longest wait until our own connection is accepted.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Runs side by side, and their pace: slow enough that each begins before any has ended.
+/// Runs at the same time, and their pace: slow enough that each begins before any has ended.
 const SIDE_BY_SIDE: usize = 4;
 const PACE: &str = "--pace 10";
 
@@ -31,7 +31,7 @@ fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
         let rig = shipped_text("rigs/xps.toml").replace("192.168.0.254:5001", stage);
         exchanged(&rig, "192.168.1.10:502", array)
     };
-    let elsewhere = "127.0.0.1:9"; // nobody gets as far as to find nobody there
+    let elsewhere = "127.0.0.1:9"; // no program gets far enough to notice the missing device
     let bench = TestFolder::with([
         ("held.toml", HELD),
         ("rig.toml", &rig(&stage.address(), &array.address())),
@@ -113,21 +113,21 @@ fn simulated_rigs_run_side_by_side() {
     assert_eq!(fs::read_dir(bench.path("tmp")).expect("a folder").count(), 0, "what is simulated isn't locked");
 }
 
-/// The program, its locks apart from those of all others.
+/// The program with its own folder of locks.
 fn in_own_folder(bench: &TestFolder, words: &str) -> Command {
     let mut command = bench.command(words);
     command.env("TMPDIR", bench.path("tmp"));
     command
 }
 
-/// It ends as one whose device can't be had.
+/// It ends like a program whose device isn't available.
 fn refused(bench: &TestFolder, words: &str) -> CommandOutput {
     let printed: CommandOutput = in_own_folder(bench, words).output().expect("the program starts").into();
     assert_eq!(printed.code, Some(3), "{words}\n{}\n{}", printed.out, printed.err);
     printed
 }
 
-/// A way to a server on which is counted who comes.
+/// A proxy to a server that counts connections.
 struct Gate {
     address: SocketAddr,
     came: Receiver<SocketAddr>,
@@ -156,9 +156,9 @@ impl Gate {
         self.address.to_string()
     }
 
-    /// How many have come until now, this look aside.
+    /// Number of connections until now, without this one.
     fn connections(&self) -> usize {
-        // they are let in one after the other: all that came before have been counted when this one is
+        // connections are accepted in order, so all earlier ones have been counted
         let own = TcpStream::connect(self.address).and_then(|stream| stream.local_addr()).expect("connects");
         while self.came.recv_timeout(PATIENCE).expect("our own connection") != own {
             self.count.set(self.count.get() + 1);
@@ -174,7 +174,7 @@ fn pass_on(near: TcpStream, server: &str) {
         let (mut from, mut to) = (from.try_clone().expect("a handle"), to.try_clone().expect("a handle"));
         to.set_nodelay(true).expect("takes it");
         thread::spawn(move || {
-            // its errors are those of an end that has gone
+            // an error means that the end has gone
             let _ = io::copy(&mut from, &mut to);
             let _ = to.shutdown(Shutdown::Both);
         });

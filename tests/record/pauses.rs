@@ -1,5 +1,4 @@
-//! Pauses and rests: a rest is as long as its recipe says, whatever a person asks for meanwhile, and a trip is told before the
-//! stage is parked.
+//! Pauses and rests: a rest has the duration of its recipe for any pauses, and a trip is reported before the stage is parked.
 
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{DatasetError, Ledger, Memory, Press, Record, RecordedContact, Retouch, Status};
@@ -12,20 +11,20 @@ use palpate_sim::scene::{FaultKind, Scene, SceneFault};
 use palpate_testing::executions::{bench, plan, run_virtually};
 use std::time::Duration;
 
-/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+/// Largest distance of z from its parking position, mm: the error of a read-back.
 const PARKED_MM: f64 = 0.003;
 
 const REST_S: f64 = 60.0;
 const RECIPE: &str = "name = \"rests\"\n[press]\nforce_tolerance_n = 0.05\n[[step]]\nphase = \"characterisation\"\n\
                       units = [5]\nstaircase = { to_n = 1.0, step_n = 1.0, repeats = 3, rest_s = 60.0 }\n";
 
-/// A person who asks for a pause again and again, and goes on each time.
+/// A person who pauses repeatedly, and continues each time.
 struct Restless {
     cancel: Cancel,
-    /// Pauses that are still asked for as soon as a rest begins, or goes on.
+    /// Remaining pauses, each as soon as a rest begins or continues.
     pauses: usize,
     paused: usize,
-    /// The stop that is asked for when so many presses are made.
+    /// The stop after so many presses.
     stop_after: usize,
     made: usize,
 }
@@ -70,7 +69,7 @@ fn executed(spec: &RigSpec, plan: &Plan, ledger: &mut dyn Ledger, listener: &mut
     })
 }
 
-/// Where z stands in the specimen frame, mm.
+/// z in the specimen frame, mm.
 fn z_mm(spec: &RigSpec, scene: &Shared<Scene>, began: Instant) -> f64 {
     let (z_mm, _) = scene.lock().expect("nobody holds it").axis(Axis::Z, began.elapsed().as_secs_f64());
     spec.frame.z_from_stage(z_mm)
@@ -124,7 +123,7 @@ fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
     assert_eq!(zeros, 2, "before the first press, and after the pause");
 }
 
-/// A person who asks for a pause when a press is made, and looks where z stands meanwhile.
+/// A person who pauses after a press, and reads z meanwhile.
 struct Looking<'a> {
     cancel: &'a Cancel,
     z_mm: &'a dyn Fn() -> f64,
@@ -182,7 +181,7 @@ fn a_trip_is_reported_before_the_stage_is_parked() {
     );
 }
 
-/// A ledger that takes no contact, as on a full disk.
+/// A ledger that accepts no contact, as on a full disk.
 #[derive(Default)]
 struct Full(Memory);
 

@@ -1,4 +1,4 @@
-//! What a run folder says of itself: who made it, from what, and whether it is still what was written.
+//! Provenance in a run folder: its program, its sources, and whether it has changed.
 
 use palpate_testing::interrupted::{cut_back, cut_to_lines, sealed};
 use palpate_testing::{SMALL, TestFolder, exchanged};
@@ -29,7 +29,7 @@ fn changed_views_are_named_and_rebuilt_byte_for_byte() {
             (String::new(), name),
         ] {
             if name == "manifest.json" && changed == text.clone() + "\n" {
-                continue; // JSON may end in as many line ends as it likes
+                continue; // JSON may end with any number of line ends
             }
             bench.write(&path, &changed);
             let output = bench.palpate_ends(1, "verify run");
@@ -42,7 +42,7 @@ fn changed_views_are_named_and_rebuilt_byte_for_byte() {
         bench.palpate_ends(0, "rebuild run");
         assert!(bench.bytes("run") == before, "{name} is made anew as it was");
     }
-    // what no journal can give back is told, and stays
+    // data that no journal has are reported, and stay
     for name in ["recipe.toml", "rig.toml"] {
         let path = format!("run/{name}");
         let text = bench.read(&path);
@@ -68,11 +68,11 @@ fn edited_manifest_hides_nothing() {
     let output = bench.palpate_ends(1, "verify run");
     assert!(output.running().contains("has no SHA-256 of presses.csv"), "{}", output.err);
     assert!(output.running().contains("presses.csv differs from the journal"), "{}", output.err);
-    // a complete run whose table was lost is made whole by whoever goes on with it
+    // a complete run that lost a table gets it back when it is opened
     let output = bench.palpate_ends(0, "resume run");
     assert!(output.err.contains("its tables were regenerated"), "{}", output.err);
     assert_eq!(bench.read("run/presses.csv"), presses);
-    // a table of another run is no table of this one
+    // a table of another run isn't used
     std::fs::remove_file(bench.path("run/scene.csv")).expect("a file");
     bench.palpate_ends(1, "verify run");
     let simple = SMALL.split("[[step]]").take(3).collect::<Vec<_>>().join("[[step]]");
@@ -127,7 +127,7 @@ fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
 fn clock_set_back_changes_only_reported_times() {
     let bench = whole();
     let whole = bench.read("run/presses.csv");
-    // as a power cut before the last press would have left it, begun in a time to come
+    // as after a power cut before the last press, with a start in the future
     let journal = bench.read("run/journal.log");
     let lines: Vec<&str> = journal.lines().collect();
     let (began, rest) = (lines[1], &lines[2..lines.len() - 2]);
@@ -158,7 +158,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
         "{}",
         output.err
     );
-    // nor are the names of texts in a journal
+    // neither do the names of texts in a journal
     let journal = bench.read("run/journal.log");
     let lines: Vec<&str> = journal.lines().collect();
     for name in ["../secret.txt", "/dev/zero", "run.fifo/.."] {
@@ -175,7 +175,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
         assert!(output.running().contains("is not a valid name of a file in a run folder"), "{}", output.err);
         assert_eq!(output.code, Some(2), "{}", output.err);
     }
-    // and those of the texts themselves
+    // nor those of the texts themselves
     let nth = lines.iter().position(|line| line.contains(" {\"text\":{\"name\":\"rig.toml\"")).expect("the rig");
     let text = exchanged(lines[nth].splitn(3, ' ').nth(2).expect("a record"), "\"rig.toml\"", "\"../secret.txt\"");
     let changed = sealed(nth as u64, &text);
@@ -189,7 +189,7 @@ fn a_name_that_leads_out_of_the_folder_is_not_followed() {
     assert_eq!(bench.read("secret.txt"), "not of this run");
     bench.write("run/journal.log", &journal);
     bench.write("run/manifest.json", &manifest);
-    // a register map lies beside its rig, and nowhere else
+    // a register map is in the folder of its rig, and nowhere else
     let rig = bench.read("run/rig.toml");
     bench.write("climbing.toml", &exchanged(&rig, "\"labjack-t7\"", "\"../map.toml\""));
     let output = bench.palpate_ends(2, "run r.toml --rig climbing.toml --out climbed");

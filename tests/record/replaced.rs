@@ -1,5 +1,5 @@
-//! A journal that another program removes, replaces or moves while the run goes on.
-#![cfg(unix)] // elsewhere the standard library has no number by which a file is known again
+//! A journal that another program removes, replaces or moves during the run.
+#![cfg(unix)] // elsewhere the standard library has no number that identifies a file
 
 use palpate_core::quantity::Axis;
 use palpate_data::dataset::{
@@ -12,17 +12,17 @@ use palpate_testing::{Live, SMALL, SMALL_PRESSES, TestFolder};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Presses that are acknowledged before the journal is meddled with.
+/// Presses that are acknowledged before the journal is changed.
 const BEFORE: usize = 2;
 
-/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+/// Largest distance of z from its parking position, mm: the error of a read-back.
 const PARKED_MM: f64 = 0.003;
 
 /// One press that takes some seconds.
 const HELD: &str =
     "name = \"held\"\nrig = \"sim\"\n[press]\nhold_s = 30\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nunits = [5]\n";
 
-/// Counts the acknowledgements, and meddles with the run's folder after some.
+/// Counts the acknowledgements, and changes the run's folder after some.
 struct Meddler<'a> {
     acknowledged: usize,
     meddle: &'a dyn Fn(usize),
@@ -43,7 +43,7 @@ struct ReplacedRun {
     warnings: Vec<String>,
 }
 
-/// Walks [`SMALL`] in a folder with which something is done after each press.
+/// Executes [`SMALL`] in a folder, and does something with the folder after each press.
 fn executed(meddle: impl Fn(usize, &Path)) -> ReplacedRun {
     let (home, spec) = (TestFolder::new(), bench("bench-fast"));
     let (plan, path) = (plan(&spec, SMALL, 1), home.path("run"));
@@ -73,13 +73,13 @@ fn contacts(journal: &Path) -> usize {
     records.filter(|record| record.contact().is_some()).count()
 }
 
-/// A copy of the journal with another number takes its name, as a program does that synchronizes folders.
+/// A copy of the journal with another inode takes its name, as with a program that synchronizes folders.
 fn replace_by(run: &Path, content: &[u8]) {
     fs::write(run.join("copy"), content).expect("a file");
     fs::rename(run.join("copy"), run.join("journal.log")).expect("a new name");
 }
 
-/// No press after the meddling is acknowledged, and both errors say what happened.
+/// No press after the change is acknowledged, and both errors report it.
 fn ends_for(executed: &ReplacedRun, what: &str) {
     let output = executed.ending.text().expect("it ended early");
     assert!(output.contains("journal.log") && output.contains(what), "{output}");
@@ -121,7 +121,7 @@ fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
 #[test]
 fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
     let executed = executed(|done, run| {
-        // the first copies lack the record that is being written then, the last one has all
+        // the first copies lack the record that is being written, the last one has all
         let is_replaced = [BEFORE, BEFORE + 1, SMALL_PRESSES as usize].contains(&done);
         if is_replaced {
             replace_by(run, &fs::read(run.join("journal.log")).expect("a journal"));
@@ -177,7 +177,7 @@ fn the_program_names_the_journal_and_what_to_do_and_ends_with_5() {
         expected.iter().for_each(|words| assert!(err.contains(*words), "{name}: no {words:?} in {}", output.err));
         assert!(!err.contains("stored in the journal"), "{name}: {}", output.err);
     }
-    // as it was moved, the run goes on
+    // after the move, the run continues
     bench.palpate_ends(0, "resume elsewhere");
     bench.palpate_ends(0, "verify elsewhere");
 }

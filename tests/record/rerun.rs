@@ -1,5 +1,5 @@
-//! The same again: one seed gives the same tables byte for byte, and a run that was interrupted comes to the rows its
-//! plan has, those that were acknowledged unchanged.
+//! Repetition: one seed gives the same tables byte for byte, and an interrupted run gets the rows of its plan, with the acknowledged ones
+//! unchanged.
 
 use palpate_data::dataset::{Journal, Memory, Record, Status};
 use palpate_data::recipe::{self, Plan};
@@ -12,7 +12,7 @@ use palpate_testing::{SMALL, SMALL_PRESSES, TestFolder, exchanged, shipped_text}
 #[test]
 fn one_seed_gives_the_same_tables_byte_for_byte_and_another_does_not() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
-    // neither what is printed nor the pace may come into what is measured
+    // neither the output nor the pace may change the measured values
     for (run, more) in [("one", ""), ("two", "--json"), ("paced", "--pace 200"), ("other", "--seed 2")] {
         bench.palpate_ends(0, &format!("run r.toml --out {run} {more}"));
     }
@@ -43,7 +43,7 @@ fn run_without_files_has_the_records_of_a_run_with_files() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
-    // what the folder says of itself aside
+    // except for the provenance of the folder
     let is_measured =
         |record: &Record| !matches!(record, Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::End(_));
     let records: Vec<_> = journal.map(|record| record.expect("a record").1).filter(is_measured).collect();
@@ -59,7 +59,7 @@ fn run_without_files_has_the_records_of_a_run_with_files() {
         assert_eq!(memory.contacts().count(), SMALL_PRESSES as usize);
     };
     execute_on(&records);
-    execute_on(&records); // what is there isn't made again
+    execute_on(&records); // existing presses aren't made again
 }
 
 #[test]
@@ -95,7 +95,7 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
     assert_eq!(training_presses, ["teach"; 5], "numbered after all others");
     assert_eq!(bench.read("run/calibration_matrix.csv").lines().next().map(|line| line.split(',').count()), Some(9));
 
-    // as a power cut after the presses that teach would have left it
+    // as after a power cut after the training presses
     cut_to_lines(&bench, "run", lines_before_contacts(&bench, "run") + 5);
     let output = bench.palpate_ends(0, "resume run");
     assert!(output.err.contains("characterisation: from press 6 of 17"), "{}", output.err);
@@ -111,11 +111,11 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
 fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
-    // as a power cut before the last press would have left it, and a load cell that was exchanged since
+    // as after a power cut before the last press, with another load cell
     cut_to_lines(&bench, "run", bench.read("run/journal.log").lines().count() - 2);
     let rig = bench.read("run/rig.toml");
     let offset = |offset_n: f64| exchanged(&rig, "noise_n = 0.003", &format!("noise_n = 0.003, offset_n = {offset_n}"));
-    // 20 % of the force limit are 0.4 N; what a session in between saw doesn't count
+    // 20 % of the force limit are 0.4 N; zeros of sessions in between don't count
     change_the_world(&bench, "run", &offset(0.38));
     bench.palpate_ends(0, "resume run");
     cut_to_lines(&bench, "run", bench.read("run/journal.log").lines().count() - 2);
@@ -123,7 +123,7 @@ fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
     let output = bench.palpate_ends(4, "resume run");
     assert!(output.running().contains("zero-drifted: 0.42"), "{}", output.err);
     assert_eq!(bench.manifest("run")["status"], "tripped");
-    // the old cell back, and a person's word
+    // the old cell back, and confirmed by a person
     change_the_world(&bench, "run", &rig);
     bench.palpate_ends(2, "resume run");
     bench.palpate_ends(0, "resume run --after-trip");
@@ -150,7 +150,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
             output.err
         );
         assert!(output.running().contains("check whether the specimen or the rig has moved"), "{}", output.err);
-        // put back, it goes on when a person says so
+        // put back, it continues after a confirmation
         change_the_world(&bench, "run", &rig);
         bench.palpate_ends(2, "resume run");
         bench.palpate_ends(0, "resume run --after-trip");
@@ -226,7 +226,7 @@ fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
     }
 }
 
-/// Everything in a run's folder but what tells when it was made.
+/// Everything in a run's folder except for its times.
 fn tables(bench: &TestFolder, run: &str) -> Vec<(String, Vec<u8>)> {
     let telling = |(name, bytes): (String, Vec<u8>)| match name.as_str() {
         "manifest.json" => None,
@@ -236,7 +236,7 @@ fn tables(bench: &TestFolder, run: &str) -> Vec<(String, Vec<u8>)> {
     bench.bytes(run).into_iter().filter_map(telling).collect()
 }
 
-/// A journal without the two kinds of record that tell when and where it was made.
+/// A journal without the two kinds of record with time and place.
 fn without_the_clock(journal: &[u8]) -> Vec<u8> {
     let text = std::str::from_utf8(journal).expect("a journal is text");
     let is_timeless = |line: &&str| !line.contains(" {\"session\":") && !line.contains(" {\"end\":");
@@ -253,7 +253,7 @@ mod interrupted {
     use palpate_testing::{CommandOutput, LONG, LONG_PRESSES, Live, TestFolder};
     use serde_json::Value;
 
-    /// Slow enough that a signal comes in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
+    /// Slow enough for a signal in the middle of the run, and fast enough for a test: 2 s a press take 130 ms.
     const RUN: &str = "run r.toml --json --out run --pace 15";
 
     #[test]
@@ -295,8 +295,8 @@ mod interrupted {
         assert_finished_by_resume(&bench, &seen);
     }
 
-    /// Starts the program, sends it a signal when so many rows were acknowledged (0: when the first press begins), and
-    /// gives all that were.
+    /// Starts the program, sends it a signal after so many acknowledged rows (0: when the first press begins), and returns the acknowledged
+    /// rows.
     fn interrupted(bench: &TestFolder, words: &str, rows: usize, signal: &str) -> (Vec<Value>, CommandOutput) {
         let live = Live::start(bench.command(words));
         live.until_printed(": from press ");
@@ -307,7 +307,7 @@ mod interrupted {
         (seen, output)
     }
 
-    /// Resumes to the end: each row of the plan once, in its order, those that were acknowledged as they were.
+    /// Resumes to the end: each row of the plan once, in its order, with the acknowledged ones unchanged.
     fn assert_finished_by_resume(bench: &TestFolder, acknowledged: &[Value]) {
         let output = bench.palpate_ends(0, "resume run --json");
         let resumed: Vec<Value> = output.out.lines().map(json).collect();
@@ -337,7 +337,7 @@ mod interrupted {
             let value = match whole {
                 Some(whole) => whole.expect("a whole number"),
                 None if is_word(column) => cell.into(),
-                None if cell.is_empty() => Value::Null, // what was not measured
+                None if cell.is_empty() => Value::Null, // not measured
                 None => cell.parse::<f64>().expect("a number").into(),
             };
             (column.clone(), value)
@@ -354,7 +354,7 @@ mod interrupted {
         rows.iter().map(|row| (number(row, "press"), number(row, "level"))).collect()
     }
 
-    /// How many presses some rows belong to.
+    /// Number of presses that the rows belong to.
     fn presses(rows: &[Value]) -> u64 {
         let mut presses: Vec<u64> = numbered(rows).into_iter().map(|(press, _)| press).collect();
         presses.dedup();

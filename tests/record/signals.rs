@@ -1,5 +1,5 @@
-//! What a person or the system says from outside while a run is under way: Ctrl-C once and twice, a polite end, a closed
-//! terminal, a pause and Enter. Whatever is said, the stage is parked, the journal is whole and the run can be gone on with.
+//! Signals during a run: Ctrl-C once and twice, SIGTERM, a closed terminal, a pause and Enter. In any case the stage is parked, the journal
+//! is complete, and the run can continue.
 #![cfg(unix)]
 
 mod batch;
@@ -15,23 +15,22 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-/// What the recipe begins with.
+/// First phase of the recipe.
 const STAIRCASES: u64 = 2;
 const LEVELS: u64 = 5;
 
-/// How often one run is paused.
+/// Number of pauses of one run.
 const PAUSES: usize = 3;
 
-/// The first press takes two seconds at this pace, because its descent is slow: a signal that is sent when it begins comes in the
-/// middle of it.
+/// The first press takes two seconds at this pace, because its descent is slow: a signal at its beginning comes in the middle of it.
 const RUN: &str = "run r.toml --json --out run --pace 15";
 
-/// How long a pause is watched: a run that went on would take a zero in a tenth of it.
+/// Time for which a pause is watched: a run that continues would take a zero in a tenth of it.
 const A_WHILE: Duration = Duration::from_millis(700);
 
 const CANCELLED: Option<i32> = Some(130);
 
-/// What is said of the first Ctrl-C.
+/// Message after the first Ctrl-C.
 const FINISHED_FIRST: &str = "finishing this press";
 
 #[test]
@@ -85,7 +84,7 @@ fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
 fn a_signal_before_the_first_press_stops_there() {
     let bench = TestFolder::with([("r.toml", LONG)]);
     let live = Live::start(bench.command(RUN));
-    live.until_printed("stage "); // it says what it is, and the places that were touched before come next
+    live.until_printed("stage "); // the start of the run is printed, and the touched places come next
     live.signal("TERM");
     assert_stopped_at_once(&bench, live.end());
 }
@@ -117,7 +116,7 @@ fn a_closed_terminal_stops_and_parks() {
     heed_hangups();
     let bench = TestFolder::with([("r.toml", LONG)]);
     let mut terminal = TestTerminal::open();
-    // at the head of a session of its own, with this terminal: it is who is told when the terminal closes
+    // in its own session, with this terminal: it gets the hangup when the terminal closes
     let program = bench.command(RUN);
     let mut command = Command::new("setsid");
     command.arg("--ctty").arg(program.get_program()).args(program.get_args()).current_dir(bench.path("."));
@@ -177,7 +176,7 @@ fn a_pause_may_be_made_again_and_again() {
     let mut lines = BufReader::new(child.stdout.take().expect("piped")).lines();
     let (mut acknowledged, mut presses) = (Vec::new(), 0);
     for pause in 0..PAUSES {
-        // a press that was made since the last pause: the run is under way again
+        // a press after the last pause: the run continues
         while numbered(&acknowledged).last().is_none_or(|(press, _)| *press < presses) {
             acknowledged.push(json(&lines.next().expect("another row").expect("a line")));
         }
@@ -227,7 +226,7 @@ fn assert_a_pause_is_ended(end: impl FnOnce(TestTerminal, &Child)) {
     assert_finished_by_resume(&bench, &acknowledged);
 }
 
-/// A run in its first press whose readers are gone: neither what it says nor its rows can be written any more.
+/// A run in its first press whose readers are gone: neither messages nor rows can be written any more.
 fn unheard(bench: &TestFolder) -> Child {
     let mut command = bench.command(RUN);
     let mut child = spawned(command.stdout(Stdio::piped()).stderr(Stdio::piped()));
@@ -238,7 +237,7 @@ fn unheard(bench: &TestFolder) -> Child {
     child
 }
 
-/// A run whose terminal this is; its rows go into a file.
+/// A run at this terminal; its rows go into a file.
 fn attended(bench: &TestFolder) -> (TestTerminal, Child) {
     let terminal = TestTerminal::open();
     let mut command = bench.command(RUN);
@@ -247,7 +246,7 @@ fn attended(bench: &TestFolder) -> (TestTerminal, Child) {
     (terminal, child)
 }
 
-/// It stopped before its first press was over, and parked.
+/// It stopped during its first press, and parked.
 fn assert_stopped_at_once(bench: &TestFolder, output: CommandOutput) {
     assert_eq!(output.code, CANCELLED, "{}", output.err);
     assert!(output.err.contains("stopping: the stage is stopped and parked"), "{}", output.err);
@@ -257,7 +256,7 @@ fn assert_stopped_at_once(bench: &TestFolder, output: CommandOutput) {
     assert_finished_by_resume(bench, "");
 }
 
-/// The journal says that it was stopped, and holds so many presses, each of them whole.
+/// The journal states the stop, and has so many complete presses.
 fn assert_stopped_with(bench: &TestFolder, presses: u64) {
     let manifest = bench.manifest("run");
     assert_eq!((&manifest["status"], &manifest["presses_done"]), (&"stopped".into(), &presses.into()));
@@ -269,7 +268,7 @@ fn assert_stopped_with(bench: &TestFolder, presses: u64) {
     assert!(matches!(records(bench).last(), Some(Record::End(_))), "the journal is ended");
 }
 
-/// Resumes to the end: each row of the plan once, those that were acknowledged as they were.
+/// Resumes to the end: each row of the plan once, with the acknowledged ones unchanged.
 fn assert_finished_by_resume(bench: &TestFolder, acknowledged: &str) {
     let output = bench.palpate_ends(0, "resume run --json");
     let all: Vec<Value> = rows(acknowledged).into_iter().chain(rows(&output.out)).collect();
@@ -281,7 +280,7 @@ fn assert_finished_by_resume(bench: &TestFolder, acknowledged: &str) {
     assert_eq!(bench.manifest("run")["status"], "complete");
 }
 
-/// Press and level of each row that the plan comes to.
+/// Press and level of each row of the plan.
 fn plan() -> Vec<(u64, u64)> {
     (0..LONG_PRESSES).flat_map(|press| (0..levels(press)).map(move |level| (press, level))).collect()
 }
@@ -302,7 +301,7 @@ fn contacts(bench: &TestFolder) -> Vec<RecordedContact> {
     records(bench).iter().filter_map(|record| record.contact().cloned()).collect()
 }
 
-/// What the journal of a run that is over, or pauses, holds: all of it must be sound.
+/// Content of the journal of a run that has ended or pauses; all of it must be sound.
 fn records(bench: &TestFolder) -> Vec<Record> {
     let journal = Journal::records(&bench.path("run/journal.log")).expect("a journal");
     journal.map(|record| record.expect("a record").1).collect()

@@ -1,7 +1,7 @@
-//! How often the guarded rule accepts a sensor that is exactly at a limit, and how often stated intervals cover the truth: on
-//! drawn errors of three shapes, whose figures are known.
+//! How often the guarded rule accepts a sensor exactly at a limit, and how often stated intervals contain the truth: for random errors of
+//! three distributions with known figures.
 //!
-//! `cargo test --release --test solving acceptance -- --nocapture` prints the shares.
+//! `cargo test --release --test solving acceptance -- --nocapture` prints the fractions.
 
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, percentile, stream};
 use palpate_data::acceptance::bound::{mean_interval, quantile_interval, sd_interval_factors};
@@ -18,18 +18,18 @@ use rand_distr::StandardNormal;
 use statrs::statistics::Statistics as _;
 use std::cell::RefCell;
 
-/// Sensors a cell in the full tier, and test presses of each.
+/// Sensors for each cell in the full tier, and test presses of each.
 const SENSORS: usize = 10_000;
 const PRESSES: [usize; 6] = [5, 10, 25, 59, 100, 500];
 
-/// The most that a guarded rule may accept of so many sensors at a limit. Chance is in the number: of fewer sensors, three standard
-/// deviations more of a share of 5 % are too.
+/// Largest fraction of sensors at a limit that a guarded rule may accept. With fewer sensors three standard deviations of a fraction of 5 %
+/// are added.
 fn accepted_most(sensors: usize) -> f64 {
     let by_chance = |count: usize| (0.05f64 * 0.95 / count as f64).sqrt();
     0.06 + 3.0 * (by_chance(sensors) - by_chance(SENSORS)).max(0.0)
 }
 
-/// One error, and the true mean and 95th percentile of its kind, in units of its scale.
+/// One error, and the true mean and 95th percentile of its distribution, in units of its scale.
 struct AcceptanceShape {
     name: &'static str,
     draw: fn(&mut dyn FnMut() -> f64, f64) -> f64,
@@ -37,7 +37,7 @@ struct AcceptanceShape {
     p95: f64,
 }
 
-/// Normal numbers and a uniform one are given.
+/// Made from normal numbers and a uniform one.
 const SHAPES: [AcceptanceShape; 3] = [
     // a force error
     AcceptanceShape {
@@ -126,7 +126,7 @@ fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
     assert!(broken.is_empty(), "{broken:?}");
 }
 
-/// The price: good sensors that the guarded rule doesn't accept, by how much better than the limit they are.
+/// The cost: good sensors that the guarded rule doesn't accept, by their distance from the limit.
 #[test]
 fn the_farther_a_sensor_is_from_a_limit_the_more_often_it_is_accepted() {
     let (shape, sensors) = (&SHAPES[1], campaign::size(200, 2000));
@@ -165,7 +165,7 @@ fn stated_intervals_cover_the_truth_of_a_thousand_sensors() {
                 within(mean_interval(&errors(shape, n, sensor)).unwrap(), shape.mean)
             }));
             if n > 59 {
-                // exact up to the jumps between order statistics: at least 95 %
+                // exact up to the steps between order statistics: at least 95 %
                 let (share, output) = covered(&format!("{}, 95th percentile", shape.name), n, &|sensor| {
                     let mut sizes = errors(shape, n, sensor);
                     sizes.sort_by(f64::total_cmp);
@@ -188,7 +188,7 @@ fn stated_intervals_cover_the_truth_of_a_thousand_sensors() {
     assert!(outside.is_empty(), "{outside:?}");
 }
 
-/// Whole sensors in the full tier, test presses of each, and presses that tell what is true of it.
+/// Whole sensors in the full tier, test presses of each, and presses that determine its true figures.
 const WHOLE: usize = 200;
 const TESTED: usize = 100;
 const TRUTH: usize = 4000;
@@ -197,7 +197,7 @@ fn whole_accepted_most(sensors: usize) -> f64 {
     0.06 + 0.034 * (WHOLE as f64 / sensors as f64).sqrt().max(1.0)
 }
 
-/// Location errors of a simulated sensor, calibrated at 13 x 13 places, on so many random contacts.
+/// Location errors of a simulated sensor, calibrated at 13 x 13 places, for so many random contacts.
 fn sensor(seed: u64, counts: [usize; 2]) -> [Vec<f64>; 2] {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let skin = RefCell::new(Skin::new(&scene_t(), &layout, 2.0, seed));

@@ -1,4 +1,4 @@
-//! `palpate adapt`: an old calibration brought up to date by few presses.
+//! `palpate adapt`: an old calibration that is updated with few presses.
 
 use palpate_core::quantity::{ArrayLayout, Place, stream};
 use palpate_sim::scene::{Skin, SkinSpec, Taxels};
@@ -58,7 +58,7 @@ fn spread(count: usize) -> Vec<(Place, f64)> {
     (0..count).map(|i| (Place::new(at(i, 0.754_877_666), at(i, 0.569_840_291)), 1.0)).collect()
 }
 
-/// Mean errors, the share of single contacts that are called something else, and the share of errors within the 68 % half-width.
+/// Mean errors, the fraction of single contacts with another verdict, and the fraction of errors within the 68 % half-width.
 #[derive(Debug, Default)]
 struct Found {
     location_mm: f64,
@@ -84,7 +84,7 @@ impl Found {
     }
 }
 
-/// The mean over some sensors of the same family: with the old calibration, brought up to date, and calibrated in full.
+/// The mean over some sensors of the same family: with the old calibration, with the updated one, and with a complete one.
 fn found(counts: &[usize], contacts_of: impl Fn(usize) -> Vec<(Place, f64)>) -> (Found, Vec<Found>, Found) {
     let seeds = campaign::size(1, 3) as u64;
     let add = |sum: &mut Found, one: Found| {
@@ -167,7 +167,7 @@ fn adapt_writes_a_sensor_file_and_prints_held_out_errors() {
     let bytes = std::fs::read(bench.path("a.palpate")).unwrap();
     let text = String::from_utf8_lossy(&bytes);
     assert!(text.contains("\"name\":\"old.csv\"") && text.contains("\"name\":\"few.csv\""), "{}", &text[..600]);
-    // a sensor file stands in for the presses that it keeps
+    // a sensor file replaces the presses that it contains
     bench.palpate_ends(0, "fit old.csv --solver surrogate --out old.palpate");
     let again = bench.palpate_ends(0, "adapt --from old.palpate --with few.csv --solver surrogate --out a.palpate");
     assert_eq!(again.out, output.out);

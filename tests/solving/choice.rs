@@ -1,6 +1,5 @@
-//! How well `best` chooses among the methods on six families of simulated skins.
-//! `PALPATE_TESTS=full cargo test --release --test solving choice:: -- --nocapture`. `PALPATE_SETS=DIR` writes the sets as tables, for
-//! a comparison with other programs.
+//! How well `best` chooses among the methods on six families of simulated skins. `PALPATE_TESTS=full cargo test --release --test solving
+//! choice:: -- --nocapture`. `PALPATE_SETS=DIR` writes the sets as tables, for a comparison with other programs.
 
 use palpate_core::mechanics::Medium;
 use palpate_core::parallel::in_parallel;
@@ -22,7 +21,7 @@ pub(crate) struct ChoicePress {
     pub outputs: Vec<f64>,
 }
 
-/// Presses to calibrate with, and presses to test with.
+/// Presses for calibration and for the test.
 pub(crate) struct Set {
     family: &'static str,
     seed: u64,
@@ -35,17 +34,17 @@ pub(crate) struct Set {
 #[derive(Clone, Copy)]
 pub(crate) struct Family {
     pub name: &'static str,
-    /// What its electronics make of the outputs of an elastic skin, in place; the number of columns is 4.
+    /// Changes the outputs of an elastic skin as its electronics do, in place; the number of columns is 4.
     read: fn(&mut [f64]),
     gain_spread_percent: f64,
-    /// Places a side, and presses at each.
+    /// Places along a side, and presses at each.
     side: usize,
     repeats: usize,
     /// Forces of the calibration, N.
     pub force_n: (f64, f64),
 }
 
-/// Largest loss of `best` against the method that is best on the other half of the test: mean of all families, and of one.
+/// Largest loss of `best` compared with the method that is best on the other half of the test: mean of all families, and of one.
 const LOSS_MOST: f64 = 0.02;
 const LOSS_OF_FAMILY_MOST: f64 = 0.06;
 
@@ -82,7 +81,7 @@ fn deaden(outputs: &mut [f64]) {
     outputs.iter_mut().for_each(|output| *output = (*output - 0.08).max(0.0));
 }
 
-/// A contact of its own with a skin.
+/// A contact with a skin.
 fn pressed(skin: &mut Skin, place: Place, force_n: f64, rng: &mut RandomStream) -> ChoicePress {
     skin.draw_contact(rng);
     let mut outputs = vec![0.0; skin.len()];
@@ -139,7 +138,7 @@ impl Family {
     }
 }
 
-/// What a method made of a set.
+/// Results of a method on a set.
 struct ChoiceMade {
     solver: String,
     chosen: String,
@@ -153,7 +152,7 @@ impl ChoiceMade {
         self.errors_mm.iter().sum::<f64>() / self.errors_mm.len() as f64
     }
 
-    /// Mean error of every second test press, from the first or from the second on.
+    /// Mean error of every second test press, from the first or from the second one on.
     fn half_mm(&self, first: usize) -> f64 {
         let half: Vec<f64> = self.errors_mm.iter().skip(first).step_by(2).copied().collect();
         half.iter().sum::<f64>() / half.len() as f64
@@ -212,7 +211,7 @@ impl Set {
     }
 }
 
-/// Loss of `best` against the method that is best on the other half of the test, mean of both halves.
+/// Loss of `best` compared with the method that is best on the other half of the test, mean of both halves.
 fn loss(made: &[ChoiceMade]) -> f64 {
     let best = &made[0];
     let of_half = |chosen_on: usize, scored_on: usize| {
@@ -266,7 +265,7 @@ fn best_loses_little_against_the_best_method_of_each_family() {
     assert!(all <= LOSS_MOST && losses.iter().all(|loss| *loss <= LOSS_OF_FAMILY_MOST), "{losses:?}");
 }
 
-/// The paper's scene T with so many places a side: the better of `physics` and `surrogate`, and what `best` chose.
+/// The paper's scene T with so many places along a side: the better of `physics` and `surrogate`, and the choice of `best`.
 #[test]
 fn best_chooses_between_physics_and_surrogate_as_well_as_a_test_does() {
     let seeds: Vec<u64> = (0..campaign::size(1, 20) as u64).collect();

@@ -4,7 +4,7 @@ use palpate_solver::SOLVERS;
 use palpate_testing::{CommandOutput, SMALL, TestFolder, exchanged, shipped_text};
 use serde_json::{Value, json};
 
-/// Three places, three units; the unit straight below a place reads most.
+/// Three places, three units; the unit straight below a place has the largest output.
 const CALIBRATION: &str = "\
 x_mm,y_mm,force_n,out_1,out_2,out_3
 -4,0,1,1.0,0.3,0.1
@@ -12,7 +12,7 @@ x_mm,y_mm,force_n,out_1,out_2,out_3
 4,0,1,0.1,0.3,1.0
 ";
 
-/// Half, twice and once the calibrated outputs, the last a step of 4 mm off.
+/// Half, twice and once the calibrated outputs, the last one a step of 4 mm away.
 const TEST: &str = "\
 x_mm,y_mm,force_n,out_1,out_2,out_3
 -4,0,0.5,0.5,0.15,0.05
@@ -25,7 +25,7 @@ const WORDS: &str = "evaluate --calibration a.csv --test b.csv";
 /// The paper's solver, whose answers are known by hand.
 const PAPERS: &str = "--json --solver pearson";
 
-/// What every object has.
+/// The keys of every object.
 const KEYS: [&str; 9] = [
     "at_calibrated_places",
     "coverage",
@@ -143,7 +143,7 @@ fn all_solvers_are_a_line_each_with_the_best_last() {
     let output = bench.palpate_ends(0, &format!("{WORDS} --solver all"));
     let lines: Vec<&str> = output.out.lines().collect();
     assert!(lines.iter().all(|line| line.chars().count() <= 80), "{}", output.out);
-    // tables don't say where the array's units are: it isn't known to be the paper's
+    // tables don't state the places of the units, so the array may not be the paper's
     assert!(lines[2].starts_with("pearson ") && !output.out.contains("paper"), "{}", output.out);
     assert_eq!(
         lines[2].split_whitespace().collect::<Vec<_>>()[1..7],
@@ -165,10 +165,10 @@ fn unfitted_solver_has_a_line_with_its_reason() {
     let expected = "\n\
         pearson: all units have the same output at every calibration point, so the\n  points can't be distinguished\n";
     assert!(output.out.contains(expected), "{}", output.out);
-    // asked for alone, there is nothing else to say
+    // without other methods there is nothing else to report
     let output = bench.palpate_ends(2, &format!("{WORDS} --solver pearson"));
     assert!(output.out.is_empty() && output.running().contains(reason), "{output:?}");
-    // what none of them could be evaluated on is no line
+    // methods without a result have no line
     let other = TestFolder::with([("a.csv", flat), ("b.csv", TEST)]).palpate_ends(2, &format!("{WORDS} --solver all"));
     assert!(other.out.is_empty() && other.running().contains("a.csv has 2 outputs"), "{other:?}");
 }
@@ -326,7 +326,7 @@ fn impossible_hold_out_is_refused() {
     }
 }
 
-/// The object that an evaluation with some more words comes to.
+/// The object of an evaluation with additional options.
 fn evaluation(calibration: &str, test: &str, words: &str) -> Value {
     let bench = TestFolder::with([("a.csv", calibration), ("b.csv", test)]);
     one_object(&bench.palpate_ends(0, &format!("{WORDS} {words}")))

@@ -1,12 +1,10 @@
-//! Golden values, computed apart by another program: the correlations of the paper's Figures 3 to 5, and the whole way
-//! from calibration to evaluation without noise.
+//! Golden values of an independent program: the correlations of the paper's Figures 3 to 5, and a whole evaluation without noise.
 
 use palpate_core::mechanics::lambda;
 use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_solver::{Calibration, CalibrationPoint, Evaluation, Setting, TestPress, correlation, evaluate, fit};
 
-/// A row of `golden/correlation.csv`: r of loads at d1 and d2 over a line of n units of spacing s, all in depths;
-/// `null` where r is 0/0.
+/// A row of `golden/correlation.csv`: r of loads at d1 and d2 over a line of n units of spacing s, all in depths; `null` where r is 0/0.
 const CORRELATIONS: &str = include_str!("../golden/correlation.csv");
 
 #[test]
@@ -57,8 +55,7 @@ fn least_squares_over_all_units_end_to_end() {
     assert_near(evaluation.force_error_n.unwrap().mean, 0.010445463);
 }
 
-/// The paper's array under a half-space, 1 N at 25 x 25 points (y outer, x inner), 100 deterministic contacts; no
-/// noise.
+/// The paper's array under a half-space, 1 N at 25 x 25 points (y outer, x inner), 100 deterministic contacts; no noise.
 fn end_to_end(solver: &str) -> Evaluation {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let outputs = |place: Place, force_n: f64| -> Vec<f64> {

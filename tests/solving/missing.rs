@@ -8,7 +8,7 @@ use palpate_solver::{
 };
 use palpate_testing::skins::scene_t;
 
-/// What nine units read of 1 N at 81 places, and of one contact between them.
+/// Outputs of nine units for 1 N at 81 places, and for one contact between them.
 struct Skins {
     layout: ArrayLayout,
     places: Vec<Place>,

@@ -1,8 +1,8 @@
-//! The paper's protocol through the whole house: drivers, wire, emulators, control, record, solver.
+//! The paper's protocol through the whole program: drivers, wire, emulators, control, record, solver.
 //!
-//! With nothing but the half-space in the scene the golden numbers, computed apart, must come back; with the shipped scene, over
-//! 20 seeds in the full tier, what the paper reports must lie where its own Table 1 puts it. See the numbers with
-//! `cargo test --release --test solving paper:: -- --nocapture`.
+//! With only the half-space in the scene, the golden numbers of an independent program must result. With the shipped scene, over 20 seeds
+//! in the full tier, the paper's results must be where its Table 1 puts them. See the numbers with `cargo test --release --test solving
+//! paper:: -- --nocapture`.
 
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate_data::dataset::evaluate::Trial;
@@ -20,15 +20,15 @@ const PAPER: &str = include_str!("../../recipes/paper.toml");
 /// Seeds: quick and full.
 const SEEDS: (usize, usize) = (2, 20);
 
-/// What 20 seeds come to on average, and its standard error: location error, mm, and force error, N. The seeds stay, so that only
-/// another order of random draws may move a mean, by no more than two of those.
+/// Means of 20 seeds and their standard errors: location error, mm, and force error, N. The seeds are fixed, so only another order of
+/// random numbers may change a mean, by at most two standard errors.
 const LOCATION_MM: (f64, f64) = (0.470, 0.007);
 const FORCE_N: (f64, f64) = (0.0346, 0.0007);
-/// How far from Table 1 repeatabilities may be: the sd of five repeats scatters by 0.36 of itself, so the mean of 20 by 8 %, and the
-/// mean of nine units by 2.7 %; the bars are three and two of those.
+/// Largest difference of repeatabilities from Table 1: the sd of five repeats scatters by 0.36 of its value, so the mean of 20 by 8 %, and
+/// the mean of nine units by 2.7 %; the bounds are three and two of those.
 const UNIT_REPEATABILITY: f64 = 0.25;
 const MEAN_REPEATABILITY: f64 = 0.054;
-/// How far from Table 1 a unit's hysteresis may be, %: on average and in any seed. The largest of 180 is 0.12.
+/// Largest difference of a unit's hysteresis from Table 1, %: on average and for any seed. The largest of 180 is 0.12.
 const MEAN_HYSTERESIS_PERCENT: f64 = 0.05;
 const HYSTERESIS_PERCENT: f64 = 0.15;
 
@@ -36,16 +36,16 @@ struct PaperSilent;
 
 impl Listener for PaperSilent {}
 
-/// A finished run: its rig, its table and what really happened.
+/// A finished run: its rig, its table and the true values.
 struct Whole {
     spec: RigSpec,
     presses: Presses,
     contacts: Vec<RecordedContact>,
-    /// How long it took over how long it was said to take.
+    /// Its duration divided by the estimated one.
     over_estimate: f64,
 }
 
-/// Walks a recipe on a simulated rig to its end.
+/// Executes a recipe on a simulated rig to its end.
 fn whole(rig_text: &str, recipe_text: &str, seed: u64) -> Whole {
     let spec = rig::parse("rig.toml", rig_text, &|_| unreachable!()).unwrap();
     let recipe = recipe::parse("recipe.toml", recipe_text).unwrap();
@@ -102,7 +102,7 @@ fn the_golden_location_error_comes_back_over_the_wire() {
     assert!((error_mm.max - 0.511031).abs() < 2e-6, "{error_mm:?}");
 }
 
-/// What one seed came to.
+/// Results of one seed.
 struct PaperOutcome {
     location_mm: f64,
     force_n: f64,
@@ -131,7 +131,7 @@ fn outcome(seed: u64) -> PaperOutcome {
 #[test]
 fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
     let seeds = campaign::size(SEEDS.0, SEEDS.1) as u64;
-    // the means of fewer seeds scatter by more, and the bars are those of 20
+    // the means of fewer seeds scatter by more, and the bounds are those of 20
     let scatter = (SEEDS.1 as f64 / seeds as f64).sqrt().max(1.0);
     let mut output = std::io::stderr();
     let halves = [1..=seeds / 2, seeds / 2 + 1..=seeds]

@@ -1,8 +1,8 @@
 //! Real presses by others: a magnetic skin of 15 outputs (eFlesh, arXiv 2506.09994), and a fluid pad of four outputs of unlike kinds
-//! (Tactile Perception through Fluid-Solid Interaction). Nothing is tuned on what is tested here.
+//! (Tactile Perception through Fluid-Solid Interaction). Nothing is tuned on the tested data.
 //!
-//! The data are no part of the project: `PALPATE_DATA` names the folder that has them. The tests that need them are ignored unless
-//! they are asked for, and fail without them. The expected errors were computed apart by another program.
+//! The data are not part of the project: `PALPATE_DATA` names their folder. The tests that need them are ignored by default, and fail
+//! without them. The expected errors are those of an independent program.
 
 use palpate_core::quantity::Place;
 use palpate_data::dataset::evaluate::Trial;
@@ -42,7 +42,7 @@ fn one_pass_calibrated_another_tested() {
     let data = data("eflesh");
     let mut table = read_table(&data.join("fixed_depth.csv"), &Mapping::default()).unwrap();
     let is_calibrated = every_second(&table);
-    // passes stand one after another, each over all places
+    // the passes follow each other, each over all places
     let passes = table.presses.len() / 31 / 31;
     let of_pass = |pass: usize| pass * 31 * 31..(pass + 1) * 31 * 31;
     let calibration: Vec<_> = table.presses[of_pass(0)].iter().map(|row| (row.place(), row.outputs.clone())).collect();
@@ -95,12 +95,12 @@ fn a_fluid_pad_calibrated_at_every_second_place() {
     println!("{}: mean location error {mean_mm:.3} mm, mean force error {force_n:.4} N", evaluation.solver);
     assert!(mean_mm <= 6.0 && force_n <= 0.57, "{mean_mm} mm, {force_n} N");
     assert_covered(&evaluation, 705);
-    // it should be 2 %, and is 1.3 % but for one column: at x = 30 mm the two halves of the pad meet, what is read there is unlike what
-    // is read at 28 and at 32 mm, which are calibrated, and 39 % of its presses are doubted
+    // it should be 2 %, and is 1.3 % except for one column: at x = 30 mm the two halves of the pad meet, its outputs are unlike those at 28
+    // and at 32 mm, which are calibrated, and 39 % of its presses are doubted
     assert_few_false_alarms(&evaluation, 0.035);
 }
 
-/// Whether errors keep to the stated half-widths as often as they should, give or take 2.6 standard errors of so many places.
+/// Whether errors are within the stated half-widths as often as they should, within 2.6 standard errors for so many places.
 fn assert_covered(evaluation: &Evaluation, places: usize) {
     let coverage = evaluation.coverage.unwrap();
     println!("{coverage:?}");
@@ -123,7 +123,7 @@ fn assert_few_false_alarms(evaluation: &Evaluation, most: f64) {
     assert!(share <= most, "{share}: {:?}", evaluation.verdicts);
 }
 
-/// Whether a place is one of every second row and column of a table's grid of 1 mm.
+/// Whether a place is in every second row and column of a table's grid of 1 mm.
 fn every_second(table: &Presses) -> impl Fn(Place) -> bool + use<> {
     let least = |of: fn(Place) -> f64| table.presses.iter().map(|row| of(row.place())).fold(f64::MAX, f64::min);
     let (x_least_mm, y_least_mm) = (least(|place| place.x_mm), least(|place| place.y_mm));
@@ -158,7 +158,7 @@ fn assert_mean_error(calibration: &[(Place, Vec<f64>)], test: Presses, golden_mm
     assert!((mean_mm - golden_mm).abs() < 0.01, "{mean_mm} mm instead of {golden_mm} mm");
 }
 
-/// Evaluates as a user would, from a table on disk: mean location error, mm.
+/// Evaluates a table on disk, as a user would: mean location error, mm.
 fn mean_error(calibration: &[(Place, Vec<f64>)], test: &Presses, solver: &str) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("calibration.csv");

@@ -10,7 +10,7 @@ use std::path::Path;
 const CALIBRATION: &str = include_str!("sensor_files/calibration.csv");
 const READINGS: &str = include_str!("sensor_files/readings.csv");
 
-/// Methods whose parts are all that any method has.
+/// Methods that together have all parts of any method.
 const WRITTEN: [&str; 4] = ["pearson", "surrogate", "blend", "extra-trees"];
 
 #[test]
@@ -37,8 +37,8 @@ fn a_model_that_is_read_answers_to_the_last_bit() {
     }
 }
 
-/// When a struct that a model holds is changed, files that are out there can't be read any more: then `sensor_file::MARK` counts on, and
-/// these are made again (`palpate fit calibration.csv --solver NAME --out NAME.palpate`, `palpate solve --model`).
+/// After a change of a struct of a model, older files can't be read any more: then increase `sensor_file::MARK`, and make these files again
+/// (`palpate fit calibration.csv --solver NAME --out NAME.palpate`, `palpate solve --model`).
 #[test]
 fn files_of_removed_methods_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
@@ -94,7 +94,7 @@ fn a_sensor_file_answers_as_its_calibration_does() {
     assert_eq!(card["valid"]["force_n"], serde_json::json!([0.8, 1.2]), "{card}");
     assert_eq!(card["made_from"][0]["name"], "a.csv", "{card}");
     assert_eq!(card["bytes"], lines.next().unwrap().len(), "{card}");
-    // fitted again, it takes the place of the old one
+    // fitted again, it replaces the old one
     assert_eq!(bench.palpate("fit a.csv --solver pearson --out sensor.palpate").code, Some(0));
 }
 

@@ -42,7 +42,7 @@ impl Server {
         stream
     }
 
-    /// Sends lines, closes that direction, and returns everything that is answered.
+    /// Sends lines, closes that direction, and returns all answers.
     fn answers(&self, lines: &[u8]) -> String {
         let mut stream = self.connect();
         // a server that closes early reads no further
@@ -68,7 +68,7 @@ impl Drop for Server {
     }
 }
 
-/// Readings as lines of JSON; of seven lines, two aren't readings.
+/// Readings as lines of JSON; two of seven lines aren't readings.
 fn readings(count: usize, seed: usize) -> String {
     let line = |number: usize| match (number + seed) % 7 {
         3 => format!("{{\"outputs\": [{number}]}}\n"),
@@ -122,7 +122,7 @@ fn a_browser_gets_no_answer() {
     assert_eq!(server.answers(later.as_bytes()).lines().count(), 1);
 }
 
-/// A system accepts only as many connections for a busy server as the server asked for. It drops or resets further ones.
+/// A system queues only as many connections for a busy server as the server requested. It drops or resets further ones.
 #[cfg(target_os = "linux")]
 #[test]
 fn connections_that_arrive_while_the_server_is_busy_are_answered() {
@@ -184,7 +184,7 @@ fn five_hundred_connections_slow_ones_and_garbage_are_answered_right_in_bounded_
             });
         }
     });
-    // those that were idle all the time are answered
+    // idle clients are answered
     for (number, mut stream) in idle.into_iter().enumerate() {
         let rest = if number % 2 == 0 { "1, 2]}\n" } else { "[1,1,1,2]\n" };
         stream.write_all(rest.as_bytes()).unwrap();

@@ -1,6 +1,6 @@
-//! What each physical term does to the paper's solver, held against numbers that were computed apart by another program: a
-//! skin is calibrated with 1 N at 625 points and tested with random contacts, without a rig. See the numbers with
-//! `cargo test --release --test solving skin:: -- --nocapture`.
+//! The effect of each physical term on the paper's solver, compared with the numbers of an independent program: a skin is calibrated with 1
+//! N at 625 points and tested with random contacts, without a rig. See the numbers with `cargo test --release --test solving skin:: --
+//! --nocapture`.
 
 use palpate_core::mechanics::Medium;
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
@@ -33,7 +33,7 @@ fn read(skin: &mut Skin, rng: &mut RandomStream, force_n: f64, place: Place) -> 
     outputs
 }
 
-/// The paper's solver, calibrated on one skin and tested on what has become of it.
+/// The paper's solver, calibrated on one skin and tested on the skin after a change.
 fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> SkinErrors {
     let layout = ArrayLayout::grid(3, 3, 4.5);
     let mut sums = SkinErrors { location_mm: 0.0, force_n: 0.0 };
@@ -66,8 +66,7 @@ fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> SkinErrors {
     sums
 }
 
-/// Two programs, other random numbers: each mean of some thousand contacts is known to 2 %, and that of fewer seeds to as much
-/// less.
+/// Two programs with other random numbers: each mean of some thousand contacts is known to 2 %, and that of fewer seeds less well.
 fn assert_near(name: &str, found: &SkinErrors, location_mm: f64, force_n: Option<f64>) {
     let SkinErrors { location_mm: ours_mm, force_n: ours_n } = *found;
     let force = force_n.map_or(String::new(), |force_n| format!(" and {force_n} N"));
@@ -119,7 +118,7 @@ fn faults_after_calibration_have_their_expected_cost() {
     assert_near("offset, quiet", &errors(&scene_q(), &SkinSpec { taxels: OFFSET, ..scene_q() }), 0.221, Some(0.0315));
 }
 
-/// What all units read too much, 1 % of full scale.
+/// Common offset of all units, 1 % of full scale.
 const OFFSET: Taxels = Taxels {
     radius_mm: 0.0,
     gain_spread_percent: 0.0,

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Stdio};
 
-/// Three places, three units; the unit straight below a place reads most.
+/// Three places, three units; the unit straight below a place has the largest output.
 const CALIBRATION: &str = "\
 x_mm,y_mm,force_n,out_1,out_2,out_3
 -4,0,1,1.0,0.3,0.1
@@ -105,7 +105,7 @@ fn malformed_reading_ends_solve_after_earlier_answers() {
         }
         assert!(output.err.lines().all(|line| line.chars().count() <= 80), "{}", output.err);
     }
-    // told otherwise, a first character means nothing
+    // with an explicit format, a first character means nothing
     let output = solved(&format!("{WORDS} --input ndjson"), "1,0.3,0.1\n", 2);
     assert!(output.running().contains("stdin, line 1, column 1: invalid type"), "{}", output.err);
     solved(&format!("{WORDS} --input csv"), "1,0.3,0.1\n", 0);
@@ -192,7 +192,7 @@ fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
         let mut readings = child.stdin.take().expect("piped");
         let mut contacts = BufReader::new(child.stdout.take().expect("piped")).lines().map(|line| line.expect("text"));
         for _ in 0..3 {
-            // and a piece of the next, which is nothing to answer yet
+            // and a part of the next line, which isn't answered yet
             let (whole, piece) = (reading, &reading[..2]);
             write!(readings, "{whole}{piece}").expect("it listens");
             let contact = contacts.by_ref().find(|line| !line.starts_with("x_mm")).expect("a contact");
@@ -359,7 +359,7 @@ fn started(bench: &TestFolder, words: &str) -> Child {
     command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts")
 }
 
-/// Header, and of each line place and force: what else is known is the method's own.
+/// Header, and place and force of each line: the other columns depend on the method.
 fn places(contacts: &str) -> Vec<String> {
     let of = |line: &str| line.split(',').take(3).collect::<Vec<_>>().join(",");
     contacts.lines().take(1).map(str::to_owned).chain(contacts.lines().skip(1).map(of)).collect()

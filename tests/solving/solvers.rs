@@ -1,8 +1,8 @@
-//! What the solvers reach on simulated skins: the paper's array of nine units, calibrated with 1 N, tested with random contacts of
-//! 0.1 to 1 N. See the numbers with `cargo test --release --test solving solvers:: -- --nocapture`.
+//! Errors of the solvers on simulated skins: the paper's array of nine units, calibrated with 1 N, tested with random contacts of 0.1 to 1
+//! N. See the numbers with `cargo test --release --test solving solvers:: -- --nocapture`.
 //!
-//! Scene T has Table 1's noise as a share of full scale, scene Q as a share of the reading and a floor; both have a 16-bit converter
-//! and a stage that stands within 0.5 um of where it was told to.
+//! Scene T has Table 1's noise as a fraction of full scale, scene Q as a fraction of the reading and a floor; both have a 16-bit converter
+//! and a stage that is within 0.5 um of its target.
 
 use palpate_core::mechanics::Medium;
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
@@ -16,7 +16,7 @@ use palpate_testing::{campaign, shipped_text};
 use rand::RngExt;
 use std::sync::Arc;
 
-/// Mean location error that no unbiased estimator can go below, mm, computed apart by another program.
+/// Least mean location error of an unbiased estimator, mm, calculated by an independent program.
 const BOUND_T_MM: f64 = 0.2288;
 const BOUND_Q_MM: f64 = 0.0352;
 
@@ -36,16 +36,16 @@ fn with_all_terms(spec: SkinSpec) -> SkinSpec {
     }
 }
 
-/// A skin and what is drawn from it.
+/// A skin and its random numbers.
 struct SolverBench {
     skin: Skin,
     rng: RandomStream,
     layout: ArrayLayout,
-    /// The share of its neighbours' outputs that each unit reads too.
+    /// Fraction of its neighbours' outputs in each unit's output.
     crosstalk: f64,
 }
 
-/// A contact and what was read of it.
+/// A contact and its reading.
 struct Contact {
     place: Place,
     force_n: f64,
@@ -78,7 +78,7 @@ impl SolverBench {
         Contact { place, force_n, outputs }
     }
 
-    /// A square grid of so many places a side, 1 N each.
+    /// A square grid with so many places along a side, 1 N each.
     fn calibration(&mut self, side: usize) -> Calibration {
         let at = |index: usize| -6.0 + 12.0 * index as f64 / (side - 1) as f64;
         let places = (0..side * side).map(|index| Place::new(at(index % side), at(index / side)));
@@ -104,7 +104,7 @@ fn calibration(contacts: &[Contact]) -> Calibration {
     Calibration::new(&points).unwrap()
 }
 
-/// What came of solving many contacts.
+/// Results of many contacts.
 #[derive(Default)]
 struct Sums {
     count: f64,
@@ -150,7 +150,7 @@ impl Sums {
     }
 }
 
-/// Solves so many random contacts of a fresh skin that was calibrated at `side` x `side` places.
+/// Solves so many random contacts of a new skin that was calibrated at `side` x `side` places.
 fn solve(spec: &SkinSpec, name: &str, side: usize, contacts: usize, seeds: u64) -> Sums {
     let mut sums = Sums::default();
     for seed in 0..seeds {
@@ -263,7 +263,7 @@ fn forty_nine_presses_are_enough() {
     assert!(sums.mean(sums.location_mm) <= 0.21);
 }
 
-/// Shares of single contacts, and of two of 0.5 N so far apart, that `best` flags.
+/// Fractions of single contacts, and of two of 0.5 N at this distance, that `best` flags.
 fn flagged(scene: &SkinSpec, apart_mm: f64) -> (f64, f64) {
     let mut bench = SolverBench::new(scene, 1);
     let calibration = bench.calibration(25);
@@ -359,7 +359,7 @@ fn a_dead_centre_is_found_and_left_out() {
 #[test]
 fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not() {
     let (seeds, contacts) = (campaign::size(1, 10) as u64, campaign::size(1000, 4000));
-    // contacts until the report; the layer has worn, or the gains of three of nine units have aged
+    // contacts until the report; the layer is worn, or the gains of three of nine units have changed
     let until = |spec: &SkinSpec, seed: u64, depth_mm: f64, aged: f64, contacts: usize| {
         let mut bench = SolverBench::new(spec, seed);
         let layout = bench.layout.clone();
@@ -390,7 +390,7 @@ fn a_sensor_that_changed_since_its_calibration_is_reported_and_a_good_one_is_not
 
 #[test]
 fn an_offset_that_all_units_share_can_be_eliminated() {
-    // computed apart: 0.248 and 0.054 mm with the offset eliminated, 0.51 to 0.54 and 0.46 to 0.49 mm without
+    // by an independent program: 0.248 and 0.054 mm with the offset eliminated, 0.51 to 0.54 and 0.46 to 0.49 mm without
     for (spec, most_mm) in [(scene_t(), 0.26), (scene_q(), 0.06)] {
         let calibration = SolverBench::new(&spec, 3).calibration(25);
         let drifted = SkinSpec { taxels: Taxels { baseline: 0.02, ..Taxels::default() }, ..spec };
@@ -428,7 +428,7 @@ fn a_contact_beyond_the_calibrated_area_is_reported() {
 
 #[test]
 fn few_presses_dont_mislead_best() {
-    // units that feel their neighbours, and units that average over a disc: not what an elastic map assumes
+    // units with crosstalk, and units that average over a disc, which an elastic map doesn't assume
     let discs = SkinSpec { taxels: Taxels { radius_mm: 2.0, ..Taxels::default() }, ..scene_q() };
     for (skin, (spec, crosstalk)) in [(scene_q(), 0.05), (discs, 0.0)].iter().enumerate() {
         assert_best_is_near(&format!("skin {skin}"), spec, *crosstalk, 7);
@@ -437,13 +437,13 @@ fn few_presses_dont_mislead_best() {
 
 #[test]
 fn very_few_presses_are_for_a_map_that_knows_the_cover() {
-    // 16 places tell a smooth map next to nothing
+    // 16 places hardly determine a smooth map
     assert_best_is_near("4 x 4 places", &scene_q(), 0.0, 4);
     // of 9 places only the middle is inside the area: held-out places show nothing
     assert_best_is_near("3 x 3 places", &scene_t(), 0.0, 3);
 }
 
-/// In nine of ten seeds best, calibrated on a square with so many places a side, is within 10 % of the better of the two maps.
+/// With nine of ten seeds `best`, calibrated on a square with so many places along a side, is within 10 % of the better of the two maps.
 fn assert_best_is_near(skin: &str, spec: &SkinSpec, crosstalk: f64, side: usize) {
     let seeds = campaign::size(6, 20) as u64;
     const CONTACTS: usize = 200;

@@ -1,4 +1,4 @@
-//! One verdict: `run`, `evaluate`, `report` and `report --compare` say the same of the same run, with the rule and each reason.
+//! One verdict: `run`, `evaluate`, `report` and `report --compare` agree about the same run, with the rule and each reason.
 
 use palpate_testing::{TestFolder, exchanged, shipped_text};
 use serde_json::Value;
@@ -20,7 +20,7 @@ fn recipe(parts: &[&str]) -> String {
     format!("name = \"small\"\nrig = \"sim\"\n{}", parts.concat())
 }
 
-/// What `evaluate --json` says last: the verdict.
+/// The verdict at the end of `evaluate --json`.
 fn judged(bench: &TestFolder, code: i32, words: &str) -> Value {
     let verdict = bench.palpate_ends(code, &format!("evaluate {words} --json")).json_lines().pop().unwrap();
     assert!(verdict["verdict"].is_string(), "{verdict}");
@@ -29,7 +29,7 @@ fn judged(bench: &TestFolder, code: i32, words: &str) -> Value {
 
 #[test]
 fn run_evaluate_report_and_comparison_agree_on_the_verdict() {
-    // the paper's method misses by more than the best does: limits between the two
+    // the paper's method has larger errors than the best one: limits between the two
     for (method, verdict, code) in [("pearson", "not accepted", 1), ("best", "accepted", 0)] {
         let accept = format!("[accept]\nmethod = \"{method}\"\nlocation_mean_mm = 0.25\n");
         let steps = [CALIBRATE, &test(30), &accept];
@@ -40,7 +40,7 @@ fn run_evaluate_report_and_comparison_agree_on_the_verdict() {
             format!("\n{}: simple rule, method {method}, 81 calibration and 30 test presses\n", verdict.to_uppercase());
         assert!(run.contains(&upper) && table.contains(&upper), "{run}\n{table}");
         assert!(run.lines().chain(table.lines()).all(|line| line.chars().count() <= 80), "{run}\n{table}");
-        // whatever solver is shown, the rule's decides
+        // the rule's solver decides, for any solver that is shown
         let other = bench.palpate_ends(code, "evaluate run --solver surrogate").out;
         assert!(other.contains(&upper), "{other}");
         let page = bench.palpate_ends(code, "report run").out;
@@ -92,7 +92,7 @@ fn rule_file_next_to_the_recipe_is_stored_with_the_run() {
     let bench = TestFolder::with([("r.toml", text.as_str()), ("limits.toml", "location_mean_mm = 5.0\n")]);
     bench.palpate_ends(0, "run r.toml --out run");
     assert_eq!(bench.read("run/limits.toml"), "location_mean_mm = 5.0\n");
-    // what is beside the recipe later changes nothing
+    // later files in the recipe's folder change nothing
     bench.write("limits.toml", "location_mean_mm = 0.001\n");
     assert_eq!(judged(&bench, 0, "run")["verdict"], "accepted");
     bench.palpate_ends(0, "verify run");
@@ -158,7 +158,7 @@ fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted(
     let same = judged(&bench, 1, &format!("{tables} run/presses.csv --accept limits.toml"));
     assert_eq!(same["verdict"], "not-decided");
     assert_eq!(same["reasons"][0], "81 of 81 test presses are identical to calibration presses");
-    // the same places pressed once more are a test, and are counted
+    // the same places pressed again are a test, and are counted
     bench.palpate_ends(0, "run r.toml --seed 2 --out again");
     let words = format!("{tables} again/presses.csv --accept limits.toml");
     assert_eq!(judged(&bench, 0, &words)["verdict"], "accepted");

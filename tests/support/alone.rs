@@ -4,11 +4,11 @@ use std::env;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-/// What the process is started with that runs one test alone.
+/// Environment of the process that runs one test alone.
 const ALONE: &str = "PALPATE_TEST_ALONE";
 
-/// Runs a test, by its name in this program, in a process of its own, and says so; nothing where this is that process. For tests
-/// that watch what all tests of a process share, such as the memory that is held, or that others disturb.
+/// Runs a test, by its name in this program, in its own process, and returns true; false if this is that process. For tests of things that
+/// all tests of a process share, such as its memory, or that others disturb.
 pub fn ran_alone(test: &str) -> bool {
     if env::var_os(ALONE).is_some_and(|alone| alone == test) {
         return false;

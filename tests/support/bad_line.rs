@@ -1,5 +1,5 @@
-//! A bad line between a driver and an emulator: what goes either way is passed on message by message, and some of it is
-//! dropped, delayed, doubled, cut short, garbled or overtaken. All of it follows from a seed.
+//! A bad line between a driver and an emulator: messages in both directions are passed on, and some are dropped, delayed, repeated,
+//! truncated, garbled or swapped. All of it follows from a seed.
 
 use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, RandomStream, stream};
@@ -13,26 +13,26 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 
-/// Part of the messages that meet with something, while the line is bad.
+/// Fraction of the messages with a fault while the line is bad.
 pub const BAD_SHARE: f64 = 0.15;
 
-/// Bytes that wait in one stretch of a line.
+/// Bytes that wait in one part of a line.
 const LINE_BYTES: usize = 1 << 16;
 
-/// No run here needs as many messages: one that sends them doesn't end.
+/// Largest number of messages of a run; a run with more doesn't end.
 const MESSAGES_MOST: usize = 400_000;
 
-/// How closely a motion is looked at, s, and how often at most.
+/// Step at which a motion is observed, s, and the largest number of steps.
 const STEP_S: f64 = 0.005;
 const STEPS_MOST: usize = 2000;
 
-/// How far behind a message its double comes at most, s.
+/// Largest delay of a message's repetition, s.
 const DOUBLE_LATE_S: f64 = 0.5;
 
-/// How long after a doubled question its second answer comes at most, s.
+/// Largest delay of the second answer to a repeated request, s.
 const ECHO_S: f64 = 0.1;
 
-/// How a protocol tells its messages apart, and whether a line that is opened anew is still the same line.
+/// How a protocol separates its messages, and whether a line that is opened again is the same line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Framing {
     Esp301,
@@ -50,7 +50,7 @@ enum BadLineWay {
 }
 
 impl Framing {
-    /// What is on its way on a serial line arrives at whoever has opened it by then.
+    /// A message on a serial line arrives at the program that has it open by then.
     fn is_serial(self) -> bool {
         matches!(self, Framing::Esp301 | Framing::Grbl | Framing::Rtu)
     }
@@ -73,37 +73,37 @@ impl Framing {
     }
 }
 
-/// The motions of the axes: they may have begun at `from_s`, and are over by `until_s`.
+/// Motions of the axes: begun at `from_s` at the earliest, and over by `until_s`.
 pub struct Motions {
     pub from_s: f64,
     pub until_s: f64,
     pub axes: [Trajectory; 3],
 }
 
-/// What happens on the lines of one run, and what happened.
+/// Planned and past faults on the lines of one run.
 pub struct BadLineFate {
     rng: RandomStream,
-    /// Whether anything happens to messages now.
+    /// Whether messages have faults now.
     pub bad: bool,
-    /// At which message from now on the link is closed.
+    /// Number of messages until the link is closed.
     pub close_in: Option<usize>,
     /// Messages that the driver sent.
     pub sent: usize,
-    /// When messages were delivered that weren't as they were sent, s: their bytes, or their order.
+    /// Times at which changed messages were delivered, s: with other bytes or in another order.
     pub altered_s: Vec<f64>,
     pub stray_s: Vec<f64>,
-    /// Whether one of those that were altered went to the device.
+    /// Whether a changed message went to the device.
     pub altered_command: bool,
     /// The axes' motions.
     pub motions: Vec<Motions>,
-    /// When they were last looked at, s.
+    /// Time of their last observation, s.
     looked_s: f64,
     origin: Instant,
     scene: Shared<Scene>,
 }
 
 impl BadLineFate {
-    /// Nothing happens yet.
+    /// No faults yet.
     pub fn new(seed: u64, scene: Shared<Scene>, origin: Instant) -> Shared<BadLineFate> {
         let rng = stream(seed, 0, "bad line");
         let (altered_s, stray_s) = (Vec::new(), Vec::new());
@@ -141,7 +141,7 @@ impl BadLineFate {
         self.looked_s = now_s;
     }
 
-    /// Whether an axis can have been at a place between two instants, mm.
+    /// Whether an axis can have been at a place between two times, mm.
     pub fn could_be(&self, axis: Axis, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
         self.motions.iter().any(|motions| {
             let (from_s, to_s) = (from_s.max(motions.from_s), to_s.min(motions.until_s));
@@ -149,19 +149,19 @@ impl BadLineFate {
         })
     }
 
-    /// Whether an axis moves, as of the last look.
+    /// Whether an axis moves, as of the last observation.
     pub fn moves(&self, axis: Axis) -> bool {
         self.motions.last().is_some_and(|motions| motions.axes[axis.index()].moving(self.now_s()))
     }
 
-    /// Whether something was delivered between two instants that wasn't as it was sent: its bytes, its time. A question that
-    /// is doubled is answered twice, and the second answer comes to the next.
+    /// Whether a changed message was delivered between two times. A repeated request is answered twice, and the second answer looks like
+    /// that of the next request.
     pub fn happened(&self, from_s: f64, to_s: f64) -> (bool, bool) {
         let any = |times: &[f64], from_s: f64| times.iter().any(|at_s| (from_s..=to_s).contains(at_s));
         (any(&self.altered_s, from_s), any(&self.stray_s, from_s - ECHO_S))
     }
 
-    /// Other bytes in a message's place.
+    /// Other bytes instead of a message.
     fn garble(&mut self, message: &[u8]) -> Vec<u8> {
         let mut garbled = message.to_vec();
         let digits: Vec<usize> = (0..message.len()).filter(|&at| message[at].is_ascii_digit()).collect();
@@ -201,9 +201,9 @@ impl BadLineFate {
 struct Lane {
     inbox: Vec<u8>,
     due: Vec<Parcel>,
-    /// What comes now waits behind what is late until then.
+    /// Messages that come now wait behind a delayed one until then.
     clear: Option<Instant>,
-    /// Overtaken by the next.
+    /// Swapped with the next one.
     overtaken: Option<Parcel>,
 }
 
@@ -215,7 +215,7 @@ struct Parcel {
 }
 
 impl Lane {
-    /// Puts a message on its way, with what happens to it.
+    /// Puts a message on its way, with its fault.
     fn send(&mut self, message: Vec<u8>, fate: &mut BadLineFate) {
         let now = Instant::now();
         let at = self.clear.filter(|&clear| clear > now).unwrap_or(now);
@@ -260,13 +260,13 @@ impl Lane {
         self.due.first().map(|parcel| parcel.at)
     }
 
-    /// What is due by now.
+    /// The messages that are due by now.
     fn take(&mut self) -> Option<Parcel> {
         (self.next()? <= Instant::now()).then(|| self.due.remove(0))
     }
 }
 
-/// Links to an instrument over a line of this fate.
+/// Links to an instrument over a line with these faults.
 pub fn connector(
     framing: Framing,
     instrument: Shared<dyn Instrument>,
@@ -317,12 +317,12 @@ async fn pass_on(
             () = at(due) => {
                 while let Some(parcel) = there.take() {
                     note(&fate, &parcel, BadLineWay::There);
-                    let _ = far.write_all(&parcel.bytes).await; // a device that has gone hears nothing
+                    let _ = far.write_all(&parcel.bytes).await; // a device that is gone receives nothing
                 }
                 while let Some(parcel) = back.take() {
                     note(&fate, &parcel, BadLineWay::Back);
                     if let Some(near) = &mut near {
-                        let _ = near.write_all(&parcel.bytes).await; // nor a driver
+                        let _ = near.write_all(&parcel.bytes).await; // nor does a driver
                     }
                 }
             }
@@ -359,7 +359,7 @@ async fn pass_on(
     }
 }
 
-/// Whether a motion passes a place between two instants: looked at so often that it doesn't turn in between unseen.
+/// Whether a motion passes a place between two times, observed so often that it can't turn unseen.
 pub fn passes(motion: &Trajectory, (from_s, to_s): (f64, f64), place_mm: f64, tolerance_mm: f64) -> bool {
     let steps = (((to_s - from_s) / STEP_S).ceil() as usize).clamp(1, STEPS_MOST);
     let at_mm = |step: usize| motion.position_mm(from_s + (to_s - from_s) * step as f64 / steps as f64);
@@ -382,7 +382,7 @@ fn note(fate: &Shared<BadLineFate>, parcel: &Parcel, way: BadLineWay) {
     }
 }
 
-/// How many bytes came; 0: the driver has closed it.
+/// Number of received bytes; 0: the driver has closed the line.
 async fn hear(near: &mut Option<DuplexStream>, heard: &mut [u8]) -> usize {
     match near {
         Some(near) => near.read(heard).await.unwrap_or(0),

@@ -1,4 +1,4 @@
-//! Batches as a bench would have recorded them: drawn results of many sensors, in a real batch folder.
+//! Batches as a bench would record them: random results of many sensors, in a real batch folder.
 
 use palpate_core::quantity::stream;
 use palpate_data::acceptance::SensorVerdict;
@@ -12,7 +12,7 @@ use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::path::Path;
 
-/// A batch to be drawn.
+/// A batch to be made.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawn {
     pub name: &'static str,
@@ -23,7 +23,7 @@ pub struct Drawn {
     pub every: usize,
     /// Whether the rule is guarded.
     pub guarded: bool,
-    /// Change of the bench a sensor, in standard deviations of the sensors.
+    /// Change of the bench with each sensor, in standard deviations of the sensors.
     pub drift: f64,
     pub seed: u64,
 }
@@ -35,11 +35,11 @@ pub const MONTH: Drawn =
 /// Sensors a day.
 const A_DAY: usize = 40;
 
-/// The limits of the drawn figures.
+/// The limits of the random figures.
 pub const LOCATION_MM: f64 = 0.6;
 pub const WITHIN: f64 = 0.9;
 
-/// Writes the batch, and gives its events.
+/// Writes the batch, and returns its events.
 pub fn write(path: &Path, drawn: &Drawn, rig: &str) -> Vec<BatchEvent> {
     let events = events(drawn, rig);
     drop(BatchFolder::create(path, drawn.name, &events).expect("a batch"));
@@ -55,7 +55,7 @@ fn charted(outputs: usize) -> Vec<Charted> {
     [("mean gain", 1.0, 0.05), ("mean width", 0.0, 0.02)].map(of).to_vec()
 }
 
-/// Number, from 1, of the sensor at which this happens.
+/// Number, from 1, of the sensor with the incident.
 const TRIPPED: usize = 7;
 const REPEATED: usize = 4;
 const SKIPPED: usize = 9;
@@ -186,7 +186,7 @@ fn ended(serial: &str, number: usize, values: [f64; 2], drawn: &Drawn, normal: &
     }
 }
 
-/// A time of the working days from 1 June 2026 on.
+/// A time on a working day from 1 June 2026 on.
 fn time(number: usize) -> String {
     let (day, of_day) = (number / A_DAY, number % A_DAY);
     let (month, date) = (6 + day / 28 % 7, 1 + day % 28);

@@ -1,13 +1,13 @@
-//! What the book shows works: commands are run, recipes and rigs are checked.
+//! The examples of the book work: commands are run, recipes and rigs are checked.
 //!
-//! A block of a page is fenced code whose first line has words behind its language:
+//! A block of a page is fenced code whose first line has words after its language:
 //!
 //! - `console`: each line that begins with `$ ` is run by `sh` and must exit with 0, or as `exit=2` has it
 //! - `hardware`: the same for a reader, and not run here
 //! - `toml recipe` and `toml rig`: a whole file, checked with `palpate check`; `rig=NAME` names the rig of a recipe, otherwise `sim`
 //! - `file=NAME`: the block is that file for the blocks below it
 //!
-//! All blocks of a page are run in one folder, which has the files that a checkout has.
+//! All blocks of a page are run in one folder, which has the files of a checkout.
 #![cfg(unix)]
 
 use super::{SMALL, TestFolder, shipped, shipped_text};
@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::Instant;
 
-/// How many pages are tried at the same time.
+/// Number of pages that are tried at the same time.
 const WORKERS: usize = 4;
 
 /// The pages whose blocks are tried.
@@ -38,7 +38,7 @@ pub fn needs_python(page: &str) -> bool {
     blocks.flat_map(|block| block.commands()).any(|command| command.contains("python3"))
 }
 
-/// Tries all blocks of some pages: how many commands were run, and how many files were checked. All must end as they are stated to.
+/// Tries all blocks of some pages, and returns the number of commands and of checked files. All must end as stated.
 pub fn try_pages(pages: &[String]) -> (usize, usize) {
     let (mut commands, mut files, mut failed) = (0, 0, Vec::new());
     let next = AtomicUsize::new(0);
@@ -60,12 +60,12 @@ pub fn try_pages(pages: &[String]) -> (usize, usize) {
     (commands, files)
 }
 
-/// What was tried on a page.
+/// Results of a page.
 #[derive(Default)]
 struct Tried {
     commands: usize,
     files: usize,
-    /// What didn't end as stated, with what was printed.
+    /// Blocks that didn't end as stated, with their output.
     failed: Vec<String>,
 }
 
@@ -100,7 +100,7 @@ fn try_page(page: &str) -> Tried {
     tried
 }
 
-/// Runs a line as a reader does; what it printed where it doesn't end as stated.
+/// Runs a line as a reader does; returns its output if it doesn't end as stated.
 fn run(bench: &TestFolder, at: &str, line: &str, code: &str) -> Option<String> {
     let began = Instant::now();
     let Output { status, stdout, stderr } = shell(bench, line).output().expect("sh starts");
@@ -110,7 +110,7 @@ fn run(bench: &TestFolder, at: &str, line: &str, code: &str) -> Option<String> {
     (found != code).then(|| format!("{at}: exit code {found} in place of {code}: {line}\n{out}\n{err}"))
 }
 
-/// A shell on a bench that finds the program under its name.
+/// A shell in a folder that finds the program by its name.
 fn shell(bench: &TestFolder, line: &str) -> Command {
     let program = bench.command("");
     let folder = Path::new(program.get_program()).parent().expect("the program is in a folder").to_path_buf();
@@ -148,7 +148,7 @@ impl Block {
         self.info.split_whitespace().find_map(|word| word.strip_prefix(name)?.strip_prefix('='))
     }
 
-    /// Its lines that begin with `$ `, each with the lines that it goes on with.
+    /// Its lines that begin with `$ `, each with its continuation lines.
     pub fn commands(&self) -> Vec<String> {
         let (mut commands, mut goes_on) = (Vec::<String>::new(), false);
         for line in self.text.lines() {
@@ -163,7 +163,7 @@ impl Block {
     }
 }
 
-/// The blocks of a page; one within an item of a list without its indentation.
+/// The blocks of a page; one within a list item without its indentation.
 pub fn blocks(page: &str) -> Vec<Block> {
     let (mut blocks, mut open) = (Vec::new(), None::<(usize, Block)>);
     for (at, line) in page.lines().enumerate() {

@@ -1,4 +1,4 @@
-//! How much a campaign does: the environment variable `PALPATE_TESTS` says it, and no build profile.
+//! Size of a campaign: the environment variable `PALPATE_TESTS` states it, independent of the build profile.
 //!
 //! - not set, or `quick`: a second or so of each campaign
 //! - `full`: all of it
@@ -6,20 +6,20 @@
 
 use std::sync::LazyLock;
 
-/// The variable, and what it may be.
+/// The variable, and its values.
 const VARIABLE: &str = "PALPATE_TESTS";
 const VALUES: &str = "`quick` (the default), `full`, or a multiple of full: `0.2` for a fifth, `20` for twenty times";
 
-/// How much of the campaigns is wanted.
+/// Size of the campaigns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tier {
     Quick,
-    /// Of all that a campaign does, so many times as much.
+    /// This multiple of the full campaign.
     Share(f64),
 }
 
 impl Tier {
-    /// What the variable asks for, where it is set.
+    /// The variable's value, if it is set.
     pub fn parse(value: Option<&str>) -> Result<Tier, String> {
         match value {
             None | Some("quick") => Ok(Tier::Quick),
@@ -31,7 +31,7 @@ impl Tier {
         }
     }
 
-    /// How many of something are tried: a multiple is rounded up, and never fewer than in the smaller of the two tiers.
+    /// Number of trials: a multiple is rounded up, and never less than in the smaller of the two tiers.
     pub fn size(self, quick: usize, full: usize) -> usize {
         match self {
             Tier::Quick => quick,
@@ -39,7 +39,7 @@ impl Tier {
         }
     }
 
-    /// Each so-many-th of something is tried, and never fewer than in the rarer of the two tiers.
+    /// Step between trials, and never more than in the rarer of the two tiers.
     pub fn every(self, quick: usize, full: usize) -> usize {
         match self {
             Tier::Quick => quick,
@@ -48,7 +48,7 @@ impl Tier {
     }
 }
 
-/// What this run of the tests is asked for.
+/// The size for this run of the tests.
 pub fn tier() -> Tier {
     static TIER: LazyLock<Result<Tier, String>> = LazyLock::new(|| {
         let value = std::env::var_os(VARIABLE).map(|value| value.to_string_lossy().into_owned());
@@ -57,17 +57,17 @@ pub fn tier() -> Tier {
     TIER.clone().unwrap_or_else(|wrong| panic!("{wrong}"))
 }
 
-/// How many of something are tried, by default and in the full tier.
+/// Number of trials, by default and in the full tier.
 pub fn size(quick: usize, full: usize) -> usize {
     tier().size(quick, full)
 }
 
-/// Each so-many-th of something is tried, by default and in the full tier.
+/// Step between trials, by default and in the full tier.
 pub fn every(quick: usize, full: usize) -> usize {
     tier().every(quick, full)
 }
 
-/// Whether little is wanted, which is the default.
+/// Whether the campaigns are small, which is the default.
 pub fn is_quick() -> bool {
     tier() == Tier::Quick
 }

@@ -1,4 +1,4 @@
-//! A run that a certificate can be written of.
+//! A run that can get a certificate.
 
 use super::{TestFolder, shipped_text};
 
@@ -20,7 +20,7 @@ method = \"surrogate\"
 location_mean_mm = 1.0
 ";
 
-/// A run of everything on a rig whose instruments have certificates.
+/// A complete run on a rig whose instruments have certificates.
 pub fn bench() -> TestFolder {
     let rig = shipped_text("rigs/sim.toml").replacen(
         "[load_cell]\n",

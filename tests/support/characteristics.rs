@@ -1,4 +1,4 @@
-//! What the library makes of staircases, to be compared with what others make of them.
+//! The library's characteristics of staircases, for comparison with those of others.
 
 use super::shipped_text;
 use palpate_control::Branch;
@@ -6,7 +6,7 @@ use palpate_core::quantity::{ArrayLayout, round};
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise};
 use palpate_data::dataset::{Mapping, parse_table};
 
-/// What the library makes of a table of staircases, as `characteristics.csv` has it.
+/// The library's characteristics of a table of staircases, as in `characteristics.csv`.
 pub fn characterised(text: &str) -> String {
     let presses = parse_table("characterisation.csv", text.as_bytes(), &Mapping::default()).expect("a table");
     let staircases = Staircases::of_run(&presses, &ArrayLayout::grid(3, 3, 4.5)).expect("staircases");

@@ -1,6 +1,5 @@
-//! Walks in virtual time on a bench, their truth seen from the first message to the last and beyond. It is seen from the
-//! stage's far end: only a message to the stage changes a motion, so what happens between two of them follows from a copy of
-//! the scene, whatever the run asks of the scene itself.
+//! Runs in virtual time on a bench, with their true values from the first message until after the end. They are observed at the stage's far
+//! end: only a message to the stage changes a motion, so the time between two messages follows from a copy of the scene.
 
 use super::campaign;
 use palpate_core::quantity::Axis;
@@ -25,27 +24,27 @@ pub const BENCHES: [(&str, &str); 2] = [
     ("bench-esp301", include_str!("../../rigs/bench-esp301.toml")),
 ];
 
-/// The benches that a campaign visits: the quick tier the first.
+/// The benches of a campaign: in the quick tier the first one.
 pub fn benches() -> impl Iterator<Item = (&'static str, &'static str)> {
     BENCHES.into_iter().step_by(campaign::every(BENCHES.len(), 1))
 }
 
-/// No run here is as long, s: one that is doesn't end by itself.
+/// Longest run, s; a longer one doesn't end.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
 
-/// How long is watched after a walk's end.
+/// Time of observation after the end of a run.
 const AFTERWARDS: Duration = Duration::from_secs(30);
 
-/// As far up as z goes here, mm: a longer way from home only costs time.
+/// Upper end of z here, mm: a longer way from home only costs time.
 const Z_MOST_MM: f64 = 1.5;
 
-/// The recipe of the benches, with 121 of its 625 presses where only one seed is tried.
+/// The recipe of the benches, with 121 of its 625 presses if only one seed is tried.
 pub fn bench_recipe(seeds: u64) -> String {
     let recipe = include_str!("../../recipes/bench.toml");
     if seeds > 1 { recipe.to_owned() } else { recipe.replacen("spacing_mm = 0.5", "spacing_mm = 1.2", 1) }
 }
 
-/// A bench as it is shipped, but for what only costs time here: taxels, and most of the way from home.
+/// A bench as shipped, without the parts that only cost time here: taxels, and most of the way from home.
 pub fn bench(name: &str) -> RigSpec {
     let mut spec = bench_with_taxels(name);
     spec.scene.skin.noise = None;
@@ -68,25 +67,25 @@ pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
     Plan::new(&recipe, &spec.ground(), seed).unwrap_or_else(|p| panic!("{:?}", p.lines()))
 }
 
-/// How a walk went.
+/// Result of a run.
 pub struct ExecutedRun {
     pub ending: Ending,
     pub ledger: Memory,
-    /// The worst that happened, until everything was at rest again.
+    /// The largest true values, until everything was at rest again.
     pub truth: ExecutionWorst,
-    /// The worst that would have happened if the host had died after one of the messages.
+    /// The largest true values if the host had died after one of the messages.
     pub orphaned: ExecutionWorst,
     /// When the instruments were ready; 0: never, s.
     pub ready_s: f64,
-    /// How long it took, s.
+    /// Its duration, s.
     pub virtual_s: f64,
-    /// Messages that the stage took.
+    /// Messages that the stage received.
     pub messages: usize,
     /// The force on the specimen when everything was at rest again, N.
     pub left_n: f64,
 }
 
-/// The worst of what happened.
+/// The largest true values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExecutionWorst {
     pub force_n: f64,
@@ -109,13 +108,13 @@ impl ExecutionWorst {
         self.slid_mm = self.slid_mm.max(other.slid_mm);
     }
 
-    /// Whether force, depth and everything sideways kept within the rig's limits.
+    /// Whether force, depth and sideways motion stayed within the rig's limits.
     pub fn is_within(&self, spec: &RigSpec) -> bool {
         self.force_n <= spec.limits.force_n && self.depth_mm <= spec.limits.depth_mm && self.slid_mm == 0.0
     }
 }
 
-/// Notes when the first press begins.
+/// Notes the time when the first press begins.
 struct SilentRun {
     began: Instant,
     ready_s: f64,
@@ -127,22 +126,22 @@ impl Listener for SilentRun {
     }
 }
 
-/// What stands at a rig's far ends, to be exchanged before the walk.
+/// The far ends of a rig, which can be replaced before the run.
 pub type Tamper<'a> = &'a dyn Fn(&mut SimulatedRig);
 
-/// Walks a plan.
+/// Executes a plan.
 pub fn executed(spec: &RigSpec, plan: &Plan) -> ExecutedRun {
     executed_with(spec, plan, Deaths::Ignored, &|_| {})
 }
 
-/// Whether it is asked after every message what would come of it if it were the last.
+/// Whether the result is calculated after every message as if it were the last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Deaths {
     Ignored,
     Tried,
 }
 
-/// Walks a plan on a rig that was tampered with.
+/// Executes a plan on a changed rig.
 pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper) -> ExecutedRun {
     run_virtually(async {
         let mut rig = spec.emulators(plan.seed).expect("emulators");
@@ -157,7 +156,7 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
         let mut listener = SilentRun { began, ready_s: 0.0 };
         let ending = timeout(FOR_EVER, execute_on(rig, job, &mut listener)).await.expect("it doesn't end by itself");
         let virtual_s = began.elapsed().as_secs_f64();
-        sleep(AFTERWARDS).await; // what was told and came late is done by then
+        sleep(AFTERWARDS).await; // late messages have had their effect by then
         let now_s = began.elapsed().as_secs_f64();
         let mut eye = eye.lock().expect("the walk is over");
         eye.look(now_s);
@@ -177,8 +176,8 @@ pub fn executed_with(spec: &RigSpec, plan: &Plan, deaths: Deaths, tamper: Tamper
     })
 }
 
-/// What ended a walk: the rule that tripped, `device` for an instrument that failed, `unparked` if the plan is done and the stage
-/// couldn't be parked, `-` if nobody noticed anything.
+/// End of a run: the rule that tripped, `device` for an instrument that failed, `unparked` if the plan is complete and the stage couldn't
+/// be parked, `-` if nothing was noticed.
 pub fn end_of(ending: &Ending) -> &'static str {
     match &ending.halt {
         None if ending.unparked.is_some() => "unparked",
@@ -189,11 +188,11 @@ pub fn end_of(ending: &Ending) -> &'static str {
     }
 }
 
-/// Stands before the stage and sees what really happens.
+/// Observes the stage and the true values.
 struct Eye {
     stage: Shared<dyn Instrument>,
     deaths: Deaths,
-    /// The scene as the last message left it, nothing seen of it yet.
+    /// The scene after the last message.
     left: Option<Scene>,
     seen: ExecutionSeen,
 }
@@ -206,7 +205,7 @@ struct ExecutionSeen {
 }
 
 impl Eye {
-    /// What has happened since the last message that began or changed a motion.
+    /// Events since the last message that began or changed a motion.
     fn look(&mut self, now_s: f64) {
         if let Some(mut scene) = self.left.take() {
             self.seen.truth.take(scene.take_truth(now_s));
@@ -253,7 +252,7 @@ impl Instrument for Eye {
     }
 }
 
-/// Fails with all that is broken.
+/// Fails with all broken bounds.
 pub fn must_be_none(broken: &[String]) {
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));
 }
@@ -263,7 +262,7 @@ pub fn in_tokios_virtual_time<T>(future: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build().unwrap().block_on(future)
 }
 
-/// Does all jobs on as many threads as there are cores; what came of them, in their order.
+/// Does all jobs on as many threads as there are cores; returns their results in order.
 pub fn in_parallel<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {
     let (next, done) = (AtomicUsize::new(0), Mutex::new(Vec::with_capacity(jobs.len())));
     thread::scope(|scope| {

@@ -1,12 +1,12 @@
-//! Runs as a power cut leaves them, and worlds that change before they go on.
+//! Runs after a power cut, and simulated worlds that change before the run continues.
 
 use super::TestFolder;
 use palpate_data::dataset::Fingerprint;
 use serde_json::{Value, json};
 use std::fs;
 
-/// Cuts a complete run back to the first bytes of its journal: its tables and its manifest are then those that it has while it is
-/// under way, and hold no press that the journal doesn't.
+/// Truncates the journal of a complete run: its tables and manifest are then those of a run in progress, without presses that the journal
+/// lacks.
 pub fn cut_back(bench: &TestFolder, run: &str, journal: &[u8]) {
     let file = |name: &str| format!("{run}/{name}");
     let mut manifest = bench.manifest(run);
@@ -36,26 +36,25 @@ pub fn cut_back(bench: &TestFolder, run: &str, journal: &[u8]) {
     bench.write(&file("manifest.json"), &manifest.to_string());
 }
 
-/// The same, back to the first lines of its journal.
+/// The same, by a number of lines.
 pub fn cut_to_lines(bench: &TestFolder, run: &str, lines: usize) {
     let journal = bench.read(&format!("{run}/journal.log"));
     let kept: String = journal.split_inclusive('\n').take(lines).collect();
     cut_back(bench, run, kept.as_bytes());
 }
 
-/// How many lines of a run's journal come before its first contact.
+/// Number of lines before the first contact in a run's journal.
 pub fn lines_before_contacts(bench: &TestFolder, run: &str) -> usize {
     let journal = bench.read(&format!("{run}/journal.log"));
     journal.lines().position(|line| line.contains(" {\"contact\":")).expect("a contact")
 }
 
-/// Changes the simulated world that a run is made in, not its rig: the text of the rig is another in the folder and in the
-/// journal, as if it had always been.
+/// Changes the simulated world of a run: the text of the rig is changed in the folder and in the journal.
 pub fn change_the_world(bench: &TestFolder, run: &str, rig: &str) {
     change_text(bench, run, "rig.toml", rig);
 }
 
-/// Changes a text of a run in its folder and in the journal, as if it had always been.
+/// Changes a text of a run in its folder and in the journal.
 pub fn change_text(bench: &TestFolder, run: &str, name: &str, new: &str) {
     let path = format!("{run}/journal.log");
     let stated = |session: &mut Value| {
@@ -76,12 +75,12 @@ pub fn change_text(bench: &TestFolder, run: &str, name: &str, new: &str) {
     bench.write(&path, &journal);
     bench.write(&format!("{run}/{name}"), new);
     let mut manifest = bench.manifest(run);
-    manifest["files"] = json!([]); // it vouches for the journal as it was
+    manifest["files"] = json!([]); // it has the hash of the former journal
     manifest["sessions"].as_array_mut().into_iter().flatten().for_each(stated);
     bench.write(&format!("{run}/manifest.json"), &manifest.to_string());
 }
 
-/// A record as it stands in a journal, without its line end.
+/// A record as in a journal, without its line end.
 pub fn sealed(sequence: u64, json: &str) -> String {
     let mut checksum = crc32fast::Hasher::new();
     checksum.update(&sequence.to_le_bytes());

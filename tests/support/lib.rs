@@ -1,4 +1,4 @@
-//! What the integration tests share: the program in a folder of its own, and what it said.
+//! Shared by the integration tests: the program in a folder of its own, and its output.
 
 pub mod alone;
 pub mod bad_line;
@@ -56,11 +56,11 @@ phase = "test"
 random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }
 "#;
 
-/// Rows of `presses.csv` that [`SMALL`] comes to, and entries of its plan.
+/// Number of rows of `presses.csv` for [`SMALL`], and of entries of its plan.
 pub const SMALL_ROWS: usize = 11;
 pub const SMALL_PRESSES: u64 = 7;
 
-/// A stage identified and homed.
+/// A stage that is identified and homed.
 pub async fn made_ready(
     stage: &mut impl Stage,
     usage: &StageUse,
@@ -70,7 +70,7 @@ pub async fn made_ready(
     stage.home(usage, orders).await.map(|()| identity)
 }
 
-/// A recipe that is long enough to be interrupted in: 2 staircases of 5 levels, 9 points of a grid.
+/// A recipe that is long enough to be interrupted: 2 staircases of 5 levels, 9 points of a grid.
 pub const LONG: &str = r#"rig = "sim"
 name = "long"
 
@@ -86,12 +86,12 @@ force_n = 1.0
 "#;
 pub const LONG_PRESSES: u64 = 11;
 
-/// A folder in which the program is run, gone with this.
+/// A folder for the program, which is removed at the end.
 pub struct TestFolder {
     folder: TempDir,
 }
 
-/// How the program ended and what it said.
+/// Exit and output of the program.
 #[derive(Debug)]
 pub struct CommandOutput {
     pub code: Option<i32>,
@@ -100,12 +100,12 @@ pub struct CommandOutput {
 }
 
 impl TestFolder {
-    #[allow(clippy::new_without_default)] // it makes a folder
+    #[allow(clippy::new_without_default)] // it creates a folder
     pub fn new() -> TestFolder {
         TestFolder { folder: tempfile::tempdir().expect("a temporary folder") }
     }
 
-    /// A bench with files on it: name and text.
+    /// A folder with files: name and text.
     pub fn with<'a>(files: impl IntoIterator<Item = (&'a str, &'a str)>) -> TestFolder {
         let bench = TestFolder::new();
         for (name, text) in files {
@@ -130,14 +130,14 @@ impl TestFolder {
         self.path(name).symlink_metadata().is_ok()
     }
 
-    /// The program with some words, separated by blanks, to be run on this bench.
+    /// The program with some words, separated by blanks, in this folder.
     pub fn command(&self, words: &str) -> Command {
         let mut command = Command::new(program());
         command.args(words.split_whitespace()).current_dir(self.folder.path()).stdin(Stdio::null());
         // messages are pinned as they look without colour on a terminal that knows Unicode
         command.env("NO_COLOR", "1").env("LC_ALL", "C.UTF-8").env_remove("FORCE_COLOR").env_remove("CLICOLOR_FORCE");
-        command.env("TERM", "xterm"); // a bar is drawn where a test gives the program a terminal
-        command.env("XDG_STATE_HOME", self.folder.path()); // what this user confirmed is none of its business
+        command.env("TERM", "xterm"); // a bar is drawn if a test gives the program a terminal
+        command.env("XDG_STATE_HOME", self.folder.path()); // this user's confirmations don't count here
         command
     }
 
@@ -153,7 +153,7 @@ impl TestFolder {
         self.command(words).stdin(input).output().expect("the program starts").into()
     }
 
-    /// The same, and it must end as said.
+    /// The same, with the expected exit code.
     pub fn palpate_ends(&self, code: i32, words: &str) -> CommandOutput {
         let output = self.palpate(words);
         assert_eq!(output.code, Some(code), "palpate {words}\n{}\n{}", output.out, output.err);
@@ -198,7 +198,7 @@ impl From<Output> for CommandOutput {
 }
 
 impl CommandOutput {
-    /// What it said on standard error as running text: no frame, no line breaks.
+    /// Standard error as running text: no frame, no line breaks.
     pub fn running(&self) -> String {
         self.err.replace(['│', '·'], " ").split_whitespace().collect::<Vec<_>>().join(" ")
     }
@@ -210,10 +210,9 @@ impl CommandOutput {
     }
 }
 
-/// The program, which cargo has put next to the folder of the test that runs.
+/// The program, which cargo has put next to the folder of the running test.
 ///
-/// # Panics
-/// It isn't there: the test isn't one of the package that the program belongs to.
+/// # Panics The program is missing: the test isn't one of its package.
 pub fn program() -> PathBuf {
     let test = env::current_exe().expect("this test has a path");
     let folder = test.ancestors().nth(2).expect("a test is in a folder of the target folder");
@@ -222,7 +221,7 @@ pub fn program() -> PathBuf {
     program
 }
 
-/// A file that is shipped, by its path in the project.
+/// A shipped file, by its path in the project.
 pub fn shipped(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path)
 }
@@ -232,13 +231,13 @@ pub fn shipped_text(path: &str) -> String {
     fs::read_to_string(shipped(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// The text with one stretch of it exchanged, which must be there.
+/// The text with one part replaced, which must exist.
 pub fn exchanged(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "{from:?} isn't in\n{text}");
     text.replacen(from, to, 1)
 }
 
-/// A shared library of one of the project's C files, built on a bench with some words more.
+/// A shared library from one of the project's C files, built with additional options.
 pub fn shared_library(bench: &TestFolder, name: &str, source: &str, words: &[&str]) -> PathBuf {
     let path = bench.path(name);
     let mut compiler = Command::new("cc");
@@ -248,15 +247,15 @@ pub fn shared_library(bench: &TestFolder, name: &str, source: &str, words: &[&st
     path
 }
 
-/// What a program of others came to, which must be there; `install` says what has it.
+/// Output of another program, which must exist; `install` states its package.
 pub fn there(command: &mut Command, install: &str) -> Output {
     command.output().unwrap_or_else(|error| panic!("{command:?}: {error}. Install {install}"))
 }
 
-/// Longest wait for the next line of a program that is running: many times what any takes, and an end for one that hangs.
+/// Longest wait for the next line of a running program: many times the usual, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A program under way, killed if the test ends before it does.
+/// A running program, killed if the test ends first.
 pub struct Live {
     child: Child,
     out: Receiver<String>,
@@ -275,12 +274,12 @@ impl Live {
         next(&self.out)
     }
 
-    /// The same if it comes within so long.
+    /// The same if it comes within this time.
     pub fn line_within(&self, patience: Duration) -> Result<String, RecvTimeoutError> {
         self.out.recv_timeout(patience)
     }
 
-    /// Waits for a line on standard error that has some words in it.
+    /// Waits for a line on standard error that contains some words.
     pub fn until_printed(&self, words: &str) {
         while !next(&self.err).unwrap_or_else(|| panic!("it ended before it said {words:?}")).contains(words) {}
     }
@@ -297,18 +296,18 @@ impl Live {
         assert!(sent.expect("kill starts").success(), "kill -{name}");
     }
 
-    /// Kills it at once; one that has ended stays as it ended.
+    /// Kills it at once; one that has ended keeps its exit.
     pub fn kill(&mut self) {
         // its only error is that it has ended
         let _ = self.child.kill();
     }
 
-    /// Its end, and what it said since it was last listened to.
+    /// Its end, and its output since the last read.
     pub fn end(self) -> CommandOutput {
         self.end_within(PATIENCE)
     }
 
-    /// The same for one that may be still for longer.
+    /// The same for one that may be silent for longer.
     pub fn end_within(mut self, patience: Duration) -> CommandOutput {
         let rest = |lines: &Receiver<String>| {
             std::iter::from_fn(|| next_within(lines, patience)).map(|line| line + "\n").collect()

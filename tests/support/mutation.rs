@@ -1,4 +1,4 @@
-//! Inputs that keep most of a grammar: real ones, mutated.
+//! Mutated real inputs that keep most of their grammar.
 #![allow(dead_code, reason = "each test file is a program of its own and uses its part of this")]
 
 use palpate_core::quantity::RandomStream;
@@ -7,7 +7,7 @@ use rand::RngExt;
 /// Longest message, bytes.
 pub const INPUT_MOST: usize = 512;
 
-/// What grammars are made of, to be put where it doesn't belong.
+/// Parts of grammars, for wrong places.
 const TOKENS: &[&str] = &[
     "-",
     "+",
@@ -46,7 +46,7 @@ const TOKENS: &[&str] = &[
     " ",
 ];
 
-/// A message after some mutations that keep most of its grammar, now and then bytes without any.
+/// A message after some mutations that keep most of its grammar, sometimes random bytes.
 pub fn mutated(seeds: &[&[u8]], rng: &mut RandomStream, into: &mut Vec<u8>) {
     into.clear();
     if rng.random_bool(0.02) {
@@ -85,7 +85,7 @@ pub fn mutated(seeds: &[&[u8]], rng: &mut RandomStream, into: &mut Vec<u8>) {
     }
 }
 
-/// What a person, or another program, may write into a file where it doesn't belong.
+/// Text that a person or another program may write at a wrong place in a file.
 const WORDS: &[&str] = &[
     "[",
     "]",
@@ -143,7 +143,7 @@ const WORDS: &[&str] = &[
     "+1",
 ];
 
-/// Numbers at the edges of what can be written, read or asked for.
+/// Numbers at the edges of what can be written, read or requested.
 const NUMBERS: &[&str] = &[
     "0",
     "-0",
@@ -180,11 +180,11 @@ const NUMBERS: &[&str] = &[
     "65536",
 ];
 
-/// Longest text, bytes, and how long one stretch that is repeated in it may get.
+/// Longest text, bytes, and longest repetition in it.
 pub const TEXT_MOST: usize = 256 << 10;
 const REPEATS_MOST: usize = 20_000;
 
-/// A text after some mutations that know of lines, numbers and brackets.
+/// A text after some mutations of lines, numbers and brackets.
 pub fn rewritten(seeds: &[Vec<u8>], rng: &mut RandomStream, into: &mut Vec<u8>) {
     into.clear();
     into.extend_from_slice(&seeds[rng.random_range(0..seeds.len())]);
@@ -245,7 +245,7 @@ pub fn rewritten(seeds: &[Vec<u8>], rng: &mut RandomStream, into: &mut Vec<u8>) 
     }
 }
 
-/// Puts another number in the place of the next one.
+/// Replaces the next number.
 fn renumber(rng: &mut RandomStream, at: usize, into: &mut Vec<u8>) {
     let is_digit = |byte: &u8| byte.is_ascii_digit();
     let Some(from) = into[at..].iter().position(is_digit).map(|way| at + way) else { return };

@@ -1,4 +1,4 @@
-//! What a press is at, told from what really happens: where the axes are and go, whether there is contact, who is asked.
+//! Phase of a press, from the true state: positions and motions of the axes, contact, and requests.
 
 use super::executions::ExecutionWorst;
 use palpate_core::quantity::{Axis, Frame};
@@ -6,35 +6,35 @@ use palpate_link::time::Instant;
 use palpate_sim::scene::{Scene, SceneDevice};
 use std::sync::{Arc, Mutex};
 
-/// How long after the array was asked a window still counts as open, s: it is asked every 5 ms, and takes 1 to 2 over it.
+/// Time for which a window counts as open after a request to the array, s: it is read every 5 ms, which takes 1 to 2 ms.
 const WINDOW_S: f64 = 0.02;
 
-/// Rest in contact that no look at the force takes, s: it dwells.
+/// Rest in contact without a reading of the force, s: a dwell.
 const LOOK_MOST_S: f64 = 0.15;
 
-/// Slower than this is at rest, mm/s.
+/// Largest speed at rest, mm/s.
 const REST_MM_S: f64 = 1e-9;
 
-/// What a press is at.
+/// Phase of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PressPhase {
-    /// To the first place, from rest in the clear.
+    /// To the first place, from rest above the specimen.
     Travel,
-    /// Looking at the force without load.
+    /// Reading the force without load.
     NoLoad,
     /// Toward the specimen.
     Approach,
-    /// From the first contact to the first rest in it, and the look at the force there.
+    /// From the first contact to the first rest in it, with the reading of the force there.
     Touch,
-    /// Steps in contact, and looks at the force between them.
+    /// Steps in contact, with readings of the force between them.
     Correction,
     /// At rest in contact until the window is due.
     Dwell,
     /// Force and outputs are sampled.
     Window,
-    /// Out of the contact, and the look whether it is over.
+    /// Out of the contact, with the check that it is over.
     Retraction,
-    /// Away sideways while z still retracts, or has.
+    /// Sideways while z still retracts or has retracted.
     LeavingContact,
 }
 
@@ -52,7 +52,7 @@ impl PressPhase {
     ];
 }
 
-/// Watches a scene during a walk: the phase at each message, and the worst of what really happens.
+/// Observes a scene during a run: the phase at each message, and the largest true values.
 pub struct Watcher {
     scene: Arc<Mutex<Scene>>,
     frame: Frame,
@@ -60,20 +60,20 @@ pub struct Watcher {
     /// The phase at each message of a press; none outside of one.
     pub phases: Vec<Option<PressPhase>>,
     pressing: bool,
-    /// Where z was when there was contact first, mm.
+    /// z at the first contact, mm.
     touched_mm: Option<f64>,
     /// Came to rest in contact, and moved on.
     stepped: bool,
     /// Since when it rests, and whether in contact.
     rest: Option<(f64, bool)>,
     array_asked_s: f64,
-    /// The scene as it was when a motion last began or changed, nothing seen of it yet.
+    /// The scene when a motion last began or changed.
     left: Option<Scene>,
     worst: ExecutionWorst,
 }
 
 impl Watcher {
-    /// A watcher of a scene whose time begins now.
+    /// An observer of a scene whose time begins now.
     pub fn new(scene: Arc<Mutex<Scene>>, frame: Frame) -> Watcher {
         Watcher {
             scene,
@@ -90,12 +90,12 @@ impl Watcher {
         }
     }
 
-    /// A press begins, whose phases are told or not.
+    /// A press begins; its phases are noted or not.
     pub fn begins(&mut self, output: bool) {
         (self.pressing, self.touched_mm, self.stepped, self.rest) = (output, None, false, None);
     }
 
-    /// A device has a message.
+    /// A device gets a message.
     pub fn hears(&mut self, device: SceneDevice) {
         let now_s = self.now_s();
         if device == SceneDevice::Array {
@@ -105,7 +105,7 @@ impl Watcher {
         self.phases.push(phase.filter(|_| self.pressing));
     }
 
-    /// The stage acts on a message, or by itself.
+    /// The stage acts on a message, or on its own.
     pub fn acts<R>(&mut self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut Scene) -> R) -> R {
         let motions = |scene: &Scene| Axis::ALL.map(|axis| scene.motion(axis).clone());
         let before = motions(scene);
@@ -119,7 +119,7 @@ impl Watcher {
         acted
     }
 
-    /// The worst until all is at rest, whatever comes of it.
+    /// The largest true values until all is at rest.
     pub fn worst(&mut self) -> ExecutionWorst {
         let now_s = self.now_s();
         self.look(now_s);
@@ -128,7 +128,7 @@ impl Watcher {
         self.worst
     }
 
-    /// Where z is in the specimen frame, mm, and whether every axis stands.
+    /// z in the specimen frame, mm, and whether every axis is at rest.
     pub fn z_mm_and_rest(&self) -> (f64, bool) {
         let now_s = self.now_s();
         let mut scene = self.scene();
@@ -175,7 +175,7 @@ impl Watcher {
         })
     }
 
-    /// What has happened since the last motion began or changed.
+    /// Events since the last motion began or changed.
     fn look(&mut self, now_s: f64) {
         if let Some(mut scene) = self.left.take() {
             self.worst.take(scene.take_truth(now_s));

@@ -1,11 +1,11 @@
-//! What is printed or drawn for a person: narrow enough, and whole.
+//! Printed or drawn output for a person: narrow enough and complete.
 
 /// Every line fits a terminal.
 pub fn is_narrow(text: &str) {
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
 }
 
-/// Every element ends in the order they began, no number is lost, and there is something drawn.
+/// Every element is closed in order, no number is missing, and something is drawn.
 pub fn is_well_formed(name: &str, svg: &str) {
     assert!(svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.ends_with("</svg>\n"), "{name}");
     assert!(!svg.contains("NaN") && !svg.contains("inf"), "{name}");

@@ -1,25 +1,25 @@
-//! Programs of others, written in Python: run with the interpreter that `PALPATE_PYTHON` names.
+//! Programs of others in Python, run with the interpreter that `PALPATE_PYTHON` names.
 //!
-//! The tests that need it are ignored unless they are asked for. One that is asked for fails where something is missing.
+//! The tests that need it are ignored by default. They fail if something is missing.
 
 use super::{CommandOutput, Live, shipped};
 use std::ffi::{OsStr, OsString};
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-/// Longest that one may be still; the longest takes a quarter of it.
+/// Longest silence of a program; the longest takes a quarter of it.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Where the packages are listed.
+/// The list of packages.
 const PACKAGES: &str = "tests/outside/requirements.txt";
 
-/// An interpreter that has what a test needs.
+/// An interpreter with everything that a test needs.
 pub struct Python {
     interpreter: OsString,
 }
 
 impl Python {
-    /// The interpreter, which must take this statement: `import pymodbus`.
+    /// The interpreter, which must accept this statement: `import pymodbus`.
     pub fn with(statement: &str) -> Python {
         let interpreter = std::env::var_os("PALPATE_PYTHON").filter(|name| !name.is_empty());
         let interpreter = interpreter.unwrap_or_else(|| {
@@ -49,7 +49,7 @@ impl Python {
     }
 }
 
-/// Runs a program to its end, which must be a good one, and gives what it said on standard output.
+/// Runs a program to its successful end, and returns its standard output.
 pub fn said(command: Command) -> String {
     let described = format!("{command:?}");
     let CommandOutput { code, out, err } = Live::start(command).end_within(PATIENCE);

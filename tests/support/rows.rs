@@ -1,19 +1,19 @@
-//! Rows that were acknowledged, held against the table that they must stand in.
+//! Acknowledged rows, compared with the table that must contain them.
 
 use super::TestFolder;
 use serde_json::Value;
 use std::collections::HashMap;
 
-/// The columns of `presses.csv` that hold whole numbers, and those that hold words; all others hold numbers.
+/// The columns of `presses.csv` with whole numbers, and those with words; all others have numbers.
 const WHOLE: [&str; 2] = ["press", "level"];
 const WORDS: [&str; 2] = ["phase", "flags"];
 
-/// What became of rows that were acknowledged.
+/// Results for acknowledged rows.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct StoredRow {
-    /// How many aren't there.
+    /// Number of missing rows.
     pub lost: usize,
-    /// How many are there with another value in any column.
+    /// Number of rows with another value in any column.
     pub changed: usize,
     /// The first of these.
     pub first: Option<String>,
@@ -28,7 +28,7 @@ pub fn table(bench: &TestFolder, run: &str) -> Vec<Value> {
         } else if WORDS.contains(&column.as_str()) {
             cell.into()
         } else if cell.is_empty() {
-            Value::Null // what was not measured
+            Value::Null // not measured
         } else {
             cell.parse::<f64>().expect("a number").into()
         };
@@ -48,7 +48,7 @@ pub fn numbered(rows: &[Value]) -> Vec<(u64, u64)> {
     rows.iter().map(|row| (number(row, "press"), number(row, "level"))).collect()
 }
 
-/// How many presses some rows belong to.
+/// Number of presses that the rows belong to.
 pub fn presses(rows: &[Value]) -> usize {
     let mut presses: Vec<u64> = numbered(rows).into_iter().map(|(press, _)| press).collect();
     presses.sort_unstable();
@@ -56,7 +56,7 @@ pub fn presses(rows: &[Value]) -> usize {
     presses.len()
 }
 
-/// Looks for each row that was acknowledged in a table.
+/// Searches a table for each acknowledged row.
 pub fn kept(acknowledged: &[Value], table: &[Value]) -> StoredRow {
     let there: HashMap<(u64, u64), &Value> = numbered(table).into_iter().zip(table).collect();
     let mut kept = StoredRow::default();

@@ -1,5 +1,5 @@
-//! Whole walks through the simulated rig, real drivers and framing included, in virtual time. What really happened is asked of
-//! the scene, so that the loop is judged against the truth and not against its own load cell.
+//! Whole runs through the simulated rig, with real drivers and framing, in virtual time. The loop is judged by the scene's true values and
+//! not by its load cell.
 
 use super::executions::run_virtually;
 use palpate_control::SafetyRule;
@@ -12,10 +12,10 @@ use palpate_run::run::{Cancel, Ending, Halt, Listener, RunJob, execute_on};
 use palpate_sim::scene::{ContactLaw, SceneSpec};
 use std::cell::Cell;
 
-/// What the conversion of the load cell to whole mN may add to what is shown, N.
+/// Error of the load cell's conversion to whole mN, N.
 pub const COUNT_N: f64 = 0.001;
 
-/// How far from where it is parked z may stand, mm: as far as a read-back may be off.
+/// Largest distance of z from its parking position, mm: the error of a read-back.
 const PARKED_MM: f64 = 0.003;
 
 pub const STAIRCASE: &str = "staircase = { to_n = 2.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }";
@@ -24,7 +24,7 @@ fn paper_rig() -> RigSpec {
     rig::parse("sim.toml", include_str!("../../rigs/sim.toml"), &|_| unreachable!()).unwrap()
 }
 
-/// The paper's rig with another specimen in it: no taxels, which only cost time here.
+/// The paper's rig with another specimen: no taxels, which only cost time here.
 pub fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
     let mut spec = paper_rig();
     let mut scene = spec.scene.clone();
@@ -35,7 +35,7 @@ pub fn rig_with(change: impl FnOnce(&mut RigSpec, &mut SceneSpec)) -> RigSpec {
     spec
 }
 
-/// A recipe of one step: these places, loaded so.
+/// A recipe of one step with these places and loads.
 pub fn recipe(places: &str, load: &str) -> String {
     format!(
         "name = \"safety\"\n[press]\nforce_tolerance_n = 0.05\nhold_s = 0.2\nsample_s = 0.1\n\
@@ -43,7 +43,7 @@ pub fn recipe(places: &str, load: &str) -> String {
     )
 }
 
-/// A run folder in a place of its own, and what is to be done in it.
+/// A run folder in its own place, and its plan.
 pub struct SafetyBench {
     pub spec: RigSpec,
     pub plan: Plan,
@@ -51,15 +51,15 @@ pub struct SafetyBench {
     _home: tempfile::TempDir,
 }
 
-/// How a walk went.
+/// Result of a run.
 pub struct SafetyRun {
     pub ending: Ending,
-    /// The largest force the load cell was seen to read, N.
+    /// The largest reading of the load cell, N.
     pub shown_most_n: f64,
-    /// Forces that were seen.
+    /// Observed forces.
     pub readings: u32,
     pub virtual_s: f64,
-    /// Where z ended in the specimen frame, mm.
+    /// Final z in the specimen frame, mm.
     pub z_mm: f64,
 }
 
@@ -79,7 +79,7 @@ impl SafetyBench {
         SafetyBench { spec, plan, folder, _home: home }
     }
 
-    /// Walks the plan; a stop is asked for at this reading of the force, if any.
+    /// Executes the plan; stops at this reading of the force, if any.
     pub fn execute(&mut self, stop_at: Option<u32>) -> SafetyRun {
         let (most, readings, cancel) = (Cell::new(f64::NEG_INFINITY), Cell::new(0), Cancel::default());
         let shown = |force_n: f64| {
@@ -106,18 +106,18 @@ impl SafetyBench {
         SafetyRun { ending, shown_most_n: most.get(), readings: readings.get(), virtual_s, z_mm }
     }
 
-    /// The stage stands where no surface can be: what is said of parking isn't asked.
+    /// The stage is where no surface can be: the remaining force isn't asked for.
     pub fn assert_parked(&self, executed: &SafetyRun, output: &str) {
         assert!(executed.ending.unparked.is_none(), "{output}: {:?}", executed.ending.text());
         assert!(executed.z_mm <= self.spec.clear_mm() + PARKED_MM, "{output}: z is {} mm", executed.z_mm);
     }
 
-    /// What was recorded, in the order of its numbers.
+    /// The records in the order of their numbers.
     pub fn contacts(&self) -> impl Iterator<Item = dataset::RecordedContact> {
         self.folder.contacts().unwrap().map(Result::unwrap)
     }
 
-    /// The largest true force and the deepest true indentation of all that was recorded.
+    /// The largest true force and the deepest true indentation of all records.
     pub fn worst(&self) -> (f64, f64) {
         let truths = self.contacts().flat_map(|contact| contact.truth);
         truths.fold((0.0, 0.0), |(n, mm), truth| (truth.force_peak_n.max(n), truth.depth_peak_mm.max(mm)))
@@ -130,7 +130,7 @@ impl SafetyBench {
         table.records().map(|line| row(line.unwrap())).collect()
     }
 
-    /// Walks a plan that must be done whole, within every limit, each level within its tolerance.
+    /// Executes a plan that must be completed within every limit, with each level within its tolerance.
     pub fn must_complete(&mut self, output: &str) {
         let executed = self.execute(None);
         assert_eq!(executed.ending.status(), Status::Complete, "{output}: {:?}", executed.ending.text());
@@ -154,7 +154,7 @@ impl SafetyBench {
         }
     }
 
-    /// Walks a plan that must end with a trip, recorded, the stage parked.
+    /// Executes a plan that must end with a recorded trip and a parked stage.
     pub fn must_trip(&mut self, rules: &[SafetyRule], output: &str) -> SafetyRun {
         let executed = self.execute(None);
         let Some(Halt::Tripped(trip)) = &executed.ending.halt else {
@@ -173,7 +173,7 @@ pub fn linear(n_mm: f64) -> ContactLaw {
     ContactLaw { linear_n_mm: n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 }
 }
 
-/// A load cell that tells the truth, so that what is shown is what was.
+/// An ideal load cell, so that the shown force is the true one.
 pub fn truthful(scene: &mut SceneSpec) {
     scene.load_cell = None;
 }

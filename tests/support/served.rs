@@ -1,7 +1,7 @@
 use super::{Live, TestFolder};
 use std::collections::BTreeMap;
 
-/// A rig's emulators, being served.
+/// A rig's emulators that are served.
 pub struct ServedProgram {
     listens: BTreeMap<String, String>,
     _bench: TestFolder,
@@ -9,7 +9,7 @@ pub struct ServedProgram {
 }
 
 impl ServedProgram {
-    /// With some words more for `palpate emulate`.
+    /// With additional options of `palpate emulate`.
     pub fn new(rig: &str, words: &str) -> ServedProgram {
         let bench = TestFolder::with([("rig.toml", rig)]);
         let emulators = Live::start(bench.command(&format!("emulate rig.toml --json {words}")));

@@ -1,4 +1,4 @@
-//! The paper's nine units as simulated skins, their noise read in two ways; and runs of two magnetic skins.
+//! The paper's nine units as simulated skins with two readings of their noise; and runs of two magnetic skins.
 
 use super::TestFolder;
 use palpate_report::paper::repeatability_percent;
@@ -13,12 +13,12 @@ fn scene(of: NoiseOf, floor: f64) -> SkinSpec {
     }
 }
 
-/// Noise that is a share of full scale.
+/// Noise that is a fraction of full scale.
 pub fn scene_t() -> SkinSpec {
     scene(NoiseOf::FullScale, 0.0)
 }
 
-/// Noise that is a share of the reading, and a floor.
+/// Noise that is a fraction of the reading, and a floor.
 pub fn scene_q() -> SkinSpec {
     scene(NoiseOf::Reading, 0.001)
 }
@@ -27,7 +27,7 @@ pub fn scene_q() -> SkinSpec {
 pub const MAGNETIC: &str = include_str!("rigs/magnetic.toml");
 pub const FIFTEEN: &str = include_str!("rigs/fifteen.toml");
 
-/// A recipe with everything, for either skin.
+/// A recipe with every kind of step, for either skin.
 pub const SKIN: &str = r#"
 name = "skin"
 
@@ -46,7 +46,7 @@ phase = "test"
 random = { count = 60, x_mm = [-9.0, 9.0], y_mm = [-9.0, 9.0], force_n = [0.2, 2.0] }
 "#;
 
-/// A bench with a run of both skins.
+/// A folder with a run of both skins.
 pub fn skins() -> TestFolder {
     let bench = TestFolder::with([("magnetic.toml", MAGNETIC), ("fifteen.toml", FIFTEEN), ("skin.toml", SKIN)]);
     for skin in ["magnetic", "fifteen"] {

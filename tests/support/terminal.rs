@@ -1,4 +1,4 @@
-//! A terminal of a test's own: a person who reads, presses Enter and goes away.
+//! A terminal for a test: a person who reads, presses Enter and leaves.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::{FdFlags, fcntl_setfd};
@@ -13,27 +13,27 @@ use std::time::Duration;
 use tokio::runtime::Builder;
 use tokio::signal::unix::{self as signals, SignalKind};
 
-/// Longest wait for a program to say or do the next thing: many times what any takes, and an end for one that hangs.
+/// Longest wait for the next output or action of a program: many times the usual, and an end for one that hangs.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Where the system can do so, a program that another test starts at this moment doesn't inherit the terminal either.
+/// If the system can do so, a program that another test starts at this time doesn't inherit the terminal either.
 #[cfg(target_os = "linux")]
 const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::CLOEXEC;
 #[cfg(not(target_os = "linux"))]
 const CLOSED_IN_PROGRAMS: OpenptFlags = OpenptFlags::empty();
 
-/// The end where the person is. Programs are at the far one.
+/// The person's end. Programs are at the far one.
 pub struct TestTerminal {
     near: File,
     far: String,
-    /// What has been written on it and wasn't looked for yet.
+    /// Written text that wasn't read yet.
     seen: String,
 }
 
 impl TestTerminal {
-    /// A terminal that nobody is at.
+    /// A terminal without a person.
     pub fn open() -> TestTerminal {
-        // programs don't inherit the near end: a terminal is closed only when nobody has it
+        // programs don't inherit the near end, because a terminal closes only when no program has it
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | CLOSED_IN_PROGRAMS).expect("a pseudo-terminal");
         fcntl_setfd(&near, FdFlags::CLOEXEC).expect("a flag");
         grantpt(&near).expect("it is ours");
@@ -42,7 +42,7 @@ impl TestTerminal {
         let terminal = TestTerminal { near: near.into(), far, seen: String::new() };
         let far = terminal.far();
         let mut modes = tcgetattr(&far).expect("modes");
-        // what is typed isn't shown, and no key ends a program
+        // typed text isn't shown, and no key ends a program
         modes.make_raw();
         tcsetattr(&far, OptionalActions::Now, &modes).expect("modes");
         terminal
@@ -53,7 +53,7 @@ impl TestTerminal {
         OpenOptions::new().read(true).write(true).open(&self.far).expect("the far end opens")
     }
 
-    /// Reads until some words have been written, forgets all up to there, and gives what came before them.
+    /// Reads until some words have been written, and returns the text before them.
     pub fn until(&mut self, words: &str) -> String {
         loop {
             if let Some((before, behind)) = self.seen.split_once(words) {
@@ -65,7 +65,7 @@ impl TestTerminal {
         }
     }
 
-    /// Reads until all programs have left, and gives what they said.
+    /// Reads until all programs have left, and returns their output.
     pub fn until_end(mut self) -> String {
         while self.read() {}
         self.seen
@@ -80,28 +80,28 @@ impl TestTerminal {
         self.near.write_all(format!("{text}\n").as_bytes()).expect("writes");
     }
 
-    /// The person goes away.
+    /// The person leaves.
     pub fn close(self) {}
 
-    /// Whether there was something, before everybody left.
+    /// Whether there was something, before all programs left.
     fn read(&mut self) -> bool {
         let patience = Timespec { tv_sec: PATIENCE.as_secs() as i64, tv_nsec: 0 };
         let ready = poll(&mut [PollFd::new(&self.near, PollFlags::IN)], Some(&patience)).expect("a poll");
         assert!(ready > 0, "nothing within {} s: {}", PATIENCE.as_secs(), self.seen);
         let mut bytes = [0; 4096];
-        // an error is how Linux tells that nobody is there, after everything was read
+        // on Linux an error means that no program is left, after everything was read
         let count = self.near.read(&mut bytes).unwrap_or(0);
         self.seen += &String::from_utf8_lossy(&bytes[..count]);
         count > 0
     }
 }
 
-/// Has programs that are started from here begin with hangups not ignored. Where `nohup` or a service started the tests, they are
-/// ignored, and every program inherits that; a signal that is caught here is nobody else's matter.
+/// Starts programs from here with default hangup handling. If `nohup` or a service started the tests, hangups are ignored, and every
+/// program inherits that; a signal that is caught here has its default in them.
 pub fn heed_hangups() {
     let runtime = Builder::new_current_thread().enable_io().build().expect("a runtime");
     let _inside = runtime.enter();
-    // it stays caught for as long as this process lives
+    // it stays caught as long as this process lives
     drop(signals::signal(SignalKind::hangup()).expect("hangups can be caught"));
 }
 
@@ -116,11 +116,11 @@ pub fn signal(child: &Child, name: &str) {
     assert!(sent.expect("kill starts").success(), "kill -{name}");
 }
 
-/// How a program ends.
+/// Exit of a program.
 pub fn wait(mut child: Child) -> Option<i32> {
     let number = child.id();
     let (sender, receiver) = channel();
-    // left behind if the program hangs
+    // abandoned if the program hangs
     thread::spawn(move || sender.send(child.wait()));
     let status = receiver.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("process {number} doesn't end"));
     status.expect("it can be waited for").code()

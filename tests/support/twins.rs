@@ -1,20 +1,20 @@
-//! Recipes and rigs that are refused: one thing is exchanged in a text that is in order.
+//! Refused recipes and rigs: one thing is replaced in a valid text.
 
 use RefusedBy::{Program, Schema, Toml};
 
-/// A text that is in order but for one thing.
+/// A text that is valid except for one thing.
 pub struct Twin {
-    /// What is exchanged.
+    /// The replaced text.
     pub from: &'static str,
-    /// For what.
+    /// The new text.
     pub to: &'static str,
-    /// Who refuses it first.
+    /// The first part that refuses it.
     pub refused_by: RefusedBy,
-    /// All that the message must say.
+    /// All parts of the message.
     pub parts: &'static [&'static str],
 }
 
-/// Who refuses a text first; the program refuses them all.
+/// The first part that refuses a text; the program refuses all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RefusedBy {
     /// A reader of TOML.
@@ -28,7 +28,7 @@ pub enum RefusedBy {
 const GRID: &str = "grid = { x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], spacing_mm = 4.0 }";
 const RANDOM: &str = "random = { count = 2, x_mm = [-2.0, 2.0], y_mm = [-2.0, 2.0], force_n = [0.5, 1.0] }";
 
-/// Twins of [`SMALL`](super::SMALL).
+/// Variants of [`SMALL`](super::SMALL).
 pub const RECIPE_TWINS: [Twin; 16] = [
     Twin {
         from: GRID,
@@ -127,7 +127,7 @@ pub const RECIPE_TWINS: [Twin; 16] = [
     },
 ];
 
-/// Twins of `rigs/sim.toml`.
+/// Variants of `rigs/sim.toml`.
 pub const RIG_TWINS: [Twin; 8] = [
     Twin {
         from: "link = \"sim\"",

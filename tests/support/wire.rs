@@ -1,5 +1,5 @@
-//! Faults at the wire of a bench: from a set time on, an instrument answers something else than it measured, or a stage does
-//! something else than it was told. The instruments themselves stay sound.
+//! Faults at the wire of a bench: from a set time on, an instrument answers other values than it measured, or a stage does something else
+//! than it was sent. The instruments themselves are sound.
 
 use palpate_core::quantity::{Axis, RandomStream, stream};
 use palpate_run::rig::SimulatedRig;
@@ -15,12 +15,12 @@ use tokio::sync::Notify;
 const CELL_REGISTER: u16 = 26;
 const TAXEL_REGISTERS: Range<u16> = 0..18;
 
-/// Bytes before a frame's function, and those before its registers; what reads registers.
+/// Bytes before a frame's function, and those before its registers; functions that read registers.
 const FUNCTION_AT: usize = 7;
 const DATA_AT: usize = 9;
 const READS: [u8; 2] = [3, 4];
 
-/// How a stage moves that drops, mm/s and mm/s^2; and how long a shifted scene runs until its servo is there, s.
+/// Motion of a slipping stage, mm/s and mm/s^2; and the time of a shifted scene until its servo is there, s.
 const DROPS_MM_S: f64 = 5.0;
 const DROPS_MM_S2: f64 = 100.0;
 const SHIFTS_S: f64 = 0.03;
@@ -28,34 +28,34 @@ const SHIFTS_S: f64 = 0.03;
 /// A fault at the wire.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WireFault {
-    /// The load cell follows with a first-order lag, s. Noise of the second value, N, comes after the lag.
+    /// The load cell follows with a first-order lag, s. Noise of the second value, N, is added after the lag.
     CellSlow(f64, f64),
-    /// The load cell reads so many times the force.
+    /// The load cell reads this multiple of the force.
     CellGain(f64),
-    /// The load cell repeats one value, and noise of this size, N, goes on.
+    /// The load cell repeats one value, with noise of this size, N.
     CellStuck(f64),
     /// The load cell's zero drifts, N/s.
     CellDrifts(f64),
-    /// The load cell reads so much more, N.
+    /// The load cell reads this much more, N.
     CellOffset(f64),
-    /// The array is elsewhere: so far, mm, in this direction, rad.
+    /// The array has moved: this distance, mm, in this direction, rad.
     ArrayShifted(f64, f64),
-    /// The outputs are so many times what they were.
+    /// The outputs are multiplied.
     ArrayTimes(f64),
     /// A taxel reads 0.
     TaxelDead(u16),
     /// A taxel repeats its reading.
     TaxelStuck(u16),
-    /// The stage goes deeper, mm, as its encoder shows.
+    /// The stage goes deeper, mm, and its encoder shows it.
     StageDrops(f64),
-    /// The stage goes deeper than asked, mm, and says that it didn't.
+    /// The stage goes deeper than sent, mm, and its encoder doesn't show it.
     StageDeeper(f64),
     /// The stage ignores every stop.
     StopIgnored,
 }
 
 impl WireFault {
-    /// The instrument on whose wire it is.
+    /// The instrument whose wire it is.
     pub fn device(self) -> SceneDevice {
         use WireFault as Is;
         match self {
@@ -68,7 +68,7 @@ impl WireFault {
     }
 }
 
-/// Puts a fault on the wire of a rig, from `from_s` on. `seed` gives the noise that it adds.
+/// Puts a fault on the wire of a rig, from `from_s` on. `seed` determines its noise.
 pub fn put_on_wire(rig: &mut SimulatedRig, fault: WireFault, from_s: f64, seed: u64) {
     let end = match fault.device() {
         SceneDevice::Stage => &mut rig.stage,
@@ -86,9 +86,9 @@ struct Faulty {
     fault: WireFault,
     from_s: f64,
     rng: RandomStream,
-    /// When a reading came last, s, and what it was.
+    /// Time of the last reading, s, and its value.
     last: Option<(f64, f64)>,
-    /// What is repeated; of a stage, whether it struck.
+    /// The repeated value; of a stage, whether the fault has begun.
     held: Option<f64>,
 }
 
@@ -97,7 +97,7 @@ impl Faulty {
         self.device.lock().expect("a device that lives").answer(request, scene, now_s)
     }
 
-    /// What the load cell answers for a reading, N.
+    /// The load cell's answer for a reading, N.
     fn cell_n(&mut self, read_n: f64, now_s: f64) -> f64 {
         let since_s = now_s - self.from_s;
         let (last_s, last_n) = self.last.unwrap_or((now_s, read_n));
@@ -124,7 +124,7 @@ impl Faulty {
         sigma_n * draw
     }
 
-    /// What the array answers for an output of a taxel.
+    /// The array's answer for an output of a taxel.
     fn output(&mut self, taxel: u16, output: f64) -> f64 {
         match self.fault {
             WireFault::ArrayTimes(factor) => factor * output,
@@ -152,7 +152,7 @@ impl Faulty {
                 let at_mm = elsewhere.axis(axis, now_s).0 + share * by_mm;
                 elsewhere.set_motion(axis, Trajectory::at_rest(at_mm), now_s);
             }
-            self.inner(request, scene, now_s); // the noise of a reading is spent
+            self.inner(request, scene, now_s); // the noise of a reading is used up
             return self.inner(request, &mut elsewhere, now_s + SHIFTS_S);
         }
         let mut answer = self.inner(request, scene, now_s);
@@ -205,7 +205,7 @@ impl Faulty {
     }
 }
 
-/// The answers to a line of commands, that of z's position higher by a distance.
+/// The answers to a line of commands, with z's position higher by a distance.
 fn raised_z(parts: &[&str], answer: &[u8], by_mm: f64) -> Vec<u8> {
     let asks = parts.iter().filter(|part| part.ends_with('?') || part.ends_with("TP"));
     let text = String::from_utf8_lossy(answer);

@@ -1,4 +1,4 @@
-//! Feeds readers with what was mutated, and watches what each input costs.
+//! Feeds readers with mutated inputs, and measures the cost of each input.
 
 use super::FILE;
 use crate::HEAP;
@@ -12,16 +12,16 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant as Wall;
 
-/// Most that the process may ever hold, bytes: the targets beside each other, each with the plan of 100,000 presses.
+/// Largest memory of the process, bytes: all targets at the same time, each with a plan of 100,000 presses.
 const EVER_HELD_MOST: usize = 192 << 20;
 
-/// Of so many inputs of the full tier the quick one tries one.
+/// The quick tier tries one in so many inputs of the full one.
 const QUICK_PART: usize = 10;
 
-/// After how many inputs it is told how far it has come.
+/// Number of inputs between two lines of progress.
 const PROGRESS: usize = 100_000;
 
-/// Feeds a reader, and says how much, how fast, and what took longest.
+/// Feeds a reader, and prints the number of inputs, the speed and the slowest input.
 pub(super) fn fuzz(name: &str, inputs: usize, seeds: &[Vec<u8>], read: impl FnMut(&[u8])) {
     fuzz_with(name, inputs, seeds, rewritten, read);
 }
@@ -37,7 +37,7 @@ pub(super) fn fuzz_file(
     let home = tempfile::tempdir().expect("a folder");
     let path = home.path().join(FILE);
     fuzz_with(name, inputs, seeds, mutate, |input| {
-        let _ = fs::remove_file(&path); // a new file is written faster than one that is cut off first
+        let _ = fs::remove_file(&path); // writing a new file is faster than truncating one
         fs::write(&path, input).expect("a file");
         read(&path, input);
     });
@@ -76,15 +76,14 @@ fn fuzz_with(
     );
 }
 
-/// As much of an input as a person looks at.
+/// The part of an input that is printed.
 fn excerpt(input: &[u8]) -> String {
     let text = String::from_utf8_lossy(input);
     let shown: String = text.chars().take(4000).collect();
     if shown.len() < text.len() { format!("{shown}... ({} bytes)", input.len()) } else { shown }
 }
 
-/// A journal after some mutations, the check sums and the numbers of most of its lines put right: what has none gets no
-/// further.
+/// A mutated journal with corrected check sums and numbers in most lines: a reader ignores the others early.
 pub(super) fn resealed(seeds: &[Vec<u8>], rng: &mut RandomStream, into: &mut Vec<u8>) {
     rewritten(seeds, rng, into);
     if rng.random_bool(0.2) {

@@ -1,4 +1,4 @@
-//! What is mutated: the project's own texts, and the files of a small run.
+//! Inputs for mutation: the project's own texts, and the files of a small run.
 
 use palpate_data::dataset::{Origins, Provenance, RunFacts, RunFolder};
 use palpate_data::recipe::{self, Plan};
@@ -8,7 +8,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// A small run, whose files are what is mutated.
+/// A small run, whose files are mutated.
 const SMALL: &str = "name = \"small\"\n[[step]]\nphase = \"characterisation\"\nunits = [5]\n\
                      staircase = { to_n = 1.0, step_n = 1.0, repeats = 1 }\n[[step]]\nphase = \"test\"\n\
                      random = { count = 2, x_mm = [-2, 2], y_mm = [-2, 2], force_n = [0.5, 1] }\n";
@@ -20,7 +20,7 @@ pub(super) struct Run {
     pub manifest: Vec<u8>,
 }
 
-/// A small run as it stands on the disk.
+/// The folder of a small run.
 pub(super) fn run() -> &'static Run {
     static RUN: OnceLock<Run> = OnceLock::new();
     RUN.get_or_init(|| {
@@ -53,7 +53,7 @@ pub(super) fn sim_rig() -> RigSpec {
     rig::parse("sim.toml", SIM_RIG, &|_| unreachable!("no map of its own")).expect("the shipped rig")
 }
 
-/// All texts of a kind in one of the project's folders, in the order of their names.
+/// All texts of a kind in one of the project's folders, in order of their names.
 pub(super) fn texts_in(folder: &str, extension: &str) -> Vec<Vec<u8>> {
     let entries = fs::read_dir(root().join(folder)).expect("a folder of the project");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a file").path()).collect();

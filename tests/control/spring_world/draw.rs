@@ -1,23 +1,23 @@
-//! What a run of the campaign is: it follows from its seed.
+//! A run of the campaign, which follows from its seed.
 
 use palpate_core::quantity::{RandomStream, stream};
 use rand::RngExt;
 
-/// Share of runs with two faults, and of those on a specimen stiffer than declared.
+/// Fraction of runs with two faults, and of runs on a specimen stiffer than declared.
 const PAIRS: f64 = 0.25;
 const STIFFER: f64 = 0.08;
 
-/// Faults come in turn in steps of so many, which is prime, so that few runs have some of each class.
+/// Step through the list of faults, a prime number, so that few runs contain some of each class.
 const STRIDE: usize = 37;
 
-/// Bounds of the true stiffness of those, as a share of the declared one; one in eight has the last.
+/// Bounds of the true stiffness of those, as a fraction of the declared one; one in eight has the last value.
 const STIFFER_SHARES: (f64, f64) = (1.0, 2.0);
 const HARD_SHARE: f64 = 20.0;
 
-/// The places at which a fault begins: of the first press, of early and of late ones.
+/// Places at which a fault begins: of the first press, of early and of late ones.
 const PLACES: [(u32, u32); 3] = [(1, 4), (5, 10), (11, 12)];
 
-/// What triggers are drawn from: true forces, N, and heights of the tip over the surface, mm.
+/// Values of triggers: true forces, N, and heights of the tip over the surface, mm.
 const FORCES_N: (f64, f64) = (0.05, 1.4);
 const HEIGHTS_MM: (f64, f64) = (-0.4, 0.6);
 
@@ -25,12 +25,12 @@ const HEIGHTS_MM: (f64, f64) = (-0.4, 0.6);
 pub(super) struct RandomDraw {
     pub(super) seed: u64,
     pub(super) fault: String,
-    /// True stiffness as a share of the declared one, if the seed doesn't choose it.
+    /// True stiffness as a fraction of the declared one, if the seed doesn't choose it.
     pub(super) stiffness: Option<f64>,
 }
 
 impl RandomDraw {
-    /// The run of a seed: every value of every kind comes in turn, alone or with any other.
+    /// The run of a seed: every value of every kind comes in turn, alone or with another one.
     pub(super) fn new(seed: u64, kinds: &[DrawKind]) -> RandomDraw {
         let mut rng = stream(seed, 0, "spring-world");
         let mut fault = when(&kinds[(seed as usize * STRIDE) % kinds.len()], &mut rng);
@@ -54,7 +54,7 @@ pub(super) struct DrawKind {
 }
 
 impl DrawKind {
-    /// The kinds of a line of `spring_world kinds`: one for each value that it gives.
+    /// The kinds in a line of `spring_world kinds`: one for each value.
     pub(super) fn of_line(line: &str) -> Vec<DrawKind> {
         let cells: Vec<&str> = line.split('\t').collect();
         let kind = |parameter| DrawKind { name: cells[0].to_owned(), parameter };

@@ -1,39 +1,40 @@
-//! Whether a run kept its bounds, and a table of all.
+//! Whether a run kept its bounds, and a table of all runs.
 
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Formatter};
 
-/// What the rig of the world states (`examples/spring_world/setting.rs`).
+/// Values of the world's rig (`examples/spring_world/setting.rs`).
 const LIMIT_N: f64 = 2.0;
 const DECLARED_N_MM: f64 = 2.0;
 
-/// Bounds of the true force, times the limit: of most faults, of a cell's before it is taught, and of what is counted besides.
+/// Bounds of the true force, times the limit: for most faults, for faults of a cell before enough presses are learned, and for counted
+/// ones.
 const MOST: f64 = 1.1;
 const UNLEARNED_CELL: f64 = 1.25;
 const OWN_MOTION: f64 = 1.05;
 
-/// The place from which a cell's fault must be noticed by what was taught.
+/// Place from which on a fault of the cell must be noticed by learned presses.
 const LEARNED_PLACE: u64 = 11;
 
-/// Within this time of a rise no program can act, s; a specimen rises or sinks within a second.
+/// Time after a rise in which no program can react, s; a specimen rises or sinks within a second.
 const REACTION_S: f64 = 0.1;
 
-/// Largest force that counts as none at the end, N.
+/// Largest force at the end that counts as none, N.
 const NO_LOAD_N: f64 = 0.05;
 
-/// Words by which the program's output names the force that is left, or says that nothing knows it.
+/// Words for the remaining force in the program's output, or for a force that can't be known.
 const NAMES_FORCE: [&str; 6] = ["remain", "can't be known", "isn't known", "still presses", "is left on", "may press"];
 
 const OF_THE_START: &str = "its forces may be wrong";
 
-/// A run and what it broke.
+/// A run and the bounds that it exceeded.
 #[derive(Debug)]
 pub(super) struct Verdict {
     class: String,
     run: Value,
     bound_n: Option<f64>,
-    /// Whether any fault of the run began.
+    /// Whether a fault of the run began.
     fired: bool,
     names_force: bool,
     pub(super) falls: Vec<String>,
@@ -65,7 +66,7 @@ impl Verdict {
         if bound_n.is_none() && max_n > LIMIT_N && code == "0" {
             falls.push(format!("unnoticed: {max_n:.2} N with exit 0"));
         }
-        // a program that was killed says nothing: a person calls `retract`
+        // a program that was killed prints nothing: a person calls `retract`
         if end_n > NO_LOAD_N && !names_force && !names.contains(&"host-kill") {
             falls.push(format!("left: {end_n:.2} N, and no word of it"));
         }
@@ -78,7 +79,7 @@ impl Verdict {
         Verdict { class, bound_n, fired, names_force, falls, run }
     }
 
-    /// What a person needs to do it again.
+    /// What a person needs to repeat it.
     pub(super) fn text(&self) -> String {
         let words = self.run["words"].as_str().unwrap_or_default();
         let words: String = words.chars().skip(words.chars().count().saturating_sub(160)).collect();
@@ -96,7 +97,7 @@ impl Verdict {
     }
 }
 
-/// The largest true force that a run may have; none on a specimen that is, or gets, stiffer than declared.
+/// Largest true force of a run; none for a specimen that is, or becomes, stiffer than declared.
 fn bound_n(run: &Value, text: &str, world: &str) -> Option<f64> {
     let about = |key: &str| world.split(' ').find_map(|word| word.strip_prefix(key)?.parse::<f64>().ok());
     let (k, stiffening) = (about("k=").expect("a stiffness"), about("k2=").expect("a stiffening"));

@@ -1,4 +1,4 @@
-//! Load cells and arrays: what is read is held against the force that there can have been.
+//! Load cells and arrays: their readings are compared with the forces that are possible.
 
 use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
@@ -21,16 +21,16 @@ use std::time::Duration;
 
 pub(super) const STIFFNESS_N_MM: f64 = 2.0;
 
-/// How far a true reading may be off, N: what a device rounds to.
+/// Largest error of a true reading, N: the device's rounding.
 const TOLERANCE_N: f64 = 0.0025;
 
-/// How old the newest conversion is at most, s.
+/// Largest age of the newest conversion, s.
 const CONVERSION_S: f64 = 0.012;
 
-/// Longest `prepare` and `read` of any of them, s: a few exchanges, each tried a few times.
+/// Longest `prepare` and `read`, s: a few exchanges, each tried a few times.
 const CALL_S: f64 = 15.0;
 
-/// Most messages of one call.
+/// Largest number of messages of a call.
 const MESSAGES_MOST: usize = 64;
 
 const READS: u64 = 25;
@@ -51,7 +51,7 @@ impl Reader {
         }
     }
 
-    /// What is read, in units of the reading for 1 N; none: it says of itself that it can't be relied on.
+    /// A reading in units of the reading for 1 N; none if it reports that it isn't valid.
     async fn read(&mut self) -> Result<Option<Vec<f64>>, DeviceError> {
         match self {
             Reader::Cell(cell) => {
@@ -146,7 +146,7 @@ pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLin
     outcome
 }
 
-/// Puts z on an endless way up and down across the surface; what each unit reads of 1 N.
+/// Moves z up and down across the surface for ever; the output of each unit for 1 N.
 fn begin_to_press(scene: &Shared<Scene>, rng: &mut RandomStream) -> (Trajectory, Vec<f64>) {
     let mut scene = lock(scene);
     for axis in [Axis::X, Axis::Y] {
@@ -172,7 +172,7 @@ fn begin_to_press(scene: &Shared<Scene>, rng: &mut RandomStream) -> (Trajectory,
     (way, outputs.iter().map(|output| output / force_n).collect())
 }
 
-/// Whether a unit that reads `scale` of 1 N can have read this in a stretch of time.
+/// Whether a unit with the output `scale` for 1 N can have had this output in a period of time.
 fn could_read(press: &Trajectory, window: (f64, f64), value: f64, scale: f64) -> bool {
     let force_n = value / scale;
     let (tolerance_mm, at_mm) = (TOLERANCE_N / STIFFNESS_N_MM / scale.abs().min(1.0), -force_n / STIFFNESS_N_MM);
@@ -244,16 +244,16 @@ fn daqmx(subject: BadLineSubject, table: BadTable, origin: Instant) -> Reader {
     }
 }
 
-/// NI's functions, some of whose reads fail, or give what was read before, or garbled.
+/// NI's functions. Some reads fail, repeat the last values, or return garbled ones.
 struct BadTable {
     table: DaqmxEmulator,
     fate: Shared<BadLineFate>,
     rng: Mutex<RandomStream>,
-    /// What was read last.
+    /// The last values.
     last: Mutex<Vec<f64>>,
 }
 
-/// Errors that reads end with: not there in time, overrun, gone.
+/// Errors at the end of a read: not there in time, overrun, gone.
 const ERRORS: [i32; 3] = [-200_284, -200_279, -201_003];
 
 impl BadTable {
@@ -266,7 +266,7 @@ impl BadTable {
             0 => return ERRORS[rng.random_range(0..ERRORS.len())],
             1 => *read = 0,
             2 => {
-                // what was there before, once more
+                // the last values again
                 let last = lock(&self.last);
                 let length = last.len().min(buffer.len());
                 buffer[..length].copy_from_slice(&last[..length]);
@@ -277,7 +277,7 @@ impl BadTable {
             4 if count > 0 => {
                 let no_voltage = [f64::NAN, f64::INFINITY, 1e9, -11.0];
                 buffer[count - channels + rng.random_range(0..channels)] = no_voltage[rng.random_range(0..4)];
-                // nobody can know better of the numbers among them than that they can't be
+                // only impossible numbers can be recognised
             }
             _ if count > 0 => {
                 let at = count - channels + rng.random_range(0..channels);

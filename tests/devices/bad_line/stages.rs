@@ -1,4 +1,4 @@
-//! Stages: where they say they are is held against where they can have been, and where they end against where they were sent.
+//! Stages: their reported positions are compared with the possible ones, and their final positions with their targets.
 
 use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
@@ -20,27 +20,27 @@ use std::time::Duration;
 /// Longest wait for a program's first answer.
 const START: Duration = Duration::from_secs(10);
 
-/// How far a true place may be off, mm: a step of GRBL's, and a last decimal.
+/// Largest error of a true position, mm: a step of GRBL, and a last decimal.
 const TOLERANCE_MM: f64 = 0.003;
 
-/// How far from its target an axis has arrived elsewhere, mm: what a caller would notice.
+/// Distance from its target at which an axis is elsewhere, mm: a caller would notice it.
 const NOTICED_MM: f64 = 0.02;
 
-/// How long is waited until all that was begun has ended, s.
+/// Time until all motions have ended, s.
 const AFTERWARDS: Duration = Duration::from_secs(60);
 
-/// Longest calls, s, from the deadlines and tries that the drivers name. Each begins with what brings a link back into step.
+/// Longest calls, s, from the deadlines and retries that the drivers name. Each begins with resynchronising the link.
 struct Deadlines {
     /// One question.
     ask_s: f64,
     begin_s: f64,
     stop_s: f64,
-    /// Beyond what the motion should take.
+    /// In addition to the duration of the motion.
     follow_s: f64,
     prepare_s: f64,
 }
 
-/// Most messages of a call, and a second of it: a driver that waits for a motion asks on and on.
+/// Largest number of messages of a call, and per second: a driver asks repeatedly while it waits for a motion.
 const MESSAGES_MOST: usize = 128;
 const MESSAGES_A_SECOND: f64 = 520.0;
 
@@ -57,7 +57,7 @@ fn deadlines(subject: BadLineSubject) -> Deadlines {
     }
 }
 
-/// A stage under trial.
+/// A stage under test.
 struct BadStageTrial {
     subject: BadLineSubject,
     stage: AnyStage,
@@ -65,21 +65,21 @@ struct BadStageTrial {
     rng: RandomStream,
     bad: bool,
     outcome: BadLineOutcome,
-    /// True place less counted, mm, of each axis: what it was switched on with, and none once it is homed.
+    /// True position minus counted one, mm, of each axis: the value at power-up, and none after homing.
     off_mm: [Vec<f64>; 3],
-    /// Where each axis was sent, and where it may be without, true mm.
+    /// Target of each axis, and its possible positions without one, true mm.
     sent_mm: [Vec<f64>; 3],
     /// Whether it was stopped, or may have been: an error leaves that open.
     stopped: bool,
     noticed: bool,
-    /// Something was garbled while it was prepared: it may count from anywhere.
+    /// A message was garbled while it was prepared: its count may be wrong.
     lost: bool,
 }
 
 pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLineOutcome {
     let origin = Instant::now();
     let stage = match subject {
-        // a GRBL gets a board of its own below; a simulated rig's counts otherwise
+        // a GRBL gets its own board below, because a simulated rig's board counts differently
         BadLineSubject::Esp301 | BadLineSubject::Grbl => r#""esp301""#,
         BadLineSubject::Xps => r#"{ xps = "XYZ" }"#,
         _ => r#"{ process = ["x"] }"#,
@@ -100,7 +100,7 @@ pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLin
     let mut rng = stream(seed, 1, "bad line");
     let power_on_mm = Axis::ALL.map(|axis| lock(&scene).motion(axis).end_mm());
     if subject == BadLineSubject::Esp301 && rng.random_bool(0.9) {
-        switch_on(&device, &scene); // a search for home takes some thousand messages
+        switch_on(&device, &scene); // a search for home takes thousands of messages
     }
     let trial = BadStageTrial {
         subject,
@@ -110,7 +110,7 @@ pub(super) async fn run(subject: BadLineSubject, seed: u64, bad: bool) -> BadLin
         bad,
         outcome: BadLineOutcome::default(),
         off_mm: power_on_mm.map(|place_mm| vec![-middle_mm(subject), place_mm]),
-        // where each looks for home: an end, off it, or the middle
+        // where each axis homes: at an end, off it, or in the middle
         sent_mm: power_on_mm.map(|place_mm| vec![place_mm, 0.0, -12.5, 12.0, 12.5]),
         stopped: false,
         noticed: false,
@@ -144,7 +144,7 @@ impl BadStageTrial {
         assert!(prepared || !clean && self.bad, "it can't be prepared on a good line");
         self.lost = !lock(&fate).altered_s.is_empty();
         if prepared {
-            // whatever it took to prepare it: from here on it goes where it is sent
+            // after its preparation it goes where it is sent
             let at_mm = Axis::ALL.map(|axis| lock(scene).motion(axis).end_mm());
             (self.sent_mm, self.stopped) = (at_mm.map(|place_mm| vec![place_mm]), false);
             lock(&fate).bad = self.bad;
@@ -180,7 +180,7 @@ impl BadStageTrial {
         outcome
     }
 
-    /// One thing that is done with a stage.
+    /// One operation of a stage.
     async fn act(&mut self) {
         match self.rng.random_range(0..10) {
             0..7 => self.move_somewhere().await,
@@ -218,7 +218,7 @@ impl BadStageTrial {
             return;
         }
         if self.rng.random_bool(0.2) {
-            self.ask(axes[0]).await; // under way
+            self.ask(axes[0]).await; // in motion
         }
         let expected = Duration::from_secs_f64(6.0 / speed_mm_s + 0.2);
         let orders = MotionOrders::default();
@@ -234,7 +234,7 @@ impl BadStageTrial {
                 orders.stop();
             }
         };
-        // one of its speeds stops and goes on
+        // one of its speeds stops and restarts
         self.stopped |= pulls.is_some() || speed.is_some();
         let from_s = lock(&fate).now_s();
         let limit_s = 2.0 * expected.as_secs_f64() + deadlines.follow_s;
@@ -300,7 +300,7 @@ impl BadStageTrial {
         self.outcome.judge(self.subject, altered && in_range, stray && in_range, output);
     }
 
-    /// What a call gave, its error counted.
+    /// Result of a call; errors are counted.
     fn note<T>(&mut self, came: Result<T, DeviceError>) -> Option<T> {
         if let Err(error) = &came {
             assert!(self.bad, "an error on a good line: {error}");
@@ -311,17 +311,17 @@ impl BadStageTrial {
     }
 }
 
-/// What a stage counts in the middle of its frame once it is homed, mm: a stock GRBL counts from minus its travel to 0.
+/// The stage's count in the middle of its frame after homing, mm: a stock GRBL counts from minus its travel to 0.
 fn middle_mm(subject: BadLineSubject) -> f64 {
     if subject == BadLineSubject::Grbl { -12.5 } else { 0.0 }
 }
 
-/// Its travel: a stock GRBL's ends off its switch.
+/// Its travel: that of a stock GRBL ends off its switch.
 fn travel(subject: BadLineSubject) -> Range {
     if subject == BadLineSubject::Grbl { Range { min: -25.0, max: -0.5 } } else { Range { min: -12.5, max: 12.5 } }
 }
 
-/// Does what it is asked within a limit of time and messages.
+/// Carries out an operation within a limit of time and messages.
 async fn call<T>(
     name: &'static str,
     limit_s: f64,
@@ -338,7 +338,7 @@ async fn call<T>(
     came.unwrap_or_else(|_| panic!("{name} hangs"))
 }
 
-/// Motors on: to the driver it knows where it is.
+/// Motors on: the driver takes it as homed.
 fn switch_on(device: &Shared<dyn Instrument>, scene: &Shared<Scene>) {
     let (mut device, mut scene) = (lock(device), lock(scene));
     let mut inbox = b"1MO;2MO;3MO\r".to_vec();

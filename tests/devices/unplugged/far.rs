@@ -1,4 +1,4 @@
-//! A rig's devices on links on which one of them is lost.
+//! The devices of a rig on links on which one of them is lost.
 
 use palpate_core::quantity::stream;
 use palpate_run::rig::SimulatedRig;
@@ -13,11 +13,11 @@ use tokio::sync::Notify;
 /// How a device is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum FarEndLoss {
-    /// Its link is closed, and so is every one that is opened again.
+    /// Its link is closed, and so is every link that is opened again.
     Unplugged,
-    /// It takes everything and answers nothing.
+    /// It accepts everything and answers nothing.
     Silenced,
-    /// Every answer is damaged; in every second case its line ends are not.
+    /// Every answer is damaged; in every second case its line ends aren't.
     Garbled,
 }
 
@@ -25,7 +25,7 @@ impl FarEndLoss {
     pub(super) const ALL: [FarEndLoss; 3] = [FarEndLoss::Unplugged, FarEndLoss::Silenced, FarEndLoss::Garbled];
 }
 
-/// What is lost, how, and at which of the rig's messages.
+/// The lost device, the way of its loss, and the number of the message.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FarEndFate {
     pub device: SceneDevice,
@@ -33,7 +33,7 @@ pub(super) struct FarEndFate {
     pub at: usize,
 }
 
-/// Puts every device of a rig on a link that is watched, and on which one device is lost.
+/// Connects every device of a rig by an observed link, and loses one of them.
 pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Option<FarEndFate>) {
     let lost = Arc::new(Mutex::new(Lost { at: fate.map(|fate| fate.at), struck: false, bells: Vec::new() }));
     let shared = rig.load_cell.is_same(&rig.stage);
@@ -50,11 +50,11 @@ pub(super) fn beset(rig: &mut SimulatedRig, watcher: &Shared<Watcher>, fate: Opt
     }
 }
 
-/// What the links of a rig know together.
+/// Shared state of the links of a rig.
 struct Lost {
     at: Option<usize>,
     struck: bool,
-    /// What wakes the links that wait, to be closed.
+    /// Wakes waiting links, so that they are closed.
     bells: Vec<Arc<Notify>>,
 }
 
@@ -63,7 +63,7 @@ struct Far {
     device: Shared<dyn Instrument>,
     watcher: Shared<Watcher>,
     lost: Shared<Lost>,
-    /// How this device is lost, if it is this one.
+    /// How this device is lost, if it is the lost one.
     fate: Option<FarEndFate>,
     bell: Arc<Notify>,
 }
@@ -84,7 +84,7 @@ impl Far {
         ask(&mut *self.device.lock().expect("a device that lives"))
     }
 
-    /// A message has come, and with it maybe the end.
+    /// A message has arrived, and maybe the loss begins.
     fn heard(&self, message: Option<Vec<u8>>) -> Option<Vec<u8>> {
         let message = message?;
         let mut watcher = self.watcher.lock().expect("a test that goes on");
@@ -101,7 +101,7 @@ impl Far {
         self.fate.filter(|_| self.lost.lock().expect("a test that goes on").struck)
     }
 
-    /// Lets the device do something; the watcher looks at what a stage does.
+    /// Lets the device work; the watcher observes a stage.
     fn act<R>(&self, scene: &mut Scene, now_s: f64, act: impl FnOnce(&mut dyn Instrument, &mut Scene) -> R) -> R {
         let mut watcher = self.watcher.lock().expect("a test that goes on");
         self.device(|device| match device.device() {
@@ -110,7 +110,7 @@ impl Far {
         })
     }
 
-    /// What of an answer arrives.
+    /// The part of an answer that arrives.
     fn arrives(&self, answer: Vec<u8>) -> Vec<u8> {
         match self.loss() {
             None => answer,
@@ -165,7 +165,7 @@ impl Instrument for Far {
     }
 }
 
-/// An answer of which no byte is what it was, but for line ends in every second case.
+/// An answer whose bytes all differ, except for line ends in every second case.
 fn damaged(mut answer: Vec<u8>, at: usize) -> Vec<u8> {
     let mut rng = stream(1, (at + answer.len()) as u64, "damage");
     let keeps_lines = at.is_multiple_of(2);

@@ -1,4 +1,4 @@
-//! A run in a folder, as the program keeps one, walked on a rig on which a device may be lost.
+//! A run in a folder, as the program stores it, on a rig on which a device may be lost.
 
 use super::RECIPE;
 use super::far::{FarEndFate, beset};
@@ -15,26 +15,26 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// No run here is as long: one that is doesn't end by itself.
+/// Longest run; a longer one doesn't end.
 const FOR_EVER: Duration = Duration::from_secs(24 * 3600);
 
-/// How long after a run's end all must be at rest: the longest way there is takes 3 s.
+/// Time after a run's end until all is at rest: the longest motion takes 3 s.
 const AFTERWARDS: Duration = Duration::from_secs(5);
 
-/// How a walk went.
+/// Result of a run.
 pub(super) struct UnpluggedRun {
     pub ending: Ending,
-    /// What was recorded, in its order.
+    /// The records in their order.
     pub contacts: Vec<RecordedContact>,
     pub phases: Vec<Option<PressPhase>>,
     pub worst: ExecutionWorst,
-    /// Where z ended in the specimen frame, mm.
+    /// Final z in the specimen frame, mm.
     pub z_mm: f64,
     pub at_rest: bool,
     pub virtual_s: f64,
 }
 
-/// A run in a folder, as the program keeps one. Nothing else here knows of run folders.
+/// A run in a folder, as the program stores it. Nothing else here uses run folders.
 pub(super) struct StoredRun {
     folder: RunFolder,
     home: TempDir,
@@ -50,7 +50,7 @@ impl StoredRun {
         StoredRun { folder, home }
     }
 
-    /// Lets go of the run and takes it up again, as another program would.
+    /// Closes the run and opens it again, as another program would.
     pub(super) fn reopen(self, spec: &RigSpec) -> StoredRun {
         let StoredRun { folder, home } = self;
         let path = folder.path().to_owned();
@@ -60,7 +60,7 @@ impl StoredRun {
         StoredRun { folder, home }
     }
 
-    /// Walks what is left of the plan and ends the run.
+    /// Makes the remaining presses of the plan and ends the run.
     pub(super) fn execute(&mut self, spec: &RigSpec, plan: &Plan, fate: Option<FarEndFate>) -> UnpluggedRun {
         let folder = &mut self.folder;
         let executed = run_virtually(async {
@@ -83,7 +83,7 @@ impl StoredRun {
         executed
     }
 
-    /// What of a run that ended isn't on the disk as it must be: its verdict, and these contacts, each once.
+    /// Differences between the disk and the expected end of a run: its verdict, and these contacts, each once.
     pub(super) fn wrong_on_disk(
         &self,
         ending: &Ending,
@@ -119,7 +119,7 @@ impl StoredRun {
     }
 }
 
-/// Notes what is recorded, and tells the watcher of each press.
+/// Notes the records, and informs the watcher of each press.
 struct Notes {
     watcher: Shared<Watcher>,
     contacts: Vec<RecordedContact>,
@@ -136,7 +136,7 @@ impl Listener for Notes {
     }
 }
 
-/// The facts of a plan of which only a part is walked: its entries keep their numbers.
+/// The facts of a plan of which only a part is made: its entries keep their numbers.
 fn facts_of(plan: &Plan) -> RunFacts {
     let presses_planned = plan.entries.iter().map(|entry| entry.press + 1).max().unwrap_or(0);
     RunFacts { presses_planned, ..RunFacts::new(plan, true) }

@@ -1,25 +1,25 @@
-//! What came of some trials, added up.
+//! Sums of the results of trials.
 
 use std::fmt::{self, Display, Formatter};
 use std::ops::AddAssign;
 
-/// What came of some trials.
+/// Results of some trials.
 #[derive(Default)]
 pub(super) struct KillTally {
     pub trials: usize,
     pub kills: usize,
-    /// Kills before there was a folder, and what they left beside its place.
+    /// Kills before the folder existed, and the remaining drafts.
     pub early: usize,
     pub drafts: usize,
-    /// Presses that were in the journal when their program was killed and that it hadn't told of.
+    /// Presses that were in the journal at the kill and not yet acknowledged.
     pub unacknowledged: usize,
     /// Presses that were acknowledged before the last session.
     pub acknowledged: usize,
-    /// Rows that were acknowledged: not there, there with other values, made again.
+    /// Acknowledged rows that are missing, have other values, or were made again.
     pub lost: usize,
     pub changed: usize,
     pub again: usize,
-    /// Rows that a run without an end before its time would have measured otherwise, where the specimen has no memory.
+    /// Rows that differ from those of an uninterrupted run, on a specimen without memory.
     pub other: usize,
     pub first: Option<String>,
 }

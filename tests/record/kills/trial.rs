@@ -1,4 +1,4 @@
-//! One run that is killed, once or more.
+//! One run that is killed once or more often.
 
 use super::{KillCourse, KillTally, journalled, rows_of};
 use palpate_core::quantity::{RandomStream, stream};
@@ -13,36 +13,36 @@ use std::process::Command;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-/// What the moments of a trial are drawn from, with the trial's number.
+/// With the trial's number, the seed of the times of a trial.
 const SEED: u64 = 1;
 
-/// Most kills of one run, the first and those of its `resume`.
+/// Most kills of one run, its `resume` included.
 const KILLS_OF_ONE_MOST: usize = 3;
 
-/// How much faster than real time a run is, where it is paced: 30 s of virtual time take 0.05 to 0.5 s.
+/// Speed of a paced run, times real time: 30 s of virtual time take 0.05 to 0.5 s.
 const PACES: RangeInclusive<u32> = 60..=600;
 
-/// How long a program takes to make its folder or to open it, us.
+/// Time of a program to make or open its folder, us.
 const START_US: u64 = 8_000;
 
-/// How long after a row a kill may come, us: upon it, when what is told too early isn't on the disk yet; within some presses,
-/// if the run isn't paced; and after the last row, while the tables are written and the results shown.
+/// Latest kill after a row, us: at once, when a row that was acknowledged too early isn't on the disk yet; within some presses, if the run
+/// isn't paced; and after the last row, while tables and results are written.
 const UPON_ROW_US: u64 = 200;
 const AFTER_ROW_US: u64 = 3_000;
 const AFTER_LAST_ROW_US: u64 = 5_000;
 
-/// The longest that a press takes in virtual time, s.
+/// Longest press in virtual time, s.
 const PRESS_S: f64 = 2.0;
 
 /// Longest wait for a row that must come.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// One run that is killed, and its `resume` perhaps, until it is finished.
+/// One killed run, and its `resume` if needed, until it is complete.
 pub(super) struct KillTrial<'a> {
     number: u64,
     course: &'a KillCourse,
     bench: TestFolder,
     rng: RandomStream,
-    /// The sessions so far, to tell of if something doesn't hold.
+    /// The sessions so far, for a message.
     sessions: Vec<String>,
 }
 
@@ -62,7 +62,7 @@ impl<'a> KillTrial<'a> {
         tally
     }
 
-    /// Starts the program from where the run is, and kills it.
+    /// Starts the program from the state of the run, and kills it.
     fn session(&mut self, acknowledged: &mut Vec<Value>) -> KillTally {
         let pace = self.rng.random_bool(0.5).then(|| self.rng.random_range(PACES));
         let before = journal(&self.bench);
@@ -75,7 +75,7 @@ impl<'a> KillTrial<'a> {
         if !self.bench.has("run") {
             assert_eq!((&rows[..], code), (&[][..], None), "{output}: acknowledged without a folder");
             let entries = fs::read_dir(self.bench.path(".")).expect("a folder").map(|entry| entry.expect("an entry"));
-            // the recipe and the rig are there
+            // the recipe and the rig exist
             let beside = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
             let beside: Vec<String> = beside.filter(|name| !["r.toml", "rig.toml"].contains(&name.as_str())).collect();
             let is_hidden = |name: &String| name.starts_with('.') && name.ends_with(".new");
@@ -101,7 +101,7 @@ impl<'a> KillTrial<'a> {
         KillTally { kills, unacknowledged: made - acknowledged_rows, ..KillTally::default() }
     }
 
-    /// When the next kill comes: as the program starts; any time; upon or after any row; or after the last, when the tables are
+    /// Time of the next kill: at the start of the program; any time; at or after any row; or after the last one, while the tables are
     /// written.
     fn moment(&mut self, pace: Option<u32>) -> KillMoment {
         let plan = self.course.plan().len();
@@ -127,21 +127,21 @@ impl Display for KillTrial<'_> {
     }
 }
 
-/// So long after so many rows.
+/// This long after so many rows.
 #[derive(Clone, Copy, Debug)]
 struct KillMoment {
     rows: usize,
     then: Duration,
 }
 
-/// What a program that was killed had acknowledged, and its exit code if it had ended before.
+/// The rows that a killed program acknowledged, and its exit code if it had ended before.
 struct Killed {
     rows: Vec<Value>,
     code: Option<i32>,
     err: String,
 }
 
-/// Starts the program and kills it at a moment.
+/// Starts the program and kills it at that time.
 fn killed(command: Command, moment: KillMoment) -> Killed {
     let mut live = Live::start(command);
     let mut rows = Vec::new();
@@ -167,7 +167,7 @@ fn killed(command: Command, moment: KillMoment) -> Killed {
     Killed { rows, code: output.code, err: output.err }
 }
 
-/// The journal's whole records as they stand, without a torn tail.
+/// The complete records of the journal, without an incomplete tail.
 fn journal(bench: &TestFolder) -> Vec<u8> {
     let mut bytes =
         if bench.has("run") { fs::read(bench.path("run/journal.log")).expect("a journal") } else { Vec::new() };

@@ -9,15 +9,15 @@ use palpate_testing::terminal::{TestTerminal, signal, spawned, wait};
 use std::collections::BTreeSet;
 use std::process::Child;
 
-/// Sensors, and those with which something happens.
+/// Sensors, and those with an incident.
 const SENSORS: usize = 30;
 const KILLED: usize = 15;
 const UNPLUGGED: usize = 20;
 
-/// When the array is unplugged, s: after the quick check, within the run.
+/// Time of unplugging the array, s: after the quick check, within the run.
 const UNPLUGGED_S: f64 = 50.0;
 
-/// How every question ends.
+/// End of every question.
 const QUESTION: &str = ") > ";
 
 /// Pace of the run that is killed: it takes some seconds.
@@ -38,7 +38,7 @@ impl DayPerson {
         DayPerson { terminal, child }
     }
 
-    /// Waits for the next question, types a line, and gives what was said before the question.
+    /// Waits for the next question, types a line, and returns the output before the question.
     fn types(&mut self, line: &str) -> String {
         let said = self.terminal.until(QUESTION);
         self.terminal.line(line);
@@ -155,7 +155,7 @@ fn assert_day(bench: &TestFolder) {
     let status = bench.palpate_ends(0, "batch status day --json").json_lines();
     let judged = |name: &str| status[0]["counts"][name].as_u64().expect("a number");
     assert_eq!(judged("accepted") + judged("not-accepted"), SENSORS as u64, "{}", status[0]["counts"]);
-    // the run that was killed is a run as any other
+    // the run that was killed is an ordinary run
     bench.palpate("resume day/runs/A-15"); // its exit code is that of the verdict
     assert_eq!(bench.manifest("day/runs/A-15")["status"], "complete");
 }

@@ -1,4 +1,4 @@
-//! What is typed at the desk of a batch, piped: what is refused, trays, trips, the reference sensor, and continuing.
+//! Lines for a batch, piped: refusals, trays, trips, the reference sensor, and continuing.
 
 use super::{RECIPE, begun, bench, break_rig, complete, events, mend_rig, piped, results};
 use palpate_data::dataset::Status;
@@ -213,7 +213,7 @@ fn a_batch_is_not_continued_with_wider_limits_than_it_began_with() {
         assert!(output.running().contains(&expected), "{}", output.err);
         assert_eq!(bench.read("day/journal.log"), journal, "nothing is changed");
     }
-    // a tighter limit is accepted and recorded, and the first one stays the widest
+    // a tighter limit is accepted and recorded, and the first one remains the widest
     for (force, sensor, code) in [("1.8", "A-02", 0), ("2.0", "A-03", 0), ("2.1", "A-04", 2)] {
         bench.write("rig.toml", &exchanged(&rig, "force_n = 2.0", &format!("force_n = {force}")));
         let output = piped(&bench, RUN, &[sensor]);

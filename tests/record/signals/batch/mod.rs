@@ -1,4 +1,4 @@
-//! A batch at the bench: a day of 30 sensors at a terminal, and what is typed, refused, interrupted and continued.
+//! A batch at the bench: a day of 30 sensors at a terminal, and typed, refused, interrupted and continued sensors.
 
 mod day;
 mod desk;
@@ -42,7 +42,7 @@ operator = "Ada"
 warm_up_s = 5.0
 "#;
 
-/// A bench with a batch of 30 sensors, and some lines more in its file.
+/// A folder with a batch of 30 sensors, and more lines in its file.
 fn bench(more: &str) -> TestFolder {
     let batch = format!("{BATCH}{more}");
     TestFolder::with([("b.toml", batch.as_str()), ("r.toml", RECIPE), ("rig.toml", &shipped_text("rigs/batch.toml"))])
@@ -87,12 +87,12 @@ fn results<'e>(events: &'e [BatchEvent], serial: &str) -> Vec<&'e Ended> {
     events.iter().filter_map(ended).filter(|ended| ended.serial == serial).collect()
 }
 
-/// How many times a sensor began.
+/// Number of times that a sensor began.
 fn begun(events: &[BatchEvent], serial: &str) -> usize {
     events.iter().filter(|event| matches!(event, BatchEvent::Began(began) if began.serial == serial)).count()
 }
 
-/// How many results of a sensor are complete.
+/// Number of complete results of a sensor.
 fn complete(events: &[BatchEvent], serial: &str) -> usize {
     results(events, serial).iter().filter(|ended| ended.status == Status::Complete).count()
 }

@@ -1,4 +1,4 @@
-//! `[notify]`: what a receiver gets, and that a dead, slow or missing one changes nothing of a batch.
+//! `[notify]`: the lines for a receiver; a dead, slow or missing one doesn't change a batch.
 
 use super::{bench, events, piped};
 use palpate_data::dataset::Status;

@@ -1,4 +1,4 @@
-//! A batch with a design's prior: few presses, sensors that aren't of the design, and sensors that need more presses.
+//! A batch with a design's prior: few presses, sensors of another design, and sensors that need more presses.
 
 use super::{events, piped, results};
 use palpate_data::acceptance::SensorVerdict;
@@ -111,7 +111,7 @@ fn nine_presses_calibrate_a_sensor_of_the_design_and_others_are_refused_or_get_a
     let reference = result(&bench, "REF");
     assert!(reference.verdict.is_none() && reference.model.is_none() && reference.change.len() == 9);
 
-    // a layer that is 10 % thicker: the next recipe, by which it is calibrated without the prior
+    // a layer that is 10 % thicker: the next recipe, which calibrates it without the prior
     bench.write("rig.toml", &rig("elastomer = { depth_mm = 5.5 }"));
     let output = piped(&bench, "batch run b.toml", &["A-4"]);
     assert_eq!(output.code, Some(0), "{}", output.err);
