@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_definition_of_repeatability_has_a_word() {
+    fn every_definition_of_repeatability_has_a_name() {
         assert_eq!(RepeatabilityChoice::from_str("3sd", false), Ok(RepeatabilityChoice::default()));
         assert_eq!(Repeatability::from(RepeatabilityChoice::default()), Repeatability::default());
         assert!(RepeatabilityChoice::from_str("4sd", false).is_err());

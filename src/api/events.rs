@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn a_consumer_that_looks_only_at_the_end_gets_every_press() {
+    fn slow_consumer_gets_every_press() {
         let folder = tempfile::tempdir().unwrap();
         let count = 2 * CONTACTS_MAX + 5;
         let mut events = started(&folder, &random(count));
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_finishes_the_press_under_way() {
+    fn stop_finishes_the_current_press() {
         let folder = tempfile::tempdir().unwrap();
         let mut events = started(&folder, &random(20_000));
         while !matches!(events.next(LONG), Next::Event(RunEvent::Pressed(_))) {}

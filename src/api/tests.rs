@@ -107,7 +107,7 @@ fn readings_are_solved_line_by_line() {
 }
 
 #[test]
-fn a_failure_has_the_message_and_the_kind_of_the_command_line() {
+fn failure_has_the_message_and_code_of_the_command_line() {
     let failed = |failure: Option<Failure>| failure.map(|failure| (failure.kind(), failure.to_string())).unwrap();
     let named = |solver: &str| MethodOptions { solver: solver.to_owned(), ..MethodOptions::default() };
     let unknown = failed(fit(Path::new("grid.csv"), &named("surogate"), &|_| {}).err());

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_takes_a_run_or_two_tables() {
+    fn evaluate_accepts_a_run_or_two_tables() {
         assert_eq!(
             arguments("runs/paper --repeatability t95").unwrap().options.repeatability,
             RepeatabilityChoice::T95

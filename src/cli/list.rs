@@ -99,7 +99,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn every_file_that_is_shipped_is_listed_with_what_it_is() {
+    fn every_shipped_file_is_listed_with_its_description() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         for (folder, shipped) in FOLDERS {
             let files = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());

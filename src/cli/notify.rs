@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_receiver_that_dies_at_once_costs_nothing() {
+    fn receiver_that_dies_at_once_does_not_disturb() {
         let notifier = Notifier::start(&shell("exit 3")).unwrap();
         (0..10 * LINES_MOST).for_each(|_| notifier.pass(&paused("A-1")));
         assert!(lost(&notifier) > 0);

@@ -366,7 +366,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
     }
 
     #[test]
-    fn a_line_a_solver_stays_within_80_columns() {
+    fn solver_table_fits_80_columns() {
         let evaluation = evaluation("pearson");
         let far = ErrorSummary { mean: 1.0e6, median: 99.9996, p95: 9999.96, max: 123_456.0 };
         let far = Evaluation {

@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_move_together_where_the_terminal_is_too_narrow() {
+    fn columns_are_narrowed_on_a_narrow_terminal() {
         let table = |cells: usize| TextTable::new(0, vec!["12345"; cells]).width();
         assert_eq!((table(11), table(12), table(13)), (75, 71, 77));
     }

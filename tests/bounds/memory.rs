@@ -30,8 +30,8 @@ const TURNED_BYTES: usize = 8 << 20;
 const BUFFERS_BYTES: usize = 64 << 10;
 
 #[test]
-fn a_folder_holds_places_of_contacts_and_no_contacts() {
-    if ran_alone("memory::a_folder_holds_places_of_contacts_and_no_contacts") {
+fn run_folder_keeps_positions_of_contacts_in_memory_not_contacts() {
+    if ran_alone("memory::run_folder_keeps_positions_of_contacts_in_memory_not_contacts") {
         return;
     }
     let home = tempfile::tempdir().unwrap();
@@ -85,8 +85,8 @@ const READINGS: usize = 200_000;
 const ANSWERS_BYTES: usize = 16 << 10;
 
 #[test]
-fn readings_are_answered_and_none_is_held() {
-    if ran_alone("memory::readings_are_answered_and_none_is_held") {
+fn readings_are_solved_without_being_kept() {
+    if ran_alone("memory::readings_are_solved_without_being_kept") {
         return;
     }
     let calibration = calibration();

@@ -111,7 +111,7 @@ fn drift_slow_drift_and_mains_are_counted() {
 }
 
 #[test]
-fn all_ills_at_once_are_borne() {
+fn all_disturbances_at_once_keep_the_bounds() {
     // the benches differ only in the latency of the stage, which is a disturbance here
     let (name, _) = BENCHES[0];
     let found = figures(name, "all at once", all);
@@ -122,7 +122,7 @@ fn all_ills_at_once_are_borne() {
 
 /// A drift of 0.3 N in all: the run takes new zeros, doesn't end, and its forces are right.
 #[test]
-fn a_run_goes_on_through_a_drift_of_300_mn() {
+fn run_continues_through_a_drift_of_300_mn() {
     let recipe = bench_recipe(1);
     for (name, _) in benches() {
         for drift_n in [0.3, -0.3] {
@@ -151,7 +151,7 @@ fn a_run_goes_on_through_a_drift_of_300_mn() {
 const HOME_MM: f64 = 12.5;
 
 #[test]
-fn a_zero_that_drifts_during_the_first_descent_is_no_touch() {
+fn zero_drift_during_the_first_descent_is_not_a_touch() {
     let recipe = "name = \"one\"\n[[step]]\nphase = \"calibration\"\nlist = { places_mm = [[0.0, 0.0], [1.0, 0.0]] }\nforce_n = 1.0\n";
     let ills: [Ill; 4] = [
         ("+30 mN/min", |spec| cell(spec).drift_n_s = 0.030 / 60.0),

@@ -296,7 +296,7 @@ fn is_softer(learned_curve: &LearnedCurve, from_n: f64, to_n: f64, way_mm: f64) 
 }
 
 #[test]
-fn a_sound_calibration_raises_no_alarm_and_comes_near_none() {
+fn sound_calibration_stays_far_from_every_alarm() {
     let calibrations: Vec<FalseAlarmCalibration> =
         (0..campaign::size(CALIBRATIONS.0, CALIBRATIONS.1)).map(FalseAlarmCalibration::new).collect();
     let outcomes = in_parallel(&calibrations, FalseAlarmCalibration::executed);

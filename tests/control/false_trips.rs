@@ -149,7 +149,7 @@ fn seeds(most: usize) -> std::ops::RangeInclusive<u64> {
 }
 
 #[test]
-fn a_map_trips_for_nothing_and_keeps_its_bars() {
+fn map_makes_no_false_trips_and_keeps_its_bounds() {
     let mut missed = Vec::new();
     for (((bench, _), bars), noisier_bars) in BENCHES.into_iter().zip(MAP_BARS).zip(NOISIER_BARS) {
         // the first five continue with the paper's points
@@ -203,7 +203,7 @@ fn a_map_trips_for_nothing_and_keeps_its_bars() {
 }
 
 #[test]
-fn a_guarded_and_a_velocity_press_trip_for_nothing_and_keep_their_bars() {
+fn guarded_and_velocity_make_no_false_trips_and_keep_their_bounds() {
     let mut missed = Vec::new();
     for (nth, (bench, _)) in BENCHES.into_iter().enumerate() {
         for (strategy, bars) in [(Strategy::Guarded, &GUARDED_BARS[nth]), (Strategy::Velocity, &VELOCITY_BARS[nth])] {

@@ -375,7 +375,7 @@ impl FaultOutcome {
 }
 
 #[test]
-fn no_fault_costs_a_limit_and_each_is_noticed_by_what_it_is() {
+fn no_fault_exceeds_a_limit_and_each_trips_a_fitting_rule() {
     let mut all = Vec::new();
     for (strategy, speeds_mm_s, seeds) in [
         (Strategy::Map, &SPEEDS_MM_S[..], SEEDS),
@@ -395,7 +395,7 @@ fn no_fault_costs_a_limit_and_each_is_noticed_by_what_it_is() {
 }
 
 #[test]
-fn no_two_faults_together_cost_a_limit() {
+fn no_two_faults_exceed_a_limit() {
     let mut all = Vec::new();
     for (strategy, seeds) in
         [(Strategy::Map, PAIR_SEEDS), (Strategy::Guarded, OTHER_PAIR_SEEDS), (Strategy::Velocity, OTHER_PAIR_SEEDS)]
@@ -407,7 +407,7 @@ fn no_two_faults_together_cost_a_limit() {
 
 /// At the force limit, a cell that reads wrong leaves only the depth limit, and the force there may exceed the force limit.
 #[test]
-fn under_a_lying_load_cell_a_press_at_the_limit_keeps_its_depth() {
+fn press_at_the_limit_keeps_its_depth_with_a_faulty_load_cell() {
     const LYING: [FaultKind; 6] = [
         FaultKind::Stuck,
         FaultKind::NoSensor,

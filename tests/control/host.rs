@@ -244,7 +244,7 @@ impl Instrument for Beset {
 
 /// Only messages to the stage change a motion, so each of them is tried. Messages to readers can't matter once the host is dead.
 #[test]
-fn a_host_that_dies_after_any_message_leaves_a_stage_that_keeps_the_limits() {
+fn host_death_after_any_message_keeps_the_limits() {
     let speeds: &[f64] = if campaign::is_quick() { &[25.0] } else { &[0.5, 5.0, 25.0] };
     let seeds = campaign::size(1, 2) as u64;
     let jobs: Vec<(HostSetup, u64)> =
@@ -272,7 +272,7 @@ struct HostRow {
 }
 
 #[test]
-fn a_link_that_is_cut_or_late_at_any_command_costs_no_limit_and_is_noticed() {
+fn cut_or_late_link_at_any_command_keeps_the_limits_and_is_noticed() {
     let every = campaign::every(EVERY.0, EVERY.1);
     let mut jobs = Vec::new();
     for setup in setups(&[25.0]) {

@@ -466,7 +466,7 @@ fn must_be_none<'a>(presses: impl Iterator<Item = (u64, &'a Vec<&'static str>)>)
 }
 
 #[test]
-fn on_a_specimen_that_is_as_declared_every_press_ends_and_no_end_point_costs_a_limit() {
+fn press_on_a_declared_specimen_ends_within_every_limit() {
     let (steps, ends) = until_enough(drive_plausibly);
     let mut kinds = BTreeMap::<&str, usize>::new();
     for MachineDriven { end, seed, .. } in &ends {
@@ -495,7 +495,7 @@ fn press_ends_within_its_permit_for_every_reading() {
 }
 
 #[test]
-fn a_press_that_is_over_moves_nothing_any_more() {
+fn finished_press_requests_no_motion() {
     for seed in 0..steps_wanted() / 1000 {
         let (_, mut draw, output, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);

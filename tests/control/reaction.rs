@@ -95,7 +95,7 @@ fn rigs() -> [(&'static str, String, ReactionWords); 4] {
 }
 
 #[test]
-fn a_stop_is_on_the_wire_within_one_control_period_of_the_sample_that_asks_for_it() {
+fn stop_is_sent_within_one_control_period_of_its_sample() {
     for (name, text, words) in rigs() {
         let spec = palpate_run::rig::parse(name, &text, &|_| unreachable!()).expect("a rig").simulated();
         let period = Duration::from_secs_f64(1.0 / spec.load_cell.conversions_hz);

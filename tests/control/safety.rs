@@ -19,7 +19,7 @@ fn the_force_at_the_limit_never_exceeds_it_over_forty_seeds() {
 }
 
 #[test]
-fn a_rig_mounted_any_way_round_presses_the_same() {
+fn rig_mounted_in_any_direction_presses_the_same() {
     let mount = |down: Down, surface_z_mm: f64, origin: Place, z: Range| {
         rig_with(|spec, _| {
             spec.frame.down = down;
@@ -47,7 +47,7 @@ fn a_rig_mounted_any_way_round_presses_the_same() {
 }
 
 #[test]
-fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
+fn specimen_as_stiff_as_declared_gets_at_most_the_limit() {
     let branch = |share, time_s| RelaxationBranch { share, time_s };
     for (i, (contact, relaxation, declared, force_n)) in [
         (linear(1.8), vec![branch(0.05, 0.3), branch(0.05, 5.0)], 1.98, 2.0),
@@ -72,7 +72,7 @@ fn a_specimen_as_stiff_as_declared_bears_no_more_than_the_limit() {
 }
 
 #[test]
-fn a_load_cell_that_is_slow_is_waited_for() {
+fn slow_load_cell_is_awaited() {
     // a conversion from before the end of a motion isn't the force after it
     for conversions_hz in [10.0, 20.0, 50.0, 1000.0] {
         for seed in 1..=4 {
@@ -88,7 +88,7 @@ fn a_load_cell_that_is_slow_is_waited_for() {
 }
 
 #[test]
-fn an_offset_of_the_load_cell_is_no_force() {
+fn offset_of_the_load_cell_is_not_a_force() {
     for offset_n in [-1.5, -0.4, 0.4, 1.5] {
         let spec = rig_with(|_, scene| {
             scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n, ..LoadCellScene::default() })
@@ -98,7 +98,7 @@ fn an_offset_of_the_load_cell_is_no_force() {
 }
 
 #[test]
-fn a_noisy_load_cell_doesnt_cost_force() {
+fn noisy_load_cell_keeps_the_force() {
     for seed in 1..=10 {
         let spec = rig_with(|_, scene| {
             scene.load_cell = Some(LoadCellScene { noise_n: 0.02, offset_n: 0.0, ..LoadCellScene::default() })
@@ -116,7 +116,7 @@ fn a_noisy_load_cell_doesnt_cost_force() {
 }
 
 #[test]
-fn depth_is_held_where_the_specimen_yields_late() {
+fn depth_limit_holds_on_a_specimen_that_yields_late() {
     // a soft start: contact is noticed late, and the depth limit ends the press
     for (i, contact) in [
         ContactLaw { linear_n_mm: 0.1, quadratic_n_mm2: 1.0, toe_mm: 0.0 },
@@ -147,7 +147,7 @@ fn depth_is_held_where_the_specimen_yields_late() {
 // ---- a stop by a person --------------------------------------------------------------------------------------------
 
 #[test]
-fn a_stop_at_any_moment_parks_and_the_run_goes_on_to_its_end() {
+fn stop_at_any_time_parks_and_the_run_can_be_completed() {
     let text = recipe("[[-4, 3], [4.5, 4.5]]", "staircase = { to_n = 1.0, step_n = 0.5, repeats = 1, rest_s = 0.0 }");
     let whole = SafetyBench::new(rig_with(|_, _| {}), &text, 9).execute(None).readings;
     assert!(whole > 500, "{whole} readings");

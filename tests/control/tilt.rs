@@ -51,7 +51,7 @@ fn tilted_rig(bumpy: bool, tilt_mm: f64, tilt: Tilt) -> RigSpec {
 }
 
 #[test]
-fn align_gives_the_tilt_back() {
+fn align_finds_the_tilt() {
     let tilts = [(0.0, 0.0), (0.2, 0.0), (1.2, 0.0), (0.0, 0.5), (0.0, 2.0), (0.0, 4.5), (0.2, 4.0)];
     for bumpy in [false, true] {
         for (tilt_mm, degrees) in tilts {
@@ -79,7 +79,7 @@ fn align_gives_the_tilt_back() {
 }
 
 #[test]
-fn align_gives_the_tilt_in_the_frame_of_a_rotated_specimen() {
+fn align_finds_the_tilt_in_the_frame_of_a_rotated_specimen() {
     let real = tilt(2.0, 20.0);
     let mut spec = tilted_rig(false, 0.0, real);
     let origin = Place::new(0.5, -0.3);

@@ -24,7 +24,7 @@ fn a_specimen_too_soft_for_the_force_trips_at_the_depth_limit() {
 }
 
 #[test]
-fn without_a_specimen_it_trips_where_the_surface_must_have_been() {
+fn run_without_a_specimen_trips_below_the_expected_surface() {
     let spec = rig_with(|_, scene| {
         scene.contact = linear(1e-6);
         scene.relaxation.clear();
@@ -54,7 +54,7 @@ fn a_surface_beyond_the_declared_uncertainty_is_not_pressed_beyond_the_limit() {
 }
 
 #[test]
-fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
+fn specimen_stiffer_than_declared_trips_at_every_conversion_rate() {
     for conversions_hz in [20.0, 50.0, 200.0] {
         let spec = rig_with(|spec, scene| {
             spec.load_cell.conversions_hz = conversions_hz;
@@ -71,7 +71,7 @@ fn a_specimen_stiffer_than_declared_trips_whatever_the_cells_rate() {
 }
 
 #[test]
-fn a_cell_beyond_its_range_in_air_trips_and_the_trip_is_recorded() {
+fn cell_beyond_its_range_without_load_trips_and_the_trip_is_recorded() {
     let spec = rig_with(|_, scene| {
         scene.load_cell = Some(LoadCellScene { noise_n: 0.003, offset_n: 6.0, ..LoadCellScene::default() })
     });
@@ -87,7 +87,7 @@ fn permit() -> Permit {
 }
 
 #[test]
-fn contact_above_where_the_surface_was_learned_counts_from_where_it_is() {
+fn contact_above_the_learned_surface_counts_from_its_place() {
     // a bump: the force appears 0.2 mm before the earliest surface that the learned plane allows
     let sensor_state =
         MotionContext { z_mm: -0.2, force_n: 0.1, sigma_n: 0.001, age_s: 0.0, first_mm: 0.0, most_mm: f64::INFINITY };

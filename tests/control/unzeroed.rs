@@ -120,7 +120,7 @@ fn no_zero_is_taken_in_contact_and_the_specimen_bears_at_most_the_limit() {
 }
 
 #[test]
-fn a_tool_of_200_g_stops_no_search_for_home() {
+fn tool_of_200_g_does_not_stop_homing() {
     let jobs: Vec<(&str, u64)> =
         BENCHES.iter().flat_map(|(name, _)| (0..trials().div_ceil(2)).map(move |nth| (*name, nth))).collect();
     let stopped = in_parallel(&jobs, |&(name, nth)| {

@@ -19,7 +19,7 @@ struct VirtualTimeDeaf;
 impl Listener for VirtualTimeDeaf {}
 
 #[test]
-fn presses_are_those_of_tokios_paused_clock() {
+fn presses_equal_those_under_tokios_paused_clock() {
     // in the quick tier, each recipe on the simulated rig, and one recipe on each rig
     let is_quick = campaign::is_quick();
     let pairs = RIGS.into_iter().flat_map(|rig| RECIPES.map(|recipe| (rig, recipe)));

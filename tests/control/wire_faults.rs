@@ -376,7 +376,7 @@ fn report(outcomes: &[WireFaultOutcome]) {
 }
 
 #[test]
-fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
+fn fault_at_the_wire_keeps_bounds_and_rows() {
     let step = if campaign::is_quick() { QUICK_STEP } else { 1 };
     let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).map(|nth| 1 + step * nth).collect();
     let outcomes = in_parallel(&seeds, |seed| WireFaultCase::run(*seed));
@@ -386,14 +386,14 @@ fn a_fault_at_the_wire_costs_no_bound_and_no_wrong_row() {
 }
 
 #[test]
-fn a_load_cell_that_fails_near_the_limit_keeps_the_wanted_bound() {
+fn load_cell_failure_near_the_limit_keeps_the_intended_bound() {
     let outcomes = in_parallel(&NEAR_LIMIT, |seed| WireFaultCase::run(*seed));
     let broken = outcomes.iter().filter(|outcome| outcome.force_n > outcome.most_n[1] || outcome.end == "-");
     must_be_none(&broken.map(WireFaultOutcome::text).collect::<Vec<_>>());
 }
 
 #[test]
-fn a_specimen_that_rises_is_left_or_its_force_is_reported() {
+fn rising_specimen_is_left_or_its_force_is_reported() {
     let outcomes = in_parallel(&RISEN, |seed| WireFaultCase::run(*seed));
     assert!(outcomes.iter().all(|outcome| matches!(outcome.case.wrong, WireFaultWrong::Risen(_))));
     let is_broken = |o: &&WireFaultOutcome| o.end == "-" || o.is_left() || o.force_n > o.most_n[1];

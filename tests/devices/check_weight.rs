@@ -26,7 +26,7 @@ fn words(text: &str) -> String {
 }
 
 #[test]
-fn a_gain_that_is_right_is_verified_and_nothing_else_of_the_file_changes() {
+fn right_gain_is_verified_and_changes_nothing_else_in_the_file() {
     let bench = bench(0.0, "");
     let output = bench.palpate_ends(0, DOCTOR);
     for asked in ["put the weight on the tip (0.5 N, 1 of 3): waiting up to 60 s", "take the weight off (3 of 3)"] {
@@ -78,7 +78,7 @@ fn wrong_gain_is_refused_until_adjusted_and_recorded() {
 }
 
 #[test]
-fn a_cell_that_changed_since_it_was_adjusted_for_is_reported() {
+fn change_of_a_cell_after_its_adjustment_is_reported() {
     let adjusted = "check = { weight_n = 0.5, weight_u_n = 0.0005, gain = 1.02, gain_sd = 0.0002, times = 3, date = \
                     \"2026-05-04\", adjusted = true }\n";
     let bench = bench(3.0, adjusted);
@@ -88,7 +88,7 @@ fn a_cell_that_changed_since_it_was_adjusted_for_is_reported() {
 }
 
 #[test]
-fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
+fn gain_fault_is_refused_named_and_recorded() {
     for (gain_error_percent, output) in [
         (-50.0, "it read 0.5"),
         (25.0, "isn't adjusted help: check that the transmitter's range matches the cell's rating plate"),
@@ -105,7 +105,7 @@ fn a_fault_is_refused_named_and_kept_so_that_no_run_takes_it_for_good() {
 }
 
 #[test]
-fn a_weight_that_hangs_pulls() {
+fn hanging_weight_is_a_negative_force() {
     let pulled = bench(0.0, "").palpate_ends(0, &format!("{DOCTOR} --pull"));
     assert!(pulled.err.contains("hang the weight from the tip (0.5 N, 1 of 3)"), "{}", pulled.err);
     let bench = bench(-200.0, "");
@@ -117,7 +117,7 @@ fn a_weight_that_hangs_pulls() {
 }
 
 #[test]
-fn a_weight_that_nobody_notices_is_waited_for_a_minute() {
+fn missing_weight_is_awaited_for_a_minute() {
     let bench = bench(-99.0, "");
     let output = bench.palpate_ends(4, DOCTOR);
     assert!(words(&output.err).contains("safety trip: no-weight: 0.00"), "{}", output.err);

@@ -92,7 +92,7 @@ async fn sideways_in_contact(scene: Shared<Scene>, origin: Instant, contact_belo
 }
 
 #[test]
-fn after_a_crash_in_contact_nothing_moves_sideways_before_z_is_clear() {
+fn after_a_crash_in_contact_x_and_y_wait_until_z_is_clear() {
     // z was homed and still presses; the x motor is off (a following error, or the front panel)
     run_virtually(async {
         let spec = rig_with(|_, _| {});
@@ -190,7 +190,7 @@ async fn line_from(far: &mut DuplexStream) -> Option<String> {
 }
 
 #[test]
-fn an_answer_that_came_twice_is_not_taken_for_the_next() {
+fn repeated_answer_is_not_taken_for_the_next() {
     run_virtually(async {
         let mut driver = scripted(|mut far| async move {
             let mut first = true;
@@ -212,7 +212,7 @@ fn an_answer_that_came_twice_is_not_taken_for_the_next() {
 }
 
 #[test]
-fn a_stop_is_sent_at_once_also_while_the_link_is_brought_back_into_step() {
+fn stop_is_sent_at_once_during_resynchronisation() {
     run_virtually(async {
         let stopped_s = Arc::new(Mutex::new(None));
         let (output, began) = (stopped_s.clone(), Instant::now());
@@ -320,7 +320,7 @@ fn reading_beyond_the_range_is_named_with_its_value() {
 }
 
 #[test]
-fn a_late_answer_of_the_load_cell_is_not_taken_for_a_fresh_force() {
+fn late_answer_of_the_load_cell_is_not_taken_for_a_new_force() {
     run_virtually(async {
         let spec = rig_with(|_, scene| truthful(scene));
         let origin = Instant::now();

@@ -217,7 +217,7 @@ fn program_that_ends_with_its_input_gets_no_signal() {
 }
 
 #[test]
-fn a_program_that_ignores_the_end_of_its_input_is_asked_to_end_and_then_killed() {
+fn program_that_ignores_the_end_of_its_input_gets_sigterm_then_sigkill() {
     let scripts = Scripts::new("well", "deaf", "well");
     let (output, end_s) = {
         let live = scripts.doctor();
@@ -242,7 +242,7 @@ fn a_program_that_ignores_the_end_of_its_input_is_asked_to_end_and_then_killed()
 }
 
 #[test]
-fn a_stage_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
+fn stage_that_hangs_in_prepare_ends_at_ctrl_c() {
     for (manner, signal) in [("mute", "INT"), ("mute", "TERM"), ("hung", "INT"), ("hung", "TERM")] {
         let scripts = Scripts::new(manner, "well", "well");
         let live = scripts.run();
@@ -266,7 +266,7 @@ fn a_stage_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
 }
 
 #[test]
-fn a_reader_that_hangs_while_it_is_prepared_is_left_at_a_persons_word() {
+fn reader_that_hangs_in_prepare_ends_at_ctrl_c() {
     for (load_cell, array) in [("mute", "well"), ("well", "mute")] {
         let scripts = Scripts::new("well", load_cell, array);
         let role = if load_cell == "mute" { "load_cell" } else { "array" };
@@ -305,7 +305,7 @@ fn a_program_that_floods_is_reported_and_ended() {
 }
 
 #[test]
-fn a_load_cell_that_hangs_in_a_motion_stops_it_and_ends_the_run_long_before_an_answer_is_due() {
+fn load_cell_that_hangs_in_a_motion_stops_it_and_ends_the_run_soon() {
     let scripts = Scripts::new("slow", "watching", "well");
     let live = scripts.run();
     scripts.until("load_cell.hung");

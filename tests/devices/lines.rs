@@ -164,7 +164,7 @@ impl LineOutcome {
 }
 
 #[test]
-fn readings_have_the_age_of_their_last_byte_through_damage_a_stall_and_a_reset() {
+fn age_of_readings_is_right_with_damage_a_stall_and_a_reset() {
     let stall = LineFault { kind: LineFaultKind::Stops, at_s: 6.0, for_s: 0.3 };
     let reset = LineFault { kind: LineFaultKind::Resets, at_s: 8.0, for_s: 1.7 };
     let uno = LineSkin { marks: LineMarks::Text, channels: 15, hz: 100.0, port: Port::uno(115_200.0), nth: 0 };
@@ -186,7 +186,7 @@ fn readings_have_the_age_of_their_last_byte_through_damage_a_stall_and_a_reset()
 }
 
 #[test]
-fn how_many_damaged_readings_pass_depends_on_the_marks() {
+fn number_of_accepted_damaged_readings_depends_on_the_marks() {
     // accepted lines of 20,000, with 3 % damaged
     for (marks, most) in [
         (LineMarks::Text, 200),
@@ -210,7 +210,7 @@ fn how_many_damaged_readings_pass_depends_on_the_marks() {
 }
 
 #[test]
-fn a_whole_calibration_by_hand_home_with_a_z_sg_and_a_matrix_of_16() {
+fn calibration_with_home_by_hand_a_z_sg_and_a_matrix_of_16_is_complete() {
     let bench = TestFolder::new();
     bench.palpate_ends(0, "run calibrate --rig matrix --simulate --out run");
     let forces = bench.column("run/presses.csv", "force_n");
@@ -222,7 +222,7 @@ fn a_whole_calibration_by_hand_home_with_a_z_sg_and_a_matrix_of_16() {
 }
 
 #[test]
-fn a_profile_of_ones_own_is_not_simulated() {
+fn profile_of_the_user_is_not_simulated() {
     let rig = shipped_text("rigs/matrix.toml").replace("velostat-16", "mine.toml");
     let mine = include_str!("../../profiles/lines/velostat-16.toml");
     let bench = TestFolder::with([("rig.toml", &*rig), ("mine.toml", mine)]);

@@ -11,7 +11,7 @@ const NEITHER: &str = "- load_cell: it has neither a certificate nor a check";
 const MOUNTING: &str = "mounting = { x_mm = 0.6, y_mm = -0.4, z_mm = 0.1, rotation_deg = 3.0 }\n";
 
 #[test]
-fn the_doctor_finds_every_shipped_rig_in_order_but_for_its_gain_in_80_columns() {
+fn doctor_accepts_every_shipped_rig_except_its_gain_in_80_columns() {
     for rig in RIGS {
         let file = shipped(&format!("rigs/{rig}.toml"));
         let output = TestFolder::new().palpate_ends(0, &format!("doctor {} --simulate", file.display()));
@@ -62,7 +62,7 @@ fn former_command_name_withdraw_is_accepted_and_reported_once() {
 }
 
 #[test]
-fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
+fn zero_outside_the_declared_range_is_refused() {
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
     let said = exchanged(&rig, "conversions_hz = 200.0", "conversions_hz = 200.0\nair_n = [-0.1, 0.1]");
     let bench = TestFolder::with([("rig.toml", rig.as_str()), ("said.toml", said.as_str()), ("r.toml", SMALL)]);
@@ -79,7 +79,7 @@ fn a_zero_that_is_not_air_by_the_rigs_word_is_refused() {
 }
 
 #[test]
-fn the_doctor_measures_what_a_run_reckons_with() {
+fn doctor_measures_the_values_that_a_run_uses() {
     let output = TestFolder::new().palpate_ends(0, &format!("doctor {} --json", shipped("rigs/sim.toml").display()));
     let found = &output.json_lines()[0];
     let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("no {key}: {found}"));
@@ -243,7 +243,7 @@ fn a_program_that_isnt_found_and_one_that_crashed_are_named_with_what_to_do() {
 }
 
 #[test]
-fn emulate_names_what_has_no_socket_and_refuses_a_port_for_it() {
+fn emulate_names_devices_without_a_socket_and_refuses_a_port_for_them() {
     let rig = shipped("rigs/paper.toml");
     let bench = TestFolder::new();
     let output = bench.palpate_ends(2, &format!("emulate {} --port array=0", rig.display()));

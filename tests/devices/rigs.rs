@@ -75,7 +75,7 @@ fn the_same_seed_gives_locations_and_forces_that_agree_between_rigs() {
 }
 
 #[test]
-fn an_esp301_as_slow_as_the_recorded_one_is_pressed_with_all_the_same() {
+fn esp301_as_slow_as_the_recorded_one_makes_its_presses() {
     // 73 ms a command, 71 to 78: a recording of a real one
     let rig = exchanged(&shipped_text("rigs/sim.toml"), "stage = [5.0, 20.0]", "stage = [71.0, 78.0]");
     let bench = TestFolder::with([("slow.toml", rig.as_str()), ("r.toml", SMALL)]);
@@ -142,7 +142,7 @@ fn x_and_y_of_an_xps_are_homed_only_with_z_away_also_if_z_is_in_contact_and_home
 }
 
 #[test]
-fn an_xps_with_a_guard_ends_a_motion_by_itself_however_slow_its_host_is() {
+fn xps_with_a_guard_ends_a_motion_with_any_slow_host() {
     for text in xps_in_groups() {
         guard_ends_a_motion(&text);
     }

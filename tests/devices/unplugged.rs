@@ -87,9 +87,9 @@ struct UnpluggedSound {
 }
 
 #[test]
-fn a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing() {
+fn device_lost_in_any_phase_of_a_press_ends_the_run_without_loss() {
     // a program that another test starts briefly holds this program's locks, so a released run wouldn't be free
-    if ran_alone("unplugged::a_device_that_is_lost_in_any_phase_of_a_press_ends_the_run_and_costs_nothing") {
+    if ran_alone("unplugged::device_lost_in_any_phase_of_a_press_ends_the_run_without_loss") {
         return;
     }
     let sounds = in_parallel(&setups(), |&setup| UnpluggedSound::of(setup));

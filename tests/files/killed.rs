@@ -50,7 +50,7 @@ fn cut(bench: &TestFolder, run: &str, part: &str, contacts: usize) {
 }
 
 #[test]
-fn a_killed_writer_leaves_whole_runs() {
+fn killed_writer_leaves_complete_runs() {
     let kills = campaign::size(KILLS.0, KILLS.1);
     let bench = bench([("runs/a", "--sensor A --design d"), ("runs/b", "--sensor B --design d")]);
     let lake = bench.path("lake");

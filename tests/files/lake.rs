@@ -62,7 +62,7 @@ fn the_queries_of_the_book_find_something() {
 }
 
 #[test]
-fn a_run_is_there_once_wherever_its_folder_is_and_follows_its_labels() {
+fn run_is_in_the_lake_once_under_its_present_labels() {
     let bench = with_runs();
     let before = files(&bench.path("lake"));
     assert_eq!(before.iter().filter(|file| file.extension().is_some()).count(), 3 * 5);

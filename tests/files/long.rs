@@ -7,7 +7,7 @@ use palpate_report::export::lake::Lake;
 const PRESSES: u64 = 10_000;
 
 #[test]
-fn a_long_run_is_in_the_lake_whole() {
+fn long_run_is_completely_in_the_lake() {
     let home = tempfile::tempdir().unwrap();
     let (run, place) = (home.path().join("run"), home.path().join("lake"));
     recorded(&run, PRESSES);

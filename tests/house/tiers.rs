@@ -40,7 +40,7 @@ fn a_multiple_is_rounded_up_and_is_no_less_than_quick() {
 }
 
 #[test]
-fn a_share_tries_each_so_many_th_and_never_more_than_each() {
+fn fraction_of_a_campaign_skips_trials_evenly() {
     for (tier, quick, full, expected) in [
         (Tier::Quick, 97, 1, 97),
         (Tier::Share(1.0), 97, 1, 1),

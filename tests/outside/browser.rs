@@ -30,7 +30,7 @@ const LOOK: &str = include_str!("browser/look.js");
 
 #[test]
 #[ignore = "needs Chromium"]
-fn pages_are_whole_on_a_desk_and_on_a_telephone() {
+fn pages_are_complete_on_a_desk_and_on_a_telephone() {
     let browser = Browser::find();
     let bench = TestFolder::new();
     let paper = shipped("recipes/paper.toml");
@@ -130,7 +130,7 @@ fn figures_of_the_studies_have_room_for_their_words() {
 /// A page with one label on top of another, and with one that is too small: both are found.
 #[test]
 #[ignore = "needs Chromium"]
-fn a_page_whose_labels_overlap_is_found_out() {
+fn page_with_overlapping_labels_is_detected() {
     let browser = Browser::find();
     let bench = skins();
     bench.palpate_ends(0, "report fifteen --out page.html");
@@ -156,7 +156,7 @@ fn a_page_whose_labels_overlap_is_found_out() {
 /// The script finds the errors that it is for.
 #[test]
 #[ignore = "needs Chromium"]
-fn a_page_with_faults_is_found_out() {
+fn page_with_faults_is_detected() {
     let browser = Browser::find();
     let faulty = |body: &str| {
         let bench =

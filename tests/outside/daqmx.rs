@@ -53,7 +53,7 @@ fn refused(result: Result<(), DeviceError>) -> String {
 
 #[tokio::test]
 #[ignore = "needs a C compiler: cc"]
-async fn samples_come_through_the_loaded_library_in_order_and_whole() {
+async fn loaded_library_delivers_all_samples_in_order() {
     let bench = TestFolder::new();
     let path = stub(&bench, &[]);
     let library = load(&path).expect("the library");
@@ -136,7 +136,7 @@ async fn library_refusals_keep_their_text() {
 }
 
 #[test]
-fn a_library_that_isnt_there_is_named() {
+fn missing_library_is_named() {
     let missing = TestFolder::new().path("none.so");
     let error = load(&missing).err().expect("no library").to_string();
     assert!(error.contains("NI's DAQmx library wasn't found on this machine") && error.contains("none.so"), "{error}");

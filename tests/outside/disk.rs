@@ -76,21 +76,21 @@ const INPUTS: [&str; 2] = ["recipe.toml", "rig.toml"];
 
 #[test]
 #[ignore = "needs a C compiler: cc"]
-fn every_call_of_a_run_may_fail() {
+fn every_failing_call_of_a_run_is_reported_without_loss() {
     let words = format!("run r.toml --rig rig.toml --json --out {RUN}");
     assert_every_call_may_fail("every call of a run", &DiskStart { words, ..DiskStart::default() });
 }
 
 #[test]
 #[ignore = "needs a C compiler: cc"]
-fn every_call_of_a_resume_may_fail() {
+fn every_failing_call_of_a_resume_is_reported_without_loss() {
     assert_every_call_may_fail("every call of a resume", &half_done());
 }
 
 /// Unflushed data survive the end of the program, but not a power cut.
 #[test]
 #[ignore = "needs a C compiler: cc"]
-fn each_record_is_flushed_before_the_next_and_so_is_each_folder_that_is_made() {
+fn each_record_and_new_folder_is_flushed_before_the_next() {
     let (shelf, presses) = (TestFolder::new(), PLAN[PLAN.len() - 1].0 as usize + 1);
     let library = library(&shelf);
     let run =
@@ -120,7 +120,7 @@ fn assert_flushed(session: &str, calls: &[String], least: usize) {
 }
 
 #[test]
-fn a_folder_that_may_not_be_written_is_reported_and_left_alone() {
+fn read_only_folder_is_reported_and_not_changed() {
     let bench = bench(&half_done());
     let locked = |path: &str, mode: u32| {
         fs::set_permissions(bench.path(path), Permissions::from_mode(mode)).expect("permissions can be set");

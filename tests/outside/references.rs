@@ -5,7 +5,7 @@ use palpate_testing::{TestFolder, shipped};
 
 #[test]
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
-fn best_is_ahead_of_the_regressions_of_another_program() {
+fn best_is_more_accurate_than_regressions_of_another_program() {
     let python = Python::with("import numpy, sklearn");
     let program = TestFolder::new().command("").get_program().to_owned();
     let words = [program, shipped("data/example").into_os_string()];

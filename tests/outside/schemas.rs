@@ -15,7 +15,7 @@ fn judged(python: &Python, bench: &TestFolder, kind: &str, texts: &[PathBuf]) ->
 
 #[test]
 #[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
-fn schemas_accept_what_is_shipped_and_refuse_what_they_can() {
+fn schemas_accept_shipped_files_and_refuse_wrong_ones() {
     let python = Python::with("import jsonschema, tomllib");
     let bench = TestFolder::new();
     let sim = shipped_text("rigs/sim.toml");

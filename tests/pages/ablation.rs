@@ -66,7 +66,7 @@ const KEYS: [(&str, &str); 14] = [
 ];
 
 #[test]
-fn a_small_study_leaves_rows_and_is_the_same_twice_but_for_its_times() {
+fn small_study_writes_rows_and_is_reproducible_except_for_times() {
     let bench = TestFolder::new();
     assert!(bench.palpate_ends(0, "study --help").out.contains("ablation"));
     if campaign::is_quick() {
@@ -205,7 +205,7 @@ fn shipped_scenes_have_only_needed_terms() {
 }
 
 #[test]
-fn a_scene_with_more_than_is_needed_is_reported_of() {
+fn scene_with_unneeded_terms_is_reported() {
     let scene = |text: &str| unjustified(&text.parse().expect("TOML"));
     assert_eq!(scene("indenter = { radius_mm = 0.5 }\ntaxel_noise = { repeatability_percent = [1.0] }"), ["indenter"]);
     assert_eq!(

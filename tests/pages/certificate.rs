@@ -23,7 +23,7 @@ fn certificate_names_owner_and_evidence() {
 }
 
 #[test]
-fn conformity_is_the_verdict_and_no_statement_where_nothing_is_decided() {
+fn certificate_states_the_verdict_or_no_statement() {
     let bench = bench();
     bench.write("strict.toml", "method = \"surrogate\"\nlocation_mean_mm = 0.001\n");
     bench.write("open.toml", "location_mean_mm = 5.0\ntest_presses_least = 1000\n");
@@ -42,7 +42,7 @@ fn conformity_is_the_verdict_and_no_statement_where_nothing_is_decided() {
 }
 
 #[test]
-fn a_certificate_rests_on_its_journals() {
+fn certificate_names_the_hashes_of_its_journals() {
     let bench = bench();
     bench.palpate_ends(0, "certificate run --with c.toml");
     for file in ["run/certificate.xml", "run/certificate.html"] {

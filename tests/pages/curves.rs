@@ -153,7 +153,7 @@ fn the_points_of_the_curves_are_the_golden_ones() {
 }
 
 #[test]
-fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
+fn curves_study_is_narrow_reproducible_and_drawn() {
     let bench = TestFolder::new();
     let output = bench.palpate_ends(0, "study curves");
     is_narrow(&output.out);
@@ -169,7 +169,7 @@ fn it_is_narrow_and_the_same_twice_and_its_figures_are_drawn() {
 }
 
 #[test]
-fn the_papers_array_as_a_design_is_the_papers() {
+fn array_of_the_paper_as_a_design_gives_its_curves() {
     let bench = TestFolder::with([("rig.toml", SIM_RIG)]);
     let output = bench.palpate_ends(0, "study curves --rig rig.toml --out a --json");
     let array = &output.json_lines()[0];
@@ -198,7 +198,7 @@ fn the_papers_array_as_a_design_is_the_papers() {
 }
 
 #[test]
-fn a_list_of_places_is_studied_under_what_its_rig_names() {
+fn list_of_places_is_studied_with_the_terms_of_its_rig() {
     let places = "places_mm = [[-4, 0], [0, 0], [4, 0], [0, 4], [0, -4], [3, 3]]";
     let layered = SIM_RIG
         .replace("grid = { rows = 3, columns = 3, pitch_mm = 4.5 }", places)
@@ -267,7 +267,7 @@ fn incomplete_or_wrong_rig_is_refused() {
 }
 
 #[test]
-fn the_help_names_it() {
+fn help_names_the_curves_study() {
     let bench = TestFolder::new();
     assert!(bench.palpate_ends(0, "study --help").out.contains("curves"));
     let help = bench.palpate_ends(0, "study curves --help").out;

@@ -165,7 +165,7 @@ fn colours_have_a_bar_with_numbers_and_a_unit() {
 }
 
 #[test]
-fn true_places_look_alike_and_shares_have_panels_of_their_own() {
+fn true_places_look_alike_and_fractions_have_their_own_panels() {
     let bench = bench();
     bench.palpate_ends(0, "report all");
     let page = bench.read("all/report.html");

@@ -102,7 +102,7 @@ fn has_the_runs_characteristics(bench: &TestFolder, page: &str) {
 }
 
 #[test]
-fn a_page_needs_nothing_else_and_is_the_same_twice() {
+fn page_is_self_contained_and_reproducible() {
     let bench = bench();
     bench.palpate_ends(0, "report all");
     let page = bench.read("all/report.html");
@@ -364,7 +364,7 @@ random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1
 }
 
 #[test]
-fn a_narrow_area_has_as_many_numbers_as_have_room() {
+fn narrow_area_has_as_many_numbers_as_fit() {
     let strip = CALIBRATE.replace("y_mm = [-4.0, 4.0]", "y_mm = [-1.0, 1.0]");
     let bench = TestFolder::with([("one.toml", recipe(&[&strip]).as_str())]);
     bench.palpate_ends(0, "run one.toml --out one");
@@ -430,7 +430,7 @@ fn comparison_gives_the_reason_of_an_unevaluated_run() {
 }
 
 #[test]
-fn a_page_rests_on_the_journal_and_what_was_changed_beside_it_is_reported() {
+fn page_uses_the_journal_and_reports_changed_tables() {
     let bench = bench();
     bench.palpate_ends(0, "report all");
     let page = bench.read("all/report.html");
@@ -451,7 +451,7 @@ fn a_page_rests_on_the_journal_and_what_was_changed_beside_it_is_reported() {
 }
 
 #[test]
-fn only_what_is_alike_is_joined_and_compared() {
+fn only_matching_runs_are_joined_and_compared() {
     let bench = bench();
     bench.write("other.toml", &recipe(&[&CALIBRATE.replace("spacing_mm = 1.0", "spacing_mm = 2.0"), TEST]));
     bench.palpate_ends(0, "run other.toml --out other");

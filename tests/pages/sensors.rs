@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 
 #[test]
-fn another_sensor_has_no_word_of_the_paper_and_its_own_unit() {
+fn page_of_another_sensor_has_its_unit_and_no_paper() {
     let bench = skins();
     for (skin, channels, quick) in [("magnetic", &[""][..], "surrogate"), ("fifteen", &["-1", "-2", "-3"], "surrogate")]
     {

@@ -126,7 +126,7 @@ fn a_folder_that_is_there_is_not_touched() {
 }
 
 #[test]
-fn a_small_study_of_speed_marks_those_that_no_other_beats() {
+fn small_study_of_speed_marks_the_best_methods() {
     let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study speed-accuracy --quick --out a --json").json_lines();
     check_rows(&rows, &["T", "Q"]);
@@ -173,7 +173,7 @@ fn a_small_study_of_the_budget_or_of_failures_is_the_same_twice() {
 }
 
 #[test]
-fn a_run_and_two_tables_are_studied_for_what_they_are() {
+fn run_and_tables_are_studied_with_their_own_noise() {
     let bench = TestFolder::with([
         ("grid.csv", GRID),
         ("test.csv", "x_mm,y_mm,out_1,out_2,out_3\n0.5,0.5,0.8,0.4,0.4\n1.5,0.4,0.4,0.8,0.3\n"),
@@ -236,7 +236,7 @@ fn the_budget_is_studied_on_what_was_recorded() {
 }
 
 #[test]
-fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
+fn coverage_is_a_fraction_and_the_wider_interval_contains_more() {
     let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study failures --quick --out a --json").json_lines();
     let mut stated = 0;
@@ -261,7 +261,7 @@ fn coverage_is_a_share_of_answers_and_the_wider_interval_holds_more() {
 }
 
 #[test]
-fn a_small_study_of_minutes_is_the_same_twice_and_marks_those_that_no_other_beats() {
+fn small_study_of_minutes_is_reproducible_and_marks_the_best() {
     let bench = TestFolder::new();
     let rows = bench.palpate_ends(0, "study minutes --quick --out a --json").json_lines();
     assert_eq!(rows.len(), 2 * 3 * 3, "two families, three strategies; 16, 25 and twice 16 presses");

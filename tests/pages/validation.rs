@@ -143,7 +143,7 @@ fn mean_of_unit(found: &Validation, unit: &str, part: fn(&UnitCharacteristics) -
 }
 
 #[test]
-fn a_first_look_has_a_row_a_specimen_and_is_the_same_twice() {
+fn quick_validation_has_a_row_for_each_specimen_and_is_reproducible() {
     if campaign::is_quick() {
         let rows: Vec<Value> = ONCE.ndjson().lines().map(|row| serde_json::from_str(row).expect("JSON")).collect();
         return check_rows(&rows, &[3]);

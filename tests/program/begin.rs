@@ -33,7 +33,7 @@ const SENSORS: [(&str, &str); 4] =
     [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];
 
 #[test]
-fn each_sensor_of_init_can_be_checked_as_it_is_printed() {
+fn each_template_of_init_can_be_checked() {
     for (sensor, simulate) in SENSORS {
         let bench = TestFolder::new();
         let output = bench.palpate_ends(0, &format!("init mine --from {sensor}")).out;

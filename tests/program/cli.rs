@@ -4,7 +4,7 @@ use palpate_testing::{SMALL, SMALL_PRESSES, SMALL_ROWS, TestFolder, shipped};
 use serde_json::{Value, json};
 
 #[test]
-fn every_subcommand_has_help_with_an_example_that_names_what_is_there() {
+fn every_subcommand_has_help_with_a_valid_example() {
     let bench = TestFolder::new();
     let whole = bench.palpate_ends(0, "--help").out;
     for subcommand in ["check", "run", "resume", "evaluate", "solve", "study", "emulate", "ports"] {
@@ -46,7 +46,7 @@ fn check_prints_the_plan_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn check_warns_of_what_is_probably_not_meant() {
+fn check_warns_about_probable_mistakes() {
     let accept = "\n[accept]\nlocation_mean_mm = 0.5\n";
     let (without_test, _) = SMALL.split_at(SMALL.rfind("[[step]]").unwrap());
     let slow = SMALL.replace("force_tolerance_n = 0.05", "force_tolerance_n = 0.05\nsample_s = 100.0");
@@ -98,7 +98,7 @@ fn each_row_is_acknowledged_by_one_json_object_equal_to_its_line_in_the_table() 
 }
 
 #[test]
-fn a_run_folder_holds_what_was_asked_what_was_measured_and_what_really_happened() {
+fn run_folder_has_recipe_measured_and_true_values() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     let output = bench.palpate_ends(0, "run r.toml --out run --full --seed 5 --sensor A-017");
     let names: Vec<String> = bench.bytes("run").into_iter().map(|(name, _)| name).collect();
@@ -175,7 +175,7 @@ fn a_complete_run_is_left_alone_by_resume() {
 }
 
 #[test]
-fn a_run_goes_under_the_first_free_name() {
+fn run_gets_the_first_free_name() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     for expected in ["runs/small", "runs/small-2", "runs/small-3"] {
         assert!(!bench.has(expected));

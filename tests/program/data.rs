@@ -9,7 +9,7 @@ const TABLES: [(&str, &str); 3] =
     [("characterisation", "characterisation"), ("calibration", "calibration"), ("test", "test")];
 
 #[test]
-fn the_example_is_what_its_recipe_comes_to() {
+fn example_data_follow_from_its_recipe() {
     let bench = TestFolder::new();
     bench.palpate_ends(0, &format!("run {} --out example", shipped("data/example/recipe.toml").display()));
     let presses = bench.read("example/presses.csv");
@@ -54,7 +54,7 @@ fn the_shipped_characteristics_are_those_of_the_library() {
 }
 
 #[test]
-fn the_papers_recipe_and_rig_are_what_the_paper_did() {
+fn shipped_recipe_and_rig_follow_the_paper() {
     let [paper, recipe, rig] = ["data/paper.toml", "recipes/paper.toml", "rigs/sim.toml"]
         .map(|path| shipped_text(path).parse::<Table>().expect("TOML"));
     let number = |value: &Value| value.as_float().or(value.as_integer().map(|whole| whole as f64)).expect("a number");

@@ -72,7 +72,7 @@ fn evaluated(bench: &TestFolder, words: &str) -> Value {
 }
 
 #[test]
-fn every_way_to_the_same_presses_gives_the_same_errors() {
+fn every_format_of_the_same_presses_gives_the_same_errors() {
     let bench = bench();
     let [calibration, test] =
         ["data/example/calibration.csv", "data/example/test.csv"].map(|file| shipped(file).display().to_string());

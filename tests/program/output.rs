@@ -75,7 +75,7 @@ fn a_dash_is_standard_input_for_recipes_and_tables() {
 }
 
 #[test]
-fn a_damaged_journal_is_reported_with_what_can_be_kept() {
+fn damaged_journal_is_reported_with_its_readable_records() {
     let bench = TestFolder::new();
     bench.palpate_ends(0, "run batch --evaluate recipe --out run");
     let journal = bench.read("run/journal.log");

@@ -21,7 +21,7 @@ fn a_suggestion_never_changes_what_the_data_mean() {
 }
 
 #[test]
-fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
+fn each_wrong_variant_is_refused_at_its_line_by_check_and_run() {
     for Twin { from, to, parts, .. } in RECIPE_TWINS {
         let bench = TestFolder::with([("r.toml", exchanged(SMALL, from, to).as_str())]);
         for words in ["check r.toml", "run r.toml", "run r.toml --json --out there"] {
@@ -31,7 +31,7 @@ fn each_failure_twin_is_refused_at_its_line_by_check_and_by_run() {
 }
 
 #[test]
-fn the_recipe_that_has_the_failure_twins_is_itself_in_order() {
+fn recipe_of_the_wrong_variants_is_valid() {
     let output = TestFolder::with([("r.toml", SMALL)]).palpate_ends(0, "check r.toml");
     assert!(output.out.contains("plan small, seed 1") && output.err.is_empty(), "{output:?}");
 }
@@ -116,7 +116,7 @@ fn a_folder_that_exists_is_never_touched() {
 }
 
 #[test]
-fn a_wrong_command_line_is_refused_with_what_to_write() {
+fn wrong_command_line_is_refused_with_a_correction() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     for (words, parts) in [
         ("", ["Usage: palpate", "check"]),

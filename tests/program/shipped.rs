@@ -31,7 +31,7 @@ fn a_plan_is_described_in_presses_levels_force_and_time() {
 }
 
 #[test]
-fn the_bench_is_the_papers_grid_taught_first_and_visited_in_another_order() {
+fn bench_recipe_is_the_grid_of_the_paper_with_training_in_another_order() {
     let described = |more: &str| {
         let output =
             TestFolder::new().palpate_ends(0, &format!("check {} {more}", shipped("recipes/bench.toml").display()));
@@ -79,7 +79,7 @@ fn test_recipe_gives_equal_results_on_both_rigs() {
 }
 
 #[test]
-fn without_a_rig_the_papers_is_simulated_wherever_the_program_is_called() {
+fn without_a_rig_that_of_the_paper_is_simulated_in_any_folder() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml");
     assert_eq!(bench.read("runs/small/rig.toml"), shipped_text("rigs/sim.toml"));
@@ -89,7 +89,7 @@ fn without_a_rig_the_papers_is_simulated_wherever_the_program_is_called() {
 }
 
 #[test]
-fn the_papers_recipe_is_the_three_others_one_after_the_other() {
+fn recipe_of_the_paper_is_the_three_others_in_sequence() {
     let paper = recipe("recipes/paper.toml");
     let parts = ["recipes/characterise.toml", "recipes/calibrate.toml", "recipes/test.toml"].map(recipe);
     let of_parts: Vec<String> = parts.iter().flat_map(|part| part.steps.iter().map(step)).collect();
@@ -99,7 +99,7 @@ fn the_papers_recipe_is_the_three_others_one_after_the_other() {
 }
 
 #[test]
-fn the_real_rig_is_the_simulated_one_but_for_its_links_and_its_scene() {
+fn real_rig_equals_the_simulated_one_except_for_links_and_scene() {
     let table = |path| shipped_text(path).parse::<toml::Table>().expect("a rig is TOML");
     let (mut simulated, mut real) = (table("rigs/sim.toml"), table("rigs/esp301.toml"));
     assert!(simulated.remove("scene").is_some() && !real.contains_key("scene"));

@@ -94,7 +94,7 @@ fn a_rig_that_was_changed_is_refused_by_key_and_nothing_is_changed() {
 }
 
 #[test]
-fn a_tighter_limit_is_taken_recorded_and_both_texts_stay() {
+fn tighter_limit_is_accepted_recorded_and_both_texts_kept() {
     let bench = killed();
     let began = bench.read("run/rig.toml");
     let tighter = began.replacen("stiffness_n_mm = 2.0", "stiffness_n_mm = 2.5", 1);

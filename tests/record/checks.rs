@@ -97,7 +97,7 @@ fn a_check_reaches_a_place_whose_surface_is_higher_than_that_of_the_last_press()
 }
 
 #[test]
-fn a_weak_press_is_no_reference() {
+fn weak_press_is_not_used_as_reference() {
     let spec = bench("bench-fast");
     let weak = "name = \"weak\"\n[[step]]\nphase = \"test\"\nlist = { places_mm = [[-2, 0]] }\nforce_n = 0.2\n";
     let plan = plan(&spec, &TINY.replacen("name = \"tiny\"\nrig = \"sim\"\n", weak, 1), 1);
@@ -107,7 +107,7 @@ fn a_weak_press_is_no_reference() {
 }
 
 #[test]
-fn between_presses_a_check_comes_after_a_hundred_of_them_and_an_interrupted_run_makes_the_same() {
+fn check_comes_after_a_hundred_presses_also_in_an_interrupted_run() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, LONGER, 1);
     let memory = whole(&spec, &plan);
@@ -150,7 +150,7 @@ fn no_check_comes_inside_a_characterisation_or_a_rest() {
 }
 
 #[test]
-fn a_load_cell_or_a_sensor_that_has_changed_leaves_nothing_decided() {
+fn changed_load_cell_or_sensor_leaves_the_verdict_undecided() {
     let rig = shipped_text("rigs/sim.toml");
     let less = rig.replacen("noise_n = 0.003 }", "noise_n = 0.003, gain_error_percent = -30.0 }", 1);
     let other = rig.clone() + "\n[[scene.taxel_fault]]\nunit = 5\nkind = \"drifted\"\ngain_percent = -95.0\n";
@@ -220,7 +220,7 @@ impl Listener for CheckWeighing {
 }
 
 #[test]
-fn a_person_with_the_known_weight_is_asked_for_it_after_the_run_and_not_for_ever() {
+fn known_weight_is_requested_after_the_run_for_a_limited_time() {
     for (gain, pressed_n, found) in [(1.0, 0.5, Some(false)), (0.95, 0.5, Some(true)), (1.0, 1e-6, None)] {
         let mut spec = bench("bench-fast");
         let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };

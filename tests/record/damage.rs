@@ -43,7 +43,7 @@ fn answers(bench: &TestFolder) -> (Vec<String>, Vec<String>) {
 }
 
 #[test]
-fn a_table_that_was_changed_changes_no_answer_and_is_reported_in_a_line() {
+fn changed_table_changes_no_answer_and_is_reported() {
     let bench = whole();
     let (expected, silent) = answers(&bench);
     assert_eq!(silent, [""; READERS.len()]);
@@ -107,7 +107,7 @@ fn a_table_that_is_named_by_its_path_is_read_as_it_is() {
 }
 
 #[test]
-fn a_complete_run_whose_journal_was_cut_is_damaged_and_left_alone() {
+fn complete_run_with_a_cut_journal_is_damaged_and_not_changed() {
     let bench = whole();
     let journal = fs::read(bench.path("run/journal.log")).expect("a journal");
     let end = 1 + journal[..journal.len() - 1].iter().rposition(|byte| *byte == b'\n').expect("a last record");
@@ -128,7 +128,7 @@ fn a_complete_run_whose_journal_was_cut_is_damaged_and_left_alone() {
 }
 
 #[test]
-fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
+fn presses_only_in_a_table_are_named_and_discarded_only_on_request() {
     let bench = whole();
     let journal = bench.read("run/journal.log");
     let contact = |line: &str| line.contains("{\"contact\":");
@@ -166,7 +166,7 @@ fn presses_that_only_a_table_holds_are_named_and_given_up_by_one_door() {
 }
 
 #[test]
-fn tables_of_a_complete_journal_that_hold_more_are_the_damaged_side() {
+fn tables_with_more_presses_than_a_complete_journal_are_damaged() {
     let bench = whole();
     let table = bench.read("run/presses.csv");
     let last = table.lines().last().expect("a row").to_owned();

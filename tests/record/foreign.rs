@@ -115,7 +115,7 @@ fn a_journal_that_was_edited_with_its_checksums_is_refused_until_it_is_accepted(
 }
 
 #[test]
-fn a_run_that_is_not_complete_goes_on_only_with_its_own_journal() {
+fn incomplete_run_continues_only_with_its_own_journal() {
     let bench = two_runs();
     for run in ["one", "two"] {
         cut_to_lines(&bench, run, lines_before_contacts(&bench, run) + 2);

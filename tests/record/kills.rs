@@ -54,7 +54,7 @@ const STRATEGIES: [&str; 3] = ["guarded", "velocity", "map"];
 const MEMORIES: [&str; 2] = ["relaxation = ", "hysteresis = "];
 
 #[test]
-fn a_run_killed_at_any_moment_keeps_what_it_acknowledged_and_is_finished_by_resume() {
+fn run_killed_at_any_time_keeps_acknowledged_rows_and_is_resumed() {
     let courses = KillCourse::all();
     let (wanted, made, trials) = (campaign::size(KILLS.0, KILLS.1), AtomicUsize::new(0), AtomicU64::new(0));
     let tally = on_threads(|tally| {
@@ -70,7 +70,7 @@ fn a_run_killed_at_any_moment_keeps_what_it_acknowledged_and_is_finished_by_resu
 }
 
 #[test]
-fn a_journal_cut_at_any_byte_of_its_last_records_is_finished_by_resume() {
+fn journal_cut_at_any_byte_of_its_last_records_is_resumed() {
     let courses = KillCourse::all();
     let chosen = [("guarded", false), ("map", true)];
     let chosen = courses.iter().filter(|course| chosen.contains(&(course.strategy, course.forgets)));

@@ -23,7 +23,7 @@ const SIDE_BY_SIDE: usize = 4;
 const PACE: &str = "--pace 10";
 
 #[test]
-fn a_real_link_has_one_program_at_a_time_and_is_free_when_that_is_killed() {
+fn real_link_has_one_owner_and_is_free_after_its_kill() {
     // all of it TCP: the stage and the load cell are sockets of one controller
     let served = ServedProgram::new(&shipped_text("rigs/xps.toml"), "");
     let (stage, array) = (Gate::to(served.address("stage")), Gate::to(served.address("array")));
@@ -79,7 +79,7 @@ fn without_a_temporary_folder_a_real_rig_is_refused_and_a_simulated_one_runs() {
 }
 
 #[test]
-fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
+fn run_folder_has_one_writer_and_is_free_after_its_kill() {
     let bench = TestFolder::with([("held.toml", HELD)]);
     let begun = Live::start(bench.command(&format!("run held.toml --out run {PACE}")));
     begun.until_printed(": from press 1");
@@ -99,7 +99,7 @@ fn a_run_folder_has_one_writer_and_is_free_when_that_is_killed() {
 }
 
 #[test]
-fn simulated_rigs_run_side_by_side() {
+fn simulated_rigs_run_at_the_same_time() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     fs::create_dir(bench.path("tmp")).expect("a folder");
     let words = |n: usize| format!("run r.toml --out run-{n} {PACE}");

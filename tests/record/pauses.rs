@@ -84,7 +84,7 @@ fn gaps_s(memory: &Memory) -> Vec<f64> {
 }
 
 #[test]
-fn a_rest_is_not_cut_short_by_pauses_however_many() {
+fn rest_is_not_shortened_by_any_number_of_pauses() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     for pauses in [0, 1, 3] {
@@ -97,7 +97,7 @@ fn a_rest_is_not_cut_short_by_pauses_however_many() {
 }
 
 #[test]
-fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
+fn interrupted_rest_is_repeated_in_full() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, 1));
@@ -111,7 +111,7 @@ fn a_rest_that_was_interrupted_is_rested_again_and_not_cut_short_either() {
 }
 
 #[test]
-fn a_pause_that_is_asked_for_before_the_first_press_is_made_before_it() {
+fn pause_requested_before_the_first_press_comes_before_it() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     let (mut memory, mut person) = (Memory::default(), Restless::new(0, usize::MAX));
@@ -143,7 +143,7 @@ impl Listener for Looking<'_> {
 }
 
 #[test]
-fn a_run_that_pauses_is_parked_meanwhile() {
+fn run_is_parked_during_a_pause() {
     let spec = bench("bench-fast");
     let plan = plan(&spec, RECIPE, 1);
     let stood_mm = run_virtually(async {

@@ -105,7 +105,7 @@ fn resumed_run_uses_its_own_recipe_and_names_its_rig() {
 }
 
 #[test]
-fn a_journal_that_was_touched_is_no_journal_and_a_cut_one_has_not_ended() {
+fn changed_journal_is_refused_and_a_cut_one_is_incomplete() {
     let bench = whole();
     let journal = bench.read("run/journal.log");
     bench.write("run/journal.log", &journal.replacen("\"force_n\":0", "\"force_n\":1", 1));

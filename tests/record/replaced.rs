@@ -89,7 +89,7 @@ fn ends_for(executed: &ReplacedRun, what: &str) {
 }
 
 #[test]
-fn no_press_is_acknowledged_once_the_journal_is_removed() {
+fn no_press_is_acknowledged_after_the_journal_is_removed() {
     let executed = executed(|done, run| {
         if done == BEFORE {
             fs::remove_file(run.join("journal.log")).expect("a journal");
@@ -100,7 +100,7 @@ fn no_press_is_acknowledged_once_the_journal_is_removed() {
 }
 
 #[test]
-fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
+fn no_press_is_acknowledged_after_another_file_takes_the_journals_name() {
     let foreign: [fn(Vec<u8>) -> Vec<u8>; 3] = [
         |_| b"another text\n".to_vec(),
         |journal| journal[..journal.len() / 2].to_vec(),
@@ -119,7 +119,7 @@ fn no_press_is_acknowledged_once_another_file_has_the_journals_name() {
 }
 
 #[test]
-fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
+fn run_continues_in_an_equal_copy_of_its_journal_and_warns_once() {
     let executed = executed(|done, run| {
         // the first copies lack the record that is being written, the last one has all
         let is_replaced = [BEFORE, BEFORE + 1, SMALL_PRESSES as usize].contains(&done);
@@ -139,7 +139,7 @@ fn a_run_goes_on_in_an_equal_copy_of_its_journal_and_warns_once() {
 }
 
 #[test]
-fn no_press_is_acknowledged_once_the_folder_is_moved() {
+fn no_press_is_acknowledged_after_the_folder_is_moved() {
     let executed = executed(|done, run| {
         if done == BEFORE {
             fs::rename(run, run.with_file_name("moved")).expect("another name");
@@ -150,7 +150,7 @@ fn no_press_is_acknowledged_once_the_folder_is_moved() {
 }
 
 #[test]
-fn the_program_names_the_journal_and_what_to_do_and_ends_with_5() {
+fn removed_journal_ends_the_program_with_5_and_advice() {
     type Meddle = fn(PathBuf);
     let cases: [(&str, Meddle, &str); 3] = [
         ("removed", |run| fs::remove_file(run.join("journal.log")).expect("a journal"), "was removed"),

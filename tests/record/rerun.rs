@@ -108,7 +108,7 @@ fn a_strategy_from_the_command_line_is_kept_and_planned_again_by_resume() {
 }
 
 #[test]
-fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
+fn run_does_not_continue_with_another_zero() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     // as after a power cut before the last press, with another load cell
@@ -131,7 +131,7 @@ fn a_run_does_not_go_on_with_another_zero_than_it_began_with() {
 }
 
 #[test]
-fn a_run_does_not_go_on_where_the_surface_has_moved() {
+fn run_does_not_continue_after_the_surface_moved() {
     let bench = half_done();
     let rig = bench.read("run/rig.toml");
     for (moved_mm, goes_on) in [("0.03", true), ("-0.1", false), ("0.1", false)] {
@@ -158,7 +158,7 @@ fn a_run_does_not_go_on_where_the_surface_has_moved() {
 }
 
 #[test]
-fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_shows() {
+fn stage_homed_by_hand_repeats_presses_and_a_sideways_shift_is_found() {
     let sim = include_str!("../../rigs/sim.toml");
     let rig = exchanged(sim, "driver = \"esp301\"", "driver = \"grbl\"\nhome = \"by hand\"");
     let recipe = "name = \"r\"\nrig = \"sim\"\n[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
@@ -177,7 +177,7 @@ fn a_stage_brought_to_its_zero_by_hand_repeats_presses_and_a_sideways_shift_show
 }
 
 #[test]
-fn a_run_does_not_go_on_with_another_device() {
+fn run_does_not_continue_with_another_device() {
     let bench = half_done();
     let rig = bench.read("run/rig.toml");
     change_the_world(&bench, "run", &exchanged(&rig, "\"generic-rs485\"", "\"laumas-tlb\""));
@@ -209,7 +209,7 @@ fn half_done() -> TestFolder {
 }
 
 #[test]
-fn the_matrices_are_the_outputs_of_their_presses_a_row_a_unit() {
+fn matrices_have_a_row_of_outputs_for_each_unit() {
     let bench = TestFolder::with([("r.toml", SMALL)]);
     bench.palpate_ends(0, "run r.toml --out run");
     let (header, rows) = bench.table("run/presses.csv");
@@ -285,7 +285,7 @@ mod interrupted {
     }
 
     #[test]
-    fn a_run_may_be_interrupted_again_and_again() {
+    fn run_can_be_interrupted_repeatedly() {
         let bench = TestFolder::with([("r.toml", LONG)]);
         let (mut seen, _) = interrupted(&bench, RUN, 5, "KILL");
         for signal in ["INT", "KILL", "TERM"] {

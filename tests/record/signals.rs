@@ -69,7 +69,7 @@ fn two_interrupts_stop_in_the_middle_of_the_press() {
 }
 
 #[test]
-fn a_polite_end_and_a_hangup_stop_in_the_middle_of_the_press() {
+fn sigterm_and_hangup_stop_in_the_middle_of_the_press() {
     heed_hangups();
     for name in ["TERM", "HUP"] {
         let bench = TestFolder::with([("r.toml", LONG)]);
@@ -90,7 +90,7 @@ fn a_signal_before_the_first_press_stops_there() {
 }
 
 #[test]
-fn a_run_that_nobody_hears_stops_as_any_other() {
+fn run_without_a_reader_stops_as_usual() {
     for (name, presses) in [("TERM", 0), ("INT", 1)] {
         let bench = TestFolder::with([("r.toml", LONG)]);
         let child = unheard(&bench);
@@ -102,7 +102,7 @@ fn a_run_that_nobody_hears_stops_as_any_other() {
 }
 
 #[test]
-fn a_run_that_nobody_hears_is_finished_as_any_other() {
+fn run_without_a_reader_is_completed_as_usual() {
     let bench = TestFolder::with([("r.toml", LONG)]);
     assert_eq!(wait(unheard(&bench)), Some(0));
     assert_eq!(bench.manifest("run")["status"], "complete");
@@ -166,7 +166,7 @@ fn a_pause_at_a_terminal_is_ended_by_enter_with_a_new_zero() {
 }
 
 #[test]
-fn a_pause_may_be_made_again_and_again() {
+fn run_can_be_paused_repeatedly() {
     let bench = TestFolder::with([("r.toml", LONG)]);
     let mut terminal = TestTerminal::open();
     let mut command = bench.command(RUN);
@@ -208,7 +208,7 @@ fn a_pause_is_ended_by_a_second_interrupt() {
 }
 
 #[test]
-fn a_pause_is_ended_by_a_terminal_that_is_gone() {
+fn pause_ends_when_the_terminal_closes() {
     assert_a_pause_is_ended(|terminal, _| terminal.close());
 }
 

@@ -100,7 +100,7 @@ fn verdict(
 }
 
 #[test]
-fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
+fn guarded_rule_accepts_at_most_six_percent_at_a_limit() {
     let sensors = campaign::size(300, SENSORS);
     println!("{sensors} sensors a cell");
     let mut broken = Vec::new();
@@ -128,7 +128,7 @@ fn of_sensors_at_a_limit_the_guarded_rule_accepts_at_most_six_percent() {
 
 /// The cost: good sensors that the guarded rule doesn't accept, by their distance from the limit.
 #[test]
-fn the_farther_a_sensor_is_from_a_limit_the_more_often_it_is_accepted() {
+fn sensor_farther_from_a_limit_is_accepted_more_often() {
     let (shape, sensors) = (&SHAPES[1], campaign::size(200, 2000));
     for (figure, limit, reach) in [limits(shape)[0], limits(shape)[1]] {
         for n in [59, 100, 500] {
@@ -231,7 +231,7 @@ fn sensor(seed: u64, counts: [usize; 2]) -> [Vec<f64>; 2] {
 }
 
 #[test]
-fn of_whole_sensors_at_a_limit_the_guarded_rule_accepts_as_few() {
+fn guarded_rule_accepts_few_whole_sensors_at_a_limit() {
     let whole = campaign::size(6, WHOLE);
     let sensors: Vec<[Vec<f64>; 2]> = (0..whole).map(|seed| sensor(seed as u64 + 1, [TRUTH, TESTED])).collect();
     for (figure, of) in [

@@ -136,7 +136,7 @@ fn sensor_of_the_same_family_needs_few_presses() {
 }
 
 #[test]
-fn places_of_the_new_presses_may_be_any() {
+fn new_presses_may_be_anywhere() {
     let all = [(5, 0.27), (9, 0.25)];
     let tried = if campaign::is_quick() { &all[..1] } else { &all[..] };
     let counts: Vec<usize> = tried.iter().map(|(count, _)| *count).collect();

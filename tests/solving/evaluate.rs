@@ -39,7 +39,7 @@ const KEYS: [&str; 9] = [
 ];
 
 #[test]
-fn two_tables_come_to_one_json_object_with_the_agreed_keys() {
+fn two_tables_give_one_json_object_with_the_documented_keys() {
     let object = evaluation(CALIBRATION, TEST, PAPERS);
     assert_eq!(keys(&object), KEYS);
     assert_eq!(object["solver"], "pearson");
@@ -69,7 +69,7 @@ fn a_table_is_80_columns_wide() {
 }
 
 #[test]
-fn the_number_of_outputs_and_the_order_of_columns_are_the_tables() {
+fn number_of_outputs_and_order_of_columns_follow_the_table() {
     // 12 outputs, columns mixed, one of them unknown and not a number
     let outputs = |at: usize| (1..=12).map(move |unit| if unit == at { 1.0 } else { 0.1 });
     let header = (1..=12).rev().map(|unit| format!("out_{unit},")).collect::<String>();
@@ -105,7 +105,7 @@ fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
 }
 
 #[test]
-fn a_constant_load_is_only_as_good_as_it_is_true() {
+fn wrong_constant_load_increases_errors() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 1.0").replace("count = 2", "count = 20");
     let bench = TestFolder::with([("r.toml", recipe.as_str())]);
     bench.palpate_ends(0, "run r.toml --out run");

@@ -85,7 +85,7 @@ fn a_reading_that_lacks_outputs_is_solved_as_by_an_array_without_these_units() {
 }
 
 #[test]
-fn so_many_fits_are_kept_and_no_more() {
+fn at_most_16_partial_fits_are_kept() {
     assert_eq!(MOST_PARTIAL, 16, "as docs/explanation/promises.md has it");
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
@@ -107,7 +107,7 @@ fn so_many_fits_are_kept_and_no_more() {
 }
 
 #[test]
-fn an_infinite_output_is_no_missing_one() {
+fn infinite_output_is_not_a_missing_one() {
     let skins = Skins::new();
     let calibration = skins.calibration(&ALL);
     let mut session =

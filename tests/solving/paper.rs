@@ -73,7 +73,7 @@ impl Whole {
 }
 
 #[test]
-fn the_golden_location_error_comes_back_over_the_wire() {
+fn golden_location_error_is_reproduced_over_the_wire() {
     // the shipped rig with only the cover and the contact in its scene
     let (rig, scene) = SIM_RIG.split_once("[scene]").unwrap();
     let kept = |line: &&str| line.starts_with("elastomer") || line.starts_with("contact");
@@ -129,7 +129,7 @@ fn outcome(seed: u64) -> PaperOutcome {
 }
 
 #[test]
-fn over_20_seeds_the_papers_numbers_lie_where_its_table_1_puts_them() {
+fn numbers_of_the_paper_follow_from_its_table_1_over_20_seeds() {
     let seeds = campaign::size(SEEDS.0, SEEDS.1) as u64;
     // the means of fewer seeds scatter by more, and the bounds are those of 20
     let scatter = (SEEDS.1 as f64 / seeds as f64).sqrt().max(1.0);

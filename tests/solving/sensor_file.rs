@@ -14,7 +14,7 @@ const READINGS: &str = include_str!("sensor_files/readings.csv");
 const WRITTEN: [&str; 4] = ["pearson", "surrogate", "blend", "extra-trees"];
 
 #[test]
-fn a_model_that_is_read_answers_to_the_last_bit() {
+fn loaded_model_answers_the_same_to_the_last_bit() {
     // a fifth unit that is dead: it is left out
     let rows: Vec<Vec<f64>> = numbers(CALIBRATION).map(|row| row.into_iter().chain([0.7]).collect()).collect();
     let calibration = Calibration::new(&rows.iter().map(|row| point(row)).collect::<Vec<_>>()).unwrap();
@@ -51,7 +51,7 @@ fn files_of_removed_methods_are_refused() {
 }
 
 #[test]
-fn files_of_this_version_answer_as_when_they_were_written() {
+fn stored_files_of_this_version_give_their_stored_answers() {
     for name in WRITTEN {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/solving/sensor_files");
         let bench = TestFolder::with([]);
@@ -159,7 +159,7 @@ fn only_a_sensor_file_is_replaced_and_a_model_takes_no_setting() {
 }
 
 #[test]
-fn presses_that_find_no_room_are_left_out() {
+fn presses_beyond_the_file_limit_are_left_out() {
     let rows: Vec<Vec<f64>> = (0..36 * 9)
         .map(|press| {
             let (x_mm, y_mm) = ((press % 6) as f64, (press / 6 % 6) as f64);

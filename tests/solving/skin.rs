@@ -78,7 +78,7 @@ fn assert_near(name: &str, found: &SkinErrors, location_mm: f64, force_n: Option
 }
 
 #[test]
-fn terms_of_the_specimen_cost_the_papers_solver_what_they_should() {
+fn terms_of_the_specimen_have_their_expected_effect_on_pearson() {
     let layer = Some(Elastomer { depth_mm: 5.0, medium: Medium::BondedLayer { poisson_ratio: 0.49 } });
     let spread = Taxels {
         radius_mm: 1.0,
@@ -103,7 +103,7 @@ fn terms_of_the_specimen_cost_the_papers_solver_what_they_should() {
 }
 
 #[test]
-fn faults_after_calibration_have_their_expected_cost() {
+fn faults_after_calibration_have_their_expected_effect() {
     let with = |unit, kind| SkinSpec { faults: vec![TaxelFault { unit, kind }], ..scene_t() };
     for (name, after, location_mm, force_n) in [
         ("dead corner", with(1, TaxelFaultKind::Dead), 0.912, None),

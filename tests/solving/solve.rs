@@ -28,7 +28,7 @@ const READINGS: [&str; 4] = [
 ];
 
 #[test]
-fn a_line_in_is_a_line_out_whatever_the_format() {
+fn each_line_has_one_answer_in_every_format() {
     let contacts = ["-4.0,0.0,0.5", "0.0,0.0,2.0", "4.0,0.0,1.0"].map(|contact| format!("{contact},,,,,,,,,,,ok,\n"));
     let expected = format!("{KEYS}\n{}", contacts.concat());
     for readings in READINGS {
@@ -54,7 +54,7 @@ fn a_line_in_is_a_line_out_whatever_the_format() {
 }
 
 #[test]
-fn a_label_comes_back_with_its_contact() {
+fn id_is_returned_with_its_contact() {
     let output = solved(WORDS, "t_s,id,out_1,out_2,out_3\n0.5,\"a, b\",1,0.3,0.1\n,,1,0.3,0.1\n", 0);
     let lines: Vec<&str> = output.out.lines().collect();
     assert!(lines[0].starts_with("id,t_s,x_mm,"), "{}", output.out);
@@ -116,7 +116,7 @@ const BAD: [&str; 5] = ["1,x,1", "1,0.3", "[1,0.3,0.1]", "1,\"0.3,0.1", "1,0.3,0
 const BAD_JSON: [&str; 5] = ["[1,\"x\",1]", "[1,0.3]", "1,0.3,0.1", "{\"outputs\":[1,0.3", "{\"id\":5,\"outputs\":[]}"];
 
 #[test]
-fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
+fn keep_going_answers_an_invalid_line_and_solves_the_next() {
     let good = "1,0.3,0.1\n";
     let readings: String = BAD.iter().map(|bad| format!("{bad}\n\n{good}")).collect();
     let output = solved(&format!("{WORDS} --keep-going"), &readings, 0);
@@ -152,14 +152,14 @@ fn with_keep_going_a_bad_line_is_answered_and_the_next_one_is_solved() {
 }
 
 #[test]
-fn with_keep_going_labels_come_back_though_the_first_line_is_bad() {
+fn keep_going_returns_ids_after_an_invalid_first_line() {
     let readings = "hello\n{\"id\":7,\"outputs\":[1,0.3,0.1]}\n";
     let output = solved(&format!("{WORDS} --keep-going --input ndjson"), readings, 0);
     assert!(output.out.lines().nth(2).is_some_and(|line| line.starts_with("2,7,,-4.0,")), "{}", output.out);
 }
 
 #[test]
-fn with_keep_going_a_header_that_cannot_be_used_still_ends_it() {
+fn keep_going_still_ends_at_an_unusable_header() {
     for readings in ["a,b,c\n1,2,3\n", "out_1,out_2\n1,0.3\n", "out_1,out_2,\"out_3\n1,2,3\n"] {
         let output = solved(&format!("{WORDS} --keep-going"), readings, 2);
         assert!(output.out.is_empty() && output.running().contains("stdin, line 1"), "{readings:?}: {output:?}");
@@ -185,7 +185,7 @@ fn a_missing_channel_is_left_out_of_its_reading() {
 }
 
 #[test]
-fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
+fn contact_is_written_before_the_next_reading_is_read() {
     for (words, reading) in [(WORDS.to_owned(), "1,0.3,0.1\n"), (format!("{WORDS} --json"), "[1,0.3,0.1]\n")] {
         let bench = TestFolder::with([("a.csv", CALIBRATION)]);
         let mut child = started(&bench, &words);
@@ -207,7 +207,7 @@ fn in_a_pipe_a_contact_is_out_before_the_next_reading_is_in() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_error() {
+fn closed_output_is_not_an_error() {
     let readings = "1,0.3,0.1\n".repeat(100_000);
     let bench = TestFolder::with([("a.csv", CALIBRATION), ("readings.csv", readings.as_str())]);
     for words in [WORDS.to_owned(), format!("{WORDS} --json")] {

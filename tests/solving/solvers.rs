@@ -221,7 +221,7 @@ const METHODS_CONTACTS: (usize, usize) = (600, 12_000);
 const METHODS_SEEDS: (usize, usize) = (1, 3);
 
 #[test]
-fn each_method_is_as_near_as_the_book_states() {
+fn each_method_has_the_error_that_the_book_states() {
     let page = shipped_text("docs/explanation/solvers.md");
     let contacts = campaign::size(METHODS_CONTACTS.0, METHODS_CONTACTS.1);
     let seeds = campaign::size(METHODS_SEEDS.0, METHODS_SEEDS.1) as u64;
@@ -436,7 +436,7 @@ fn few_presses_dont_mislead_best() {
 }
 
 #[test]
-fn very_few_presses_are_for_a_map_that_knows_the_cover() {
+fn best_takes_physics_with_very_few_presses() {
     // 16 places hardly determine a smooth map
     assert_best_is_near("4 x 4 places", &scene_q(), 0.0, 4);
     // of 9 places only the middle is inside the area: held-out places show nothing

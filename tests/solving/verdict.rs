@@ -113,7 +113,7 @@ fn rule_file_next_to_the_recipe_is_stored_with_the_run() {
 }
 
 #[test]
-fn a_guarded_rule_decides_nothing_on_one_press_or_without_the_benchs_uncertainty() {
+fn guarded_rule_needs_presses_and_the_uncertainty_of_the_bench() {
     let accept = "[accept]\nrule = \"guarded\"\nmethod = \"surrogate\"\nlocation_mean_mm = 1.0\nlocation_p95_mm = 2.0\n\
                   location_within = { mm = 1.0, share = 0.8 }\nforce_mean_n = 0.1\n";
     let known = shipped_text("rigs/sim.toml").replacen(
@@ -169,7 +169,7 @@ fn a_table_tested_on_itself_is_not_decided_and_places_pressed_twice_are_counted(
 }
 
 #[test]
-fn columns_that_look_like_what_is_read_are_named() {
+fn similar_columns_are_named() {
     let calibration = "x_mm,y_mm,Fz,out_1,out_2\n-4,0,1,1.0,0.3\n0,0,1,0.3,1.0\n4,0,1,0.1,0.3\n";
     let bench = TestFolder::with([("a.csv", calibration), ("b.csv", &exchanged(calibration, "Fz", "force_n"))]);
     let output = bench.palpate_ends(0, "evaluate --calibration a.csv --test b.csv --solver pearson");
@@ -179,7 +179,7 @@ fn columns_that_look_like_what_is_read_are_named() {
 }
 
 #[test]
-fn runs_of_different_sensors_or_units_make_no_page_and_unnamed_ones_only_on_demand() {
+fn runs_of_different_sensors_make_no_page_and_unnamed_ones_on_request() {
     let bench = TestFolder::with([("c.toml", recipe(&[CALIBRATE]).as_str()), ("t.toml", recipe(&[&test(5)]).as_str())]);
     bench.palpate_ends(0, "run c.toml --out b --sensor B");
     bench

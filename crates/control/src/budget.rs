@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_follow_from_readings_airs_and_what_is_stated_of_the_cell() {
+    fn budget_parts_follow_from_readings_and_certificate() {
         let zero = Zero { step_n: 0.001, ..Zero::with_noise(0.003) };
         let budget = UncertaintyBudget::of(&averaged(0.0), &zero, Some(0.004));
         assert!((budget.noise_n - 0.0002).abs() < 1e-12);

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_gives_its_curve_back() {
+    fn curve_of_a_path_is_recovered() {
         let mut curve = Curve::default();
         assert_eq!(curve.shape(), None);
         let force = |s: f64| 1.1 * s + 0.1556 * s * s;

@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn shots_along_a_raster_miss_less_and_less_and_aim_closer() {
+    fn errors_of_shots_fall_along_a_raster() {
         let mut map = learned_curve();
         let first_aim = map.shot(Place::new(-6.0, -6.0), 1.0, &LIMITS).unwrap().aim_n(1.0);
         let mut misses = Vec::new();
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn misses_that_are_large_cost_the_trust_and_one_alone_does_not() {
+    fn several_large_misses_distrust_the_map_and_one_does_not() {
         let mut map = learned_curve();
         let miss = |force_n| {
             let place = Place::default();
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rough_surface_is_not_shot_at() {
+    fn rough_surface_gets_no_shot() {
         let mut map = ContactMap::new(0.3);
         for (i, (x, y)) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)].into_iter().enumerate() {
             let place = Place::new(x, y);
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_does_not_grow_without_bound_and_forgets_no_corner() {
+    fn map_is_bounded_and_keeps_its_corners() {
         let mut map = learned_curve();
         for i in 0..2 * SHOTS_MAX {
             let place = Place::new(-6.0 + 0.05 * (i % 240) as f64, -6.0 + 0.5 * (i / 240) as f64);

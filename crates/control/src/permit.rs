@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn the_descent_from_home_is_allowed_as_far_as_the_surface_may_be_met() {
+    fn descent_from_home_ends_at_the_earliest_surface() {
         let context = MotionContext {
             z_mm: -12.5,
             force_n: 0.0,
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stale_force_or_a_nan_moves_nothing() {
+    fn stale_force_or_nan_permits_no_motion() {
         let good = MotionContext {
             z_mm: 0.0,
             force_n: 0.1,
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn x_and_y_move_only_in_the_clear_and_without_a_force() {
+    fn x_and_y_are_permitted_only_in_the_clear_and_without_force() {
         let (permit, first_mm) = (permit(), -0.3);
         let (clear_mm, touch_n) = (permit.clear_mm(first_mm), permit.detect_n());
         assert!(permit.sideways(clear_mm, first_mm, 0.9 * touch_n).is_ok());

@@ -61,7 +61,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_short_way_is_a_triangle_and_a_long_one_cruises() {
+    fn short_motion_is_a_triangle_and_long_one_cruises() {
         assert!((MotionProfile::new(-0.25, 25.0, 100.0).duration_s() - 0.1).abs() < 1e-12);
         assert!((MotionProfile::new(10.0, 5.0, 100.0).duration_s() - 2.05).abs() < 1e-12);
         assert_eq!(MotionProfile::new(0.0, 5.0, 100.0).duration_s(), 0.0);
@@ -69,7 +69,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn time_and_place_are_each_others_inverse(way in 0.001..20.0f64, speed in 0.1..25.0f64, share in 0.0..1.0f64) {
+        fn time_and_place_of_a_profile_are_inverse(way in 0.001..20.0f64, speed in 0.1..25.0f64, share in 0.0..1.0f64) {
             let profile = MotionProfile::new(way, speed, 100.0);
             let mm = share * way;
             prop_assert!((profile.at_mm(profile.reaches_s(mm)) - mm).abs() < 1e-9);

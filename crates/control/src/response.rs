@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_halves_or_doubles_and_a_sensor_that_shifts_or_jumps_are_found() {
+    fn halved_or_doubled_gain_and_shifted_or_jumping_sensor_are_found() {
         let response = learned(0.5);
         let rule = |felt: MeasuredContact| response.check(&felt).err().map(|trip| trip.rule);
         assert_eq!(rule(felt(0.3, -0.7, 1.05)), None);
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_during_the_run_widens_no_limit_of_its_check() {
+    fn change_during_the_run_does_not_widen_the_limits_of_its_check() {
         let mut response = LearnedOutputs::new(Some(4.5));
         for i in 0..15 {
             let gain = if i < 7 { 1.0 } else { 1.0 / 0.7 };

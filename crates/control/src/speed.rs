@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_speed_uses_the_force_up_and_no_more() {
+    fn fastest_speed_uses_exactly_the_available_force() {
         for (force_n, k, t) in [(0.2, 2.0, 0.03), (2.0, 20.0, 0.0336), (0.05, 500.0, 0.0186)] {
             let v = safe_speed_mm_s(force_n, k, t, 100.0);
             assert!((k * (v * t + v * v / 200.0) - force_n).abs() < 1e-12);
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn it_agrees_with_the_study() {
+    fn fastest_speed_agrees_with_the_study() {
         // ESP301, T = 33.6 ms, limit 2.0 N less detection at 30 mN and 3 sigma: 13.4 mm/s at 1.33 N/mm (k_i = 1.1 k), 0.10 at 500
         assert!((safe_speed_mm_s(1.96, 1.33 * 1.1, 0.0336, 100.0) - 13.4).abs() < 0.2);
         assert!((safe_speed_mm_s(1.96, 550.0, 0.0336, 100.0) - 0.10).abs() < 0.01);

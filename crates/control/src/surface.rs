@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_touches_pin_a_plane_down() {
+    fn few_touches_determine_a_plane() {
         let truth = |place: Place| 0.05 + 0.01 * place.x_mm - 0.02 * place.y_mm;
         let mut map = SurfaceMap::new(0.3);
         for (x, y) in [(-6.0, -6.0), (6.0, -6.0), (-6.0, 6.0), (6.0, 6.0), (0.0, 0.0)] {

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_papers_staircase_has_nine_levels() {
+    fn staircase_of_the_paper_has_nine_levels() {
         let forces: Vec<f64> = PressTask::staircase(2.0, 0.5).iter().map(|level| level.force_set_n).collect();
         assert_eq!(forces, [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0]);
         let last = PressTask::staircase(2.0, 0.5)[5];

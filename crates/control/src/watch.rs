@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn each_rule_trips_and_only_beyond_its_number() {
+    fn each_rule_trips_only_beyond_its_limit() {
         assert_eq!(broken([1.0, 2.008, 2.0, 1.99]), None);
         assert_eq!(broken([1.0, 2.02, 2.02, 2.02]), Some(SafetyRule::OverForce));
         assert_eq!(broken([0.0, -0.02, -0.04, -0.02]), None);
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn before_there_is_a_zero_the_force_may_fall_as_a_contact_ends_but_not_rise() {
+    fn before_the_zero_the_force_may_fall_but_not_rise() {
         let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
         let still = Zero { offset_n: 1.5, ..Zero::with_noise(0.003) };
         let rule = |n: f64| {
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_trips_unless_it_was_announced() {
+    fn gap_between_readings_trips_unless_announced() {
         let reading = |at_s, n| ForceReading { at_s, force_n: n, health: Health::default() };
         let mut watched = watch();
         watched.force_n(&reading(0.0, 0.5)).unwrap();

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_factor_of_cholesky_solves_and_an_indefinite_matrix_has_none() {
+    fn cholesky_factor_solves_and_an_indefinite_matrix_has_none() {
         let definite = A.transpose() * A;
         let l = cholesky(definite.rows()).unwrap();
         assert!(is_near(Matrix::of(l) * Matrix::of(l).transpose(), definite));

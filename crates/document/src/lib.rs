@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn brackets_that_are_never_closed_dont_end_the_stack() {
+    fn unclosed_brackets_do_not_overflow_the_stack() {
         for open in ["x = [", "d = { f its\n\n[l]\n", "a={b={", "[[[[", "d = { f [l]]\n", "d = { [ } ]\n"] {
             let words = messages(&open.repeat(100_000), NONE, |_| Some(()));
             assert!(words[0].contains("not valid TOML"), "{open:?}: {}", words[0]);
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_that_are_not_toml_are_named_by_what_they_mean() {
+    fn invalid_toml_is_reported_with_its_probable_meaning() {
         let words = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
         assert_eq!(words("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
         // a character of several bytes right before the number

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn the_surer_answer_weighs_more() {
+    fn answer_with_the_smaller_error_weighs_more() {
         let blended = mean([&answer(0.0, 1.0, 1.0), &answer(0.3, 1.02, 2.0)], &[ERRORS, ERRORS]);
         // squares of 0.1 and 0.2 mm: four to one
         assert!((blended.place.x_mm - 0.06).abs() < 1e-12, "{blended:?}");

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn without_forces_directions_are_what_counts() {
+    fn without_forces_only_directions_count() {
         let forces = |rows: &[&[f64]]| {
             let points: Vec<_> = rows.iter().map(|row| CalibrationPoint { outputs: row, ..GOOD }).collect();
             Calibration::without_forces(&points).unwrap().force_n

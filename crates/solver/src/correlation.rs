@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_is_the_same_alone_and_among_others() {
+    fn value_is_the_same_alone_and_in_a_batch() {
         let distances = Mat::from_fn(37, 3, |i, j| 0.17 * i as f64 + 0.05 * j as f64);
         for smoothness in Smoothness::ALL {
             let correlation = Correlation { smoothness, length: 1.3 };

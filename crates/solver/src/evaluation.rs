@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_and_shares_are_counted() {
+    fn errors_and_fractions_are_counted() {
         let test = [
             press(&[0.3, 0.4, 1.05], Some(1.0)), // both
             press(&[3.0, 4.0, 0.95], Some(1.0)), // force only
@@ -434,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_held_against_the_ones_that_were_stated_and_verdicts_counted() {
+    fn errors_are_compared_with_stated_ones_and_verdicts_counted() {
         let press = |outputs, force_n| TestPress { place: Place::new(0.5, 1.5), force_n, outputs };
         let coverage = |test: &[TestPress<'_>]| evaluate(&Modest, test).unwrap().coverage;
         // 0.5, 1.5 and 0.6 of one; then a quarter, three quarters and 0.3; then nothing is stated

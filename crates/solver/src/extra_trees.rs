@@ -264,14 +264,14 @@ mod tests {
     }
 
     #[test]
-    fn a_few_presses_that_went_wrong_hardly_count() {
+    fn few_wrong_presses_hardly_count() {
         let trees = ExtraTrees::fit(&calibration(), ForceKnown::Unknown).unwrap();
         let located = trees.locate(&[2.0, 1.0], &mut Workspace::default()).unwrap();
         assert!((located.place.x_mm - 1.0).abs() < 0.35 && (located.force_n - 0.5).abs() < 0.1, "{located:?}");
     }
 
     #[test]
-    fn trees_grow_alike_each_time() {
+    fn trees_are_reproducible() {
         let located = || {
             let trees = ExtraTrees::fit(&calibration(), ForceKnown::Constant).unwrap();
             trees.locate(&[3.3, 2.7], &mut Workspace::default()).unwrap()

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_area_the_border_counts() {
+    fn outside_the_area_the_border_value_is_used() {
         let field =
             SplineField::new(AREA, 1.0, 1, |places| places.iter().map(|place| place.x_mm + place.y_mm).collect());
         let mut value = [0.0];

@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn under_a_constant_load_the_force_has_no_part_in_the_errors_of_the_place() {
+    fn under_a_constant_load_the_force_does_not_change_location_errors() {
         let mut rng = stream(3, 0, "a constant load");
         // three units that read nearly the same: the length of a reading shows the place better than its direction
         let presses: Vec<(Place, [f64; 3])> = (0..100)

@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_that_are_alike_change_nothing() {
+    fn equal_counts_change_nothing() {
         let (places, values, _) = unequal();
         let counts: Vec<f64> = (0..60).map(|i| if i % 3 == 0 { 1.4 } else { 0.8 }).collect();
         let weighted = fit_weighted(&places, &values, &counts);

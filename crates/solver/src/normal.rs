@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_is_the_solution_and_what_is_not_free_stays() {
+    fn step_solves_the_free_parameters_and_leaves_the_others() {
         let step = normal().step([true; 3]);
         for (found, truth) in step.iter().zip([1.0, -2.0, 3.0]) {
             assert!((found - truth).abs() < 1e-12, "{step:?}");
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_is_one_and_what_has_none_is_reported() {
+    fn inverse_is_exact_and_a_singular_matrix_is_reported() {
         let a = normal().information;
         let inverse = inverse(&a).unwrap();
         for (i, row) in a.iter().enumerate() {

@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equally_good_points_the_first_is_the_answer() {
+    fn first_of_equally_good_points_is_the_answer() {
         let solver = pearson(&[point(1.0, 1.0, &[1.0, 2.0]), point(2.0, 1.0, &[2.0, 4.0])], None);
         assert_eq!(solve(&solver, &[5.0, 10.0]).unwrap().place.x_mm, 1.0);
     }

@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn one_room_serves_tables_of_all_sizes() {
+    fn one_workspace_serves_tables_of_all_sizes() {
         let mut scratch = Scratch::default();
         for rows in [500, 3, 128, 129, 500] {
             let mut table = [1.0, 0.0].repeat(rows);

@@ -148,7 +148,7 @@ proptest! {
 }
 
 #[test]
-fn answers_are_the_same_without_an_idea_of_their_errors() {
+fn answers_are_the_same_without_stated_errors() {
     let rows = grid(5, 3);
     let calibration = Calibration::new(&points(&rows)).unwrap();
     let readings = [row(0.3, -0.8, 3), row(-1.7, 1.1, 3)];

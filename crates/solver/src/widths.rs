@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misfit_and_errors_beyond_the_noise_widen_and_nothing_narrows() {
+    fn misfit_and_errors_beyond_the_noise_only_widen_half_widths() {
         let half = HalfWidths { half68_mm: 0.1, half95_mm: 0.2, half68_n: 0.3, half95_n: 0.4 };
         assert_eq!((half.widened(4.0), half.widened(0.25)), (half.times(2.0, 2.0), half));
         let sds = |location: f64, force: f64| {

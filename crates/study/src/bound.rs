@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_studys_table() {
+    fn bound_equals_the_table_of_the_study() {
         for (depth_mm, study_s) in [(0.090, 0.349), (0.429, 0.452), (0.815, 0.534), (1.500, 0.650)] {
             let ours_s = least_s(depth_mm, 0.5, 100.0, 0.1);
             assert!((ours_s / study_s - 1.0).abs() < 0.015, "{depth_mm} mm: {ours_s} s, study {study_s} s");

@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_declared_stiffness_is_honest_but_where_it_is_not_meant_to_be() {
+    fn declared_stiffness_is_true_except_in_scenes_that_test_it() {
         for scene in SCENES {
             let spec = scene.on(StudyBench::XpsLike.spec().unwrap());
             let (largest, declared) = (largest_n_mm(&spec), spec.limits.stiffness_n_mm);

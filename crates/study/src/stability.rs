@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_loop_is_as_the_theory_says_where_orders_come_often() {
+    fn loop_follows_the_theory_with_frequent_commands() {
         for onset in stability().iter().filter(|onset| onset.dead_time_ms > 50.0) {
             let overshoots = onset.overshoots_at * onset.mismatch / OVERSHOOTS_AT;
             let unstable = onset.unstable_at * onset.mismatch / UNSTABLE_AT;

@@ -224,7 +224,7 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
 }
 
 #[test]
-fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitted() {
+fn soft_or_missing_specimen_trips_within_the_permitted_depth() {
     let (rule, soft) = bench(PressTask::press(1.0), 0.0).rule(|depth| 0.4 * depth.max(0.0));
     assert_eq!(rule, SafetyRule::OutOfReach);
     assert!(soft.deepest_mm <= LIMITS.depth_mm);
@@ -235,7 +235,7 @@ fn a_specimen_too_soft_or_absent_is_a_trip_and_nothing_goes_deeper_than_permitte
 }
 
 #[test]
-fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
+fn drifted_zero_or_increased_noise_permits_no_motion() {
     let quiet = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: NO_LOAD_READINGS, age_s: 0.0 };
     for (no_load, rule) in [
         (NoLoadReadings { mean_n: -0.04, ..quiet }, SafetyRule::ZeroDrifted),
@@ -252,7 +252,7 @@ fn a_zero_that_drifted_or_a_noise_that_grew_moves_nothing() {
 }
 
 #[test]
-fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
+fn force_without_response_trips_before_the_depth_limit() {
     // it slips away, or the cell gives what it gave; on a specimen that was never touched the surface is known less well
     for (map, deepest_mm) in [(learned_curve(), 1.0), (ContactMap::new(0.3), LIMITS.depth_mm)] {
         let bench = PressBench { map, ..bench(PressTask::press(1.0), 0.0) };
@@ -263,7 +263,7 @@ fn a_force_that_does_not_answer_a_step_is_a_trip_before_the_depth_limit() {
 }
 
 #[test]
-fn a_force_that_falls_by_itself_is_a_trip() {
+fn force_that_falls_without_a_motion_trips() {
     let slips = |depth: f64| if depth > 0.6 { 0.2 * force_at(depth) } else { force_at(depth) };
     let (rule, execute) = bench(PressTask::press(1.0), 0.0).rule(slips);
     assert_eq!(rule, SafetyRule::Fallen);
@@ -271,7 +271,7 @@ fn a_force_that_falls_by_itself_is_a_trip() {
 }
 
 #[test]
-fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
+fn contact_harder_than_declared_trips_during_the_approach() {
     // what is left is the way of the reaction: 2 mm/s and 10 mm/s at most
     for (bench, deepest_mm) in [(bench(PressTask::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
         let (rule, execute) = bench.rule(|depth| 20.0 * depth.max(0.0));
@@ -281,7 +281,7 @@ fn a_contact_harder_than_declared_is_a_trip_while_it_is_met() {
 }
 
 #[test]
-fn a_mapped_press_is_a_shot_from_below_and_a_late_trim() {
+fn mapped_press_makes_a_shot_from_below_and_a_late_correction() {
     for surface_mm in [-0.004, 0.0, 0.004] {
         for force_n in [0.2, 0.5, 1.0] {
             let (press, execute) = mapped(force_n, surface_mm).execute(force_at);
@@ -357,7 +357,7 @@ fn all_windows_of_shots_begin_at_one_time_after_contact() {
 }
 
 #[test]
-fn an_event_out_of_turn_is_a_trip() {
+fn unexpected_event_trips() {
     let mut press = bench(PressTask::press(1.0), 0.0).press();
     let moment = Moment { now_s: 0.0, age_s: 0.0 };
     let command = press.next(LoopEvent::Sampled { force_n: 1.0 }, moment);
@@ -365,7 +365,7 @@ fn an_event_out_of_turn_is_a_trip() {
 }
 
 #[test]
-fn a_cell_that_reads_half_is_found_at_the_first_press_where_a_least_stiffness_is_declared() {
+fn half_gain_is_found_at_the_first_press_with_a_declared_least_stiffness() {
     for strategy in Strategy::ALL {
         for (gain, least_n_mm, trips) in
             [(0.5, Some(0.9), true), (0.95, Some(0.9), false), (1.0, Some(1.1), false), (0.5, None, false)]
@@ -399,7 +399,7 @@ fn press_half_as_stiff_as_neighbours_is_found_with_every_strategy() {
 
 /// A specimen whose edges are softer or stiffer than its middle by 40 %, within 2 mm, pressed in any order.
 #[test]
-fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
+fn free_edges_raise_no_alarm_about_the_load_cell() {
     let mut rng = palpate_core::quantity::stream(1, 0, "edges");
     let grid: Vec<Place> = (0..169).map(|i| Place::new(f64::from(i % 13) - 6.0, f64::from(i / 13) - 6.0)).collect();
     let mut shuffled = grid.clone();
@@ -433,7 +433,7 @@ fn free_edges_are_not_taken_for_a_cell_that_reads_too_little() {
 
 /// A cell whose filter is slow shows a step long after it. No step is taken from such a force, from the first press on.
 #[test]
-fn a_cell_that_has_turned_slow_costs_no_more_than_a_quarter_over_the_limit() {
+fn slow_load_cell_exceeds_the_limit_by_at_most_a_quarter() {
     let mut worst = 0.0f64;
     for strategy in Strategy::ALL {
         for map in [ContactMap::new(0.3), learned_curve()] {

@@ -118,7 +118,7 @@ mod tests {
     use crate::mechanics::{Medium, lambda};
 
     #[test]
-    fn gauss_rule_integrates_what_it_should() {
+    fn gauss_rule_integrates_polynomials_exactly() {
         let sum = |f: fn(f64) -> f64| gauss_legendre(20).map(|(x, weight)| weight * f(x)).sum::<f64>();
         assert!((sum(|_| 1.0) - 2.0).abs() < 1e-13);
         assert!((sum(|x| x.powi(38)) - 2.0 / 39.0).abs() < 1e-13);
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn the_half_spaces_transform_leads_back_to_lambda() {
+    fn inverse_transform_of_the_half_space_is_lambda() {
         let table = HankelTable::inverse_of(|h| Medium::HalfSpace.transform(h));
         for i in 0..18000 {
             let k = f64::from(i) * 1.0913e-3;
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_smooth_at_its_knots_and_ends_at_nothing() {
+    fn table_is_smooth_at_its_knots_and_ends_at_zero() {
         let table = HankelTable::inverse_of(|h| Medium::BondedLayer { poisson_ratio: 0.49 }.transform(h));
         for knot in 1..=CELLS {
             let (k, step) = (knot as f64 * PER_CELL, 1e-9);

@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_load_arrives() {
+    fn layer_carries_the_whole_load() {
         for medium in [Medium::HalfSpace, Medium::BondedLayer { poisson_ratio: 0.3 }] {
             assert_eq!(medium.transform(0.0), 1.0);
         }

@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gain_that_is_off_is_sound_only_once_it_is_adjusted_and_a_fault_never() {
+    fn wrong_gain_is_sound_only_after_adjustment_and_a_fault_never() {
         assert!(check(1.0008, false).is_sound(None), "within 2 sd");
         assert!(!check(1.0012, false).is_sound(None));
         let stated = certificate(StatedError::Expanded { u_n: 0.002, k: 2.0 });

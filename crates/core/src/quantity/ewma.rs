@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_value_counts_as_it_is_and_many_as_their_mean() {
+    fn ewma_of_one_value_is_the_value_and_of_many_their_mean() {
         assert_eq!(Ewma::new(0.4).sigmas(0.0), 0.0);
         assert!((Ewma::new(0.4).with(2.0).sigmas(0.0) - 2.0).abs() < 1e-12);
         let many = (0..100).fold(Ewma::new(0.4), |chart, _| chart.with(1.0));

@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_frame_leads_there_and_back_on_either_side() {
+    fn frame_conversion_is_inverted_on_either_side() {
         for down in [Down::Plus, Down::Minus] {
             let origin = Place::new(1.0, -2.0);
             let tilt = Tilt { per_x: 0.02, per_y: 0.0 };

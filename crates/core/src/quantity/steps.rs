@@ -72,7 +72,7 @@ mod tests {
     const PRINTER: Steps = Steps { mm: [0.0125, 0.0125, 0.0025] };
 
     #[test]
-    fn a_fine_stage_is_left_as_it_was() {
+    fn fine_stage_is_not_rounded_to_steps() {
         assert_eq!(Steps::FINE.in_position_mm(Axis::Z), 0.003);
         assert_eq!((Steps::FINE.reserve_mm(), Steps::FINE.reach_n(2.0)), (0.0, 0.0));
         assert_eq!((Steps::FINE.no_deeper_mm(0.1, 0.2341), Steps::FINE.nearest_mm(0.0007)), (0.2341, 0.0007));

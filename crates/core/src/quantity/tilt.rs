@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_of_five_degrees_is_the_last_that_is_allowed() {
+    fn surface_tilt_is_allowed_up_to_five_degrees() {
         let tilted = |degrees: f64| Tilt { per_x: 0.0, per_y: -degrees.to_radians().tan() };
         let five = tilted(TILT_MOST_DEG - 1e-9);
         assert!(five.is_allowed() && !tilted(5.001).is_allowed());

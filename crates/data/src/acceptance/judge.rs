@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn value_and_limit_print_differently_however_near() {
+    fn value_and_limit_are_printed_with_enough_digits_to_differ() {
         let shown = |limit| {
             let check = judge(&rule(Decision::Simple, &[(LimitedFigure::LocationMean, limit, None)]), &measured())
                 .checks[0]
@@ -533,7 +533,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_presses_unanswered_ones_and_repeated_ones_decide_nothing() {
+    fn too_few_unanswered_or_repeated_presses_give_no_decision() {
         let limit = (LimitedFigure::LocationMean, 5.0, None);
         let few = Measured { calibration_presses: 9, ..measured() };
         let text = "9 valid calibration presses; the rule requires 10".to_owned();
@@ -563,7 +563,7 @@ mod tests {
     }
 
     #[test]
-    fn one_limit_that_is_exceeded_outweighs_one_that_is_undecided() {
+    fn exceeded_limit_outweighs_an_undecided_one() {
         let limits = [(LimitedFigure::LocationMean, 0.4, None), (LimitedFigure::ForceMean, 0.1, None)];
         let judgement = judge(&rule(Decision::Simple, &limits), &measured());
         assert_eq!(judgement.verdict, SensorVerdict::NotAccepted);

@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn presses_at_one_place_are_no_calibration() {
+    fn presses_at_one_place_are_refused_as_calibration() {
         for (text, presses) in [
             ("x_mm,y_mm,out_1\n0,0,1\n", "1 calibration press"),
             ("x_mm,y_mm,out_1\n0,0,1\n0,0,2\n", "2 calibration presses"),

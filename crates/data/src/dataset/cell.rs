@@ -180,7 +180,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_number_too_large_to_have_decimals_stays_as_it_is() {
+    fn number_too_large_for_decimals_is_not_rounded() {
         assert_eq!(round(1e305, 6), 1e305);
     }
 

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_check_is_one_line() {
+    fn check_is_printed_as_one_line() {
         assert_eq!(example(0.004).line(), "check at the end: outputs for each newton +0.4 %, depth -0.2 %");
         assert!(!example(0.004).is_failed());
         let failed = example(-0.48);

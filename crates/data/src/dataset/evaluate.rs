@@ -357,7 +357,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
 ";
 
     #[test]
-    fn a_run_is_held_against_the_commanded_force_and_against_the_load_cell() {
+    fn run_is_compared_with_the_set_force_and_with_the_load_cell() {
         let presses = run(RUN);
         let layout = ArrayLayout::from_places(vec![palpate_core::quantity::Place::new(-1.0, 0.0); 2]);
         let evaluation = Trial::of_run(&presses, Some(&layout)).unwrap().evaluate("pearson").unwrap();

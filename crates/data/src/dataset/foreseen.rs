@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_allows_a_decision_has_no_reason() {
+    fn plan_that_allows_a_decision_gives_no_reason() {
         let all = "rule = \"guarded\"\nlocation_mean_mm = 1.0\nlocation_p95_mm = 1.0\nforce_mean_n = 0.1\n\
                    repeatability_percent = 5.0\nhysteresis_percent = 5.0\nlinearity_percent = 5.0\nnoise_percent = 1.0\n\
                    broken_channels_most = 0\nflagged_presses_most = 5";

@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_cut_at_any_byte_keeps_every_whole_record_and_goes_on() {
+    fn journal_cut_at_any_byte_keeps_complete_records_and_continues() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let whole = three_records(&path);
@@ -521,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_line_out_of_sequence_or_refused_is_damage() {
+    fn complete_line_out_of_sequence_or_refused_is_damage() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal");
         let bytes = three_records(&path);

@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_that_look_like_what_is_read_are_named_with_what_they_look_like() {
+    fn similar_column_names_are_suggested() {
         let header = "x_mm,y_mm,force_n,out_1,flags,Fz (N),force,X,pos_y,ch3,Sensor_4,time_s,temperature,note,n";
         let found = lookalikes(&StringRecord::from(header.split(',').collect::<Vec<_>>()));
         let found: Vec<(&str, &str)> = found.iter().map(|found| (found.column.as_str(), found.looks_like)).collect();

@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_named_in_stretches() {
+    fn numbers_are_listed_as_ranges() {
         let of = |presses: &[u64]| stretches(&presses.iter().copied().collect());
         assert_eq!(of(&[3]), "press 3");
         assert_eq!(of(&[3, 4, 5, 9, 12, 13]), "presses 3 to 5, 9, 12 to 13");

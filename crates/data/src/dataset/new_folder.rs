@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_is_a_hidden_draft_until_all_of_it_is_there() {
+    fn run_folder_is_a_hidden_draft_until_complete() {
         let home = tempfile::tempdir().unwrap();
         let names = || {
             let entries = fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().file_name());

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn places_within_the_distance_are_one_wherever_they_lie() {
+    fn places_within_the_distance_are_one_place() {
         // rounding to 1 um would separate the first two
         let places = at(&[(0.000_499_9, 0.0), (0.000_500_1, 0.0), (5.0, 0.0), (-5.0, 0.0), (5.000_9, 0.0)]);
         assert_eq!(same_places(&places, SAME_PLACE_MM), [0, 0, 1, 2, 1]);

@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plain_table_is_read_whatever_its_order_and_line_ends() {
+    fn plain_table_is_read_in_any_order_and_with_any_line_ends() {
         let text =
             "\u{feff}out_2, x_mm ,note,y_mm,out_1\r\n4, 1 ,\"a, b\",2,3\r\n\r\n-1e-3,0.5,\"a\nb\",.25,0\r\n0,0,,0,0";
         let table = plain(text).unwrap();
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_without_a_header_is_reported_so() {
+    fn table_without_a_header_is_reported() {
         for text in ["-6,-6,0.5\n-6,-5,0.5\n", "1,5;2,5;3\n1;2;3\n", "0,calibration,1,2,3,\n1,calibration,1,2,3,\n"] {
             let words = refusal(text);
             assert!(words.contains("line 1: the table has no header") && words.contains("`header = false`"), "{words}");
@@ -556,7 +556,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_and_files_that_are_not_there_are_distinguished() {
+    fn invalid_text_and_missing_files_are_distinguished() {
         let error = parse_table("a.csv", b"x_mm,y_mm,out_1\n1,2,\xff\n".as_slice(), &Mapping::default()).unwrap_err();
         assert_eq!(error.to_string(), "a.csv, line 2: not UTF-8 text");
         let folder = tempfile::tempdir().unwrap();

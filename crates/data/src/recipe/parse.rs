@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn the_failure_twins_of_a_good_grid() {
+    fn variants_of_a_good_grid_are_refused() {
         let good = "grid = { x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], spacing_mm = 0.5 }\nforce_n = 1.0";
         assert_eq!(step(good), [""; 0]);
         for (from, to, text) in [

@@ -53,7 +53,7 @@ fn visits(steps: &str) -> Vec<u64> {
 }
 
 #[test]
-fn an_interleaved_grid_is_visited_in_four_passes_and_numbered_as_ever() {
+fn interleaved_grid_is_visited_in_four_passes_with_the_same_numbers() {
     let grid = |x_mm: &str| {
         format!(
             "[[step]]\nphase = \"calibration\"\nforce_n = 1.0\n\
@@ -91,7 +91,7 @@ fn learned_contacts(plan: &Plan) -> Vec<(u64, f64, f64, f64)> {
 }
 
 #[test]
-fn a_plan_of_mapped_presses_begins_with_five_that_teach() {
+fn plan_with_map_begins_with_five_training_presses() {
     let learned_curve = plan(MAPPED, 1).unwrap();
     // 5 x 4 points; of the two next to the centre, the first
     let expected =

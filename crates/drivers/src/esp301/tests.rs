@@ -12,7 +12,7 @@ fn stage(script: Script) -> (Esp301, JoinHandle<()>) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on_where_the_rig_says_so() {
+async fn z_homes_first_and_an_axis_declared_as_homed_stays() {
     let (mut stage, device) = stage(&[
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
         (b"ST\r", b""),
@@ -55,7 +55,7 @@ async fn it_homes_z_first_and_leaves_an_axis_alone_that_is_on_where_the_rig_says
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_z_that_counts_otherwise_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
+async fn wrong_count_of_z_at_its_limit_is_a_mismatch_and_nothing_else_moves() {
     let (mut stage, device) = stage(&[
         (b"1AC100;1AG100;2AC100;2AG100;3AC100;3AG100\r", b""),
         (b"3MO\r", b""),
@@ -165,7 +165,7 @@ async fn stray_text_is_discarded_up_to_the_version_and_the_question_asked_again(
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_place_that_lost_decimals_or_lies_beyond_the_travel_is_no_place() {
+async fn position_without_decimals_or_beyond_the_travel_is_refused() {
     let (mut stage, device) = stage(&[
         (b"3TP\r", b"2.5\r\n"),
         (b"VE?\r", b"ESP301 Version 1.1.1 16/01/14\r\n"),
@@ -226,7 +226,7 @@ async fn queued_controller_error_is_reported_before_the_next_motion() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stop_that_overtakes_the_motion_it_is_for_is_sent_again_behind_it() {
+async fn stop_that_overtakes_its_motion_is_sent_again() {
     let (mut stage, device) = stage(&[
         (b"3TP\r", b"0.0000\r\nE stray\r\n"),
         (b"ST\r", b""),

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_interface_documents_lines() {
+    fn lines_of_the_interface_document_are_read() {
         let status = |line| match parse_report(line) {
             Some(GrblReport::Status(status)) => Some((status.state, status.position_mm, status.is_machine)),
             _ => None,
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_line_is_none() {
+    fn damaged_line_is_ignored() {
         for line in [
             "<Idle|MPos:0.000,0.000|FS:0,0>",
             "<Idle|MPos:0.000,0.000,0.0|FS:0,0>",

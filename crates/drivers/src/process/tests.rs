@@ -30,7 +30,7 @@ async fn a_program_that_is_slow_to_start_is_awaited() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
+async fn stage_is_prepared_moved_and_stopped_as_documented() {
     let (link, device) = scripted(&[
         (
             b"{\"do\":\"identify\",\"id\":1}\n",
@@ -65,7 +65,7 @@ async fn a_stage_is_prepared_moved_and_stopped_as_the_page_has_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_readers_take_whole_finite_answers_alone() {
+async fn readers_accept_only_complete_finite_answers() {
     let (link, device) = scripted(&[
         (b"{\"do\":\"read\",\"id\":1}\n", b"{\"id\": 1, \"force_n\": 0.0132, \"saturated\": true}\n"),
         (b"{\"do\":\"read\",\"id\":2}\n", b"{\"id\": 2, \"force_n\": 2.5, \"saturated\": 1, \"fault\": 0}\n"),

@@ -75,7 +75,7 @@ const Y: [(&[u8], &[u8]); 5] = axis_script!("XYZ.Y");
 const Z: [(&[u8], &[u8]); 5] = axis_script!("XYZ.Z");
 
 #[tokio::test(start_paused = true)]
-async fn a_cold_group_is_killed_initialised_homed_and_limited() {
+async fn group_without_reference_is_killed_initialised_homed_and_limited() {
     let (mut stage, devices) = stage(
         [
             &[(b"GroupInitialize(XYZ)", b"0,,EndOfAPI"), (b"GroupHomeSearch(XYZ)", b"0,,EndOfAPI")],
@@ -114,7 +114,7 @@ async fn a_cold_group_is_killed_initialised_homed_and_limited() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_group_that_may_not_be_homed_is_left_where_it_is() {
+async fn group_that_may_not_home_does_not_move() {
     let (asks, device) = scripted(&[(b"GroupStatusGet(XYZ,int *)", b"0,42,EndOfAPI")]);
     let mut stage = asking(asks, group(false));
     let text = stage.bring_to_ready(0, &usage(), &MotionOrders::default()).await.unwrap_err().to_string();
@@ -184,7 +184,7 @@ async fn stop_uses_its_own_socket_and_motion_ends_with_code_27() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_abort_that_nobody_here_asked_for_is_the_guards_if_it_is_armed() {
+async fn unrequested_abort_is_attributed_to_an_armed_guard() {
     let guard = Guard { input: "GPIO2.ADC1".to_owned(), newton_per_volt: 0.5 };
     let (mut stage, devices) = stage(
         [
@@ -212,7 +212,7 @@ async fn an_abort_that_nobody_here_asked_for_is_the_guards_if_it_is_armed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_guard_is_removed_and_one_that_fired_is_gone_already() {
+async fn guard_is_removed_and_a_fired_one_is_already_gone() {
     let guard = Guard { input: "GPIO2.ADC1".to_owned(), newton_per_volt: -1.0 };
     let (mut stage, devices) = stage(
         [
@@ -237,7 +237,7 @@ async fn a_guard_is_removed_and_one_that_fired_is_gone_already() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_place_beyond_the_travel_and_anothers_answer_are_refused() {
+async fn position_beyond_the_travel_and_answer_to_another_call_are_refused() {
     for answer in [b"0,99.5,EndOfAPI".as_slice(), b"0,1,2,3,EndOfAPI", b"0,,EndOfAPI", b"0,nan,EndOfAPI"] {
         let script: Script = Box::leak(Box::new([(b"GroupPositionCurrentGet(XYZ.Z,double *)".as_slice(), answer)]));
         let (asks, device) = scripted(script);
@@ -254,7 +254,7 @@ async fn a_place_beyond_the_travel_and_anothers_answer_are_refused() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_silent_socket_is_given_up_in_time_and_not_used_again() {
+async fn silent_socket_is_abandoned_in_time() {
     let (asks, device) = scripted(&[(b"GroupPositionCurrentGet(XYZ.Z,double *)", b"0,1")]);
     let mut stage = asking(asks, group(true));
     let asked = Instant::now();

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn answers_are_read_as_the_captures_have_them() {
+    fn captured_answers_are_read() {
         let answer = |text, call| parse_answer(text, call);
         let values = |values: &[&str]| values.iter().map(|&value| value.to_owned()).collect::<Vec<_>>();
         assert_eq!(

@@ -98,7 +98,7 @@ mod tests {
     use palpate_core::quantity::{Identity, SHOWN_MAX_CHARS};
 
     #[test]
-    fn errors_and_identities_are_shown_so() {
+    fn errors_and_identities_have_their_text() {
         let rude = format!("\u{1b}]0;title\u{7}{}", "x".repeat(10 * SHOWN_MAX_CHARS));
         let problems: [fn(String) -> DeviceProblem; 6] = [
             DeviceProblem::Link,

@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stop_is_not_taken_back_and_only_the_last_speed_counts() {
+    fn stop_is_final_and_only_the_last_speed_counts() {
         let orders = MotionOrders::default();
         orders.speed(2.0);
         orders.speed(1.0);

@@ -84,7 +84,7 @@ async fn tasks(seed: u64) -> Vec<(u128, String)> {
 }
 
 #[test]
-fn the_order_and_the_moments_are_those_of_tokios_paused_clock() {
+fn order_and_times_equal_those_of_tokios_paused_clock() {
     for seed in 0..40 {
         let (ours, tokios) = (run_virtually(tasks(seed)), paused(tasks(seed)));
         assert!(ours.len() > 300 && ours.last().is_some_and(|last| last.1 == "echo true"));

@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_is_one_however_it_is_written() {
+    fn link_is_the_same_in_every_notation() {
         let same = |one: &Link, other: &Link| identity(one) == identity(other);
         assert!(same(&tcp("Stage.Local", 1), &tcp("stage.local", 1)) && !same(&tcp("a", 1), &tcp("a", 2)));
         assert!(same(&tcp("::1", 1), &tcp("0:0:0:0:0:0:0:1", 1)));
@@ -309,7 +309,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_port_is_one_by_whichever_path() {
+    fn port_is_the_same_by_every_path() {
         let folder = tempfile::tempdir().unwrap();
         let (device, by_id) = (folder.path().join("ttyUSB0"), folder.path().join("usb-stage"));
         File::create(&device).unwrap();
@@ -329,7 +329,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_lock_file_is_everyones_and_nothing_else_is_written() {
+    fn lock_file_is_shared_by_all_users_and_nothing_else_is_written() {
         use std::os::unix::fs::{PermissionsExt, symlink};
         let folder = tempfile::tempdir().unwrap();
         drop(taken(folder.path(), &tcp("stage", 1)).unwrap());
@@ -360,7 +360,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn the_lock_of_a_file_that_was_removed_is_none() {
+    fn lock_of_a_removed_file_does_not_count() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("lock");
         let opened = open(&path).unwrap().unwrap();

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_differ_have_room_and_count_without_halves() {
+    fn ticks_differ_have_room_and_count_in_whole_steps() {
         assert_eq!(text(&ChartAxis::linear("", (0.0, 0.0021)), 400.0), "0 0.0005 0.001 0.0015 0.002");
         assert_eq!(text(&ChartAxis::linear("", (-5e-5, 5e-5)), 400.0), "-0.00004 -0.00002 0 0.00002 0.00004");
         assert_eq!(text(&ChartAxis::linear("", (-1.5, 1.5)), 28.0), "0");

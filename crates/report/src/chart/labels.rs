@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_gives_way_and_words_move() {
+    fn overlapping_numbers_are_dropped_and_words_move() {
         let title = Label::fixed((50.0, 50.0), "mid", "a title");
         let number = Label::tick((60.0, 52.0), "mid", "7.5");
         let far = Label::tick((160.0, 52.0), "mid", "8.5");
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn many_words_at_one_place_are_apart_or_left_out() {
+    fn many_words_at_one_place_are_separated_or_left_out() {
         let words: Vec<Label> = (0..40).map(|_| word((50.0, 60.0), "words")).collect();
         let svg = laid_out(&words, 200.0);
         let mut heights: Vec<f64> =

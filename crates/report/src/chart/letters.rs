@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_text_is_as_wide_as_its_letters_and_is_broken_or_shortened_to_fit() {
+    fn text_width_is_that_of_its_letters_and_is_wrapped_or_shortened() {
         assert!((width_px("10.5", 10.0) - 22.6).abs() < 1e-9);
         assert_eq!(wrapped("one two three", 10.0, 50.0), ["one two", "three"]);
         assert_eq!(wrapped("one", 10.0, 1.0), ["one"]);

@@ -306,7 +306,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_value_is_where_its_share_of_the_range_is_and_stays_in_the_panel() {
+    fn value_is_drawn_at_its_fraction_of_the_range_within_the_panel() {
         let axis = ChartAxis { range: (1.0, 100.0), ..ChartAxis::log("", [], (1.0, 1.0)) };
         assert!((axis.share(10.0) - 0.5).abs() < 1e-12);
         let look = Look { hue: Hue::Blue, shape: Some(Shape::Circle), filled: true, line: LineStyle::None };
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saved_figure_is_light_and_ours_and_breaks_its_title() {
+    fn saved_figure_is_light_and_marked_and_wraps_its_title() {
         let title = "a title that is much wider than a figure of a page which is as wide as a telephone";
         let grid = Some(Grid { columns: 1, width_px: 440.0, shared: false });
         let figure = Figure {
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn wide_numbers_and_long_names_have_room_and_a_legend_is_broken() {
+    fn wide_numbers_and_long_names_have_room_and_a_legend_wraps() {
         let look = Look::markers(Hue::Blue, Shape::Circle);
         let far = ChartAxis::linear("a quantity with a name that is longer than its panel is high, mN", (0.0, 4e-5));
         let figure = Figure {

@@ -318,7 +318,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_of_one_colour_are_one_rectangle_and_a_blank_panel_leaves_its_numbers_to_the_next() {
+    fn equal_neighbours_are_one_rectangle_and_a_blank_panel_passes_its_numbers_on() {
         let axis = |label: &str| ChartAxis::linear(label, (0.0, 3.0));
         let cell = |x: f64, value: f64| ColouredCell { x: (x, x + 1.0), y: (0.0, 3.0), value };
         let row = vec![cell(0.0, 0.0), cell(1.0, 0.0), cell(2.0, 3.0)];

@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_grow_lighter_all_the_way() {
+    fn colours_of_a_ramp_get_lighter() {
         let luminance = |level| {
             let colour = colour(level);
             let part = |from: usize| f64::from(u8::from_str_radix(&colour[from..from + 2], 16).unwrap());

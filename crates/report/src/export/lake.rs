@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_of_others_is_no_lake_and_a_lake_has_one_writer() {
+    fn other_folder_is_refused_as_lake_and_a_lake_has_one_writer() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("thesis.txt"), "").unwrap();
         assert!(matches!(Lake::open(folder.path()), Err(LakeError::Taken { .. })));

@@ -103,7 +103,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
     }
 
     #[test]
-    fn only_the_papers_own_array_and_protocol_are_beside_it() {
+    fn paper_is_shown_only_with_its_array_and_protocol() {
         let papers = ArrayLayout::grid(3, 3, 4.5);
         assert!(is_with(&papers, |_| {}));
         assert!(is_with(&papers, |presses| presses.reverse()), "in any order");

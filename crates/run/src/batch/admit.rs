@@ -89,7 +89,7 @@ mod tests {
     use palpate_data::dataset::Status;
 
     #[test]
-    fn the_failure_twins_of_a_typed_serial_number() {
+    fn wrong_serial_numbers_are_refused() {
         let mut state = begun();
         assert_eq!(
             state.admit("A-1", &[]).unwrap_err(),

@@ -307,7 +307,7 @@ serials = { prefix = "A-", first = 9, last = 11, digits = 2 }
     }
 
     #[test]
-    fn the_failure_twins_of_a_batch_file() {
+    fn wrong_batch_files_are_refused() {
         assert_eq!(lines(BATCH), [""; 0]);
         let mut others = Vec::new();
         for (from, to, problem) in [

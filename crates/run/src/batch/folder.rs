@@ -300,7 +300,7 @@ mod tests {
     const OPENS_MOST: usize = 100_000;
 
     #[test]
-    fn a_journal_cut_at_every_byte_of_its_last_events_loses_no_event_and_judges_nothing_twice() {
+    fn batch_journal_cut_at_any_byte_loses_no_event_and_judges_nothing_twice() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("day");
         let mut batch = created(&path);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_is_held_by_one_program_and_read_by_any() {
+    fn batch_has_one_writer_and_any_number_of_readers() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("day");
         let batch = created(&path);
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_folder_is_no_batch_and_the_other_way_round() {
+    fn run_folder_and_batch_folder_are_not_confused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("day");
         drop(created(&path));

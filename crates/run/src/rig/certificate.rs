@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_failure_twins_of_certificate_and_check() {
+    fn wrong_certificates_and_checks_are_refused() {
         let ways = "`certificate` must state the error of a reading in one way";
         for (keys, text) in [
             (

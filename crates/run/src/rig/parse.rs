@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn the_failure_twins_of_the_shipped_rig() {
+    fn wrong_variants_of_the_shipped_rig_are_refused() {
         assert_eq!(problems("force_n", "force_n"), [""; 0]);
         for (from, to, text) in [
             (
@@ -402,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn a_specimen_out_of_the_stages_reach_is_refused() {
+    fn specimen_beyond_the_travel_is_refused() {
         let text = problems("z = 0.0", "z = -12.0");
         assert!(text[0].starts_with("pressing takes z from -11.4 to -13.9 mm"), "{text:?}");
     }

@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rig_without_a_scene_is_simulated_with_the_papers() {
+    fn rig_without_a_scene_is_simulated_with_that_of_the_paper() {
         let (with, without) = (SIM_RIG, SIM_RIG.split("[scene]").next().unwrap());
         let scene = |text| super::super::parse("rig.toml", text, &|_| unreachable!()).unwrap().scene;
         assert_eq!(scene(with), scene(without));
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn each_term_is_there_if_it_is_named_and_in_the_units_it_is_named_in() {
+    fn each_named_term_is_present_in_its_units() {
         let plain = changed("[scene]", "[scene]").unwrap();
         assert_eq!(
             (plain.relief, plain.stiffness, plain.stage, plain.latencies.stage_spikes),

@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_no_pause_while_the_rig_is_made_ready_but_one_from_before_stays() {
+    fn pause_during_preparation_is_refused_and_an_earlier_one_stays() {
         let cancel = Cancel::default();
         cancel.preparing();
         assert!(!cancel.pause() && !cancel.pausing() && !cancel.asked());

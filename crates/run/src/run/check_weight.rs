@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gain_is_judged_by_what_the_rig_adjusts_for() {
+    fn gain_is_judged_after_adjustment() {
         assert_eq!(verdict(&check(1.0005), None), LoadCellVerdict::Verified);
         assert_eq!(verdict(&check(1.01), None), LoadCellVerdict::Off);
         let adjusted = WeightCheck { adjusted: true, ..check(1.0101) };
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_named_where_its_ratio_is_one_of_units() {
+    fn gain_that_equals_a_ratio_of_units_is_named() {
         assert_eq!(verdict(&check(-1.0), None), LoadCellVerdict::WrongSign);
         for gain in [0.5, 0.8, 1.25, 0.0] {
             assert_eq!(verdict(&check(gain), None), LoadCellVerdict::Fault(None), "{gain}");

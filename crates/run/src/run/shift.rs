@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_is_found_and_a_gain_is_none() {
+    fn shift_is_found_and_a_gain_is_not_taken_for_one() {
         let places = [(-1.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
         for (dx_mm, dy_mm) in [(0.0, 0.0), (0.3, -0.2), (-0.5, 0.4)] {
             let pair = |(x_mm, y_mm): (f64, f64)| (felt(x_mm, y_mm, 1.0), felt(x_mm + dx_mm, y_mm + dy_mm, 1.1));

@@ -185,7 +185,7 @@ async fn x_and_y_move_once_z_reads_back_clear() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn x_and_y_stay_where_z_does_not_come_clear_or_the_contact_lasts() {
+async fn x_and_y_do_not_move_unless_z_is_clear_and_the_contact_is_over() {
     for (force_n, clear_mm, broken) in [(0.0, -0.02, SafetyRule::NotPermitted), (0.05, -0.1, SafetyRule::StillTouching)]
     {
         let (text, cancel) = (RefCell::default(), Cancel::default());
@@ -226,7 +226,7 @@ async fn retraction_stops_where_the_force_rises() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_stage_that_falls_silent_under_way_is_a_trip() {
+async fn stage_that_becomes_silent_in_a_motion_trips() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let mut rig_control = rig_control(&text, &cancel, (0.0, 0.0));
     rig_control.stage.takes_s = 30.0;
@@ -247,7 +247,7 @@ async fn contact_on_the_way_stops_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_window_counts_from_the_outputs_in_air() {
+async fn window_outputs_count_from_those_without_load() {
     let (text, cancel) = (RefCell::default(), Cancel::default());
     let window = rig_control(&text, &cancel, (0.5, 0.5)).sample(0.1, None).await.unwrap();
     assert!((window.outputs[0] - 0.15).abs() < 1e-12 && (window.outputs[1] - 0.05).abs() < 1e-12);
@@ -255,7 +255,7 @@ async fn a_window_counts_from_the_outputs_in_air() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn every_force_is_shown_and_ages() {
+async fn every_force_is_shown_with_its_age() {
     let (text, cancel, shown) = (RefCell::default(), Cancel::default(), Cell::new(0.0));
     let mut rig_control = rig_control(&text, &cancel, (0.5, 0.5));
     let show = |force_n| shown.set(force_n);

@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_output_at_the_end_of_its_range_is_noted_and_one_that_is_no_number_is_refused() {
+    fn output_at_the_end_of_its_range_is_flagged_and_nan_is_refused() {
         assert!(is_saturated(&[0.1, -9.995], Some(10.0)).unwrap());
         assert!(!is_saturated(&[0.1, -9.9], Some(10.0)).unwrap() && !is_saturated(&[99.0], None).unwrap());
         for output in [f64::NAN, f64::INFINITY] {
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn outputs_that_no_contact_moves_are_frozen() {
+    fn outputs_that_never_change_are_flagged() {
         let window = |outputs: Vec<f64>| {
             let (force_n, middle_s) = (1.0, 0.0);
             MeasuredWindow {

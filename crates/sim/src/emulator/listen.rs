@@ -162,7 +162,7 @@ mod tests {
 
     #[cfg(unix)]
     #[tokio::test]
-    async fn every_byte_passes_a_pseudo_terminal_unharmed_and_clients_come_and_go() {
+    async fn pseudo_terminal_passes_every_byte_to_successive_clients() {
         use tokio_serial::{SerialPortBuilderExt, SerialStream};
         let listening = pseudo_terminal(shared(ListenEcho), shared(scene()), Instant::now()).expect("a terminal");
         for _ in 0..3 {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn many_clients_share_one_instrument_and_one_too_many_is_shown_out() {
+    async fn many_clients_share_one_instrument_and_one_too_many_is_refused() {
         let listening = tcp(local(0), shared(ListenEcho), shared(scene()), Instant::now()).await.expect("a port");
         let mut clients = Vec::new();
         for n in 0..CLIENTS_MOST as u8 {

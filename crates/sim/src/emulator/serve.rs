@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_deaf_device_answers_late_whatever_link_it_is_asked_on_and_others_go_on() {
+    async fn deaf_device_answers_late_on_every_link_and_others_continue() {
         let scene = shared(scene());
         let origin = Instant::now();
         let instrument = shared(ServeEcho { deaf_until_s: 0.0 });
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_inbox_that_is_full_of_nothing_is_thrown_away() {
+    async fn full_inbox_without_a_request_is_discarded() {
         /// Takes only a `.` at the front.
         struct Picky;
         impl Instrument for Picky {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_silent_link_loses_what_is_asked_and_others_go_on() {
+    async fn silent_link_loses_requests_and_others_continue() {
         let lost = SceneFault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
         let scene = shared(scene_with(|spec| spec.faults.push(lost)));
         let origin = Instant::now();
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_answer_that_is_owed_comes_when_it_is_due_and_holds_up_nothing() {
+    async fn delayed_answer_comes_when_due_and_delays_no_other() {
         let scene = shared(scene());
         let origin = Instant::now();
         let late = shared(Late::new(shared(false), Arc::default()));
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_bell_that_is_rung_on_one_link_wakes_the_one_that_waits() {
+    async fn event_on_one_link_wakes_a_waiting_link() {
         let scene = shared(scene());
         let origin = Instant::now();
         let late = shared(Late::new(shared(false), Arc::default()));
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_answer_that_is_owed_is_on_time_while_a_slow_link_takes_the_next_request() {
+    async fn delayed_answer_is_on_time_during_the_next_request_of_a_slow_link() {
         let scene = shared(scene_with(|spec| spec.latencies.stage_s = (0.8, 0.8)));
         let origin = Instant::now();
         let mut wire = Wire::to(shared(Late::new(shared(false), Arc::default())), scene, origin);
@@ -444,7 +444,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn an_answer_that_is_owed_is_lost_with_the_link() {
+    async fn delayed_answer_is_lost_with_its_link() {
         let lost = SceneFault { kind: FaultKind::StageLost, from_s: 0.5, value: None };
         let scene = shared(scene_with(|spec| spec.faults.push(lost)));
         let mut wire = Wire::to(shared(Late::new(shared(false), Arc::default())), scene, Instant::now());

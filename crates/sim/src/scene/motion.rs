@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn two_motions_in_one_rest_between_them() {
+    fn combined_motions_rest_between_them() {
         let there = Trajectory::to(1.0, (0.0, 0.0), 1.0, 10.0, 100.0);
         let back = Trajectory::to(2.0, (1.0, 0.0), 0.5, 10.0, 100.0);
         let both = there.clone().then(&Trajectory::at_rest(1.0)).then(&back);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lagging_stage_is_where_the_profile_was_however_often_that_changes() {
+    fn lagging_stage_follows_the_profile_through_changes() {
         let lag_s = 0.007;
         let mut profile = Trajectory::to(1.0, (0.0, 0.0), 8.0, 10.0, 100.0);
         let mut real = Trajectory::at_rest(0.0).followed_by(&profile, 1.0, lag_s);

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn each_spot_has_its_own_and_keeps_it() {
+    fn each_spot_keeps_its_own_value() {
         let mut map = SpotMap::new(0.0, (6.0, 12.0), 0.001, NAMES, 7);
         let values: Vec<f64> = grid().map(|place| map.at(place)).collect();
         let again: Vec<f64> = grid().map(|place| map.at(Place::new(place.x_mm + 3e-4, place.y_mm))).collect();

@@ -68,7 +68,7 @@ fn a_sudden_load_adds_ten_percent_and_decays_to_the_relaxed_curve() {
 }
 
 #[test]
-fn the_force_does_not_depend_on_when_it_was_looked_at() {
+fn force_does_not_depend_on_observation_times() {
     let looked_at = |times: &[f64]| {
         let mut scene = scene(plain(), 1);
         go(&mut scene, 1.2, 2.0, 100.0, 0.0);
@@ -80,7 +80,7 @@ fn the_force_does_not_depend_on_when_it_was_looked_at() {
 }
 
 #[test]
-fn the_toe_has_no_kink_and_costs_half_its_depth() {
+fn toe_of_the_curve_is_smooth_and_takes_half_its_depth() {
     assert_eq!(CONTACT.force_n(-0.1), 0.0);
     for depth_mm in [1e-9, 0.005, 0.01, 0.3, 1.5] {
         let slope = (CONTACT.force_n(depth_mm + 1e-7) - CONTACT.force_n(depth_mm - 1e-7)) / 2e-7;
@@ -90,7 +90,7 @@ fn the_toe_has_no_kink_and_costs_half_its_depth() {
 }
 
 #[test]
-fn the_peak_is_kept_though_nobody_looked() {
+fn peak_is_kept_between_observations() {
     let mut scene = scene(plain(), 1);
     let arrived_s = go(&mut scene, 1.0, 1e6, 1e9, 0.0);
     let left_s = go(&mut scene, -0.5, 1e6, 1e9, arrived_s + 0.001);
@@ -101,7 +101,7 @@ fn the_peak_is_kept_though_nobody_looked() {
 }
 
 #[test]
-fn another_spot_knows_nothing_of_what_this_one_bore() {
+fn relaxation_does_not_carry_over_to_another_spot() {
     let mut scene = scene(plain(), 1);
     let deep_s = go(&mut scene, 1.0, 10.0, 1000.0, 0.0);
     let out_s = go(&mut scene, -0.5, 10.0, 1000.0, deep_s + 10.0);
@@ -145,7 +145,7 @@ fn a_running_scene_reads_the_skin_of_its_seed() {
 }
 
 #[test]
-fn the_taxels_error_is_one_draw_a_contact_and_none_in_air() {
+fn taxel_error_is_constant_in_a_contact_and_zero_without_load() {
     let noisy = SceneSpec { skin: noisy_skin(), relaxation: vec![], ..plain() };
     let mut scene = scene(noisy, 7);
     assert_eq!(centre(&mut scene, 0.1), 0.0);
@@ -193,7 +193,7 @@ fn the_relaxation_of_a_hold_does_not_flip_the_branch() {
 }
 
 #[test]
-fn the_load_cell_gives_one_draw_a_conversion() {
+fn load_cell_has_one_random_value_per_conversion() {
     let spec = SceneSpec {
         load_cell: Some(LoadCellScene { noise_n: 0.003, offset_n: 0.1, ..LoadCellScene::default() }),
         ..plain()
@@ -209,7 +209,7 @@ fn the_load_cell_gives_one_draw_a_conversion() {
 }
 
 #[test]
-fn a_press_draws_the_same_whatever_came_before() {
+fn random_values_of_a_press_do_not_depend_on_earlier_ones() {
     let noisy = SceneSpec {
         load_cell: Some(LoadCellScene { noise_n: 0.003, ..LoadCellScene::default() }),
         skin: noisy_skin(),
@@ -228,7 +228,7 @@ fn a_press_draws_the_same_whatever_came_before() {
 }
 
 #[test]
-fn the_surface_lies_within_its_tilt_and_belongs_to_the_seed() {
+fn surface_is_within_its_tilt_and_follows_from_the_seed() {
     let tilted = SceneSpec { surface_tilt_mm: 0.2, ..plain() };
     let mut heights = Vec::new();
     for seed in 0..200 {
@@ -247,7 +247,7 @@ mod faults;
 mod plant;
 
 #[test]
-fn the_depth_leads_back_to_its_force() {
+fn depth_and_force_are_inverse() {
     for contact in [
         ContactLaw { linear_n_mm: 1.1, quadratic_n_mm2: 0.1556, toe_mm: 0.01 },
         ContactLaw { linear_n_mm: 500.0, quadratic_n_mm2: 0.0, toe_mm: 0.01 },

@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_difference_is_on_less_off_whichever_the_base_is() {
+    fn difference_is_on_minus_off_for_either_base() {
         let (lower, higher) = ([Some(1.0), Some(3.0), None], [Some(3.0), Some(5.5), Some(9.0)]);
         let of = |in_base: bool| {
             let term = TERMS.iter().find(|term| term.in_base == in_base).unwrap();
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn every_try_has_its_pair() {
+    fn every_trial_has_its_pair() {
         let jobs = jobs(AblationSize { seeds: 4, ..AblationSize::QUICK });
         for job in &jobs {
             let is_pair = |other: &&TermTry| other.term.is_none() && (other.on, other.seed) == (job.on, job.seed);

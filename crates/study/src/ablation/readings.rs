@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_try_with_a_term_draws_all_else_as_the_one_without() {
+    fn trial_with_a_term_has_the_other_random_values_of_the_one_without() {
         let (base, rig) = TermModel::base().unwrap();
         let unrounded = with("converter", &base, false);
         let silent = with("taxel noise", &unrounded, false);
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn table_1_comes_back_from_its_own_noise_and_loop() {
+    fn simulated_table_1_equals_its_noise_and_hysteresis() {
         let (base, rig) = TermModel::base().unwrap();
         let mean = |of: usize| (0..40).filter_map(|seed| table_1(&base, &rig, seed)[of]).sum::<f64>() / 40.0;
         // three standard deviations of five repeats are 0.94 of the true three

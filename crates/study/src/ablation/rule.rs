@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_term_is_needed_if_its_effect_counts_and_waste_only_if_it_surely_does_not() {
+    fn term_is_needed_if_its_effect_counts_and_useless_only_if_surely_not() {
         for (difference, within, expected) in [
             (0.2, 0.1, Needed::Yes),
             (-0.2, 0.1, Needed::Yes),
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_near_nothing_has_a_floor() {
+    fn base_near_zero_has_a_floor() {
         for (question, base, counts) in [
             ("paper-location", 0.4, 0.02),
             ("paper-location", 0.1, 0.01),

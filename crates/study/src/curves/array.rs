@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn r_is_the_solvers_and_its_slope_is_what_it_changes_by() {
+    fn r_equals_that_of_the_solver_and_its_slope_is_the_derivative() {
         for array in arrays() {
             let first = Place::new(0.7, 0.3);
             let aim = array.aim(first).unwrap();
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bend_is_that_of_r() {
+    fn curvature_is_that_of_r() {
         for array in arrays() {
             for direction_rad in [0.0, 2.0f64] {
                 let first = Place::new(0.7, 0.3);

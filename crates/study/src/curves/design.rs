@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_specimens_spread_and_faults_are_no_part_of_a_design() {
+    fn design_excludes_spread_and_faults_of_a_specimen() {
         let mut spread = skin();
         spread.taxels.gain_spread_percent = 20.0;
         spread.faults =

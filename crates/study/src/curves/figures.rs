@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_curve_is_broken_where_it_steps_or_is_not() {
+    fn curve_is_interrupted_at_steps_and_undefined_values() {
         let step = [(0.0, Some(1.0)), (0.4, Some(1.0)), (0.5, None), (0.6, Some(-1.0)), (0.7, Some(1.0))];
         let lengths = joined(line(0), &step)
             .iter()

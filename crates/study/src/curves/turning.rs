@@ -243,7 +243,7 @@ mod tests {
     use std::f64::consts::{FRAC_PI_2, PI};
 
     #[test]
-    fn the_edge_is_as_far_as_it_is() {
+    fn distance_to_the_edge_is_exact() {
         let area = ContactArea { x_mm: (-6.0, 6.0), y_mm: (-3.0, 1.0) };
         for (direction_rad, reach_mm) in [(0.0, 5.0), (PI, 7.0), (FRAC_PI_2, 1.0), (-FRAC_PI_2, 3.0)] {
             assert!((area.reach_mm(Place::new(1.0, 0.0), direction_rad) - reach_mm).abs() < 1e-9);

@@ -178,7 +178,7 @@ mod tests {
     use palpate_solver::CalibrationPoint;
 
     #[test]
-    fn presses_that_are_chosen_are_spread_over_the_area_and_none_is_chosen_twice() {
+    fn chosen_presses_cover_the_area_without_repeats() {
         let places: Vec<Place> = grid(5).iter().map(|touch| touch.place).collect();
         let twice = places.iter().chain(&places);
         let points: Vec<CalibrationPoint<'_>> =

@@ -310,7 +310,7 @@ mod tests {
     use palpate_core::quantity::stream;
 
     #[test]
-    fn contacts_are_where_they_are_meant_to_be() {
+    fn contacts_of_a_condition_are_at_their_places() {
         let rng = || stream(1, 0, "test");
         let of = |kind| CONDITIONS.iter().find(|harm| harm.kind == kind).unwrap();
         for touch in of(HarmKind::Outside).touches(1.5, 100, &mut rng()) {
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_value_is_harmless_where_there_is_such_a_one_and_shares_its_calibration() {
+    fn first_value_of_a_condition_is_harmless_and_shares_its_calibration() {
         for harm in CONDITIONS.iter().filter(|harm| harm.kind != HarmKind::Stuck) {
             let case = harm.case(NoiseReference::T, harm.values[0]);
             assert_eq!(case.calibrated, case.tested, "{}", harm.name);

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn it_has_the_values_that_were_computed_apart() {
+    fn bound_has_the_values_of_an_independent_program() {
         let specimen = even(0.01);
         let skin = specimen.skin(1);
         for (x_mm, y_mm, golden) in [

@@ -62,7 +62,7 @@ fn serial(number: usize) -> String {
 }
 
 #[test]
-fn a_day_with_thirty_sensors_loses_nothing_and_judges_nothing_twice() {
+fn day_with_30_sensors_loses_nothing_and_judges_nothing_twice() {
     let bench = bench("");
     let mut person = DayPerson::begins(&bench, "");
     for number in 1..KILLED {
@@ -161,7 +161,7 @@ fn assert_day(bench: &TestFolder) {
 }
 
 #[test]
-fn an_interrupt_at_the_question_ends_the_batch_and_one_in_a_run_parks_and_leaves_the_sensor_interrupted() {
+fn interrupt_at_a_question_ends_the_batch_and_in_a_run_the_sensor() {
     let bench = bench("");
     let mut person = DayPerson::begins(&bench, SLOW);
     person.until(QUESTION);

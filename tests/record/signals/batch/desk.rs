@@ -291,7 +291,7 @@ fn all_problems_of_a_batch_file_are_reported_at_once_each_at_its_line() {
 }
 
 #[test]
-fn the_chance_of_no_decision_is_printed_or_what_it_needs() {
+fn chance_of_no_decision_is_printed_or_its_missing_keys() {
     let bench = bench("");
     let output = bench.palpate_ends(0, "batch check b.toml");
     assert!(output.out.contains("computed: state `location_mean_mm` in `typical`"), "{}", output.out);

@@ -17,7 +17,7 @@ fn got(bench: &TestFolder) -> Vec<BatchEvent> {
 }
 
 #[test]
-fn a_receiver_gets_each_verdict_and_the_end_as_the_journal_has_them() {
+fn receiver_gets_each_verdict_and_the_end_as_in_the_journal() {
     let bench = bench(&receiver("cat > got"));
     let output = piped(&bench, RUN, &["B-1", "A-01", ".note clean", "A-02"]);
     assert_eq!((output.code, output.err.contains("notify")), (Some(0), false), "{}", output.err);

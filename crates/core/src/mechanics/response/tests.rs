@@ -27,7 +27,7 @@ fn points_over_a_half_space_are_lambda_to_the_last_bit() {
 }
 
 #[test]
-fn a_bonded_layers_golden_values() {
+fn bonded_layer_has_its_golden_values() {
     for (poisson_ratio, peak) in [(0.45, 1.518), (0.49, 1.558), (0.499, 1.570)] {
         let found = TaxelResponse::new(layer(poisson_ratio)).at(0.0);
         assert!((found - peak).abs() < 5e-4, "nu {poisson_ratio}: {found}");
@@ -41,7 +41,7 @@ fn a_bonded_layers_golden_values() {
 }
 
 #[test]
-fn the_golden_values_of_what_is_no_point() {
+fn loads_with_an_extent_have_their_golden_values() {
     let at_mm = [1.0, 2.5, 4.5, 5.0, 7.5, 10.0, 15.0];
     let punch = Passage { indenter_radius_mm: 0.5, ..HALF_SPACE };
     let disc = |taxel_radius_mm| Passage { taxel_radius_mm, ..HALF_SPACE };
@@ -95,7 +95,7 @@ fn directly(point: &TaxelResponse, indenter_mm: f64, taxel_mm: f64, distance_mm:
 }
 
 #[test]
-fn spreading_is_averaging() {
+fn spread_load_is_the_average_of_point_loads() {
     for point in [layer(0.49), HALF_SPACE] {
         let of_points = TaxelResponse::new(point);
         let spread = TaxelResponse::new(Passage { indenter_radius_mm: 1.5, taxel_radius_mm: 2.0, ..point });
@@ -110,7 +110,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn the_slope_is_the_slope_and_only_the_ratio_of_lengths_matters(
+    fn slope_is_the_derivative_and_depends_on_the_ratio_of_lengths(
         layered in any::<bool>(), nu in 0.0..0.4999f64, depth_mm in 0.5..20.0f64,
         indenter in 0.0..2.0f64, taxel in 0.0..2.0f64, far in 0.01..19.9f64,
     ) {

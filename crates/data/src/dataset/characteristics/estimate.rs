@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mean_is_known_by_its_repeats() {
+    fn uncertainty_of_a_mean_follows_from_its_repeats() {
         let estimate = RepeatMean::of(&[1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
         let RepeatUncertainty { u, n, upper } = estimate.known.unwrap();
         assert_eq!(n, 5);

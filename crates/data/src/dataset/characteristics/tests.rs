@@ -42,7 +42,7 @@ fn assert_near(found: Option<f64>, expected: f64) {
 }
 
 #[test]
-fn each_repeatability_is_what_it_says() {
+fn each_repeatability_matches_its_definition() {
     // Offsets of -0.02..0.02: variance 0.00025, range 0.04; full scale 2.
     let readings: Vec<HeldLevel> =
         [-0.02, -0.01, 0.0, 0.01, 0.02].iter().flat_map(|&offset| staircase(offset, 0.0, 0.0)).collect();
@@ -102,7 +102,7 @@ fn linearity_is_the_largest_distance_from_the_least_squares_line() {
 }
 
 #[test]
-fn zero_return_is_the_air_after_less_the_air_before() {
+fn zero_return_is_the_output_without_load_after_minus_before() {
     // two staircases: 0.01 before and 0.03 after, 0.02 before and 0.03 after: 0.015 of 2 on average
     let read = |before: f64, after: f64| {
         let no_load = move |level: usize| [before, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, after][level];
@@ -242,7 +242,7 @@ fn coverage(repeatability: Repeatability, errors: &Errors, repeats: usize, reads
 }
 
 #[test]
-fn nineteen_of_twenty_intervals_hold_the_true_repeatability() {
+fn nineteen_of_twenty_intervals_contain_the_true_repeatability() {
     let of_contact = |grow| Errors { of_contact: 0.02, of_level: 0.0, grow };
     let mostly = Errors { of_contact: 0.02, of_level: 0.004, grow: false };
     let is_stated = |share: f64, what: &str| {

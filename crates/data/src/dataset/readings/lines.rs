@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reading_is_to_be_waited_for_where_no_whole_line_is_there() {
+    fn incomplete_line_waits_for_its_end() {
         let mut lines = StreamLines::new("stdin", "1,2\n3,4\n5,".as_bytes());
         let mut drained = Vec::new();
         while let Ok(Some(_)) = lines.read_next() {
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rest_of_a_line_that_is_too_long_is_passed_over() {
+    fn rest_of_a_line_that_is_too_long_is_skipped() {
         let long = "1".repeat(3 * MAX_LINE_BYTES);
         let text = format!("1,2\n{long}\n3,4\n{long}");
         let mut lines = StreamLines::new("stdin", text.as_bytes());

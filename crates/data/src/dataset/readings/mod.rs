@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_stays_with_its_reading() {
+    fn id_of_a_reading_is_kept() {
         let labels = |text| {
             let labels = |reading: Reading| [reading.id, reading.t_s];
             readings(text, None).0.into_iter().map(labels).collect::<Vec<_>>()
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_channel_is_nan_however_it_is_written() {
+    fn missing_channel_is_nan_in_every_notation() {
         for text in
             ["nan,1", ",1", "NaN,1.0", " ,1", "out_2,x,out_1\n1,,\n", "out_1,out_2\n,1", "[null,1]", "[NaN,1.0]"]
         {
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_reading_keeps_its_label_where_it_can_be_read() {
+    fn invalid_reading_keeps_a_readable_id() {
         for text in ["id,t_s,out_1,out_2\na,0.5,1,x\n", "{\"id\":\"a\",\"t_s\":0.5,\"outputs\":[1]}\n"] {
             let mut readings = Readings::new("stdin", 2, None, Mapping::default());
             let held: Vec<LineContent> = text.lines().map(|line| readings.read(line.as_bytes()).unwrap()).collect();

@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_column_is_that_of_the_line_as_it_came() {
+    fn column_of_an_error_counts_in_the_original_line() {
         for (text, column) in [
             ("[NaN,x]", 6),
             ("[x,NaN]", 2),

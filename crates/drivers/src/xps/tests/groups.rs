@@ -16,7 +16,7 @@ const XY_Y: [(&[u8], &[u8]); 5] = axis_script!("XY.Y");
 const Z_POS: [(&[u8], &[u8]); 5] = axis_script!("Z.Pos");
 
 #[tokio::test(start_paused = true)]
-async fn of_two_cold_groups_z_is_homed_first_and_goes_away_before_the_other_searches() {
+async fn with_two_groups_z_homes_and_moves_away_before_the_other_homes() {
     let (mut stage, devices) = stage_of(
         groups(["XY.X", "XY.Y", "Z.Pos"]),
         [
@@ -79,7 +79,7 @@ async fn of_two_cold_groups_z_is_homed_first_and_goes_away_before_the_other_sear
 }
 
 #[tokio::test(start_paused = true)]
-async fn z_shows_its_direction_before_another_group_moves_and_not_beyond_its_travel() {
+async fn z_shows_its_direction_within_its_travel_before_another_group_moves() {
     let (mut stage, devices) = stage_of(
         groups(["XY.X", "XY.Y", "Z.Pos"]),
         [
@@ -115,7 +115,7 @@ async fn z_shows_its_direction_before_another_group_moves_and_not_beyond_its_tra
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_searches_for_home_while_z_isnt_away() {
+async fn no_axis_homes_while_z_is_not_away() {
     let (mut stage, devices) = stage_of(
         groups(["XY.X", "XY.Y", "Z.Pos"]),
         [
@@ -231,7 +231,7 @@ async fn if_one_group_refuses_its_motion_the_other_is_stopped() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_silent_abort_of_one_group_delays_no_other() {
+async fn silent_abort_of_one_group_does_not_delay_the_others() {
     let (mut stage, devices) = stage_of(
         groups(["XY.X", "XY.Y", "Z.Pos"]),
         [&[], &[], &[(b"GroupMoveAbort(Z)", b"")], &[], &[(b"GroupMoveAbort(XY)", b"0,,EndOfAPI")]],

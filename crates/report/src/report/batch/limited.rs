@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_used_part_of_a_limit_is_that_of_the_bound_and_a_fraction_is_used_by_what_it_lacks() {
+    fn used_part_of_a_limit_follows_from_bound_or_fraction() {
         let found = |figure: &str, value, bound, limit| SensorFigure {
             figure: figure.to_owned(),
             value,

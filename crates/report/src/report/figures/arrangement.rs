@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_where_the_array_has_them() {
+    fn units_are_drawn_at_their_places() {
         let grid = [(0.0, 0.0), (4.0, 0.1), (0.1, 4.0), (4.0, 4.1), (0.0, 8.0), (4.1, 8.0)];
         assert_eq!(arranged(&grid), ([4, 5, 2, 3, 0, 1].map(Some).to_vec(), 2), "measured places");
         let five = [(0.0, 0.0), (-7.0, -7.0), (7.0, -7.0), (-7.0, 7.0), (7.0, 7.0)];
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_is_as_wide_as_its_panels_ask_for_within_bounds() {
+    fn figure_width_follows_from_its_panels_within_bounds() {
         let width = |count: usize| Arrangement::of(None, count).grid(100.0);
         assert_eq!(width(1).0.width_px, WIDTH_PX);
         assert_eq!((width(16).0.width_px, width(16).1), (556.0, 100.0));

@@ -113,7 +113,7 @@ async fn scans_that_piled_up_lie_on_a_line_to_the_newest() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn so_many_are_read_as_are_asked_for_or_none() {
+async fn requested_number_of_samples_is_read_or_none() {
     let daqmx = emulator(scene());
     let task = running(&daqmx, "Dev1/ai0:1", 1000.0, 100);
     wait_ms(10).await;
@@ -148,7 +148,7 @@ async fn unread_samples_are_lost_and_reported_until_restart() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn no_scans_come_over_a_silent_link() {
+async fn silent_link_delivers_no_scans() {
     let stale = SceneFault { kind: FaultKind::Stale, from_s: 0.01, value: None };
     let daqmx = emulator(scene_with(|spec| spec.faults.push(stale)));
     let task = running(&daqmx, "Dev1/ai9", 1000.0, 1000);
@@ -161,7 +161,7 @@ async fn no_scans_come_over_a_silent_link() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn tasks_are_refused_what_they_cant_do() {
+async fn impossible_tasks_are_refused() {
     let daqmx = emulator(scene());
     let (mut task, mut scans) = (0, 0);
     assert_eq!(daqmx.create_task("cell", &mut task), 0);

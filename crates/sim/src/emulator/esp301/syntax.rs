@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_too_long_is_none_of_its_commands_however_it_arrives() {
+    fn line_that_is_too_long_is_discarded_whole() {
         let mut inbox = b"1MO;".repeat(30);
         assert_eq!(take_line(&mut inbox), None);
         assert!(inbox.len() <= LINE_MOST + 2);

@@ -56,7 +56,7 @@ impl Esp301Bench {
 }
 
 #[test]
-fn the_start_up_of_the_recorded_session_goes_as_recorded() {
+fn startup_of_the_recorded_session_is_reproduced() {
     let mut bench = Esp301Bench::new();
     for (now_s, sent, answered) in [
         (0.1, "VE?", "ESP301 Version 1.1.1 16/01/14"),
@@ -85,7 +85,7 @@ fn the_start_up_of_the_recorded_session_goes_as_recorded() {
 }
 
 #[test]
-fn a_lagging_stage_goes_on_through_a_new_speed_and_a_stop_without_a_jump() {
+fn lagging_stage_has_no_jump_at_a_new_speed_or_stop() {
     let lag_s = 0.007;
     let mut bench = Esp301Bench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s, quantum_mm: 0.0, ..Servo::default() })
@@ -135,7 +135,7 @@ fn targets_are_rounded_to_the_stages_quantum() {
 }
 
 #[test]
-fn a_query_is_reported_with_or_without_its_mark_and_however_it_is_spelt() {
+fn query_is_answered_with_and_without_its_mark_in_any_case() {
     let mut bench = Esp301Bench::homed();
     for tell in ["1TP?", "1TP", "01TP?", "1 tp ?", "001tp"] {
         assert_eq!(bench.say(10.0, tell), "0.0000", "{tell}");
@@ -207,7 +207,7 @@ fn both_error_queries_empty_the_same_queue() {
 }
 
 #[test]
-fn before_homing_the_count_is_off_by_where_the_axis_was_switched_on() {
+fn count_before_homing_is_relative_to_the_position_at_power_up() {
     let mut bench = Esp301Bench::new();
     assert_eq!(bench.say(0.0, "TP"), "0.0000, 0.0000, 0.0000");
     bench.say(0.0, "3MO;3PA-1");
@@ -305,7 +305,7 @@ fn stop_brakes_with_ag_and_next_target_waits_for_rest() {
 }
 
 #[test]
-fn an_abort_stops_all_and_turns_the_motors_off_whatever_its_axis() {
+fn abort_of_any_axis_stops_all_and_turns_the_motors_off() {
     for abort in ["AB", "1AB"] {
         let mut bench = Esp301Bench::homed();
         bench.say(10.0, "1PA5;2PA5");
@@ -330,7 +330,7 @@ fn the_end_of_travel_stops_a_move_that_the_count_allowed() {
 }
 
 #[test]
-fn the_end_of_travel_stops_what_a_weak_brake_would_not() {
+fn end_of_travel_stops_a_motion_with_a_weak_brake() {
     let mut bench = Esp301Bench::homed();
     bench.say(10.0, "1VA25;1AC100;1AG100;1PA12");
     // 4 s more with this brake
@@ -376,7 +376,7 @@ fn a_wait_stalls_until_the_stop_and_its_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn coalesced_lines_are_answered_in_order_and_a_wait_holds_up_what_follows() {
+async fn coalesced_lines_are_answered_in_order_and_a_wait_delays_the_next() {
     let scene = scene();
     let esp = shared(Esp301Emulator::new(&scene));
     let origin = Instant::now();

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_too_long_is_none_and_the_next_is_whole() {
+    fn line_that_is_too_long_is_discarded_and_the_next_is_read() {
         assert_eq!(read(&[&b"X".repeat(LINE_MOST)[..], b"\nG0\n"].concat()), [line(&"X".repeat(79)), line("G0")]);
         assert_eq!(read(&[&b"X".repeat(5000)[..], b"\nG0\n"].concat()), [GrblInput::Line(None), line("G0")]);
     }

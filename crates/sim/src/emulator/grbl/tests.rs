@@ -245,7 +245,7 @@ fn a_full_planner_makes_further_lines_wait() {
 }
 
 #[test]
-fn jogs_along_one_line_run_into_one_another() {
+fn jogs_along_one_line_are_blended() {
     let mut bench = GrblBench::homed();
     for n in 0..5 {
         assert_eq!(bench.say(40.0 + 0.1 * f64::from(n), b"$J=G91X1F600\n"), "ok");
@@ -255,7 +255,7 @@ fn jogs_along_one_line_run_into_one_another() {
 }
 
 #[test]
-fn a_dwell_waits_for_what_moves_and_then_its_time() {
+fn dwell_begins_after_the_motion() {
     let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "G1X5F600\nG4P1.5\n", "ok ok")]);
     // 0.5 s and 0.1 s for the ramps
@@ -330,7 +330,7 @@ fn an_end_of_the_frame_stops_what_is_not_homed() {
 }
 
 #[test]
-fn places_are_whole_steps() {
+fn positions_are_whole_steps() {
     let mut bench = GrblBench::homed();
     bench.script(&[(40.0, "$J=X0.0004Y0.0007Z1.2341F600\n", "ok")]);
     for (axis, mm) in Axis::ALL.into_iter().zip([0.0, 0.001_25, 1.233_75]) {
@@ -339,7 +339,7 @@ fn places_are_whole_steps() {
 }
 
 #[test]
-fn a_lagging_stage_goes_on_through_jogs_and_a_cancel_without_a_jump() {
+fn lagging_stage_has_no_jump_at_jogs_and_a_cancel() {
     let mut bench = GrblBench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.007, quantum_mm: 0.0, ..Servo::default() })
     }));
@@ -385,7 +385,7 @@ async fn opening_the_port_resets_it_and_its_bootloader_takes_no_line() {
 }
 
 #[test]
-fn a_frame_without_switches_is_open_counts_from_zero_and_homes_nowhere() {
+fn frame_without_switches_is_unlocked_counts_from_zero_and_does_not_home() {
     let settings = BoardSettings::default().with(MotionBoard::SOFT_LIMITS, 0.0).with(MotionBoard::HOMING, 0.0);
     let scene = scene();
     let mut bench =

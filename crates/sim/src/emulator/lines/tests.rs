@@ -178,7 +178,7 @@ fn the_log_holds_the_readings_that_were_sent_and_not_more_than_its_bound() {
 }
 
 #[test]
-fn a_board_that_stops_sends_nothing_then_new_readings() {
+fn board_that_stalls_sends_nothing_and_then_new_readings() {
     let mut scene = scene();
     let mut board = opened(bare(100.0).on(Port::native_usb(0.0)).with_fault(fault(LineFaultKind::Stops, 1.0, 2.0)));
     assert_eq!(lines(&text(&listen(&mut board, &mut scene, 0.0, 1.0))).len(), 99);
@@ -193,7 +193,7 @@ fn a_board_that_stops_sends_nothing_then_new_readings() {
 }
 
 #[test]
-fn an_adapter_that_withholds_delivers_every_byte_afterwards() {
+fn adapter_that_buffers_delivers_every_byte_later() {
     let mut scene = scene();
     let mut board = opened(bare(100.0).on(Port::native_usb(0.0)).with_fault(fault(LineFaultKind::Withholds, 1.0, 2.0)));
     listen(&mut board, &mut scene, 0.0, 1.0);
@@ -218,7 +218,7 @@ fn a_reset_cuts_the_line_under_way_and_starts_the_sketch_again() {
 }
 
 #[test]
-fn damage_strikes_the_stated_fraction_of_lines_in_each_of_its_kinds() {
+fn damage_affects_the_stated_fraction_of_lines_in_each_kind() {
     for kind in DamageKind::ALL {
         let damage = Damage { fraction: 0.2, kinds: vec![kind], seed: 3 };
         let mut board = opened(bare(1000.0).on(Port::native_usb(0.0)).damaged(damage));

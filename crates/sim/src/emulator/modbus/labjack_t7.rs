@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn as_a_load_cell_it_has_the_force_on_ain13_in_steps_of_its_range_and_nothing_beyond() {
+    fn t7_as_load_cell_has_the_force_on_ain13_within_its_range() {
         let mut daq = LabJackT7::new(SceneDevice::LoadCell);
         let step_v = 10.0 / 32768.0;
         let [volts] = floats(&mut daq, &mut pressed(0.9), 26);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_cells_conversion_is_spent_only_by_those_who_read_it() {
+    fn conversion_of_a_load_cell_is_used_only_by_its_reader() {
         let read_after = |others: &[u16]| {
             let mut scene = noisy();
             let mut daq = LabJackT7::new(SceneDevice::LoadCell);

@@ -63,14 +63,14 @@ fn unserved_function_is_answered_with_its_exception() {
 }
 
 #[test]
-fn a_write_of_nothing_is_refused_by_any_map() {
+fn empty_write_is_refused_by_every_map() {
     let answer =
         Modbus::tcp(LabJackT7::new(SceneDevice::Array)).answer(&tcp(9, &[16, 0, 0, 0, 0, 0]), &mut scene(), 1.0);
     assert_eq!(answer, tcp(9, &[0x90, 3]));
 }
 
 #[test]
-fn both_kinds_of_register_are_one_over_both_framings() {
+fn both_kinds_of_register_are_equal_with_both_framings() {
     for function in [3, 4] {
         let pdu = [function, 0, 80, 0, 2];
         let expected = [function, 4, 0, 0, 0, 132];
@@ -82,7 +82,7 @@ fn both_kinds_of_register_are_one_over_both_framings() {
 }
 
 #[test]
-fn other_units_are_none_of_its_business_and_a_broadcast_acts_in_silence() {
+fn requests_to_other_units_are_ignored_and_a_broadcast_is_not_answered() {
     let mut device = transmitter();
     let mut scene = pressed(0.132);
     for body in [&[2, 3, 0, 80, 0, 2][..], &[2, 6, 0, 94, 0, 1], &[0, 3, 0, 80, 0, 2], &[0, 1, 0, 0, 0, 1]] {
@@ -95,7 +95,7 @@ fn other_units_are_none_of_its_business_and_a_broadcast_acts_in_silence() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn garbage_is_thrown_away_after_a_silence_and_the_next_frame_answered() {
+async fn garbage_is_discarded_after_a_silence_and_the_next_frame_answered() {
     let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
     let mut broken = READ_GROSS;
     broken[7] ^= 1;
@@ -127,7 +127,7 @@ async fn a_request_right_after_an_answer_is_lost_and_one_after_the_silence_is_an
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_frame_in_pieces_is_one_if_no_silence_parts_them() {
+async fn pieces_of_a_frame_without_silence_are_one_frame() {
     let mut wire = Wire::to(shared(transmitter()), shared(pressed(0.132)), Instant::now());
     for byte in &READ_GROSS[..7] {
         wire.send(&[*byte]).await;

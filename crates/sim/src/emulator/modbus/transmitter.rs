@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn status_shows_zero_unrest_and_range_overflow() {
+    fn status_shows_zero_instability_and_range_overflow() {
         let mut cell = Transmitter::new(5.0);
         assert_eq!(status(&mut cell, 0.0), 0b00_1000_0011);
         assert_eq!(status(&mut cell, 1.0), 0b00_0010_0011);
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_takes_from_gross_and_tare_from_net() {
+    fn zero_changes_gross_and_tare_changes_net() {
         let mut cell = Transmitter::new(5.0);
         write(&mut cell, 0.25, ZERO, &[[0, 1]]).expect("zeroed");
         write(&mut cell, 0.75, TARE, &[[0, 0], [0x01, 0xF4]]).expect("tared");

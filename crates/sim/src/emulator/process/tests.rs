@@ -37,7 +37,7 @@ fn prepared() -> (ProcessStageEmulator, Scene) {
 }
 
 #[test]
-fn a_stage_homes_and_moves_as_the_page_says() {
+fn stage_homes_and_moves_as_documented() {
     let (mut stage, mut scene) = prepared();
     for (now_s, asked, answered) in [
         (
@@ -188,7 +188,7 @@ fn a_load_cell_and_an_array_read_the_scene() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_prepare_is_answered_when_all_axes_stand() {
+async fn prepare_is_answered_when_all_axes_are_at_rest() {
     let scene = scene();
     let origin = Instant::now();
     let mut wire = Wire::to(shared(ProcessStageEmulator::new(&scene)), shared(scene), origin);
@@ -221,7 +221,7 @@ async fn a_stop_that_comes_while_it_is_prepared_is_obeyed_at_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_line_too_long_is_thrown_away() {
+async fn line_that_is_too_long_is_discarded() {
     let mut wire = Wire::to(shared(ProcessLoadCellEmulator), shared(scene()), Instant::now());
     wire.send(&vec![b' '; 64 * INBOX_MOST]).await;
     assert_eq!(wire.ask(b"\n{\"id\": 1, \"do\": \"read\"}\n", 23).await, b"{\"force_n\":0.0,\"id\":1}\n");

@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_list_reads_as_clients_take_it_apart_and_goes_into_a_reply() {
+    fn error_list_has_the_format_that_clients_parse() {
         let list = list();
         assert!(list.len() <= super::super::syntax::REPLY_MOST - "0,,EndOfAPI".len(), "{}", list.len());
         assert!(list.starts_with("Error -1: Busy socket;Error -3: "), "{list}");

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn arguments_are_borne_as_clients_write_them() {
+    fn arguments_of_clients_are_accepted() {
         for text in ["F(G,1.5,-2,char *)", "F (G, 1.5, -2, char*)", "F( G ,+1.5e0 ,-2 , char  * )"] {
             let mut call = Call::read(text.as_bytes()).expect("a call");
             assert_eq!(

@@ -79,7 +79,7 @@ impl XpsBench {
 }
 
 #[test]
-fn a_session_goes_as_clients_saw_it() {
+fn captured_session_is_reproduced() {
     let mut bench = XpsBench::new();
     for (sent, answered) in [
         ("FirmwareVersionGet(char *)", "0,XPS-Q8 Firmware V2.6.4,EndOfAPI"),
@@ -160,7 +160,7 @@ fn impossible_call_is_answered_with_its_code_and_request() {
 }
 
 #[test]
-fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
+fn groups_of_one_and_two_positioners_are_independent() {
     let scene = scene();
     let xps = XpsEmulator::new(&scene, [("XY", "X"), ("XY", "Y"), ("Z", "Pos")], VOLTS_PER_NEWTON);
     let mut bench = XpsBench { xps, scene };
@@ -208,7 +208,7 @@ fn groups_of_one_and_two_positioners_live_and_move_on_their_own() {
 }
 
 #[test]
-fn the_group_goes_through_its_life() {
+fn group_passes_through_its_states() {
     let mut bench = XpsBench::new();
     let now_s = std::cell::Cell::new(0.0);
     // what is answered within 20 s, and the status at once, and then
@@ -306,7 +306,7 @@ fn a_group_arrives_together_and_a_positioner_goes_alone() {
 }
 
 #[test]
-fn targets_are_rounded_to_the_stages_quantum_and_no_way_is_no_time() {
+fn targets_are_rounded_to_the_step_and_no_distance_takes_no_time() {
     let mut bench = XpsBench::homed_on(scene_with(|spec| {
         spec.stage = Some(Servo { lag_s: 0.0, quantum_mm: 0.01, ..Servo::default() })
     }));
@@ -318,7 +318,7 @@ fn targets_are_rounded_to_the_stages_quantum_and_no_way_is_no_time() {
 }
 
 #[test]
-fn the_load_cell_is_read_in_volts_as_far_as_the_input_goes() {
+fn load_cell_is_read_in_volts_within_the_input_range() {
     let mut bench = XpsBench::homed();
     for (depth_mm, volts) in [(0.5, "2"), (3.0, "10")] {
         assert_eq!(STIFFNESS_N_MM * VOLTS_PER_NEWTON, 4.0);
@@ -330,7 +330,7 @@ fn the_load_cell_is_read_in_volts_as_far_as_the_input_goes() {
 }
 
 #[test]
-fn a_kill_brakes_and_ends_what_waits() {
+fn kill_brakes_and_ends_waiting_calls() {
     let mut bench = XpsBench::homed();
     bench.say(10.0, "GroupMoveAbsolute(XYZ.X,10)");
     let other = bench.xps.accept().expect("another");

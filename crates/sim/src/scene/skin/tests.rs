@@ -62,7 +62,7 @@ fn sd_of_errors(spec: &SkinSpec, force_n: f64) -> f64 {
 }
 
 #[test]
-fn a_plain_skin_is_lambda_to_the_last_bit() {
+fn plain_skin_equals_lambda_to_the_last_bit() {
     let (skin, layout) = (skin(&plain(), 3), paper_layout());
     for place in [Place::default(), Place::new(1.3, -5.2), Place::new(-6.0, 6.0)] {
         for (output, at) in outputs(&skin, 0.7, place).into_iter().zip(layout.places()) {
@@ -72,7 +72,7 @@ fn a_plain_skin_is_lambda_to_the_last_bit() {
 }
 
 #[test]
-fn one_newton_straight_above_reads_one_whatever_the_skin_is_made_of() {
+fn one_newton_straight_above_gives_one_on_every_skin() {
     let unspread = SkinSpec { taxels: Taxels { radius_mm: 2.0, ..Taxels::default() }, ..rich() };
     assert!((outputs(&skin(&unspread, 1), 1.0, Place::default())[4] - 1.0).abs() < 1e-12);
     let no_elastomer = SkinSpec::default();
@@ -80,7 +80,7 @@ fn one_newton_straight_above_reads_one_whatever_the_skin_is_made_of() {
 }
 
 #[test]
-fn spreads_are_used_bounded_and_belong_to_the_seed() {
+fn spreads_are_bounded_and_follow_from_the_seed() {
     let spread_of = |taxels: Taxels, of: fn(&TaxelChannel) -> f64| -> Vec<f64> {
         let spec = SkinSpec { taxels, ..plain() };
         (0..60).flat_map(|seed| skin(&spec, seed).channels.iter().map(of).collect::<Vec<_>>()).collect()
@@ -111,7 +111,7 @@ fn spreads_are_used_bounded_and_belong_to_the_seed() {
 }
 
 #[test]
-fn noise_grows_with_what_it_is_named_after() {
+fn noise_grows_with_its_named_quantity() {
     let sds = |of, floor| {
         let spec = SkinSpec { noise: noise(of, floor), ..plain() };
         [0.2, 1.0].map(|force_n| sd_of_errors(&spec, force_n))
@@ -128,7 +128,7 @@ fn noise_grows_with_what_it_is_named_after() {
 }
 
 #[test]
-fn an_error_stays_for_a_contact_and_goes_with_it() {
+fn error_of_a_contact_is_constant_during_it() {
     let mut skin = skin(&SkinSpec { noise: noise(NoiseOf::FullScale, 0.001), ..plain() }, 1);
     let exact = outputs(&skin, 1.0, Place::default());
     skin.draw_contact(&mut stream(1, 1, "taxel noise"));
@@ -140,7 +140,7 @@ fn an_error_stays_for_a_contact_and_goes_with_it() {
 }
 
 #[test]
-fn faults_and_a_baseline_do_what_they_say() {
+fn faults_and_baseline_have_their_declared_effect() {
     let spec = SkinSpec {
         taxels: Taxels { baseline: 0.02, ..Taxels::default() },
         faults: vec![
@@ -184,7 +184,7 @@ fn a_converter_rounds_to_its_steps_and_ends_at_its_range() {
 }
 
 #[test]
-fn a_converter_rounds_halves_away_from_zero_and_keeps_signs_and_what_is_no_number() {
+fn converter_rounds_halves_away_from_zero_and_keeps_sign_and_nan() {
     let converter = Converter { bits: 32, range: 2f64.powi(31) }; // steps of 1
     for x in [0.0, 0.5, 0.49999999999999994, 1.5, 2.5, 2.4999999999999996, 0.3, 1e6 + 0.5, 2147483646.5] {
         for x in [x, -x] {
@@ -212,7 +212,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 
     #[test]
-    fn loads_add_up(
+    fn outputs_of_several_loads_add_up(
         seed in 0u64..1000, first_n in 0.0..1.0f64, second_n in 0.0..1.0f64,
         at in prop::array::uniform4(-8.0..8.0f64),
     ) {

@@ -43,7 +43,7 @@ fn noise_before_the_low_pass_has_its_size_and_is_correlated() {
 }
 
 #[test]
-fn a_transport_of_many_conversions_repeats_none_as_a_press_begins() {
+fn long_transport_repeats_no_conversion_at_a_press() {
     let mut scene = without_load(LoadCellScene { noise_n: 0.003, transport_s: 0.05, ..LoadCellScene::IDEAL });
     scene.begin_press(3, 1.0);
     let read: Vec<f64> = (0..20).map(|i| scene.load_cell_n(1.0 + f64::from(i) * 0.005 + 1e-6)).collect();

@@ -35,7 +35,7 @@ fn before_and_after(kind: FaultKind, value: Option<f64>) -> ((f64, f64), (f64, f
 }
 
 #[test]
-fn a_cell_without_a_sensor_with_its_sign_turned_or_its_zero_adrift_reads_so() {
+fn faults_of_sensor_sign_and_zero_show_in_the_readings() {
     for (kind, value, share, zero_n) in [
         (FaultKind::NoSensor, None, 0.0, 0.1),
         (FaultKind::WrongSign, None, -1.0, 0.1),
@@ -49,7 +49,7 @@ fn a_cell_without_a_sensor_with_its_sign_turned_or_its_zero_adrift_reads_so() {
 }
 
 #[test]
-fn a_stuck_cell_gives_its_last_reading_whatever_comes() {
+fn stuck_cell_repeats_its_last_reading() {
     let (mut scene, _) = pressed_with(FaultKind::Stuck, None);
     let last = scene.load_cell_n(1.99);
     go(&mut scene, -0.5, 10.0, 100.0, 2.5);
@@ -59,7 +59,7 @@ fn a_stuck_cell_gives_its_last_reading_whatever_comes() {
 }
 
 #[test]
-fn a_saturated_cell_gives_its_end_again_and_again_and_less_as_it_is() {
+fn saturated_cell_repeats_its_largest_value() {
     let (_, (mean, sd), _) = before_and_after(FaultKind::Saturated, Some(0.4));
     assert!((mean - 0.4).abs() < 1e-12 && sd < 1e-12, "{mean} {sd}");
     let (_, (mean, _), force_n) = before_and_after(FaultKind::Saturated, None);
@@ -88,7 +88,7 @@ fn slip_drops_the_force_once() {
 }
 
 #[test]
-fn a_slip_in_air_waits_for_the_next_contact() {
+fn slip_without_contact_waits_for_the_next_contact() {
     let mut scene = with_faults(&[(FaultKind::Slip, 0.0, None)]);
     for share in [0.35, 1.0, 1.0] {
         let now_s = scene.now_s + 1.0;
@@ -124,7 +124,7 @@ fn without_a_specimen_there_is_no_force_and_no_contact() {
 }
 
 #[test]
-fn a_fault_strikes_at_its_instant_though_nobody_looks() {
+fn fault_begins_on_time_without_observation() {
     let mut watched = with_faults(&[]);
     let end_s = go(&mut watched, 1.0, 10.0, 100.0, 0.0);
     let strikes_s = end_s - 0.05;
@@ -155,7 +155,7 @@ fn a_silent_link_is_the_device_s_own_and_a_slow_stage_takes_longer() {
 }
 
 #[test]
-fn every_two_faults_go_together() {
+fn every_two_faults_can_be_combined() {
     for (_, first) in FaultKind::ALL {
         for (_, second) in FaultKind::ALL {
             let mut scene = with_faults(&[(first, 0.05, None), (second, 0.05, None)]);

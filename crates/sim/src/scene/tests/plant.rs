@@ -16,7 +16,7 @@ fn step(scene: &mut Scene, now_s: f64) {
 }
 
 #[test]
-fn a_low_passed_step_rises_as_it_should_however_often_it_is_looked_at() {
+fn low_passed_step_does_not_depend_on_observation_times() {
     let cell = LoadCellScene { low_pass_hz: Some(100.0), ..LoadCellScene::default() };
     let rate = std::f64::consts::TAU * 100.0;
     for at_every_s in [1e-4, 1e-3, 7e-3] {
@@ -33,7 +33,7 @@ fn a_low_passed_step_rises_as_it_should_however_often_it_is_looked_at() {
 }
 
 #[test]
-fn a_low_passed_press_reads_the_same_whoever_looks() {
+fn low_passed_press_reads_the_same_for_every_observer() {
     let cell = LoadCellScene { low_pass_hz: Some(100.0), transport_s: 0.002, ..LoadCellScene::default() };
     let read = |every_s: f64| {
         let mut scene = scene(SceneSpec { load_cell: Some(cell), ..plain() }, 1);
@@ -54,7 +54,7 @@ fn a_low_passed_press_reads_the_same_whoever_looks() {
 }
 
 #[test]
-fn a_reading_is_the_last_conversion_that_has_come_through() {
+fn reading_is_the_last_complete_conversion() {
     // 10 ms of transport at 200 conversions a second: two conversions late, to the instant
     for asked_between in [&[][..], &[1.001, 1.004, 1.0049, 1.006, 1.013, 1.0149]] {
         let mut scene = with_cell(LoadCellScene { transport_s: 0.010, ..LoadCellScene::default() }, 200.0);
@@ -71,7 +71,7 @@ fn a_reading_is_the_last_conversion_that_has_come_through() {
 }
 
 #[test]
-fn conversions_under_way_are_held_though_only_others_move_the_time() {
+fn pending_conversions_are_kept_when_other_devices_advance_time() {
     let mut scene = with_cell(LoadCellScene { transport_s: 0.012, ..LoadCellScene::default() }, 200.0);
     for (depth_mm, from_s) in [(0.1, 1.0001), (0.2, 1.0051), (0.3, 1.0101), (0.4, 1.0151)] {
         scene.set_motion(Axis::Z, Trajectory::at_rest(-depth_mm), from_s);
@@ -83,7 +83,7 @@ fn conversions_under_way_are_held_though_only_others_move_the_time() {
 }
 
 #[test]
-fn a_long_idle_stretch_has_few_knots() {
+fn long_idle_time_has_few_knots() {
     let scene =
         with_cell(LoadCellScene { transport_s: 0.002, low_pass_hz: Some(100.0), ..LoadCellScene::default() }, 1000.0);
     let (mut now_s, mut knots) = (0.0, 0);
@@ -107,7 +107,7 @@ fn noise_comes_after_the_low_pass() {
 }
 
 #[test]
-fn the_relief_is_felt_where_the_tip_touches() {
+fn relief_acts_at_the_place_of_the_tip() {
     let relief = Relief { bumps_mm: 0.03, bumps_wavelength_mm: (6.0, 12.0), roughness_mm: 0.001 };
     let spec = SceneSpec { relief: Some(relief), relaxation: vec![], ..plain() };
     let mut forces = Vec::new();
@@ -150,7 +150,7 @@ fn the_stiffness_of_a_place_is_fixed_when_contact_begins() {
 }
 
 #[test]
-fn the_stage_is_late_by_its_servo_and_the_controller_does_not_know() {
+fn stage_lags_by_its_servo_unknown_to_the_controller() {
     let servo = Servo { lag_s: 0.007, quantum_mm: 1e-4, ..Servo::default() };
     let mut scene = scene(SceneSpec { stage: Some(servo), relaxation: vec![], ..plain() }, 1);
     let done_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
@@ -176,7 +176,7 @@ fn equal_ways_between_targets_are_equally_many_steps_of_the_stage() {
 }
 
 #[test]
-fn a_share_of_the_stages_exchanges_takes_much_longer_and_no_other_devices() {
+fn stated_fraction_of_only_the_stages_exchanges_is_slow() {
     let spikes = Some(Spikes { share: 0.02, longer_s: 0.2 });
     let latencies =
         Latencies { stage_s: (0.001, 0.005), load_cell_s: (0.0, 0.001), array_s: (0.0, 0.001), stage_spikes: spikes };
@@ -193,7 +193,7 @@ fn a_share_of_the_stages_exchanges_takes_much_longer_and_no_other_devices() {
 }
 
 #[test]
-fn the_true_mean_is_one_over_time_whatever_the_load_cell_does() {
+fn true_mean_is_over_time_and_independent_of_the_load_cell() {
     let pressed = |cell, looks: &[f64]| {
         let mut scene = scene(SceneSpec { load_cell: cell, ..plain() }, 1);
         let in_s = go(&mut scene, 0.8, 10.0, 100.0, 0.0);
@@ -226,7 +226,7 @@ fn the_true_mean_is_one_over_time_whatever_the_load_cell_does() {
 }
 
 #[test]
-fn the_way_slid_is_that_in_contact_alone() {
+fn sliding_distance_counts_only_in_contact() {
     let mut scene = scene(plain(), 1);
     let sideways = |scene: &mut Scene, from_mm: f64, to_mm: f64, now_s: f64| {
         let way = Trajectory::to(now_s, (from_mm, 0.0), to_mm, 10.0, 100.0);

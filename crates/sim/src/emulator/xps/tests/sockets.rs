@@ -26,7 +26,7 @@ async fn wired_on(scene: Scene) -> (Shared<Scene>, [Wire; 3], Shared<XpsEmulator
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_move_holds_its_own_socket_only_and_an_abort_on_another_ends_it() {
+async fn move_blocks_only_its_socket_and_an_abort_on_another_ends_it() {
     let (_, [mut moves, mut polls, mut aborts], _) = wired().await;
     exchange(&mut moves, "PositionerSGammaParametersSet(XYZ.X,1,100,0.005,0.05)", "0,,EndOfAPI").await;
     let begun = Instant::now();
@@ -57,7 +57,7 @@ const GUARD: [(&str, &str); 3] = [
 const SLOW_Z: &str = "PositionerSGammaParametersSet(XYZ.Z,1,100,0.005,0.05)";
 
 #[tokio::test(start_paused = true)]
-async fn a_guard_aborts_a_press_within_a_millisecond_and_is_gone() {
+async fn guard_aborts_a_press_within_a_millisecond_and_is_removed() {
     let (scene, [mut moves, mut polls, _], _) = wired().await;
     exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
     for (sent, answered) in GUARD {
@@ -73,7 +73,7 @@ async fn a_guard_aborts_a_press_within_a_millisecond_and_is_gone() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_guard_is_armed_during_a_move_and_one_that_is_removed_guards_no_more() {
+async fn guard_can_be_armed_during_a_move_and_removed() {
     let (scene, [mut moves, mut polls, _], _) = wired().await;
     exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
     moves.send(b"GroupMoveAbsolute(XYZ.Z,-3)").await;
@@ -110,7 +110,7 @@ async fn motion_of_a_closed_socket_continues_under_its_guard() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_armed_guard_costs_nothing_while_nothing_moves() {
+async fn armed_guard_has_no_effect_at_rest() {
     let (_, [_, mut polls, _], xps) = wired().await;
     for (sent, answered) in GUARD {
         exchange(&mut polls, sent, answered).await;
@@ -120,7 +120,7 @@ async fn an_armed_guard_costs_nothing_while_nothing_moves() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
+async fn guard_continues_during_a_slow_exchange() {
     let (scene, [mut moves, mut polls, _], _) = wired_on(scene_with(|spec| spec.latencies.stage_s = (0.7, 0.7))).await;
     exchange(&mut polls, SLOW_Z, "0,,EndOfAPI").await;
     for (sent, answered) in GUARD {
@@ -136,7 +136,7 @@ async fn a_guard_watches_on_while_a_slow_link_takes_its_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn garbage_is_reported_to_be_and_the_next_call_answered() {
+async fn garbage_is_reported_and_the_next_call_answered() {
     let (_, [mut wire, ..], _) = wired().await;
     wire.send(&[b'x'; 5000]).await;
     // four inboxes full, and what is left of the fifth ends with the line
