@@ -93,7 +93,7 @@ fn contact(press: u64) -> RecordedContact {
     }
 }
 
-/// The largest the process has been, where /proc tells.
+/// Peak memory of the process, where /proc states it.
 fn peak_memory() -> String {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kb = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().trim_end_matches(" kB").parse().ok());

@@ -76,7 +76,7 @@ fn run(file: &str, text: &str, seed: u64) -> PaperBenchCost {
     }
 }
 
-/// The largest the process has been, kB, where /proc tells.
+/// Peak memory of the process, kB, where /proc states it.
 fn peak_memory_kb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.trim().trim_end_matches(" kB").parse().ok()

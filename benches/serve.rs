@@ -91,7 +91,7 @@ fn main() {
                 let which = (reading + turn) % 2;
                 times[which].push(clients[which].round_trip_us(&line));
             }
-            // the rate of the readings is what is measured
+            // the bench measures the rate of the readings
             thread::sleep((PERIOD * reading as u32).saturating_sub(began.elapsed()));
         }
         child.kill().expect("it runs");

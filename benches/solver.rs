@@ -42,7 +42,7 @@ fn main() {
     }
     let whole_ns = cost_ns(&solver("pearson", &calibration), units, &readings, BATCHES);
     print_cost("pearson, each of 10,000", whole_ns);
-    // what numpy is asked for, and the centring that it isn't
+    // the work that numpy does, and the centring that it doesn't
     let batch_ns = nearest_ns(&calibration, units, &readings);
     print_cost("its search alone", batch_ns);
     print_roofline(units, points);

@@ -45,7 +45,7 @@ pub(crate) fn client(role: &str, port: u16) -> io::Result<()> {
     stream.set_nodelay(true)?;
     writeln!(stream, "{role}")?;
     let answers = BufReader::new(stream.try_clone()?);
-    // the end of the input ends the connection, and that ends this
+    // the end of the input ends the connection
     thread::spawn(move || {
         for line in io::stdin().lines().map_while(Result::ok) {
             if writeln!(stream, "{line}").is_err() {
@@ -64,7 +64,7 @@ fn attend(world: &WorldShared, stream: TcpStream) -> Option<()> {
     let mut lines = BufReader::new(stream).lines().map_while(Result::ok);
     let role = lines.next()?;
     for line in lines {
-        // a device that is dead doesn't hear either
+        // a dead device doesn't receive either
         if answer(world, &writer, &role, &line).is_none() {
             break;
         }

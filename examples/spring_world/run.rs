@@ -51,7 +51,7 @@ pub(crate) fn carry_out(task: WorldTask) -> Result<String, String> {
     let text = made_in(&task, faults, &folder)
         .map_err(|error| format!("{} in {}: {error}", task.palpate.display(), folder.display()));
     if task.keep.is_none() {
-        // what is left of a scratch folder harms nobody
+        // the rest of a scratch folder does no harm
         let _ = fs::remove_dir_all(&folder);
     }
     text
@@ -67,7 +67,7 @@ fn made_in(task: &WorldTask, faults: Vec<Fault>, folder: &Path) -> io::Result<St
     let command = |role: &str| format!("[{:?}, {role:?}, \"{port}\"]", this.display().to_string());
     fs::write(folder.join("rig.toml"), task.setting.rig(&command))?;
     fs::write(folder.join("recipe.toml"), recipe)?;
-    // the program works in the folder, wherever this was started
+    // the program works in the folder, for any current folder
     let mut program = Command::new(fs::canonicalize(&task.palpate)?);
     program.args(["run", "recipe.toml", "--rig", "rig.toml", "--out", "run", "--json", "--confirmed", "down"]);
     program.arg("--seed").arg(task.seed.to_string()).current_dir(folder).stdin(Stdio::null());
@@ -143,7 +143,7 @@ fn compare(table: &str, reads: &[[f64; 3]]) -> (usize, usize, f64) {
     let header: Vec<&str> = lines.next().unwrap_or("").split(',').collect();
     let rows = lines.map(|line| header.iter().copied().zip(line.split(',')).collect());
     let mut rows: Vec<BTreeMap<&str, &str>> = rows.collect();
-    // in the order of the presses: those that teach come first
+    // in the order of the presses: training presses come first
     rows.sort_by_key(|cells| cells.get("phase") != Some(&"teach"));
     let (mut pressed, mut wrong, mut worst_n): (Vec<[f64; 2]>, usize, f64) = (Vec::new(), 0, 0.0);
     for cells in rows {
@@ -151,7 +151,7 @@ fn compare(table: &str, reads: &[[f64; 3]]) -> (usize, usize, f64) {
         let (Some(set_n), Some(x_mm), Some(y_mm)) = (number("force_set_n"), number("x_mm"), number("y_mm")) else {
             continue;
         };
-        // a place may be pressed before, to teach, and again at the end, as a check
+        // a place may be pressed before, for training, and again at the end, as a check
         let place = [x_mm, y_mm];
         let before = pressed.iter().filter(|other| is_near(&place, *other)).count();
         pressed.push(place);

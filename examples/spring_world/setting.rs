@@ -96,7 +96,7 @@ impl WorldSetting {
         let mut random = Random::new(seed);
         let drawn = random.between(0.2, 1.0);
         let stiffness_n_mm = DECLARED_N_MM * share.unwrap_or(drawn);
-        // linear, or up to as much again at the depth limit, without getting stiffer than declared
+        // linear, or up to twice as much at the depth limit, without getting stiffer than declared
         let stiffens = random.unit() < 0.3;
         let room_n_mm = (DECLARED_N_MM - stiffness_n_mm).max(0.0);
         let stiffening_n_mm2 = if stiffens { random.between(0.0, room_n_mm) / (2.0 * DEPTH_MM) } else { 0.0 };

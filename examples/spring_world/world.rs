@@ -199,7 +199,7 @@ impl World {
         }
         let largest_n = if self.has_fired() { &mut self.seen.after_n } else { &mut self.seen.before_n };
         *largest_n = largest_n.max(force_n);
-        // deeper than a faithful stage was in this contact, or may go
+        // deeper than a sound stage was in this contact, or may go
         let granted_mm = self.faithful.at_mm.min(self.faithful.target_mm());
         if force_n > 0.0 {
             self.granted_mm = self.granted_mm.min(granted_mm);

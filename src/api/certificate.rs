@@ -59,7 +59,7 @@ pub fn certificate(options: &CertificateOptions, note: Note<'_>) -> Result<Certi
     let runs = options.runs.iter().map(|run| read_run(run, note)).collect::<Result<Vec<_>, Failure>>()?;
     let (subject, judged) = judged(runs, options.same_sensor, &options.accept, note)?;
     let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;
-    // the one that programs read first: the page says the same
+    // programs read this one first: the page has the same content
     write(&xml, &certificate.xml())?;
     write(&html, &certificate.html())?;
     Ok(Certified { summary: certificate.text(), verdict: judged.verdict(), html, xml })

@@ -249,7 +249,7 @@ impl Evaluated {
         design: Option<&ByDesign>,
     ) -> Result<Self, Failure> {
         let trial = match trial {
-            // with a rule the verdict says what is missing
+            // with a rule the verdict states what is missing
             Err(why) if !self.is_only_characterised && asked.is_none() && self.cross_validated.is_none() => {
                 return Err(Failure::usage(why));
             }
@@ -281,7 +281,7 @@ fn outcomes(solver: &str, trial: &Trial<'_>) -> Result<Vec<SolverOutcome>, Failu
     for name in names {
         let outcome = match trial.evaluate_timed(name) {
             Err(error) if !is_all || !error.is_of_solver() => return Err(Failure::usage(error)),
-            // its cause is what differs from one solver to another
+            // its cause is the difference between solvers
             outcome => {
                 outcome.map_err(|error| error.source().map_or_else(|| error.to_string(), <dyn Error>::to_string))
             }

@@ -1,4 +1,4 @@
-//! Events of a run that is walked on a thread of its own, for a consumer that may be slow.
+//! Events of a run on a thread of its own, for a consumer that may be slow.
 //!
 //! The run never waits for the consumer. Contacts that don't fit into the queue are read from the journal, where they are by
 //! then. Events about the progress are lost if too many of them wait.
@@ -85,7 +85,7 @@ impl RunThread {
     pub fn park(&self) {
         self.cancel.ask();
         let thread = lock(&self.thread).take();
-        // the end of a panic is in the queue
+        // the queue has the end after a panic
         thread.into_iter().for_each(|thread| drop(thread.join()));
     }
 }
@@ -123,7 +123,7 @@ struct EventQueue {
 }
 
 impl RunEvents {
-    /// Begins to walk a run on a thread of its own.
+    /// Begins to execute a run on a thread of its own.
     ///
     /// # Errors
     /// The system starts no thread.

@@ -156,7 +156,7 @@ impl Failure {
         Failure::new(FailureKind::Device, miette::miette!(help = help, "the run ended by a fault of this program"))
     }
 
-    /// A walk that ended early, and may have left the stage where it was.
+    /// A run that ended early, and may have left the stage where it was.
     pub fn ended(ending: Ending) -> Failure {
         let Ending { halt, unparked, remaining, .. } = ending;
         let parked = match (&halt, &unparked) {
@@ -170,7 +170,7 @@ impl Failure {
         let (halt, unparked) = match (halt, unparked) {
             (Some(halt), unparked) => (halt, unparked),
             (None, Some(unparked)) => (unparked, None),
-            (None, None) => (Halt::Cancelled, None), // never: such a walk didn't end early
+            (None, None) => (Halt::Cancelled, None), // never: such a run didn't end early
         };
         let before = unparked.map(|why| Box::new(Failure::halted(why)));
         Failure { stage, before, ..Failure::halted(halt) }

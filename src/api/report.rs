@@ -191,7 +191,7 @@ pub(crate) fn check_free(out: &Path) -> Result<(), Failure> {
             && fs::read_to_string(out)
                 .is_ok_and(|text| text.starts_with(BEGINNING) && text.contains(MARK) && !text.contains(CERTIFICATE))
     };
-    // in a run folder a link is somebody's trap; elsewhere it is a person's wish
+    // in a run folder a link may be planted; elsewhere a person wants it
     if let Err(why) = if is_in_run(out) { files::check_replaceable(out) } else { Ok(()) } {
         let help = "remove it, or choose another --out";
         return Err(Failure::usage(miette::miette!(help = help, "{}: {why}", out.display())));

@@ -35,7 +35,7 @@ impl RunResults {
         let layout = &spec.array.layout;
         let characteristics = folder.staircases().map_err(Failure::dataset)?;
         if recipe.solvers.is_empty() && recipe.rule().is_none() {
-            // a long run isn't read into memory for nothing
+            // avoids reading a long run into memory
             let is_beside_paper =
                 characteristics.is_some() && is_beside_paper(layout, &folder.presses().map_err(Failure::dataset)?);
             return Ok(RunResults { evaluations: Vec::new(), characteristics, judgement: None, is_beside_paper });

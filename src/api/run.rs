@@ -270,7 +270,7 @@ impl OpenedRun {
     }
 }
 
-/// Walks a plan from where its folder is, and ends the folder's session. Returns how the walk ended, and whether that was recorded.
+/// Executes the rest of a plan, and ends the folder's session. Returns the end of the run, and whether it was recorded.
 /// `heard` is called for every force, N, and for every event.
 pub(crate) fn executed(
     plan: &Plan,

@@ -85,7 +85,7 @@ pub fn solve(
     match stream.answer(&mut answers, &mut StreamLines::new(SOURCE, readings), &mut solutions) {
         Ok(Ok(())) => Ok(()),
         Ok(Err(error)) => Err(Failure::usage(error)),
-        // a reader that has seen enough is no error
+        // closed output isn't an error
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         Err(error) => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
     }

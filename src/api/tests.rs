@@ -115,7 +115,7 @@ fn failure_has_the_message_and_code_of_the_command_line() {
     let options = |recipe: &str| RunOptions { recipe: recipe.into(), ..RunOptions::default() };
     let missing = failed(begin(&options("no.toml")).err());
     assert!(missing.0 == FailureKind::Usage && missing.1.contains("no.toml") && missing.1.contains("\nhelp: give an"));
-    // a real rig that no option names is confirmed by a person, and here is none
+    // a real rig that no option names needs a person, and here is none
     let folder = tempfile::tempdir().unwrap();
     let recipe = folder.path().join("recipe.toml");
     std::fs::write(&recipe, include_str!("../../recipes/paper.toml")).unwrap();

@@ -136,7 +136,7 @@ pub(super) fn concluded(
     let judged = judged(&found, before, certificate);
     let check = WeightCheck { adjusted: args.adjust && found.is_adjustable(), ..found };
     let adjusted_before = before.filter(|before| before.adjusted).map(|before| before.gain);
-    // a gain that readings are adjusted for is changed only where a person asks for it, or where it is wrong
+    // the gain for adjustment is changed only on request, or if it is wrong
     let stays = judged.verdict == LoadCellVerdict::Verified && !check.adjusted && adjusted_before.is_some();
     let unwritten = match (stays, invented) {
         (true, _) => Some("the rig's `check` is unchanged"),

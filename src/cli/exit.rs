@@ -45,7 +45,7 @@ pub(super) fn report(failure: Failure) -> ExitCode {
     before.into_iter().for_each(|before| _ = self::report(*before));
     match report.downcast::<Problems>() {
         Ok(problems) => {
-            // the count last, where the eye is when the printing ends
+            // the count last, where the reader looks
             let count = problems.to_string();
             problems.into_reports().for_each(|report| say(&format!("{report:?}")));
             say(&format!("{count}; nothing was done"));

@@ -123,7 +123,7 @@ pub fn main(commit: Option<&'static str>) -> ExitCode {
     let matches = matches.unwrap_or_else(|error| refuse(&error));
     note_former_name(matches.subcommand_name());
     let command = CommandLine::from_arg_matches(&matches).unwrap_or_else(|error| refuse(&error)).command;
-    // fails only if one is set already, which is as good
+    // fails only if one is set already, which has the same effect
     let _ = miette::set_hook(Box::new(|_| Box::new(exit::handler())));
     let outcome = check_stdin(&command).and_then(|()| match &command {
         Command::Demo(args) => demo::demo(args),
@@ -199,7 +199,7 @@ fn refuse(error: &clap::Error) -> ! {
         let within = root.find_subcommand(first).unwrap_or(&root);
         let names: Vec<&str> = within.get_subcommands().map(clap::Command::get_name).collect();
         let known = textwrap::fill(&format!("commands: {}", names.join(", ")), 80);
-        // should nobody read it, the exit code is enough
+        // if nobody reads it, the exit code remains
         let _ = writeln!(io::stderr(), "{}\n{known}", error.render().to_string().trim_end());
         exit(error.exit_code());
     }

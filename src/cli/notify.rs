@@ -92,7 +92,7 @@ impl Drop for Notifier {
 
 fn started(program: &str, arguments: &[String]) -> io::Result<(Child, ChildStdin)> {
     let mut command = Command::new(program);
-    // the outputs are those of the session: a receiver that is left running doesn't keep them open
+    // the session's outputs: a receiver that keeps running doesn't hold them open
     command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
     // Ctrl-C at the bench is for the session
     #[cfg(unix)]
@@ -181,7 +181,7 @@ mod tests {
         let passed = 10 * LINES_MOST as u64;
         (0..passed).for_each(|_| notifier.pass(&paused(&long)));
         assert_eq!(notifier.passed.load(Ordering::Relaxed), passed);
-        // what is neither in the system's pipe nor in the queue is lost
+        // lines neither in the pipe nor in the queue are lost
         assert!(lost(&notifier) > passed / 2);
         drop(notifier);
         fs::write(&go, "\n").unwrap();

@@ -143,7 +143,7 @@ impl<'a> Progress<'a> {
 impl Listener for Progress<'_> {
     fn ready(&mut self, devices: &[Identity]) {
         for device in devices {
-            // what stands in brackets is for the manifest: serial numbers don't fit a line
+            // text in brackets is for the manifest: serial numbers don't fit a line
             let name = device.identity.split(" (").next().unwrap_or_default();
             self.line(&format!("{:<10} {name}", device.role));
             for warning in &device.warnings {
@@ -171,7 +171,7 @@ impl Listener for Progress<'_> {
         self.bar.set_position(self.done);
         if self.json {
             let lines: String = contact.levels.iter().flat_map(|press| [press.to_json(), "\n".to_owned()]).collect();
-            // what nobody can read doesn't stop a run: the record is on disk
+            // missing output doesn't stop a run: the record is on disk
             let text = summary::print(&lines);
             self.unheard = self.unheard.take().or(text.err());
         }
@@ -245,7 +245,7 @@ fn set_style(bar: &ProgressBar, shown: &Arc<Mutex<BarState>>) {
             summary::width(io::stderr()),
         ));
     };
-    // a template that can't be read would leave the bar as it is; it is seen in every run on a terminal
+    // an invalid template would leave the bar unchanged; every run on a terminal shows it
     if let Ok(style) = ProgressStyle::with_template("{line}") {
         bar.set_style(style.with_key("line", line));
     }

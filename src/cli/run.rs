@@ -38,7 +38,7 @@ pub(super) struct RunArgs {
     pub session: SessionArgs,
 }
 
-/// Prints the plan, or makes the run's folder and walks the plan.
+/// Prints the plan, or makes the run's folder and executes the plan.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if args.dry_run {
         return check_recipe(&args.options.recipe, &args.options.rig, OutputArgs { json: args.session.json });
@@ -46,7 +46,7 @@ pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     recorded(args).map(|(_, code)| code)
 }
 
-/// Makes the run's folder and walks its plan. Returns the folder and the exit code.
+/// Makes the run's folder and executes its plan. Returns the folder and the exit code.
 pub(super) fn recorded(args: &RunArgs) -> Result<(RunFolder, ExitCode), Failure> {
     let show = if args.session.json { tell } else { print };
     let mut begun = begin_with(&args.options, &|chosen, rig| {

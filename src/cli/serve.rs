@@ -146,7 +146,7 @@ impl Service {
     /// Starts the thread of a connection.
     fn begin(self: Arc<Self>, stream: TcpStream, peer: SocketAddr) {
         let close = |silent: &TcpStream| {
-            // whoever doesn't read either isn't waited for
+            // a client that doesn't read isn't waited for
             _ = silent.set_nonblocking(true);
             self.refuse(silent, "closed because it was silent, and all connections are in use");
         };
@@ -157,7 +157,7 @@ impl Service {
         };
         let service = self.clone();
         let connection = move || {
-            // a connection that ends or fails concerns nobody else
+            // a connection that ends or fails doesn't affect the others
             _ = service.converse(&client, &peer.to_string());
             _ = client.stream.shutdown(Shutdown::Both);
             lock(&service.clients).served.remove(&number);

@@ -39,11 +39,11 @@ pub(super) enum First {
 }
 
 /// Listens for Ctrl-C and, on Unix, a polite end and a closed terminal, which are a stop at once; under `nohup` a closed terminal
-/// is none. `told` is printed when a stop is requested.
+/// is none. `message` is printed when a stop is requested.
 ///
 /// They are heard on a thread of their own, so that a simulated run needs no I/O driver: asking the system for events between
 /// any two instants would be its largest cost.
-pub(super) fn heed(first: First, text: Option<&'static str>) -> Result<Cancel, Failure> {
+pub(super) fn heed(first: First, message: Option<&'static str>) -> Result<Cancel, Failure> {
     let cancel = Cancel::default();
     let asked = cancel.clone();
     let runtime = Builder::new_current_thread().enable_io().build().into_diagnostic().map_err(Failure::usage)?;
@@ -54,12 +54,12 @@ pub(super) fn heed(first: First, text: Option<&'static str>) -> Result<Cancel, F
     let listen = async move {
         let mut signals = signals;
         while let Some(is_gentle) = signals.next().await {
-            // a run that went on after a pause may be paused again
+            // a run that continued after a pause may be paused again
             if is_gentle && first == First::Pause && asked.pause() {
                 say(&format!("\nfinishing this press, then {}; Ctrl-C again stops immediately", then()));
             } else {
                 asked.ask();
-                text.into_iter().for_each(|text| say(&format!("\n{text}")));
+                message.into_iter().for_each(|message| say(&format!("\n{message}")));
             }
         }
     };
@@ -76,7 +76,7 @@ pub(super) fn is_attended() -> bool {
 
 /// Forgets what was typed before a pause: an Enter from then isn't the word of a person who has their hands in the rig.
 pub(super) fn forget_typed() {
-    // on a thread of its own, since a runtime doesn't run in another one; what can't be read can't be forgotten
+    // on a thread of its own, because a runtime doesn't run in another one; unreadable input can't be discarded
     drop(thread::spawn(read_away).join());
 }
 
@@ -84,7 +84,7 @@ pub(super) fn forget_typed() {
 fn read_away() -> io::Result<()> {
     use tokio::net::unix::pipe;
     Builder::new_current_thread().enable_all().build()?.block_on(async {
-        // opened again, so that it is this handle alone whose reads don't wait
+        // opened again, so that only this handle reads without waiting
         let typed = pipe::OpenOptions::new().unchecked(true).open_receiver("/dev/stdin")?;
         let mut bytes = [0; TYPED_BYTES];
         while let Ok(readable) = timeout(STILL, typed.readable()).await {

@@ -223,17 +223,16 @@ fn footnotes(evaluations: &[&Evaluation]) -> String {
             evaluation.points + evaluation.unsolved.len()
         );
     }
-    // What is flagged is the run's doing and the same for every solver; what has no answer is each one's own.
+    // Flags belong to the run and are the same for every solver; missing answers belong to each solver.
     if let Some(left_out) = evaluations.first().map(|evaluation| &evaluation.left_out) {
         let (calibration, test) = (left_out.calibration_flagged, left_out.test_flagged);
         if calibration + test > 0 {
             let _ = writeln!(text, "excluded, flagged: {calibration} calibration and {test} test presses");
         }
     }
-    // the best is one of them once more
-    let is_reported =
-        |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
-    let each = || (0..evaluations.len()).filter(|index| !is_reported(*index)).map(|index| evaluations[index]);
+    // the best is one of them again
+    let is_shown = |index: usize| evaluations[..index].iter().any(|before| before.solver == evaluations[index].solver);
+    let each = || (0..evaluations.len()).filter(|index| !is_shown(*index)).map(|index| evaluations[index]);
     for Evaluation { solver, unsolved, .. } in each() {
         if let Some(first) = unsolved.first() {
             let _ = writeln!(
@@ -396,7 +395,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags,depth_mm,t_s,z
         };
         let up = [0.0, 1.0, 2.0].map(|force_n| held(Branch::Loading, force_n));
         let down = [1.0, 0.0].map(|force_n| held(Branch::Unloading, force_n));
-        // the widest that a unit may fill: a thousand percent off
+        // the widest that a unit may be: a thousand percent off
         let wild =
             [up.as_slice(), &down].concat().into_iter().map(|held| HeldLevel { output: -12.0 * held.output, ..held });
         let readings = vec![[up.to_vec(), down.to_vec(), wild.collect()].concat(); 9];

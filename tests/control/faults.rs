@@ -9,7 +9,7 @@ use palpate_run::rig::RigSpec;
 use palpate_sim::scene::{FaultKind, SceneFault};
 use palpate_testing::campaign;
 use palpate_testing::executions::{
-    BENCHES, ExecutedRun, ExecutionWorst, bench, end_of, executed, in_parallel, must_be_none, plan,
+    BENCHES, ExecutedRun, WorstTruth, bench, end_of, executed, in_parallel, must_be_none, plan,
 };
 use rand::RngExt;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ struct FaultCase {
 struct FaultOutcome {
     case: FaultCase,
     faults: Vec<SceneFault>,
-    worst: ExecutionWorst,
+    worst: WorstTruth,
     end: &'static str,
     text: Option<String>,
     virtual_s: f64,
@@ -245,7 +245,7 @@ fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
         let limits = outcomes[0].case.spec().limits;
         let (judged, printed): (Vec<&&FaultOutcome>, Vec<&&FaultOutcome>) =
             outcomes.iter().partition(|o| o.case.is_judged());
-        let count = |over: &dyn Fn(&ExecutionWorst) -> bool| judged.iter().filter(|o| over(&o.worst)).count();
+        let count = |over: &dyn Fn(&WorstTruth) -> bool| judged.iter().filter(|o| over(&o.worst)).count();
         let over = [
             count(&|w| w.force_n > limits.force_n),
             count(&|w| w.depth_mm > limits.depth_mm),
@@ -264,12 +264,12 @@ fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
             worst.depth_mm,
         );
         if !printed.is_empty() {
-            let mut speeds: BTreeMap<String, ExecutionWorst> = BTreeMap::new();
+            let mut speeds: BTreeMap<String, WorstTruth> = BTreeMap::new();
             for o in printed.iter() {
                 let key = format!("{} at {} mm/s", o.case.bench, o.case.speed_mm_s);
                 speeds.entry(key).or_default().join(o.worst);
             }
-            let output = |(key, w): (&String, &ExecutionWorst)| {
+            let output = |(key, w): (&String, &WorstTruth)| {
                 format!("{key}: {:.2} N, {:.2} mm, slid {}", w.force_n, w.depth_mm, w.slid_mm)
             };
             println!("    faster than is safe there: {}", speeds.iter().map(output).collect::<Vec<_>>().join("; "));
@@ -282,8 +282,8 @@ fn report(outcomes: &[FaultOutcome]) -> Vec<String> {
     broken
 }
 
-fn worst_of(all: impl Iterator<Item = ExecutionWorst>) -> ExecutionWorst {
-    all.fold(ExecutionWorst::default(), |mut worst, other| {
+fn worst_of(all: impl Iterator<Item = WorstTruth>) -> WorstTruth {
+    all.fold(WorstTruth::default(), |mut worst, other| {
         worst.join(other);
         worst
     })
@@ -362,7 +362,7 @@ impl FaultOutcome {
     fn text(&self) -> String {
         let faults = self.faults.iter().map(|fault| format!("{} from {:.3} s", name(fault.kind), fault.from_s));
         let FaultOutcome { case, worst, .. } = self;
-        let ExecutionWorst { force_n, depth_mm, slid_mm } = worst;
+        let WorstTruth { force_n, depth_mm, slid_mm } = worst;
         format!(
             "{}: {}, seed {}: {force_n:.3} N, {depth_mm:.3} mm, slid {slid_mm} mm, {:.0} s: {}",
             faults.collect::<Vec<_>>().join(", "),

@@ -6,7 +6,7 @@ use palpate_sim::emulator::{Instrument, Shared};
 use palpate_sim::scene::{Scene, SceneDevice};
 use palpate_testing::campaign;
 use palpate_testing::executions::{
-    BENCHES, Deaths, ExecutedRun, ExecutionWorst, bench, end_of, executed_with, in_parallel, plan,
+    BENCHES, Deaths, ExecutedRun, WorstTruth, bench, end_of, executed_with, in_parallel, plan,
 };
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -251,7 +251,7 @@ fn host_death_after_any_message_keeps_the_limits() {
         setups(speeds).into_iter().flat_map(|setup| (1..=seeds).map(move |seed| (setup, seed))).collect();
     let executions = in_parallel(&jobs, |(setup, seed)| setup.executed(Deaths::Tried, *seed, &|_| {}));
     let mut messages = 0;
-    let mut all = ExecutionWorst::default();
+    let mut all = WorstTruth::default();
     for ((setup, seed), ExecutedRun { ending, truth, orphaned, messages: taken, .. }) in jobs.iter().zip(&executions) {
         assert!(ending.halt.is_none(), "{setup:?}, seed {seed}: {:?}", ending.text());
         assert!(orphaned.force_n >= truth.force_n - PEAK_N, "{setup:?}: {truth:?}, {orphaned:?}");
@@ -266,7 +266,7 @@ fn host_death_after_any_message_keeps_the_limits() {
 #[derive(Default)]
 struct HostRow {
     runs: usize,
-    worst: ExecutionWorst,
+    worst: WorstTruth,
     longest_s: f64,
     ends: BTreeMap<&'static str, usize>,
 }
@@ -308,7 +308,7 @@ fn cut_or_late_link_at_any_command_keeps_the_limits_and_is_noticed() {
         }
     }
     for (mishap, HostRow { runs, worst, longest_s, ends }) in rows {
-        let ExecutionWorst { force_n, depth_mm, .. } = worst;
+        let WorstTruth { force_n, depth_mm, .. } = worst;
         println!("{mishap}: {runs} runs, at most {force_n:.3} N, {depth_mm:.3} mm, {longest_s:.0} s: {ends:?}");
     }
     assert!(broken.is_empty(), "{} runs:\n{}", broken.len(), broken.join("\n"));

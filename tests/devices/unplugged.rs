@@ -16,7 +16,7 @@ use palpate_run::rig::{self, RigSpec};
 use palpate_sim::scene::SceneDevice;
 use palpate_testing::alone::ran_alone;
 use palpate_testing::campaign;
-use palpate_testing::executions::{ExecutionWorst, bench, in_parallel, plan};
+use palpate_testing::executions::{WorstTruth, bench, in_parallel, plan};
 use palpate_testing::phases::PressPhase;
 use std::collections::BTreeMap;
 
@@ -96,7 +96,7 @@ fn device_lost_in_any_phase_of_a_press_ends_the_run_without_loss() {
     let cases: Vec<UnpluggedCase> = sounds.iter().enumerate().flat_map(|(i, sound)| sound.cases(i)).collect();
     let ends = in_parallel(&cases, |case| sounds[case.setup].lose(case));
     let mut rows: BTreeMap<(&str, FarEndLoss, PressPhase), [usize; 2]> = BTreeMap::new();
-    let (mut all, mut longest_s) = (ExecutionWorst::default(), 0.0f64);
+    let (mut all, mut longest_s) = (WorstTruth::default(), 0.0f64);
     let mut broken = Vec::new();
     for (case, end) in cases.iter().zip(&ends) {
         let row = rows.entry((case.fate.device.name(), case.fate.loss, case.phase)).or_default();
@@ -242,7 +242,7 @@ impl UnpluggedSound {
 struct End {
     /// Whether the loss ended the run.
     ended: bool,
-    worst: ExecutionWorst,
+    worst: WorstTruth,
     /// Its extra time compared with a sound run, s.
     longer_s: f64,
     wrong: Vec<String>,

@@ -43,8 +43,8 @@ fn worn(text: &str) -> String {
         let t_s: f64 = cell("t_s").parse().expect("a time");
         let bent = |output: &str| {
             let output: f64 = output.parse().expect("an output");
-            let drifted_slowly = 0.01 * (0.3 * t_s).sin() + 0.02 * output * (0.07 * t_s).cos();
-            format!("{:.7}", output - 0.05 * output * output + drifted_slowly)
+            let slow_drift = 0.01 * (0.3 * t_s).sin() + 0.02 * output * (0.07 * t_s).cos();
+            format!("{:.7}", output - 0.05 * output * output + slow_drift)
         };
         let cells = header.iter().zip(&row).map(|(name, cell)| match name.as_str() {
             output if output.starts_with("out_") => bent(cell),

@@ -65,7 +65,7 @@ fn validation_page_has_the_numbers_of_its_runs() {
     let found = validation(SEEDS, 1, &|_, _| {}).expect("the shipped recipe and rig are sound");
     let page = shipped_text("docs/explanation/validation.md");
     for (line, (found, kept)) in found.markdown().lines().zip(page.lines()).enumerate() {
-        assert_eq!(found, kept, "line {}: `palpate study validation` writes it anew", line + 1);
+        assert_eq!(found, kept, "line {}: `palpate study validation` regenerates it", line + 1);
     }
     assert_eq!(found.markdown(), page);
     for (name, paper, digits, unit) in PAPERS {

@@ -72,9 +72,9 @@ pub struct ExecutedRun {
     pub ending: Ending,
     pub ledger: Memory,
     /// The largest true values, until everything was at rest again.
-    pub truth: ExecutionWorst,
+    pub truth: WorstTruth,
     /// The largest true values if the host had died after one of the messages.
-    pub orphaned: ExecutionWorst,
+    pub orphaned: WorstTruth,
     /// When the instruments were ready; 0: never, s.
     pub ready_s: f64,
     /// Its duration, s.
@@ -87,22 +87,18 @@ pub struct ExecutedRun {
 
 /// The largest true values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ExecutionWorst {
+pub struct WorstTruth {
     pub force_n: f64,
     pub depth_mm: f64,
     pub slid_mm: f64,
 }
 
-impl ExecutionWorst {
+impl WorstTruth {
     pub fn take(&mut self, truth: Truth) {
-        self.join(ExecutionWorst {
-            force_n: truth.force_peak_n,
-            depth_mm: truth.depth_peak_mm,
-            slid_mm: truth.slid_mm,
-        });
+        self.join(WorstTruth { force_n: truth.force_peak_n, depth_mm: truth.depth_peak_mm, slid_mm: truth.slid_mm });
     }
 
-    pub fn join(&mut self, other: ExecutionWorst) {
+    pub fn join(&mut self, other: WorstTruth) {
         self.force_n = self.force_n.max(other.force_n);
         self.depth_mm = self.depth_mm.max(other.depth_mm);
         self.slid_mm = self.slid_mm.max(other.slid_mm);
@@ -199,8 +195,8 @@ struct Eye {
 
 #[derive(Clone, Copy, Default)]
 struct ExecutionSeen {
-    truth: ExecutionWorst,
-    orphaned: ExecutionWorst,
+    truth: WorstTruth,
+    orphaned: WorstTruth,
     messages: usize,
 }
 

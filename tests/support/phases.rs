@@ -1,6 +1,6 @@
 //! Phase of a press, from the true state: positions and motions of the axes, contact, and requests.
 
-use super::executions::ExecutionWorst;
+use super::executions::WorstTruth;
 use palpate_core::quantity::{Axis, Frame};
 use palpate_link::time::Instant;
 use palpate_sim::scene::{Scene, SceneDevice};
@@ -69,7 +69,7 @@ pub struct Watcher {
     array_asked_s: f64,
     /// The scene when a motion last began or changed.
     left: Option<Scene>,
-    worst: ExecutionWorst,
+    worst: WorstTruth,
 }
 
 impl Watcher {
@@ -86,7 +86,7 @@ impl Watcher {
             rest: None,
             array_asked_s: f64::NEG_INFINITY,
             left: None,
-            worst: ExecutionWorst::default(),
+            worst: WorstTruth::default(),
         }
     }
 
@@ -120,7 +120,7 @@ impl Watcher {
     }
 
     /// The largest true values until all is at rest.
-    pub fn worst(&mut self) -> ExecutionWorst {
+    pub fn worst(&mut self) -> WorstTruth {
         let now_s = self.now_s();
         self.look(now_s);
         let rest = self.scene().run_out(now_s);

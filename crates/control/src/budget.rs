@@ -42,11 +42,11 @@ impl UncertaintyBudget {
         let Averaged { readings, seconds, no_loads: [before, after], share } = *averaged;
         let of_mean = |readings: u32| zero.noise_of_mean_n(readings);
         let (before_n, after_n) = (of_mean(before.readings), of_mean(after.readings));
-        // of two means that differ by more than their noise, the zero has moved by the rest
+        // if two means differ by more than their noise, the rest is a change of the zero
         let moved_2 = (after.mean_n - before.mean_n).powi(2) - before_n.powi(2) - after_n.powi(2);
         let noise_2 = ((1.0 - share) * before_n).powi(2) + (share * after_n).powi(2);
         let step_n = zero.step_n / 12f64.sqrt();
-        // steps smaller than the noise average out with it
+        // steps smaller than the noise are averaged out with it
         let resolution_n = if zero.noise_n < zero.step_n { step_n } else { step_n / f64::from(readings.max(1)).sqrt() };
         let hum_n = zero.mains.map_or(0.0, |mains| mains.left_n(seconds));
         let zero_n = (noise_2 + moved_2.max(0.0) / 12.0).sqrt();

@@ -221,7 +221,7 @@ impl ContactMap {
         let near: Vec<(Place, f64)> =
             nearest(self.scales.iter().map(|(at, _)| *at), place).into_iter().map(|i| self.scales[i]).collect();
         if near.is_empty() {
-            return (0.0, 0.0); // what is assumed of a shot holds as it is
+            return (0.0, 0.0); // the assumption about a shot is right
         }
         let reach_mm = near[REACH.min(near.len() - 1)].0.distance_mm(place).max(0.1);
         let mut plane = BayesianPlane::new(
@@ -310,7 +310,7 @@ mod tests {
         map
     }
 
-    /// A shot at a place as it would go: the lesson, and the miss of the force it met.
+    /// A shot at a place in a simulation: the learned contact, and the error of its force.
     fn shoot(map: &ContactMap, place: Place) -> (LearnedContact, f64) {
         let shot = map.shot(place, 1.0, &LIMITS).expect("the map is trusted");
         let z_mm = shot.z_mm(shot.aim_n(1.0));

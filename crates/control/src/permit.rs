@@ -139,9 +139,9 @@ impl Permit {
     pub fn deepest_mm(&self, context: &MotionContext) -> f64 {
         let MotionContext { z_mm, force_n, sigma_n, first_mm, most_mm, .. } = *context;
         if ![z_mm, force_n, sigma_n, first_mm].iter().all(|number| number.is_finite()) || most_mm.is_nan() {
-            return f64::NEG_INFINITY; // `max` and `min` pass over what is not a number
+            return f64::NEG_INFINITY; // `max` and `min` ignore NaN
         }
-        // a force says that this is contact, wherever the surface was expected
+        // a force shows contact, for any expected surface
         let first_mm = if force_n >= self.detect_n { first_mm.min(z_mm) } else { first_mm };
         let room_n = self.limits.force_n - force_n - 3.0 * sigma_n;
         let by_force = z_mm.max(first_mm) + room_n.max(0.0) / self.limits.stiffness_n_mm;
@@ -200,7 +200,7 @@ impl Permit {
     ///
     /// # Errors
     /// A trip if the reading changes.
-    pub fn no_load_is_free(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
+    pub fn nothing_in_contact(&self, moved_n: f64, sigma_n: f64, between_s: f64) -> Result<(), Trip> {
         moved_no_further(SafetyRule::ZeroInContact, moved_n, FREE_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 

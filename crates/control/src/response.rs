@@ -127,7 +127,7 @@ impl LearnedOutputs {
         if before.outputs.len() != now.outputs.len() {
             return None;
         }
-        // the scatter of the gains is left out: a load cell that changed during the run widens it
+        // the scatter of the gains is left out, because a changing load cell widens it
         let scatter = self.differences(now).map_or(0.0, |known| known.pattern.1);
         let nonlinear = NONLINEAR * (now.force_n / before.force_n).ln();
         let own = before.own(self.most).hypot(now.own(self.most)).hypot(nonlinear);
@@ -180,7 +180,7 @@ impl LearnedOutputs {
         let gains = weights(&places, &own, felt.place, field(GAIN_SPREAD))?;
         let patterns = weights(&places, &own, felt.place, field(PATTERN_SPREAD))?;
         let ratios = near.iter().zip(&gains.each).map(|(known, weight)| weight * (felt.force_n / known.force_n).ln());
-        // what all of them have in common isn't averaged away
+        // the common part isn't averaged away
         let beyond = felt.own(self.most).hypot(NONLINEAR * ratios.sum::<f64>());
         let expected: f64 = near.iter().zip(&gains.each).map(|(known, weight)| weight * known.gain()).sum();
         let mut pattern = vec![0.0; felt.outputs.len()];

@@ -152,13 +152,13 @@ impl Watch {
     }
 
     fn check_mean(&mut self, at_s: f64, force_n: f64, within_n: Range) -> Result<(), Trip> {
-        // a cell that converts more slowly than that is judged by its last two readings, or it would never be judged
+        // a slower cell is judged by its last two readings, or it would never be judged
         let old = |(then_s, _): &(f64, f64)| at_s - then_s > MEAN_S;
         while self.recent.len() > 1 && (self.recent.front().is_some_and(old) || self.recent.len() >= MEAN_MAX) {
             self.recent.pop_front();
         }
         self.recent.push_back((at_s, force_n));
-        // one reading is no mean: a lone outlier is the loop's to bear, since no end point is unsafe
+        // one reading is no mean: the loop ignores a single outlier, because every end point is safe
         let Some(mean_n) = self.mean_n() else { return Ok(()) };
         let [under, over] = self.rules;
         if mean_n > within_n.max {

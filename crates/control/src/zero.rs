@@ -78,7 +78,7 @@ impl Zero {
             offset_n: mean,
             sigma_n: variance.sqrt(),
             noise_n,
-            // mains interference is shared too, and averaged otherwise
+            // mains interference is shared too, but averaged differently
             shared: if mains.is_some() { 0.0 } else { shared(readings, mean) },
             step_n: step_n(&codes),
             offset_sigma_n: noise_n / n.sqrt(),

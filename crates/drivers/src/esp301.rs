@@ -120,7 +120,7 @@ impl Esp301 {
         Ok(places)
     }
 
-    /// Returns the answers to a line of questions, asked again if the answers are invalid. Requests of the reins during the call
+    /// Returns the answers to a line of questions, asked again if the answers are invalid. Orders during the call
     /// are sent to `axes` at once.
     async fn ask_for<T>(
         &mut self,
@@ -268,11 +268,11 @@ impl Stage for Esp301 {
             let expected = "an ESP300 or ESP301 version".to_owned();
             return Err(self.error(doing, DeviceProblem::Misfit { answer: version, expected }));
         }
-        self.usage = None; // until it is homed it counts as it likes
+        self.usage = None; // before homing its count has no meaning
         // an earlier program may have left a motion, and a position is valid only at rest
         self.stop().await?;
         self.follow(&Axis::ALL, Duration::ZERO, &MotionOrders::default()).await?;
-        self.complaints().await?; // of what happened before us
+        self.complaints().await?; // from before the start
         let mut stages = Vec::new();
         for axis in Axis::ALL {
             stages.push(self.ask(doing, &format!("{}ID?", number(axis))).await?);
@@ -287,15 +287,15 @@ impl Stage for Esp301 {
         let (doing, n, speed_mm_s) = ("moving z a little", number(Axis::Z), usage.home_speed_mm_s);
         self.set_acceleration(usage).await?;
         let was_on = self.is_on(Axis::Z).await?;
-        // relative: where an axis is that isn't homed means nothing (manual, page PR)
+        // relative: the position of an axis before homing has no meaning (manual, page PR)
         self.tell(doing, &format!("{n}MO;{n}VA{speed_mm_s:.5};{n}PR{:.5}", usage.away * way_mm)).await?;
         let until = Instant::now() + MOTION_MARGIN + seconds(way_mm / speed_mm_s);
         while self.at_rest(doing, &[Axis::Z], orders).await?.is_none() && Instant::now() < until {}
         if !was_on {
-            // as it was found: a motor that is on counts as homed where the rig states so
+            // in the state found: a motor that is on counts as homed if the rig states so
             self.tell(doing, &format!("{n}MF")).await?;
         }
-        // at the end of its travel it goes no further
+        // at the end of its travel it can't move further
         Ok(self.complaints().await?.is_empty())
     }
 
@@ -346,7 +346,7 @@ impl Stage for Esp301 {
             format!("{n}VA{speed_mm_s:.5};{n}PA{target_mm:.5}")
         };
         let Some(&(last, _)) = targets.last() else { return Ok(()) };
-        // what the controller complained of in the motion before; on the way to park it is no reason to stay
+        // complaints about the motion before; on the way to park they don't stop it
         if !std::mem::take(&mut self.stopped) && !self.complaints.is_empty() {
             let text = std::mem::take(&mut self.complaints).join("; ");
             return Err(self.error("starting a motion", DeviceProblem::Refused(text)));
@@ -355,7 +355,7 @@ impl Stage for Esp301 {
         if orders.stopped() {
             return Ok(());
         }
-        // set commands are silent: the answer to the question behind them says that they were taken, and when
+        // set commands have no answer: the answer to the question after them shows that they were accepted, and when
         let (doing, question) = ("starting a motion", format!("{}MD?", number(last)));
         let line = targets.iter().map(command).collect::<Vec<_>>().join(";") + ";" + &question;
         let axes: Vec<Axis> = targets.iter().map(|(axis, _)| *axis).collect();
@@ -364,7 +364,7 @@ impl Stage for Esp301 {
         let asked = Instant::now();
         let answers = self.line.ask_all(&line, 1, Some(&urgent)).await.map_err(|error| self.failed(doing, &error))?;
         self.quickest = self.quickest.min(asked.elapsed());
-        // a stop that came while the line was brought back into step went out before the motion
+        // a stop during resynchronisation was sent before the motion
         if orders.stopped() {
             self.line.tell_now(STOP_ALL).await.map_err(|error| self.failed(doing, &error))?;
         }

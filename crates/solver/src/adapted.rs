@@ -148,13 +148,13 @@ impl<'a> NewPressTrials<'a> {
     /// Returns the errors of the presses of a part, which is held out of the change.
     fn without(&self, extent: Extent, part: usize) -> Result<PressErrors, FitError> {
         let [held, others] = [self.presses(|of| of == part), self.presses(|of| of != part)];
-        // all at one place: nothing is left to learn from
+        // all at one place: there is nothing to learn
         if others.is_empty() {
             return Ok(errors(&self.unchanged, self.new, &held, 1.0));
         }
         let change = self.older.change(&self.new.subset(&others), extent);
         Ok(match extent {
-            // what is fitted to outputs that all became larger solves a reading as the old one solves it made smaller
+            // a model fitted to larger outputs solves a reading as the old one solves a smaller reading
             Extent::CommonGain => errors(&self.unchanged, self.new, &held, change.units[0].gain),
             _ => {
                 errors(&fit(self.unchanged.name(), &self.older.changed(&change), &self.setting)?, self.new, &held, 1.0)

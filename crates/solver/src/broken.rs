@@ -62,7 +62,7 @@ fn fault(calibration: &Calibration, unit: usize) -> Option<OutputFault> {
     }
     let at = |extreme: f64| outputs().filter(|output| *output == extreme).count();
     let enough = FEWEST_CLIPPED.max((CLIPPED_SHARE * calibration.len() as f64).ceil() as usize);
-    // at rest many units read exactly 0: that is no stop
+    // at rest many units read exactly 0, which isn't an end of the range
     let is_clipped = |extreme: f64| extreme != 0.0 && at(extreme) >= enough;
     (is_clipped(most) || is_clipped(least)).then_some(OutputFault::Saturated)
 }

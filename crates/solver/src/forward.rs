@@ -132,8 +132,7 @@ impl Forward {
     pub(crate) fn learned_curve(mut self, trials: &[HeldPress], setting: &Setting<'_>) -> Self {
         let answered = || trials.iter().filter_map(|trial| Some((trial, trial.answer.as_ref().ok()?)));
         let residues = answered().map(|(_, located)| located.residue).collect();
-        // where the map is known well and noise is all that contacts leave, held-out ones leave more only as the map without them is
-        // worse
+        // if the map is known well and contacts leave only noise, held-out ones leave more only because the map without them is worse
         let is_known = self.limits.is_noise && self.response.mean_leverage() <= LEVERAGE_OF_LIMIT;
         if let Some(most) = upper(residues, setting.excluded_share()).filter(|_| !is_known) {
             let limit = self.limits.one_contact.max(most);
@@ -237,7 +236,7 @@ impl Forward {
         let most_mm = MOST_SD_AREAS * area.least.distance_mm(area.most);
         let mut information = *information;
         if self.load == ForceKnown::Constant {
-            // a known force has no part in the errors of the place
+            // a known force has no effect on the errors of the place
             (information[0][2], information[1][2]) = (0.0, 0.0);
             (information[2][0], information[2][1]) = (0.0, 0.0);
         }
@@ -267,7 +266,7 @@ impl Solver for Forward {
         }
         let misfit = estimate.chi2 / limit;
         let covariance = self.covariance(&estimate.information);
-        // beyond the calibrated places nothing was held out that could show it
+        // beyond the calibrated places no held-out press could show it
         let widths = self.widths.filter(|_| verdict != ContactVerdict::OutsideArea);
         let (scale_mm, scale_n) = scales(covariance);
         let of_map = self.of_map(&estimate);

@@ -181,7 +181,7 @@ pub(super) fn check(outputs: &[f64], units: usize) -> Result<(), SolveError> {
     if outputs.len() != units {
         return Err(SolveError::Channels { expected: units, found: outputs.len() });
     }
-    // all of them in one go, as next to every reading is finite
+    // all of them at once, because nearly every reading is finite
     if outputs.iter().fold(true, |all, output| all & output.is_finite()) {
         return Ok(());
     }

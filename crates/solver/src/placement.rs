@@ -96,12 +96,12 @@ pub fn place_array(calibration: &Calibration, layout: &ArrayLayout) -> Result<Pl
     let squares: f64 = off_mm.iter().map(|off| off * off).sum();
     let misfit_mm = (squares / units as f64).sqrt();
     let most_mm = MISFIT_SHARE * pitch_mm;
-    let is_within = |mm: f64, most_mm: f64| mm <= most_mm; // what isn't a number isn't
+    let is_within = |mm: f64, most_mm: f64| mm <= most_mm; // NaN stays NaN
     if !is_within(misfit_mm, most_mm) {
         let worst = (0..units).max_by(|&a, &b| off_mm[a].total_cmp(&off_mm[b])).unwrap_or(0);
         return Err(PlacementError::Poor { misfit_mm, unit: worst + 1, worst_mm: off_mm[worst], most_mm });
     }
-    // each coordinate of each unit is one measurement, less the three numbers that were found
+    // each coordinate of each unit is one measurement, minus the three fitted numbers
     let sigma_mm = (squares / (2 * units - 3) as f64).sqrt();
     let rotation_sigma = sigma_mm / square.sqrt();
     // the middle is known best; the layout's origin also moves with the rotation

@@ -196,7 +196,7 @@ impl<'a> PreparedCalibration<'a> {
         let mut tried = in_parallel(&names, first);
         // the mean of two methods can be good although one of them is far behind
         self.add_blend(&mut tried);
-        // a lead that rests on what is assumed of the cover may be one of few places: see `may_lead`
+        // a lead that follows from assumptions about the cover may be due to few places: see `may_lead`
         let mut hopeful = best::hopeful(&tried, |tried| tried.solver != PHYSICS);
         if tried.len() > names.len() && hopeful.pop().is_some_and(|is_hopeful| is_hopeful) {
             let is_member = |name: &&'static str| self.members().contains(name);
@@ -327,7 +327,7 @@ impl<'a> PreparedCalibration<'a> {
                 let is_learnable = !self.calibration.has_few_places() && self.has_places_a_unit(FEWEST_PLACES_A_UNIT);
                 is_learnable || self.has_places_a_unit(PLACES_A_UNIT)
             }
-            // of what its members come to
+            // from the results of its members
             BLEND => false,
             _ => true,
         }

@@ -46,7 +46,7 @@ impl Process {
         {
             let mut noisy = correlations.clone();
             (0..count).for_each(|i| noisy[(i, i)] += ratio);
-            // finite and positive definite by its noise; should it not be, every prediction is the mean
+            // finite and positive definite because of its noise; otherwise every prediction is the mean
             let Ok(factor) = noisy.llt(Side::Lower) else { continue };
             let solved = factor.solve(centred.subcols(first, past - first));
             for (row, weights) in weights.chunks_exact_mut(outputs).enumerate() {

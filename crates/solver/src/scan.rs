@@ -137,8 +137,7 @@ struct PanelSearch<'a> {
     scratch: &'a mut Scratch,
 }
 
-// Everything below runs as the instructions that `simd` stands for only where it is inlined: hence the attributes, and
-// no closure that might not be.
+// Everything below runs with the instructions of `simd` only if it is inlined: hence the attributes, and no closure that might not be.
 impl WithSimd for PanelSearch<'_> {
     type Output = ();
 
@@ -152,7 +151,7 @@ impl WithSimd for PanelSearch<'_> {
         multiply(simd, &scan.panels, narrow, scores);
         let last = scan.rows.len() / scan.units % PANEL;
         if let Some(scores) = scores.last_mut().filter(|_| last > 0) {
-            scores.0[last..].fill(f32::NEG_INFINITY); // what fills up the last panel is no row
+            scores.0[last..].fill(f32::NEG_INFINITY); // padding of the last panel is no row
         }
         // The best can have come out one error too low, and another row one too high.
         let floor = floor(simd, scores, count) - 2.0 * scan.rounding();
@@ -206,7 +205,7 @@ fn floor<S: Simd>(simd: S, scores: &[RowPanel], count: usize) -> f32 {
             most = simd.max_f32s(most, peak);
         }
         floor = simd.reduce_max_f32s(most);
-        // Equals go together, which leaves the floor lower than it could be, never higher.
+        // Equal values go together, which makes the threshold lower than necessary, never higher.
         for peak in &mut peaks {
             *peak = simd.select_f32s(simd.equal_f32s(*peak, simd.splat_f32s(floor)), nothing, *peak);
         }
@@ -376,7 +375,7 @@ mod tests {
 
     #[test]
     fn padding_rows_are_never_found() {
-        // All rows score below 0, which is what the filling would score.
+        // All rows score below 0, which is the score of the padding.
         let scan = Scan::new(1, vec![-1.0; 3]);
         let mut scratch = Scratch::default();
         assert_eq!(scan.best(&[1.0], &mut scratch), Some(Hit { row: 0, score: -1.0 }));

@@ -65,7 +65,7 @@ impl Spots {
             let weight = if is_weighted { typical } else { spot.weight };
             for &press in &spot.presses {
                 let press = calibration.point(press);
-                // The map is as sure as the mean of all presses here makes it; one of them alone is less so.
+                // The map is as certain as the mean of all presses here; a single one is less certain.
                 let share = press.force_n * press.force_n / weight;
                 let of_unit = |unit: usize| {
                     let predicted = press.force_n * (spot.per_newton[unit] - residuals[unit]);

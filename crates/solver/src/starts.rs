@@ -35,7 +35,7 @@ impl Starts {
             if common_offset {
                 project_out(row, &sd);
             }
-            to_length_one(row); // a row of zeros stays, and is nobody's direction
+            to_length_one(row); // a row of zeros stays, and has no direction
         }
         Starts { places, common_offset, sd, directions: Scan::new(units, directions) }
     }

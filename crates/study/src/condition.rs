@@ -221,7 +221,7 @@ fn misses_mn(contact: &RecordedContact) -> impl Iterator<Item = f64> {
     contact.levels.iter().zip(&contact.truth).filter_map(of)
 }
 
-/// Times from one press of the square to the next, s. Times before and after a press that teaches are excluded.
+/// Times from one press of the square to the next, s. Times before and after a training press are excluded.
 fn intervals_s(contacts: &[RecordedContact]) -> Vec<f64> {
     let begun = |contact: &RecordedContact| contact.levels.first().filter(|press| press.is_of(Phase::Calibration))?.t_s;
     contacts.windows(2).filter_map(|pair| Some(begun(&pair[1])? - begun(&pair[0])?)).collect()

@@ -63,13 +63,13 @@ impl LoopFindings {
     }
 }
 
-/// Executes the study. `told` is called with the number of finished conditions and the total number.
+/// Executes the study. `on_progress` is called with the number of finished conditions and the total number.
 ///
 /// # Errors
 /// A condition can't be started. A trip is a result and not an error.
-pub fn control(size: LoopSize, seed: u64, text: OnProgress<'_>) -> Result<LoopFindings, StudyError> {
+pub fn control(size: LoopSize, seed: u64, on_progress: OnProgress<'_>) -> Result<LoopFindings, StudyError> {
     let conditions = conditions(size, seed)?;
-    let mut outcomes = carried_out(&conditions, text, LoopCondition::measure)?;
+    let mut outcomes = carried_out(&conditions, on_progress, LoopCondition::measure)?;
     // of the outcomes of one bench that made the whole square
     let mark = |outcome: &ConditionOutcome| {
         Some((outcome.median_s?, outcome.error_p95_mn?)).filter(|_| outcome.rule.is_none())

@@ -44,16 +44,16 @@ use thiserror::Error;
 /// Callback with the number of finished parts of a study and the total number.
 pub type OnProgress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// Returns the result of each job, in order. All processors work on the jobs, and `told` is informed about each finished job.
+/// Returns the result of each job, in order. All processors work on the jobs, and `on_progress` is informed about each finished job.
 fn carried_out<J: Sync, O: Send>(
     jobs: &[J],
-    text: OnProgress<'_>,
+    on_progress: OnProgress<'_>,
     work: impl Fn(&J) -> Result<O, StudyError> + Sync,
 ) -> Result<Vec<O>, StudyError> {
     let done = AtomicUsize::new(0);
     let outcomes = in_parallel(jobs, |job| {
         let outcome = work(job);
-        text(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
+        on_progress(1 + done.fetch_add(1, Ordering::Relaxed), jobs.len());
         outcome
     });
     outcomes.into_iter().collect()

@@ -66,7 +66,7 @@ pub(crate) const SCENES: [BenchChange; 13] = [
         spec.scene.latencies.stage_spikes = Some(Spikes { share: 0.02, longer_s: 0.2 })
     }),
     change("relief 30 um, k +-15 %", 1.0, |spec| {
-        // short waves: long ones are a slope, which any map learns
+        // short waves, because long ones are a slope that any map learns
         spec.scene.relief = Some(Relief { bumps_mm: 0.030, bumps_wavelength_mm: (1.0, 3.0), roughness_mm: 0.001 });
         spec.scene.stiffness = Some(Stiffness { smooth_percent: 15.0, white_percent: 0.5 });
     }),

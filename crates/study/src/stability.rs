@@ -71,7 +71,7 @@ fn grows(gain: f64, dead_time_s: f64) -> bool {
     let most = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     let fifth = missing.len() / 5;
     let (before, last) = (&missing[3 * fifth..4 * fifth], &missing[4 * fifth..]);
-    // what has run away for good doesn't grow any more
+    // a diverged solution doesn't grow any more
     most(last) > most(before).max(OVERSHOOT) || most(last) > 1.0
 }
 
@@ -88,7 +88,7 @@ fn forces(gain: f64, dead_time_s: f64) -> impl Iterator<Item = f64> {
             let mean = past[oldest..oldest + PERIOD_STEPS].iter().sum::<f64>() / PERIOD_STEPS as f64;
             rate = gain / dead_time_s * (1.0 - mean);
         }
-        // what has run away stays away: its sign and size still show it
+        // a diverged solution stays diverged: its sign and size still show it
         force = (force + rate * STEP_S).clamp(-1e12, 1e12);
         past.push(force);
         force

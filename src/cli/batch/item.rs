@@ -178,7 +178,7 @@ impl Desk {
         Ok(halt.map(|halt| ItemOutcome::halted(Ending::halted(halt), Vec::new(), 0.0)))
     }
 
-    /// Walks the first recipe, and further ones as long as the result asks for more presses.
+    /// Executes the first recipe, and further ones as long as the result requires more presses.
     fn runs(&self, sensor: &PreparedSensor, first: String, manner: &MannerOptions) -> Result<ItemOutcome, Failure> {
         let (mut runs, mut seconds) = (Vec::new(), 0.0);
         let (mut recipe, mut plan, mut name) = (0, sensor.first.clone(), first);

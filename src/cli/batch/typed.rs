@@ -28,7 +28,7 @@ pub(super) enum Typed {
 /// Waits for the next line. At a terminal, a line that was typed earlier doesn't count: a scan during a run would start the next
 /// sensor while a person has their hands in the rig.
 pub(super) fn next_line(cancel: &Cancel, prompt: impl FnOnce() -> Result<(), Failure>) -> Result<Typed, Failure> {
-    cancel.go_on(); // a pause that was requested during the last press has nothing left to wait for
+    cancel.go_on(); // a pause from the last press has nothing to wait for
     cancel.preparing(); // so that Ctrl-C is a stop
     if is_attended() {
         forget_typed();

@@ -75,7 +75,7 @@ fn cell(found: &AblationFindings, term: &str, question: &Question) -> String {
         let within = shown(row.effect.within, question);
         let difference = shown(row.effect.difference, question);
         let sign = if row.effect.difference < 0.0 { "" } else { "+" };
-        // a wide interval has no use for its tenths
+        // tenths mean nothing in a wide interval
         let within = match within.split_once('.') {
             Some(("0", _)) => &within[1..],
             Some((whole, _)) if whole.len() > 1 => whole,

@@ -55,7 +55,7 @@ fn summary(findings: &LoopFindings, out: &Path) -> String {
     };
     let mut table = |title: &str, part: StudyPart, name: &dyn Fn(&ConditionOutcome) -> Option<String>| {
         let mut table = TextTable::new(1, ["", "guarded", "velocity", "map"]);
-        // the strategies of a row stand together
+        // the strategies of a row are together
         let outcomes: Vec<(String, &ConditionOutcome)> =
             findings.of(part).filter_map(|outcome| Some((name(outcome)?, outcome))).collect();
         for row in outcomes.chunk_by(|a, b| a.0 == b.0) {

@@ -64,7 +64,7 @@ pub(super) fn study(args: &CurvesArgs) -> Result<ExitCode, Failure> {
 
 fn design(path: &Path, args: &CurvesArgs) -> Result<NominalArray, Failure> {
     let (text, rig) = read_rig(path)?;
-    // a rig without a scene is simulated as the paper's: that says nothing of its own array
+    // a rig without a scene is simulated with that of the paper, which isn't its own array
     let mut skin = if document::has_key(&text, "scene") { rig.scene.skin } else { SkinSpec::default() };
     if let Some(depth_mm) = args.depth_mm {
         skin.elastomer = Some(Elastomer::half_space(depth_mm));

@@ -8,7 +8,7 @@ use palpate_link::time::{Instant, sleep, timeout};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{Cancel, Ending, Listener, RunJob, execute_on};
 use palpate_sim::emulator::Shared;
-use palpate_testing::executions::{ExecutionWorst, run_virtually};
+use palpate_testing::executions::{WorstTruth, run_virtually};
 use palpate_testing::phases::{PressPhase, Watcher};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -27,7 +27,7 @@ pub(super) struct UnpluggedRun {
     /// The records in their order.
     pub contacts: Vec<RecordedContact>,
     pub phases: Vec<Option<PressPhase>>,
-    pub worst: ExecutionWorst,
+    pub worst: WorstTruth,
     /// Final z in the specimen frame, mm.
     pub z_mm: f64,
     pub at_rest: bool,

@@ -14,7 +14,7 @@ const STANDOFF_MM: f64 = 0.02;
 /// Largest gap to the standoff that doesn't need a separate motion, mm.
 const SHORT_DESCENT_MM: f64 = 0.10;
 /// Fraction of the set force that separates small steps from large ones. Up to it a gap is closed with the declared stiffness; a
-/// larger step teaches the real stiffness.
+/// larger step shows the real stiffness.
 pub(super) const LEARN_SHARE: f64 = 0.25;
 /// Factor for a learned stiffness. The specimen stiffens with depth, and stiffens more if it is pressed faster.
 const STIFFENING: f64 = 1.15;
@@ -133,7 +133,7 @@ impl ForceLoop {
         if force_n.abs() >= LEARN_SHARE * level.force_set_n && z_mm * force_n > 0.0 {
             self.stiffness_n_mm = Some(force_n / z_mm);
             self.anchor = (self.z_mm, self.force_n);
-            // depth counts from the surface as touched, which is known once the stiffness is; until then from the earliest
+            // depth counts from the touched surface, once the stiffness is known; before that from the earliest surface
             if let (Some(touched_mm), Some(earliest_mm)) = (self.touched_mm(), earliest_mm(&self.path, self.sigma_n)) {
                 self.first_mm = self.first_mm.max(earliest_mm.min(touched_mm));
             }
@@ -149,7 +149,7 @@ impl ForceLoop {
             Branch::Unloading => (-1.0, 0.0),
         };
         let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
-        // a force that falls as fast as it is made good is let off, the sooner the more often it was tried
+        // a force that relaxes as fast as it is restored is accepted, the sooner the more often it was tried
         let let_off_n = (LET_OFF_SHARE * f64::from(self.steps) / LET_OFF_STEPS).min(1.0) * self.task.force_tolerance_n;
         let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n).max(let_off_n);
         if gap_n <= reached_n {
@@ -218,7 +218,7 @@ pub(super) fn root_of(path: &[(f64, f64)], declared_n_mm: f64) -> Option<f64> {
     let tells = |last: &&(f64, f64)| last.1 > f0 * 1.5 || last.1 > f0 + LINE_LEAST_N;
     let Some(&(z2, f2)) = path.last().filter(tells) else { return Some(guess) };
     let line_mm = z0 - f0 * (z2 - z0) / (f2 - f0);
-    // the path relaxes while it is walked: hold the root between the line and the guess
+    // the path relaxes during the search: keep the root between the line and the guess
     Some(parabola_root_mm(path).unwrap_or(line_mm).clamp(guess.min(line_mm), z0))
 }
 
@@ -241,7 +241,7 @@ fn earliest_mm(path: &[(f64, f64)], sigma_n: f64) -> Option<f64> {
         Some(parabola_mm) => (parabola_mm.min(line_mm), PARABOLA_MISSES),
         None => (line_mm, LINE_MISSES),
     };
-    // how far back it leads, in units of the path itself
+    // distance back, in units of the path
     let back = f0 / (f2 - f0);
     let noise_mm = ROOT_SIGMAS * (1.0 + back) * sigma_n * (z2 - z0) / (f2 - f0);
     Some(root_mm - noise_mm - missed * (back / BACK).powi(2).max(1.0) * (z0 - root_mm))

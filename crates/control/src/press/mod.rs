@@ -130,7 +130,7 @@ impl ForceLoop {
             None => self.answer(event).unwrap_or_else(LoopCommand::Trip),
         };
         if matches!(command, LoopCommand::Done | LoopCommand::Trip(_)) {
-            self.state = PressState::Over; // nothing moves it any more
+            self.state = PressState::Over; // no further motion
         }
         command
     }

@@ -86,7 +86,7 @@ impl ForceLoop {
         let goal_n = set_n * (1.0 + shot.faded.max(0.0));
         let gap_n = goal_n - self.force_n;
         let declared = self.context.limits.stiffness_n_mm;
-        // a gap that no shot should leave isn't closed by what the shot seemed to show
+        // a large remaining gap isn't closed by the apparent result of the shot
         let stiffness = if gap_n > LEARN_SHARE * set_n {
             declared
         } else {
@@ -102,12 +102,12 @@ impl ForceLoop {
         }
         let trim_most_n = TRIM_TOLERANCES * self.task.force_tolerance_n;
         if gap_n > trim_most_n {
-            // short of it, but near enough for the trim to be the last
+            // short of it, but near enough for one last correction
             let short_n = (SHORT_OF_FORCE * set_n).max(SHORT_OF_GAP * gap_n).min(trim_most_n / 2.0);
             let short_mm = self.way_mm((gap_n - short_n) / stiffness).unwrap_or(way_mm);
             return self.step_to(PressState::Stepping, self.z_mm + short_mm);
         }
-        // what is trimmed late has less time to fade
+        // a late correction has less time to relax
         let trim_s = self.trim_s(gap_n / stiffness);
         let linger_s = self.wait_s().unwrap_or(0.0) - trim_s - self.reading_s();
         if linger_s > SHORT_WAIT_S {
@@ -131,7 +131,7 @@ impl ForceLoop {
     /// Stops a shot or a step that meets more force than it should.
     pub(super) fn hold_below(&self, force_n: f64) -> Steer {
         let Some((_, level)) = self.level().filter(|(_, level)| level.branch == Branch::Loading) else {
-            return Steer::On; // from above a level the force is higher
+            return Steer::On; // coming from above, the force is higher
         };
         let over_n = (OVER_SHARE * level.force_set_n).max(TELL_SIGMAS * self.context.zero.sigma_n);
         if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
@@ -145,8 +145,8 @@ impl ForceLoop {
         let whole = MotionProfile::new(START_MM + depth_mm, self.context.speed_mm_s, timing.acceleration_mm_s2);
         let shot_s = whole.duration_s() - whole.reaches_s(START_MM) + timing.settle_s;
         let look_and_trim_s = |share| self.reading_s() + self.trim_s(share * force_set_n / stiffness);
-        // where mains interference makes looks long, a press that needs a correction would be sampled later than one that needs none, and its force
-        // would fade by less: time is kept for the correction
+        // where mains interference makes readings long, a press with a correction would be sampled later than one without, and its force
+        // would relax less: time is reserved for the correction
         let correction_s = self.context.zero.mains.map_or(0.0, |_| look_and_trim_s(CORRECTION_SHARE));
         let total_s = shot_s + correction_s + look_and_trim_s(TRIM_SHARE) + self.task.hold_s;
         (total_s / GRAIN_S).ceil() * GRAIN_S

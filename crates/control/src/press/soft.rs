@@ -44,7 +44,7 @@ impl ForceLoop {
         self.check_learned_curve(self.context.expected.last_mm, 0.0)
     }
 
-    /// Checks the declared stiffness at the first press only. Later presses are compared with what the first press taught.
+    /// Checks the declared stiffness at the first press only. Later presses are compared with the first one.
     fn check_declared(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
         let (Some(least_n_mm), Some((_, level))) = (self.context.softest.declared_n_mm, self.level()) else {
             return Ok(());
@@ -66,9 +66,9 @@ impl ForceLoop {
         let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
         let (rose_n, expected_n) = (self.force_n - from_n, learned_curve.force_n(from_n, way_mm) - from_n);
         if rose_n < RESPONSE_SHARE * expected_n {
-            return Ok(()); // no answer at all is another rule's
+            return Ok(()); // another rule checks for a missing response
         }
-        // a force that hasn't risen is compared as if it had: by then the way was long enough for it
+        // a force that hasn't risen is compared as if it had, because the distance was long enough
         let to_n = (self.force_n + noise_n).max(ROSE * from_n + noise_n);
         let longest_mm = learned_curve.longest_mm((from_n - noise_n).max(0.0), to_n) + self.read_back_mm();
         if way_mm > longest_mm {

@@ -39,7 +39,7 @@ struct PressBench {
 }
 
 fn bench(levels: Arc<[ForceLevel]>, surface_mm: f64) -> PressBench {
-    // what a cell of 1 kHz reads on the way from place to place
+    // readings of a 1 kHz cell between places
     let no_load = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
     let map = ContactMap::new(0.3);
     let (strategy, place, least_n_mm) = (Strategy::Guarded, Place::default(), None);
@@ -83,7 +83,7 @@ impl PressBench {
         ForceLoop::new(task, context)
     }
 
-    /// Walks a press over a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
+    /// Makes a press on a specimen that doesn't relax: readings are exact, a motion takes its time, goes as fast as it was
     /// last commanded and reaches its target unless it is stopped.
     fn execute(&self, force_at: impl Fn(f64) -> f64) -> (ForceLoop, PressScript) {
         let mut press = self.press();
@@ -157,7 +157,7 @@ impl PressBench {
     }
 }
 
-/// A map that was taught the nominal specimen with its surface at z = 0, by five touches.
+/// A map of the nominal specimen with its surface at z = 0, learned from five touches.
 fn learned_curve() -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();
@@ -180,7 +180,7 @@ fn mapped(force_n: f64, surface_mm: f64) -> PressBench {
 fn press_reaches_its_force_from_below_and_retracts() {
     for surface_mm in [-0.25, 0.0, 0.29] {
         for force_n in [0.1, 0.5, 1.0] {
-            // one push leaves no point between the touch and its end: the way back is a chord
+            // one push leaves no point between the touch and its end, so the way back is a chord
             for (strategy, touch_mm) in [(Strategy::Guarded, 0.005), (Strategy::Velocity, 0.010)] {
                 let (press, execute) =
                     PressBench { strategy, ..bench(PressTask::press(force_n), surface_mm) }.execute(force_at);
@@ -216,7 +216,7 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
                 }
             }
         }
-        // the z of the steps turns round just once: up to the top, then down to the clear
+        // z changes its direction only once: up to the top, then down to the clear
         let deepest = execute.moves.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let top = execute.moves.iter().position(|&z| z == deepest).unwrap();
         assert!(execute.moves[..=top].is_sorted() && execute.moves[top..].iter().rev().is_sorted());
@@ -229,7 +229,7 @@ fn soft_or_missing_specimen_trips_within_the_permitted_depth() {
     assert_eq!(rule, SafetyRule::OutOfReach);
     assert!(soft.deepest_mm <= LIMITS.depth_mm);
     assert_eq!(bench(PressTask::press(1.0), 0.0).rule(|_| 0.0).0, SafetyRule::NoContact);
-    // a shot that meets nothing is no reason to go deeper
+    // a shot without contact doesn't lead to a deeper one
     let (rule, absent) = mapped(1.0, 0.0).rule(|_| 0.0);
     assert_eq!((rule, absent.moves.len()), (SafetyRule::NoResponse, 1));
 }
@@ -253,7 +253,7 @@ fn drifted_zero_or_increased_noise_permits_no_motion() {
 
 #[test]
 fn force_without_response_trips_before_the_depth_limit() {
-    // it slips away, or the cell gives what it gave; on a specimen that was never touched the surface is known less well
+    // the specimen slips away, or the cell repeats its reading; on an untouched specimen the surface is known less well
     for (map, deepest_mm) in [(learned_curve(), 1.0), (ContactMap::new(0.3), LIMITS.depth_mm)] {
         let bench = PressBench { map, ..bench(PressTask::press(1.0), 0.0) };
         let (rule, stuck) = bench.rule(|depth| force_at(depth).min(0.12));
@@ -272,7 +272,7 @@ fn force_that_falls_without_a_motion_trips() {
 
 #[test]
 fn contact_harder_than_declared_trips_during_the_approach() {
-    // what is left is the way of the reaction: 2 mm/s and 10 mm/s at most
+    // the rest is the distance within the reaction time: 2 mm/s and 10 mm/s at most
     for (bench, deepest_mm) in [(bench(PressTask::press(1.0), 0.0), 0.08), (mapped(1.0, 0.0), 0.32)] {
         let (rule, execute) = bench.rule(|depth| 20.0 * depth.max(0.0));
         assert_eq!(rule, SafetyRule::HardContact);
@@ -381,7 +381,7 @@ fn half_gain_is_found_at_the_first_press_with_a_declared_least_stiffness() {
             );
             assert!(!trips || force_at(execute.deepest_mm) < 1.5, "{strategy:?}: {} N", force_at(execute.deepest_mm));
         }
-        // what was touched before is no first press
+        // at a touched place it isn't the first press
         let later =
             PressBench { strategy, least_n_mm: Some(1.4), map: learned_curve(), ..bench(PressTask::press(1.0), 0.0) };
         assert_eq!(later.execute(force_at).1.end, LoopCommand::Done);
@@ -459,7 +459,7 @@ fn slow_load_cell_exceeds_the_limit_by_at_most_a_quarter() {
     assert!(worst <= 1.25 * LIMITS.force_n, "{worst} N");
 }
 
-/// A map that was taught the nominal specimen by twelve touches, 1 mm apart.
+/// A map of the nominal specimen, learned from twelve touches, 1 mm apart.
 fn learned_around() -> ContactMap {
     let mut map = ContactMap::new(0.3);
     let path: Vec<(f64, f64)> = (1..=8).map(|i| 0.1 * f64::from(i)).map(|s| (s, force_at(s))).collect();

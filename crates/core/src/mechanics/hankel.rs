@@ -38,8 +38,8 @@ impl HankelTable {
     #[inline]
     pub(super) fn value_and_slope(&self, k: f64) -> (f64, f64) {
         let at = k / PER_CELL;
-        // a float that is no index becomes the nearest one that is; NaN becomes 0 and is kept by the share. A distance isn't
-        // negative, so this is its floor: by one instruction on every processor
+        // a float that is no index becomes the nearest one; NaN becomes 0 and remains in the fraction. A distance isn't negative, so this
+        // is its floor, with one instruction on every processor
         let cell = at as u32;
         let Some(c) = self.cells.get(cell as usize) else { return (0.0, 0.0) };
         let t = at - f64::from(cell);

@@ -143,7 +143,7 @@ fn mean_bound(values: &[f64], share: f64, side: Side) -> Option<f64> {
     }
     let skewness = values.iter().map(|value| (value - mean).powi(3)).sum::<f64>() / n / variance.powf(1.5);
     let t = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(share) / n.sqrt();
-    // an upper bound of the mean is what the lower tail of the statistic leaves
+    // an upper bound of the mean follows from the lower tail of the statistic
     let tail = if side == Side::Upper { -t } else { t };
     let a = skewness / 3.0;
     let moved = tail - a / (2.0 * n);

@@ -148,7 +148,7 @@ pub fn judge(rule: &AcceptanceRule, measured: &Measured) -> Judgement {
     let reasons = reasons(rule, measured);
     let is = |verdict: SensorVerdict| checks.iter().any(|check| check.verdict == verdict);
     let verdict = match () {
-        // a sensor that exceeds a limit isn't accepted, however few presses say so, unless they say nothing
+        // a sensor that exceeds a limit isn't accepted, with however few presses, unless none count
         () if measured.is_held_out && !rule.holdout => SensorVerdict::NotDecided,
         () if measured.test_repeats_calibration > 0 || measured.doubtful.is_some() => SensorVerdict::NotDecided,
         () if is(SensorVerdict::NotAccepted) => SensorVerdict::NotAccepted,
@@ -186,7 +186,7 @@ fn reasons(rule: &AcceptanceRule, measured: &Measured) -> Vec<String> {
     let fewer = |what: &str, found: usize, least: usize| {
         (found < least).then(|| format!("{found} valid {what} presses; the rule requires {least}"))
     };
-    // a rule that limits neither places nor forces needs no presses for them
+    // a rule without limits of places or forces needs no presses for them
     let is_of_test = rule.limits.iter().any(|limit| limit.figure.is_of_test());
     let (repeated, twice) = (measured.test_repeats_calibration, measured.test_repeats_itself);
     let twice =
@@ -541,7 +541,7 @@ mod tests {
         let unsolved = Measured { test_unsolved: 3, ..measured() };
         let text = "location error, mean: 3 test presses have no answer, so there is no mean".to_owned();
         assert_eq!(verdict(Decision::Simple, limit, &unsolved), (SensorVerdict::NotDecided, text));
-        // without an answer they are beyond any distance
+        // presses without an answer are beyond any distance
         let within = (LimitedFigure::LocationWithin, 0.98, Some(5.0));
         assert_eq!(verdict(Decision::Simple, within, &unsolved).0, SensorVerdict::NotAccepted);
         let twice = Measured { test_repeats_itself: 99, ..measured() };

@@ -46,7 +46,7 @@ impl Evidence<'_> {
         measured.worst = self.worst(rule);
         let judgement = judge(rule, &measured);
         match evaluated {
-            // a rule that limits neither places nor forces needs no test
+            // a rule without limits of places or forces needs no test
             Err(why) if judgement.checks.iter().any(|check| check.kind.is_of_test() && check.value.is_none()) => {
                 Judgement { reasons: [vec![why], judgement.reasons].concat(), ..judgement }
             }

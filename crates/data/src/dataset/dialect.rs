@@ -27,7 +27,7 @@ impl Dialect {
             let mut names = header.split(char::from(*separator));
             names.any(|name| name.trim().trim_matches('"').trim() == column)
         };
-        // without a header: what is between its numbers
+        // without a header: the characters between its numbers
         let is_between = |separator: &u8| {
             let mut cells = header.split(char::from(*separator)).map(str::trim);
             let is_comma = *separator == b',';
@@ -38,7 +38,7 @@ impl Dialect {
         };
         let by_name = || [b',', b';', b'\t'].into_iter().find(has);
         let by_numbers = || [b',', b';', b'\t', b' '].into_iter().find(is_between);
-        // the name is missing, or misspelt: the error names it, if the header is taken apart rightly
+        // the name is missing or misspelt: with the right separator the error names it
         let most = |separator: &u8| header.bytes().filter(|byte| byte == separator).count();
         let by_count = || [b'\t', b';', b','].into_iter().max_by_key(most);
         let detected = || by_name().or_else(by_numbers).or_else(by_count).unwrap_or(b',');

@@ -136,7 +136,7 @@ impl<'a> Trial<'a> {
     pub fn evaluate_fitted(&self, solver: &str) -> Result<(Evaluation, Fitted), EvaluateError> {
         let (mut evaluation, fitted) = self.by(self.force, self.prepared()?, solver)?;
         if self.is_run {
-            // by its name: what was chosen isn't chosen again; of its answers the force alone counts
+            // by its name: the choice isn't repeated, and only the forces of its answers count
             let by_load_cell = self.prepare(&LOAD_CELL, false)?;
             let answers = self.by(&LOAD_CELL, &by_load_cell, fitted.name())?.0;
             evaluation.force_error_load_cell_n = answers.force_error_n;
@@ -313,7 +313,7 @@ pub fn ns_per_solve<'r>(solver: &dyn Solver, readings: impl Iterator<Item = &'r 
     let (begun, mut solves) = (Instant::now(), 0);
     while begun.elapsed() < TIMED {
         for outputs in readings.clone() {
-            // what it answers is looked at elsewhere; here it only must not be left out
+            // other tests check its answers; here it only must not be left out
             let _ = black_box(solver.solve(black_box(outputs), &mut workspace));
             solves += 1;
         }
@@ -384,7 +384,7 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
     fn plain_tables_need_no_force() {
         let calibration = table("x_mm,y_mm,out_1,out_2\n0,0,1,2\n1,0,2,1\n");
         let test = table("x_mm,y_mm,force_n,out_1,out_2\n0,0,2,2,4\n1,0,2,4,2\n");
-        // newtons against shares of a typical press would mean nothing
+        // newtons can't be compared with multiples of a typical press
         for (calibration, test) in [(&calibration, &test), (&test, &calibration), (&calibration, &calibration)] {
             let evaluation = evaluate_tables(calibration, test, "pearson").unwrap();
             assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));

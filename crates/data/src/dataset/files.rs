@@ -183,7 +183,7 @@ pub(super) fn is_number(text: &str) -> bool {
 pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let beside = path.with_file_name(format!(".palpate-{}.new", std::process::id()));
     remove_left(path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")));
-    let mut file = File::create_new(&beside)?; // what lies there is somebody's
+    let mut file = File::create_new(&beside)?; // the file there belongs to somebody
     let mut fill = || {
         let removed = || io::Error::other("another program removed the draft");
         let _lock = lock_draft(&beside)?.ok_or_else(removed)?;
@@ -205,7 +205,7 @@ pub fn place(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
 
 /// Opens a regular file with one name. Then checks again that the opened file is the file at this path.
 fn opened(path: &Path, options: &OpenOptions) -> io::Result<File> {
-    check(path, &path.symlink_metadata()?)?; // a pipe would be waited for
+    check(path, &path.symlink_metadata()?)?; // reading a pipe would block
     let file = options.open(path)?;
     let (named, held) = (path.symlink_metadata()?, file.metadata()?);
     check(path, &named)?;

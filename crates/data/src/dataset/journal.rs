@@ -219,7 +219,7 @@ impl<R: Logged> Journal<R> {
     /// more is added.
     pub fn append(&mut self, record: &R) -> Result<u64, JournalError> {
         let offset = self.add(record, self.durability)?;
-        // one look at the folder, so that nothing is acknowledged that nobody finds
+        // checks the folder once, so that nothing is acknowledged in a lost file
         self.keep_place().inspect_err(|_| self.broken = true)?;
         Ok(offset)
     }
@@ -242,7 +242,7 @@ impl<R: Logged> Journal<R> {
         let _ = writeln!(self.line, "{} {:08x} {text}", self.next, checksum(self.next, &text));
         self.check_line(record).map_err(failed(&self.path))?;
         self.write_line(durability).map_err(|error| {
-            // half a line would be damage as soon as another stood behind it
+            // half a line would be damage if another line followed it
             self.broken = self.file.set_len(self.end).and_then(|()| self.file.sync_data()).is_err();
             failed(&self.path)(error)
         })?;
@@ -478,14 +478,14 @@ mod tests {
             other => panic!("{other}"),
         }
         assert!(open(&path, |_, _| Ok(())).is_err());
-        // nor is one cut off whose line end was changed
+        // a line with a changed end isn't cut off either
         bytes[second + 40] ^= 1;
         *bytes.last_mut().unwrap() = 0x0b;
         std::fs::write(&path, &bytes).unwrap();
         assert!(open(&path, |_, _| Ok(())).unwrap_err().to_string().contains("no line end"));
         *bytes.last_mut().unwrap() = b'\n';
         bytes[second + 40] ^= 1;
-        // the last one was whole, so that it may have been acknowledged: it isn't cut off in silence
+        // the last one was complete, so it may have been acknowledged: it isn't cut off silently
         let last = bytes.len() - 40;
         bytes[second + 40] ^= 1;
         bytes[last] ^= 1;

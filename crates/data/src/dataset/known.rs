@@ -57,7 +57,7 @@ impl JournalSummary {
     /// complete.
     pub(super) fn take_in(&mut self, offset: u64, record: &Record) -> Result<(), String> {
         if !matches!(record, Record::Loss(Loss { lost, .. }) if lost.is_empty()) {
-            self.end = None; // another journal was accepted as it is, with its end
+            self.end = None; // another journal was accepted, with its end
         }
         match record {
             Record::Run(_) if offset > 0 => return Err("a second start of the run".to_owned()),

@@ -35,7 +35,7 @@ pub(super) fn lost(folder: &Path, known: &JournalSummary) -> Result<Vec<String>,
         Err(_) => {}
     }
     for table in [PRESSES, SCENE] {
-        // a press that tripped has a row of its truth alone
+        // a press that tripped has only a row of true values
         let tripped = |press: &u64| table == SCENE && known.trips.iter().any(|(tripped, _)| *tripped == Some(*press));
         let is_missing = |press: &u64| !known.contacts.has(*press) && !tripped(press);
         let missing: BTreeSet<u64> = presses_in(&folder.join(table))?.into_iter().filter(is_missing).collect();

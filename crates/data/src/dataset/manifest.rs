@@ -71,14 +71,14 @@ impl Manifest {
         match record {
             Record::Run(facts) => self.facts = facts.clone(),
             Record::Session(session) => {
-                // what became of the session before is past
+                // the result of the session before doesn't count any more
                 (self.status, self.ended, self.trip, self.failure) = (Status::Stopped, None, None, None);
                 self.files.clear();
                 self.sessions.push(session.clone());
             }
             Record::Devices(devices) => self.devices = devices.iter().cloned().map(Identity::shown).collect(),
             Record::Trip { trip, .. } => {
-                // a program that is killed while it parks has tripped all the same
+                // a program that is killed during parking has tripped too
                 self.status = Status::Tripped;
                 self.trip = Some(trip.clone());
             }

@@ -45,7 +45,7 @@ fn new_draft(parent: &Path, name: &str) -> Result<(PathBuf, Option<File>), Datas
         let draft = parent.join(format!(".{name}.{process}-{number}.new"));
         match fs::create_dir(&draft) {
             Ok(()) => match files::lock_draft(&draft) {
-                Ok(None) => {} // another program took it for one that was left
+                Ok(None) => {} // another program took it for an abandoned one
                 Ok(Some(lock)) => return Ok((draft, lock)),
                 Err(error) => {
                     let _ = fs::remove_dir(&draft); // the first error is the one to report

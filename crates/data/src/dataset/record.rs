@@ -84,7 +84,7 @@ impl Logged for Record {
     const FORMAT: u32 = FORMAT;
 
     fn check(&self) -> Result<(), String> {
-        // JSON has no NaN: it would come back as a number that isn't known
+        // JSON has no NaN: it would be read as a missing number
         let contact = match self {
             Record::Check(check) => Some(&check.contact),
             record => record.contact(),

@@ -265,7 +265,7 @@ fn read(path: &Path) -> io::Result<Vec<u8>> {
     let file = fs::File::open(path)?;
     let most = (MARK.len() + CARD_MOST_BYTES + MOST_BYTES) as u64 + 1;
     let length = file.metadata().map_or(0, |about| about.len()).min(most);
-    let mut bytes = Vec::with_capacity(length as usize); // asked first: a buffer that grows is copied each time
+    let mut bytes = Vec::with_capacity(length as usize); // the size first: a growing buffer is copied each time
     file.take(most).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

@@ -62,7 +62,7 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
     let is_under_way = known.end.is_none() && is_held(path);
     let foreign = if is_under_way { Vec::new() } else { foreign(path, &known)? };
     if !foreign.is_empty() {
-        // nothing else in the folder is expected to agree with it
+        // no other file in the folder is compared with it
         verified.problems.push(DatasetError::Foreign { path: path.to_owned(), found: foreign }.to_string());
         return Ok(verified);
     }
@@ -72,7 +72,7 @@ pub fn verify(path: &Path, layout: Option<&ArrayLayout>) -> Result<Verified, Dat
         return Ok(verified);
     };
     if is_under_way {
-        verified.is_under_way = true; // its tables grow while they would be read
+        verified.is_under_way = true; // its tables grow while they are read
         return Ok(verified);
     }
     verified.problems.extend(lost(path, &known)?);
@@ -135,7 +135,7 @@ pub(super) fn fingerprints(folder: &Path, texts: &[Fingerprint]) -> Result<Vec<F
 /// Returns the tables that follow from a journal. They are written to a temporary folder, which is then removed.
 fn tables_again(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Result<Vec<Fingerprint>, DatasetError> {
     let folder = std::env::temp_dir().join(format!(".palpate-verify-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder); // of a program of this number that was killed
+    let _ = std::fs::remove_dir_all(&folder); // of a killed program with this number
     std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
     let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
     let made = write(&folder, layout, &contacts, &known.trips).and_then(|()| fingerprints(&folder, &[]));
@@ -150,7 +150,7 @@ fn stray_lines(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Res
     let failed = |error| DatasetError::io("reading", &table)(error);
     let file = match files::open(&table) {
         Ok(file) => file,
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None), // a kill may have come before it
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None), // it may have been killed before
         Err(error) => return Err(failed(error)),
     };
     let hasher = RandomState::new();

@@ -35,7 +35,7 @@ pub(super) fn write<'a>(
 ) -> Result<(), DatasetError> {
     let mut presses = TableFile::new(folder, PRESSES)?;
     let mut scene: Option<TableFile> = None;
-    // a reading a level of the characterisation alone, of one unit: what its statistics need
+    // a reading for each level of the characterisation only, of one unit: its statistics need it
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
     presses.write(&csv_header(layout.len()))?;

@@ -59,7 +59,7 @@ impl Recipe {
     /// Creates a recipe that isn't in a file. It has no checks.
     pub fn new(name: &str, steps: Vec<Step>) -> Recipe {
         let name = name.to_owned();
-        let (file, text) = (name.clone(), name.clone()); // what a problem is shown with
+        let (file, text) = (name.clone(), name.clone()); // the text that a problem shows
         let (solvers, checks) = (Vec::new(), Checks::None);
         Recipe { name, steps, solvers, rig: None, checks, accept: None, presses_max: PRESSES_MAX, file, text }
     }

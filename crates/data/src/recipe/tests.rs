@@ -65,7 +65,7 @@ fn interleaved_grid_is_visited_in_four_passes_with_the_same_numbers() {
     assert_eq!(visits(&grid("[0, 2]")), [0, 2, 6, 8, 1, 7, 3, 5, 4]);
     assert_eq!(visits(&grid("[0, 3]")), [0, 2, 8, 10, 1, 3, 9, 11, 4, 6, 5, 7]);
     assert_eq!(visits(&grid("[1, 1]")), [0, 2, 1]);
-    // a number means the same place in any order, and continues counting where the step before ended
+    // a number means the same place in any order, and counting continues after the step before
     let twice = format!("{raster}{}", grid("[0, 2]"));
     let mut twice = plan(&twice, 1).unwrap().entries;
     twice.sort_by_key(|entry| entry.press);
@@ -130,7 +130,7 @@ fn few_presses_and_staircases_have_no_training() {
                   staircase = { to_n = 2.0, step_n = 1.0, repeats = 3 }\n";
     let nine = MAPPED.replace("[-2, 2]", "[0, 2]").replace("[-1, 2]", "[0, 2]");
     assert!(plan(&format!("{stairs}{nine}"), 1).unwrap().entries.iter().map(|entry| entry.press).eq(0..36));
-    // guarded steps are not what is learned for, but a number is still one press's own
+    // guarded steps don't need learning, but each press still has its number
     let guarded = nine.replace("map", "guarded");
     let learned_curve = plan(&format!("{guarded}{stairs}{MAPPED}{guarded}"), 1).unwrap();
     assert_eq!(learned_contacts(&learned_curve)[0], (65, -2.0, -1.0, 1.0));
@@ -204,7 +204,7 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
         plan(&random(PRESSES_MAX), 1).unwrap_err(),
         ["r.toml:9:10: the plan has 100001 presses, but at most 100000 are allowed"]
     );
-    // the hint names what makes it pass
+    // the hint names a value that passes
     let help = "split the recipe, or add --presses-max 100001";
     assert_eq!(
         text(PRESSES_MAX, PRESSES_MAX),
@@ -212,7 +212,7 @@ fn the_limit_of_presses_can_be_raised_by_name_up_to_a_ceiling() {
     );
     assert_eq!(allowed(PRESSES_MAX, 100_001).unwrap().entries.len(), 100_001);
     assert_eq!(text(9, 9).1, "split the recipe, or add --presses-max 10");
-    // and nothing what is over the ceiling
+    // and nothing above the ceiling
     let help = "use a coarser `spacing_mm`, or split the recipe";
     for presses_max in [PRESSES_MAX, PRESSES_CEILING, usize::MAX] {
         let over = "the plan has 10000001 presses, but at most 10000000 are allowed".to_owned();

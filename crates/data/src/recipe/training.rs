@@ -25,7 +25,7 @@ pub(super) const TRAINING_PRESSES: usize = 5;
 /// Least number of presses for which presses that teach are added.
 const WORTH: usize = 10;
 
-/// Largest fraction of the specimen's force limit for a press that teaches. Pressing at the limit would teach nothing.
+/// Largest fraction of the specimen's force limit for a training press. At the limit nothing would be learned.
 const FORCE_SHARE: f64 = 0.9;
 
 /// Adds presses that teach before a plan's steps, numbered from `next`. It adds them if enough entries find their force from

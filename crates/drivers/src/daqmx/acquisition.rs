@@ -146,7 +146,7 @@ impl Acquisition {
         });
         let (buffer, read) = match fetched.await {
             Ok(Err(text)) => {
-                // overrun, unplugged, reset: the task is of no use any more
+                // overrun, unplugged, reset: the task can't be used any more
                 self.drop_task();
                 return Err(self.error(doing, DeviceProblem::Refused(text)));
             }

@@ -139,7 +139,7 @@ impl GrblPort {
     ) -> Result<GrblStatus, DeviceError> {
         self.wake(doing).await?;
         for _ in 0..QUESTION_TRIES {
-            // what came unasked may be an old status
+            // an unrequested status may be old
             if self.lines.something_came().await {
                 self.drain(doing, Some(orders)).await?;
             }
@@ -166,7 +166,7 @@ impl GrblPort {
         DeviceError { device: format!("stage (GRBL at {})", self.link), doing: doing.to_owned(), problem }
     }
 
-    /// Returns the next complete report before the deadline. Damaged lines are ignored. Requests of the reins are sent at once.
+    /// Returns the next complete report before the deadline. Damaged lines are ignored. Orders are sent at once.
     async fn next(
         &mut self,
         doing: &str,
@@ -180,7 +180,7 @@ impl GrblPort {
                     tokio::select! {
                         biased;
                         () = orders.pulled().notified() => {
-                            // another speed is for whoever follows the motion
+                            // the follower of the motion sends another speed
                             if orders.stopped() && orders.take().is_some() {
                                 self.send(doing, stop).await?;
                             }

@@ -87,7 +87,7 @@ fn parse_status(line: &str) -> Option<GrblStatus> {
     let (mut position, mut is_machine) = (None, false);
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         if name == "MPos" || name == "WPos" {
-            // a place has its three decimals: one that lost some is damaged
+            // a position has three decimals; with fewer it is damaged
             let whole = |text: &str| text.split_once('.').is_some_and(|(_, decimals)| decimals.len() >= 3);
             let places: Option<Vec<f64>> = value
                 .split(',')

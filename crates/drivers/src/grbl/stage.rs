@@ -69,7 +69,7 @@ impl Grbl {
         let doing = "identifying it";
         let asked = self.port.line(doing, "$I", ANSWER_DEADLINE, None).await;
         let said = std::mem::take(&mut self.port.texts);
-        // opening the port resets many boards: a welcome before this counts for nothing
+        // opening the port resets many boards: a welcome before this doesn't count
         self.port.restarted = false;
         if said.iter().any(|text| text.contains("Marlin") || text.starts_with("echo:")) {
             let words = "this is Marlin, which can't control a force: it reports where a motion will end, not where the axes \
@@ -91,7 +91,7 @@ impl Grbl {
         if build.firmware == GrblFirmware::FluidNc {
             for name in [FLUIDNC_IDLE, FLUIDNC_INCHES] {
                 match self.port.line(doing, name, ANSWER_DEADLINE, None).await {
-                    // a version without this name: the check says which setting isn't known
+                    // a version without this name: the check states which setting isn't known
                     Ok(()) | Err(DeviceError { problem: DeviceProblem::Refused(_), .. }) => {}
                     Err(error) => return Err(error),
                 }
@@ -116,7 +116,7 @@ impl Grbl {
                 return Err(self.port.error(doing, DeviceProblem::Mismatch(format!("it is in the state {state:?}"))));
             }
         }
-        // a reset ends a search for home; it says so with a welcome
+        // a reset ends a search for home, shown by a welcome
         self.port.line(doing, "$H", HOME_DEADLINE, Some((orders, SOFT_RESET))).await?;
         if orders.stopped() {
             return Err(self.port.error(doing, DeviceProblem::Motion("it was stopped".to_owned())));
@@ -212,9 +212,9 @@ impl Grbl {
 
 impl Stage for Grbl {
     async fn identify(&mut self, usage: &StageUse) -> Result<Identity, DeviceError> {
-        self.usage = None; // until it is homed it counts as it likes
+        self.usage = None; // before homing its count has no meaning
         self.port.wake("waiting for its welcome").await?;
-        // a program that died may have left a jog behind
+        // an earlier program may have left a jog
         self.stop().await?;
         let build = self.build().await?;
         let warnings = self.check_settings(&build, usage).await?;

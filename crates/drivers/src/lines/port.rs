@@ -117,7 +117,7 @@ impl LinePort {
                 return Ok(found);
             }
             if timeout_at(until, came).await.is_err() {
-                // what came in this very moment counts
+                // bytes that arrive at this time count
                 return self.found(nth)?.ok_or_else(|| self.silence(began.elapsed()));
             }
         }
@@ -209,7 +209,7 @@ impl<'a> Receiver<'a> {
                         mailbox.came.notify_waiters();
                     }
                 },
-                // no bootloader listens any more
+                // no bootloader reads any more
                 () = sleep_until(boots_until), if !is_ready => {
                     is_ready = true;
                     send(&mut stream, self.profile.on_start.as_deref()).await?;

@@ -18,7 +18,7 @@ fn text(columns: usize, separator: &str, before: &str, after: &str) -> LineFrami
 fn readings(framing: &LineFraming, in_step: bool, bytes: &[u8]) -> Vec<Vec<f64>> {
     let mut finder = Finder::new(framing.clone(), in_step);
     let mut found = Vec::new();
-    // byte by byte: nothing depends on the pieces in which they come
+    // byte by byte: the pieces don't matter
     for byte in bytes {
         finder.take(&[*byte]);
         while let Some(next) = finder.find() {
@@ -63,7 +63,7 @@ fn frames_are_found_by_their_marks() {
     let found = [258.0, -1.0, 127.0];
     let headed = frame(&[0xAA], &[], None);
     assert_eq!(readings(&headed, false, &[&[9, 9], &whole[..], &whole, &whole].concat()), [found; 3]);
-    // a head within a number is none
+    // a head within a number doesn't count
     let tricky = [0xAA, 0xAA, 0x02, 0, 0xAA, 0x7F];
     assert_eq!(readings(&headed, false, &[&[9], &tricky[..], &tricky, &tricky].concat()).len(), 3);
     // the check values that catalogues of check sums list for "123456789"

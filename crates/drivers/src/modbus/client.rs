@@ -96,8 +96,8 @@ impl ModbusClient {
             let mut context = opened
                 .map_err(|error| self.error(doing, DeviceProblem::Link(format!("can't open the link: {error}"))))?;
             if self.doubtful {
-                // RTU numbers nothing: a late answer looks like the next. One to another function can't be taken for it,
-                // be it that the device doesn't know the function and says so
+                // RTU has no numbers: a late answer looks like the next one. An answer to the other function can't be mistaken for it, even
+                // an exception
                 match self.exchange(&mut context, function.other(), address, count).await {
                     Ok(Ok(_)) => self.doubtful = false,
                     Ok(Err(Error::Transport(error))) if error.kind() == ErrorKind::UnexpectedEof => {

@@ -43,7 +43,7 @@ impl AsyncWrite for ModbusLine {
         if self.transport == Transport::Rtu {
             let mut stray = [0; 64];
             let mut stray = ReadBuf::new(&mut stray);
-            // what is wrong with the line itself shows when the answer is read
+            // errors of the line show when the answer is read
             let _ = Pin::new(&mut self.stream).poll_read(cx, &mut stray);
             if !stray.filled().is_empty() {
                 return Poll::Ready(Err(io::Error::new(io::ErrorKind::InvalidData, "it sent data without a request")));

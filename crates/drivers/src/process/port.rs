@@ -74,7 +74,7 @@ impl ProgramPort {
         Ok((identity, said))
     }
 
-    /// Returns the answer to a request. Requests from the reins during this time are sent at once.
+    /// Returns the answer to a request. Orders during this time are sent at once.
     pub(super) async fn ask(
         &mut self,
         doing: &str,
@@ -136,7 +136,7 @@ impl ProgramPort {
         Err(self.error(doing, problem))
     }
 
-    /// Sends the requests of the reins at once. They have no answer.
+    /// Sends the orders at once. They have no answer.
     pub(super) async fn obey(&mut self, doing: &str, orders: &MotionOrders) -> Result<(), DeviceError> {
         use palpate_link::device::MotionOrder;
         match orders.take() {

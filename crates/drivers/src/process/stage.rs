@@ -122,7 +122,7 @@ impl Stage for ProcessStage {
         let began = Instant::now();
         let mut look = began + expected;
         loop {
-            // what was asked for before this waited too
+            // earlier requests waited too
             self.port.obey(doing, orders).await?;
             if orders.stopped() {
                 look = look.min(Instant::now());

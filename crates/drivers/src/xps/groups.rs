@@ -104,7 +104,7 @@ impl Brakes {
         let sending = Cell::new(false);
         let every: Vec<usize> = (0..self.groups.len()).collect();
         let abort = async {
-            // another speed is for whoever follows the motion
+            // the follower of the motion sends another speed
             while !orders.stopped() {
                 orders.pulled().notified().await;
             }
@@ -122,7 +122,7 @@ impl Brakes {
                 asked.await
             }
             answer = &mut asked => {
-                // one on its way is seen through: dropped before its socket is open it would never be sent
+                // an abort in progress is completed: dropped before its socket is open it would never be sent
                 if sending.get() {
                     abort.await?;
                 }

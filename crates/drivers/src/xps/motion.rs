@@ -106,7 +106,7 @@ impl Xps {
             let state = brakes.ready_during(orders, state(asks, &groups[nth].name, doing)).await?;
             self.note_abort(orders);
             if state == GroupState::Moving {
-                // an abort that overtook the motion found nothing to stop
+                // an abort that came before the motion stopped nothing
                 if orders.stopped() {
                     orders.take();
                     self.stop().await?;
@@ -147,12 +147,12 @@ impl Xps {
     /// Stops the other groups if one group failed. A single group has no others.
     async fn all_or_none<T>(&mut self, done: Result<T, DeviceError>) -> Result<T, DeviceError> {
         if done.is_err() && self.groups.len() > 1 && self.groups.iter().any(|group| group.under_way.is_some()) {
-            let _ = self.stop().await; // the failure is what is reported
+            let _ = self.stop().await; // the failure is reported
         }
         done
     }
 
-    /// Waits for the end of the motions of some groups. Returns `None` if the reins request something first. If one motion fails,
+    /// Waits for the end of the motions of some groups. Returns `None` if an order comes first. If one motion fails,
     /// all are stopped.
     pub(super) async fn until_ended(
         &mut self,
@@ -176,7 +176,7 @@ impl Xps {
             for &nth in which {
                 let group = &mut self.groups[nth];
                 if group.under_way.is_some() && !group.moves.is_owed() {
-                    // its socket was lost: what became of the motion is asked of the group
+                    // its socket was lost: the group's status shows the result of the motion
                     group.under_way = None;
                     self.until_still(nth, doing, MOTION_MARGIN).await?;
                 }

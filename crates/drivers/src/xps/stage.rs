@@ -100,7 +100,7 @@ impl Xps {
         Ok(place_mm)
     }
 
-    /// Records the abort that the reins requested. The answers to the motions then report the abort and who requested it.
+    /// Records the ordered abort. The answers to the motions then report the abort and who requested it.
     pub(super) fn note_abort(&mut self, orders: &MotionOrders) {
         for motion in self.groups.iter_mut().filter(|_| orders.stopped()).filter_map(|group| group.under_way.as_mut()) {
             motion.aborted = true;
@@ -175,7 +175,7 @@ impl Stage for Xps {
     async fn identify(&mut self, _: &StageUse) -> Result<Identity, DeviceError> {
         let doing = "identifying it";
         let version = self.ask(doing, "FirmwareVersionGet(char *)").await?.join(",");
-        // a program that died may have left a motion behind
+        // an earlier program may have left a motion
         self.stop().await?;
         let (mut names, mut is_ready) = (Vec::new(), true);
         for nth in 0..self.groups.len() {
@@ -235,7 +235,7 @@ impl Stage for Xps {
         speed_mm_s: f64,
         orders: &MotionOrders,
     ) -> Result<(), DeviceError> {
-        // a group takes one motion at a time; what is under way ends by itself, where it is safe
+        // a group takes one motion at a time; the current one ends at a safe point
         let until = Instant::now() + MOTION_MARGIN;
         let which = self.groups_of(&targets.iter().map(|(axis, _)| *axis).collect::<Vec<_>>());
         while self.until_ended(&which, "waiting for the previous motion", until, orders).await?.is_none() {

@@ -138,7 +138,7 @@ mod tests {
             "-22,GroupPositionCurrentGet(XYZ.X,double *),",
         ] {
             let answer = parse_answer(text, position);
-            // an empty value is a value as far as the framing goes; the number in it is refused by who wants one
+            // an empty value is accepted here; a reader of its number refuses it
             let number = answer.as_ref().and_then(|answer| answer.values.first()).and_then(|value| number_in(value));
             assert_eq!(number, None, "{text}: {answer:?}");
             assert!(answer.is_none_or(|answer| answer.code == 0), "{text}");

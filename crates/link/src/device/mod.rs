@@ -104,7 +104,7 @@ pub trait Stage {
     fn forget_timing(&mut self) {}
 
     /// Starts axes toward targets, each at most at `speed_mm_s`. When this function returns, the controller has accepted the
-    /// command and finishes it independently: the motion began just now. A stop that the reins request during the call is sent at
+    /// command and finishes it independently: the motion began just now. A stop that is ordered during the call is sent at
     /// once. If the stop was requested before the call, the axes don't move.
     fn begin(
         &mut self,
@@ -114,7 +114,7 @@ pub trait Stage {
     ) -> impl Future<Output = Result<(), DeviceError>>;
 
     /// Waits until the controller reports the axes at rest, and returns their positions, in their order, mm. `expected` is the
-    /// expected duration of the motion. Requests of the reins are carried out at once, even while an answer is awaited.
+    /// expected duration of the motion. Orders are carried out at once, even while an answer is awaited.
     fn follow(
         &mut self,
         axes: &[Axis],
@@ -122,7 +122,7 @@ pub trait Stage {
         orders: &MotionOrders,
     ) -> impl Future<Output = Result<Vec<f64>, DeviceError>>;
 
-    /// Returns the position of an axis. Requests of the reins during the call are carried out at once.
+    /// Returns the position of an axis. Orders during the call are carried out at once.
     fn position_mm(&mut self, axis: Axis, orders: &MotionOrders) -> impl Future<Output = Result<f64, DeviceError>>;
 
     /// Stops all axes at once, without waiting.

@@ -41,7 +41,7 @@ async fn tasks(seed: u64) -> Vec<(u128, String)> {
         let (log, bell, waits) = (log.clone(), bell.clone(), [(); 40].map(|()| random.random_range(0..6000_u64)));
         spawned.push(spawn(async move {
             for (turn, wait) in waits.into_iter().enumerate() {
-                // a third of the waits share their moments
+                // a third of the waits have equal times
                 let time = Duration::from_micros(if wait % 3 == 0 { wait / 1000 * 1000 } else { wait });
                 match wait % 4 {
                     0 => sleep(time).await,

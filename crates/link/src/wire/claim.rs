@@ -121,7 +121,7 @@ fn identity(link: &Link) -> Option<String> {
 fn serial_identity(port: &str) -> String {
     let path = real_path(port).unwrap_or_else(|| port.to_owned());
     match path.strip_prefix("/dev/tty.") {
-        Some(name) if cfg!(target_os = "macos") => format!("/dev/cu.{name}"), // both are one line
+        Some(name) if cfg!(target_os = "macos") => format!("/dev/cu.{name}"), // both have the same link
         _ if cfg!(windows) => path.to_uppercase(),
         _ => path,
     }
@@ -162,7 +162,7 @@ fn lock(path: &Path) -> io::Result<LockAttempt> {
         let Some(mut file) = open(path)? else { continue };
         match file.try_lock() {
             Ok(()) if is_at(&file, path)? => {
-                // only for others to read; a file of another user's that can't be written is locked all the same
+                // only for other readers; a read-only file of another user is locked too
                 let _ = sign(&mut file);
                 return Ok(LockAttempt::Taken(file));
             }
@@ -183,7 +183,7 @@ fn open(path: &Path) -> io::Result<Option<File>> {
         Err(error) => Err(error),
         Ok(found) if !found.is_file() => Err(io::Error::other("it isn't a regular file")),
         Ok(_) => match OpenOptions::new().read(true).write(true).open(path) {
-            // made by another user, who has just begun to make it everyone's, or can't: enough for a lock
+            // made by another user who hasn't given access yet, or can't: enough for a lock
             Err(error) if error.kind() == io::ErrorKind::PermissionDenied => File::open(path),
             opened => opened,
         },
@@ -269,7 +269,7 @@ mod tests {
         for _ in 0..2 {
             let owner = taken(folder.path(), &link).unwrap();
             let text = taken(folder.path(), &link).unwrap_err().to_string();
-            // windows lets nobody read a locked file
+            // on Windows nobody can read a locked file
             let process = if cfg!(windows) { String::new() } else { of_process(Some(std::process::id())) };
             let expected =
                 format!("serial:///dev/nothing0 is in use by another palpate{process}: end it, or wait for it");
@@ -336,7 +336,7 @@ mod tests {
         let path = fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
         assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o666);
 
-        // a handle that only reads holds it as well as one that writes
+        // a read-only handle holds the lock as well
         let held = File::open(&path).unwrap();
         held.try_lock().unwrap();
         taken(folder.path(), &tcp("stage", 1)).unwrap_err();

@@ -89,7 +89,7 @@ impl LineExchange {
         lines: usize,
         urgent: Option<&Urgent<'_>>,
     ) -> Result<Vec<String>, WireError> {
-        // what came without being asked for would be taken for the answer
+        // unrequested bytes would be taken for the answer
         if self.lines.something_came().await {
             self.out_of_step = true;
         }

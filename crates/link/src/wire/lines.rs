@@ -78,7 +78,7 @@ impl LineLink {
                 Err(error.into())
             }
             Err(_) => {
-                self.close(); // part of it may have gone: nothing is to be glued to it
+                self.close(); // a part may have been sent: the next line must not follow it
                 Err(silent(&String::from_utf8_lossy(bytes), deadline))
             }
         }

@@ -62,7 +62,7 @@ pub(super) fn start(command: &[String]) -> io::Result<ByteStream> {
     #[cfg(unix)]
     {
         use std::os::unix::process::CommandExt;
-        command.process_group(0); // a Ctrl-C is for us: the stage is still needed to park
+        command.process_group(0); // Ctrl-C is handled here: the stage is still needed to park
     }
     let mut child = command.spawn().map_err(|error| not_started(program, &error))?;
     match (child.stdin.take(), child.stdout.take()) {
@@ -87,16 +87,16 @@ fn not_started(program: &str, error: &io::Error) -> io::Error {
 pub(super) fn wait_for_ends() {
     let ending = std::mem::take(&mut *lock(&ENDING));
     for thread in ending {
-        let _ = thread.join(); // whichever way it went, nothing more can be done
+        let _ = thread.join(); // nothing more can be done in either case
     }
 }
 
 impl Drop for ProgramPipes {
     fn drop(&mut self) {
         let Some(mut running) = self.running.take() else { return };
-        // a thread of its own, since whoever drops a link has a stage to park; the input ends when this returns
+        // a thread of its own, because the caller still has a stage to park; the input ends when this returns
         let thread = thread::Builder::new().name("ending".to_owned()).spawn(move || running.see_to_its_end());
-        // without a thread the end of its input is all that it gets
+        // without a thread it only gets the end of its input
         lock(&ENDING).extend(thread);
     }
 }
@@ -155,7 +155,7 @@ impl Running {
 
     /// Whether the program has ended, and on Unix also all processes that it started in its group.
     fn has_ended(&mut self) -> bool {
-        // what can't be asked for has ended
+        // a process without a status has ended
         let has_ended = !matches!(self.child.try_wait(), Ok(None));
         #[cfg(unix)]
         let has_ended = has_ended && !group::is_there(&self.child);
@@ -184,7 +184,7 @@ mod group {
 
     fn send(leader: &Child, signal: Signal) {
         if let Some(group) = of(leader) {
-            let _ = kill_process_group(group, signal); // it has ended just now, or isn't this user's to end
+            let _ = kill_process_group(group, signal); // it has ended, or belongs to another user
         }
     }
 

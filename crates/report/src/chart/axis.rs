@@ -114,7 +114,7 @@ impl ChartAxis {
         let within = |value: &f64| (min - 1e-9 * min.abs()..=max + 1e-9 * max.abs()).contains(value);
         let mut step = round_step((max - min) / 6.0).max(least);
         loop {
-            let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 but for rounding
+            let first = (min / step - 1e-9).ceil() as i64; // -0.6 is three times 0.2 except for rounding
             let values = (first..).map(|i| i as f64 * step).take_while(within).take(MOST_TICKS);
             let ticks: Vec<(f64, String)> = values.map(|value| (value, number(value, step))).collect();
             let widest_px = ticks.iter().map(|(_, text)| taken_px(text)).fold(0.0, f64::max);

@@ -176,7 +176,7 @@ impl Figure {
         let mut y = above_px + LEGEND_LINE * legend.len() as f64;
         let rows = self.panels.chunks(columns);
         let last = rows.len().saturating_sub(1);
-        // a title may reach into the gap beside its panel
+        // a title may extend into the gap next to its panel
         let title_px = width + if is_shared { 0.6 * gap } else { 0.0 };
         let above_panel_px = self.above_panel_px(title_px);
         let first_y = y + above_panel_px;

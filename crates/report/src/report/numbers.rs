@@ -76,7 +76,7 @@ impl Numbers {
 
 fn text(value: &NumberCell) -> String {
     match value {
-        // what arithmetic left behind the twelfth digit isn't known
+        // digits after the twelfth are rounding errors
         NumberCell::Number(number) if number.is_finite() => {
             format!("{number:.11e}").parse::<f64>().unwrap_or(*number).to_string()
         }

@@ -21,7 +21,7 @@ pub(super) fn section(subject: &Subject, judged: &SensorResults) -> Markup {
                     strong { (run.name()) " is " (run.manifest.status.name()) ": " (run.manifest.presses_done) " of "
                         (run.manifest.facts.presses_planned) " presses" }
                     @match (&run.manifest.trip, &run.manifest.failure) {
-                        // of a trip the failure says the same
+                        // the failure already reports a trip
                         (Some(trip), _) => p { (trip) }
                         (None, Some(failure)) => p { (failure) }
                         (None, None) => {}

@@ -44,7 +44,7 @@ impl BatchState {
         let again = format!("type `.repeat {typed}` to allow it again");
         match item.sensor_state {
             SensorState::Waiting => {}
-            // the reference sensor is measured again and again; only after a trip a person finds its cause first
+            // the reference sensor is measured repeatedly; only after a trip a person finds its cause first
             sensor_state if is_reference && sensor_state != SensorState::Tripped => {}
             sensor_state if sensor_state.is_judged() => {
                 return Err(format!("{typed} was calibrated already ({}): {again}", sensor_state.name()));

@@ -38,7 +38,7 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
         let [share, time_s] = table.numbers([relaxation::share, relaxation::time_s])?;
         Some(RelaxationBranch { share, time_s })
     }));
-    // a term that is named and wrong has been reported
+    // a wrong term has been reported
     let mounting = table.table(&scene::mounting).and_then(|table| {
         let [x_mm, y_mm, z_mm, rotation_deg] =
             table.numbers([mounting::x_mm, mounting::y_mm, mounting::z_mm, mounting::rotation_deg])?;

@@ -56,7 +56,7 @@ impl RigSpec {
             return Err(not_simulated(SceneDevice::Stage, text));
         }
         let spec = self.scene.clone();
-        // the drivers go by the rig's word, the scene by how the specimen really lies
+        // the drivers use the rig's values, the scene the true place of the specimen
         let frame =
             spec.mounting.map_or(self.frame, |real| self.frame.moved(real.origin, real.rotation_deg, real.z_mm));
         let away = frame.to_stage(Place::default(), -POWER_ON_MM).z_mm;

@@ -31,7 +31,7 @@ pub(super) fn read_skin(table: &Table, units: Option<usize>) -> Option<SkinSpec>
     });
     Some(SkinSpec {
         elastomer,
-        // a term that is named and wrong has been reported
+        // a wrong term has been reported
         indenter_radius_mm: radius_mm.flatten().unwrap_or(0.0),
         taxels: taxels.flatten().unwrap_or_default(),
         noise: noise.flatten(),

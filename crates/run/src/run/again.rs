@@ -89,7 +89,7 @@ impl Runner<'_> {
         let now = self.rig_control.cell.end_no_load().await?;
         let zero = *self.rig_control.cell.watch.zero();
         let first_mm = self.map.expect(place).first_mm;
-        // no nearer, even if a journal says so, than x and y may move
+        // no nearer than x and y may move, even if a journal states it
         let back_mm = before.z_mm.min(self.permit.clear_mm(first_mm));
         if self.rig_control.z_mm < back_mm {
             let sensor_state = MotionContext {

@@ -51,7 +51,7 @@ pub enum AlignError {
     /// The presses can't be made on this rig.
     #[error("the presses required to locate the array don't fit the rig")]
     Plan(#[source] Problems),
-    /// The walk ended early.
+    /// The run ended early.
     #[error("the presses ended early")]
     Halted(Box<Ending>),
     /// A press gave no usable data.

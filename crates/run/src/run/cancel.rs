@@ -91,7 +91,7 @@ impl Cancel {
     }
 
     async fn wait_for(&self, is_meant: impl Fn(OperatorCommand) -> bool) {
-        // the sender lives as long as this does, so that waiting can't fail
+        // the sender lives as long as this, so waiting can't fail
         let _ = self.sender.subscribe().wait_for(|word| is_meant(*word)).await;
     }
 

@@ -131,7 +131,7 @@ pub(super) async fn weigh<C: LoadCell>(
         (weighing.ask)(Ask::TakeOff(time));
         truth.take_weight();
         let after = scale.wait(watched_cell, before.value, Waits::Off { read_n: on.value - before.value }).await?;
-        // the zero as it was when the weight was read, evenly with the time
+        // the zero at the time of the weight's reading, interpolated in time
         let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);
         let air_n = before.value + share * (after.value - before.value);
         weighed.gains.push((on.value - air_n) / (sign * weight.weight_n));

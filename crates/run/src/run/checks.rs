@@ -208,14 +208,14 @@ impl Runner<'_> {
     }
 
     async fn check(&mut self, entry: &Entry, next: Option<Place>) -> Result<(), Halt> {
-        // the press before ended in the clear above its own place or the next one; here the surface may be higher
+        // the press before ended in the clear above its place or the next one; here the surface may be higher
         self.rig_control.retract(self.park_mm()).await?;
         self.standby = None;
         let mut contact = self.press(entry, next).await?;
         let number = self.checks.made;
         contact.press = number;
         contact.levels.iter_mut().for_each(|level| level.press = number);
-        contact.learned_contact = None; // a check teaches nothing
+        contact.learned_contact = None; // a check isn't learned
         self.standby = contact.left.map(|Left { z_mm }| Standby { z_mm, no_load: Some(contact.no_load_after.clone()) });
         let Some(check) = self.compared(contact, next.is_none()) else { return Ok(()) };
         let record = Record::Check(check);
@@ -248,7 +248,7 @@ impl Runner<'_> {
             outputs: outputs.map(change),
             pattern: pattern.map(change),
             depth: sunk.map(|sunk| change((sunk.depth, sunk.limit))),
-            // a gain of the load cell that has changed shows in both by as much
+            // a change of the load cell's gain shows equally in both
             cell: sizes.reduce(f64::min).unwrap_or_default(),
             doubtful_from: None,
         };

@@ -24,7 +24,7 @@ use std::time::Duration;
 /// again. Then noise and mains interference are up to date too.
 const NEW_ZERO_SHARE: f64 = 0.05;
 
-/// Task of a walk: a plan on a rig, recorded in a ledger.
+/// Task of a run: a plan on a rig, recorded in a ledger.
 pub struct RunJob<'a> {
     /// The plan.
     pub plan: &'a Plan,
@@ -38,10 +38,10 @@ pub struct RunJob<'a> {
     pub shown: &'a dyn Fn(f64),
 }
 
-/// End of a walk.
+/// End of a run.
 #[derive(Debug)]
 pub struct Ending {
-    /// Reason why the walk ended early; `None` if the plan is complete.
+    /// Reason why the run ended early; `None` if the plan is complete.
     pub halt: Option<Halt>,
     /// Reason why the stage couldn't be parked, if there is one.
     pub unparked: Option<Halt>,
@@ -261,7 +261,7 @@ impl Runner<'_> {
         past.felt.into_iter().for_each(|felt| self.response.learn(self.with_noise(felt)));
         let mut owed_s = 0.0;
         if let Some((last, how)) = past.last {
-            // how much of it had passed isn't known
+            // the elapsed part isn't known
             owed_s = self.plan.entries.iter().find(|entry| entry.press == last).map_or(0.0, |entry| entry.rest_after_s);
             if let Some(how) = how {
                 self.go_back(first, how).await?;

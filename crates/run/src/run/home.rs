@@ -114,7 +114,7 @@ pub async fn retract(spec: &RigSpec, seed: u64, cancel: &Cancel) -> Result<Retra
     }
     rig_control.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
     if load_cell.is_ok() {
-        // a cell that doesn't answer any more holds up nothing
+        // a cell that doesn't answer doesn't delay the rest
         let _ = rig_control.set_home_speed(spec).await;
         let _ = rig_control.watch_from_rest(spec).await;
     }
@@ -313,7 +313,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         which_way.announce(identity, NUDGE_MM, self.usage.home_search).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
         if !self.nudge_away(ReadingMode::Watched).await? {
-            // what can't move a little before it is homed is watched while it homes
+            // an axis that can't move a little before homing is watched while it homes
             self.home_all(ReadingMode::Watched).await?;
             if spec.stage.home_side == HomeSide::Toward {
                 self.find_itself().await?;
@@ -344,7 +344,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             sleep(STOPPED_DEADLINE).await;
         };
         let RigControl { stage, cell, usage, array, unzeroed, .. } = self;
-        let due = Cell::new(None); // how long it takes isn't known
+        let due = Cell::new(None); // its duration isn't known
         let (over, falls, speed_mm_s) = (Notify::new(), Cell::new(false), usage.home_speed_mm_s);
         let motion = Box::pin(async {
             let moved = motion(stage, usage, &orders).await;
@@ -385,7 +385,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                 moved?.map_err(Unmoved::Stage)
             }
             None => {
-                // it may not yet follow the reins; the outcome of this one can't be known any more
+                // it may not follow its orders yet, so its result can't be known
                 let _ = timeout(STOPPED_DEADLINE, self.stage.stop()).await;
                 self.must_rest().await?;
                 cancel.check()?;
@@ -412,7 +412,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.find_itself().await?;
         let top_mm = spec.top_mm();
         if self.z_mm > top_mm {
-            // an axis that was homed before may stand anywhere, and where the specimen is hasn't been measured
+            // an axis that was homed before may be anywhere, and the place of the specimen hasn't been measured
             self.retract_slowly(top_mm).await?;
         }
         self.confirm_back(spec).await?;
@@ -442,7 +442,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.cell.settle().await?;
         let there = at_rest(&mut self.cell).await?;
         let sigma_n = here.offset_sigma_n.hypot(there.offset_sigma_n);
-        permit.no_load_is_free(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
+        permit.nothing_in_contact(there.offset_n - here.offset_n, sigma_n, taken.elapsed().as_secs_f64())?;
         let back = match is_farther {
             true => toward(self.z_mm, from_mm)?,
             false => permit.retract(self.z_mm, from_mm, speed_mm_s)?,

@@ -49,7 +49,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let steer = |force_n, now_s| press.as_mut().map_or(Steer::On, |press| press.see(force_n, now_s));
         let driven = self.drive(&[(Axis::Z, target_mm)], granted.speed_mm_s(), target_mm - from_mm, steer).await?;
         if driven.stopped {
-            // it still comes to rest after its controller says so
+            // it comes to rest after its controller reports the end
             self.cell.settle().await?;
             self.watch_z().await?;
         } else {
@@ -92,7 +92,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let (orders, force_n, clear, due) =
             (MotionOrders::default(), Cell::new(f64::NAN), Cell::new(false), Cell::new(None));
         let touch_n = permit.detect_n();
-        // a slow cell still shows the contact when z has long left it
+        // a slow cell shows the contact long after z has left it
         let heard_s = self.timing.settle_s + CONVERSIONS_HEARD * self.timing.conversion_s;
         let ends_after = seconds(retraction.duration_s() + heard_s);
         let stage = &mut self.stage;
@@ -132,12 +132,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.no_load_outputs = OutputMeans::default();
         let motion = async {
             let moved = motion.await;
-            due.set(None); // what is still awaited is the array
+            due.set(None); // the array is still awaited
             moved
         };
         let motion = with_outputs(motion, &clear, &mut self.array, &mut self.no_load_outputs);
         let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, now_n: f64| {
-            // two readings make a force: a lone outlier sends nothing sideways
+            // two readings make a force: a single outlier starts no sideways motion
             let mean_n = watched_cell.watch.mean_n().unwrap_or(now_n);
             force_n.set(mean_n);
             if clear.get() && !watched_cell.is_no_load_open() {
@@ -215,7 +215,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let steered = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| steer(force_n, watched_cell.now_s());
         let places_mm = watched(&mut self.cell, motion, &orders, &due, steered).await?;
         let stopped = orders.stopped();
-        // a motion that ran its way ended when its profile did, however late that was heard
+        // a complete motion ended with its profile, however late the report came
         let ended = ends.get().filter(|_| !stopped).unwrap_or_else(Instant::now).min(Instant::now());
         self.cell.settled = ended + seconds(self.timing.settle_s);
         Ok(Driven { places_mm, stopped })
@@ -302,7 +302,7 @@ pub(super) async fn watched<C: LoadCell, T>(
                 match timeout(silent_after, &mut heard).await {
                     Ok(heard) => heard,
                     Err(_) => {
-                        orders.stop(); // nothing moves unwatched
+                        orders.stop(); // no motion without monitoring
                         heard.await
                     }
                 }
@@ -318,7 +318,7 @@ pub(super) async fn watched<C: LoadCell, T>(
                 Steer::On => {}
                 Steer::Stop => orders.stop(),
                 Steer::Speed(mm_s) => {
-                    due.set(None); // slower than it was reckoned
+                    due.set(None); // slower than calculated
                     orders.speed(mm_s);
                 }
             }

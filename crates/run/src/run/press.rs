@@ -81,7 +81,7 @@ impl Runner<'_> {
     pub(super) async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<RecordedContact, Halt> {
         let pressed = self.contact(entry.press, entry.place, &entry.task, next.unwrap_or(entry.place)).await?;
         if let Some(next) = next {
-            self.go_to(next).await?; // a staircase that ended without load is still where it was
+            self.go_to(next).await?; // a staircase that ended without load hasn't moved
         }
         let after = self.no_load_after(&pressed.no_load).await?;
         self.rig_control.cell.watch.pause();
@@ -317,7 +317,7 @@ impl Runner<'_> {
         let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
         let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
         let felt = (entry.place, force_set_n);
-        // twice the same load may read twice the same
+        // the same load may give the same reading twice
         let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
         let frozen = force_set_n > 0.0 && window.is_frozen(before);
         if force_set_n > 0.0 {

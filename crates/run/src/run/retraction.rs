@@ -68,7 +68,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let mut retracted = Ok(());
         for _ in 0..RETRACT_TRIES {
             retracted = self.stop_and_retract(z_mm).await;
-            // what rose once is not tried again
+            // a direction in which the force rose isn't tried again
             if matches!(retracted, Ok(()) | Err(Halt::Tripped(_))) {
                 break;
             }
@@ -242,7 +242,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
             let read = tokio::select! {
                 biased;
                 () = over.notified() => {
-                    // an exchange that is answered in time isn't dropped half-way
+                    // an exchange that is answered in time isn't abandoned
                     let _ = timeout(LAST_READING_DEADLINE, reading).await;
                     return risen;
                 }
@@ -252,7 +252,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
             last.rotate_left(1);
             last[RISE_READINGS - 1] = read.force_n;
             lowest_n = lowest_n.min(read.force_n);
-            // all of the last ones: a cell that spikes is no reason to stay
+            // all of the last readings: a single spike doesn't stop the retraction
             let rise_n = last.iter().copied().fold(f64::INFINITY, f64::min) - lowest_n.max(none_n);
             if risen.is_ok() && rise_n > most_n {
                 risen = Err(Trip::new(SafetyRule::ForceRose, rise_n, most_n, "N"));

@@ -35,6 +35,7 @@ const LIGHT_SIGMAS: f64 = 4.0;
 /// window.
 const NO_LOAD_OUTPUTS: u32 = 10;
 pub(super) const OUTPUTS_ON_THE_WAY: u32 = 20;
+
 /// Instruments in use, which carry out the commands of a press.
 pub(super) struct RigControl<'a, S, C, A> {
     pub stage: S,
@@ -402,7 +403,7 @@ fn common(sigmas: &[f64]) -> f64 {
 
 /// Returns the first output that changed by more than allowed, and its change. Returns `None` if no output changed.
 pub(super) fn moved_beyond(known: &[f64], now: &[f64], sigmas: &[f64], range: Option<f64>) -> Option<(f64, f64)> {
-    // few readings know one output's noise badly: none counts as quieter than all together
+    // few readings determine one output's noise badly: none counts as quieter than the mean
     let common = common(sigmas);
     let mut all = known.iter().zip(now).zip(sigmas).map(|((known, now), sigma)| {
         let steps = range.map_or(OUTPUT_SHARE * known.abs(), |range| RANGE_SHARE * range);

@@ -209,15 +209,15 @@ async fn contact_after_x_and_y_have_begun_stops_them() {
 
 #[tokio::test(start_paused = true)]
 async fn retraction_stops_where_the_force_rises() {
-    // pressed and then free, by a cell that reads right and by one that reads pushes as pulls; then into something
+    // pressed and then free, by a right cell and by one with the wrong sign; then into an obstacle
     for (forces_n, rises) in [((1.0, 0.0), false), ((-1.0, 0.0), false), ((0.0, 0.5), true), ((1.0, 1.5), true)] {
         let (text, cancel) = (RefCell::default(), Cancel::default());
         let mut rig_control = rig_control(&text, &cancel, forces_n);
-        rig_control.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to say that it stands, and as long to retract
+        rig_control.cell.cell.until_s = 0.6; // half-way: the stage takes 0.4 s to report rest, and as long to retract
         let retracted = rig_control.retract(-0.3).await;
         if rises {
             assert_eq!(rule(retracted), SafetyRule::ForceRose, "{forces_n:?}");
-            // the array shows nothing here: one short retract is allowed after the stop, and no more
+            // the array shows nothing here: one short retraction is allowed after the stop, and no more
             assert_eq!(text.borrow()[1..], ["stop", "z to 0.3"], "{forces_n:?}");
         } else {
             assert!(retracted.is_ok(), "{forces_n:?}: {retracted:?}");

@@ -105,16 +105,16 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<MeasuredWindow, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();
-        let mains_waves = self.cell.watch.zero().mains.is_some();
-        // two readings more, so that the whole periods lie within
-        let seconds = if mains_waves { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
+        let has_mains = self.cell.watch.zero().mains.is_some();
+        // two additional readings, so that the whole periods are within
+        let seconds = if has_mains { self.cell.whole_s(seconds) + 2.0 * self.timing.conversion_s } else { seconds };
         let until = began + Duration::from_secs_f64(seconds);
         self.truth.open_window();
         let mut means = OutputMeans::default();
         let (mut saturated, mut late) = (false, false);
-        // the cell shows a force later, by its lag: its readings are those of the outputs' time
+        // the cell shows a force later, by its lag: these readings belong to the time of the outputs
         let lag = Duration::from_secs_f64(self.timing.lag_s);
-        // each as fast as it goes: neither waits for the other
+        // each at its own speed: neither waits for the other
         let (watched_cell, array) = (&mut self.cell, &mut self.array);
         let over = Notify::new();
         let forces = async {
@@ -124,7 +124,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     Ok(force_n) if Instant::now() > began + lag => read.push((watched_cell.now_s(), force_n)),
                     Ok(_) => {}
                     Err(halt) => {
-                        over.notify_one(); // nothing of a window is waited for that is lost
+                        over.notify_one(); // a lost window isn't completed
                         return Err(halt);
                     }
                 }

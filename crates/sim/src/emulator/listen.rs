@@ -67,13 +67,13 @@ pub fn pseudo_terminal<I: Instrument + ?Sized + 'static>(
 ) -> Result<Listening, ListenError> {
     use tokio_serial::{SerialPort, SerialStream};
 
-    // pair() leaves the terminal raw: no byte means anything to it
+    // pair() leaves the terminal raw: no byte has a special meaning
     let (near, offered) = SerialStream::pair().map_err(ListenError::PseudoTerminal)?;
     let address = offered.name().ok_or(ListenError::NoPseudoTerminals)?;
     let task = tokio::spawn(async move {
-        // held open, or the terminal would end with its first client
+        // kept open, because the terminal would end with its first client
         let _offered = offered;
-        // Its only error is that the system took the terminal away: then there is nothing left to serve.
+        // Its only error is that the system removed the terminal: then nothing can be served.
         let _ = serve(near, instrument, scene, origin).await;
     });
     Ok(Listening { address, task })
@@ -113,13 +113,13 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
                 biased;
                 Some(_) = clients.join_next() => {}
                 accepted = listener.accept() => {
-                    // A client that is gone before it is let in, or no file left for it, is no reason to stop listening.
+                    // A client that left before it was accepted, or a missing file handle, doesn't end listening.
                     let Ok((stream, _)) = accepted else {
                         sleep(AFTER_A_FAILED_ACCEPT).await;
                         continue;
                     };
                     if clients.len() < CLIENTS_MOST {
-                        // without it a reply would wait for the client to acknowledge the one before
+                        // without it a reply would wait until the client acknowledges the one before
                         let _ = stream.set_nodelay(true);
                         clients.spawn(serve(stream, instrument.clone(), scene.clone(), origin));
                     }
@@ -174,7 +174,7 @@ mod tests {
             client.read_exact(&mut echo).await.expect("reads");
             assert_eq!(echo, sent);
             drop(client);
-            // lets the far end see that nobody is there, before the next comes
+            // shows the far end that the link is free before the next client comes
             for _ in 0..TURNS {
                 tokio::task::yield_now().await;
             }

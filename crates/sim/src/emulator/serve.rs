@@ -114,7 +114,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
         let Some(latency) = self.latency(now) else { return Ok(None) };
         self.pass(stream, now + latency).await?;
         let answer = self.answer(request);
-        // taken before it is sent: a system that is busy may let this program go on only after the client has the answer
+        // taken before it is sent: a busy system may continue this program only after the client has the answer
         let now = Instant::now();
         send(stream, &answer).await?;
         Ok((!answer.is_empty()).then_some(now))
@@ -124,7 +124,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
     async fn hear<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: &mut S, chunk: &mut [u8]) -> io::Result<usize> {
         let Some(bell) = &self.bell else { return stream.read(chunk).await };
         loop {
-            // made before it is asked what is owed: a ring in between isn't missed
+            // made before the delayed answers are looked up, so that an event in between isn't missed
             let rung = bell.notified();
             let again = self.settle(stream).await?;
             tokio::select! {
@@ -211,7 +211,7 @@ impl<'a, I: Instrument + ?Sized> Served<'a, I> {
     fn with_both<T>(&self, act: impl FnOnce(&mut I, &mut Scene, f64) -> T) -> T {
         let mut instrument = lock(self.instrument);
         let mut scene = lock(self.scene);
-        // read under both locks: links of one scene never hand it an earlier time after a later one
+        // read under both locks: links of one scene never set an earlier time after a later one
         let now_s = (Instant::now() - self.origin).as_secs_f64();
         act(&mut instrument, &mut scene, now_s)
     }
@@ -405,7 +405,7 @@ mod tests {
         let mut first = Wire::to(late.clone(), scene.clone(), origin);
         let mut second = Wire::to(late, scene.clone(), origin);
         first.send(b"w").await;
-        // its own link says so, another knows nothing of it
+        // the state of a link is its own
         assert_eq!(first.ask(b"w", 1).await, b"-");
         second.send(b"w").await;
         assert!(Instant::now() - origin < Duration::from_millis(10));

@@ -91,7 +91,7 @@ impl LoadCellState {
         self.passed_n = match self.low_pass {
             None => to_n,
             Some(rate) => {
-                // the response to a ramp, less what is left of where it began
+                // the response to a ramp, minus the rest of its start
                 let slope = (to_n - from_n) / dt_s;
                 let left = (-rate * dt_s).exp();
                 to_n + slope / rate * (-rate * dt_s).exp_m1() + (self.passed_n - from_n) * left

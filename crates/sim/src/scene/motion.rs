@@ -193,7 +193,7 @@ impl Planner {
         let way_mm = target_mm - self.position_mm;
         let heading = way_mm.signum();
         let start = self.speed_mm_s * heading;
-        // the speed at which accelerating and then braking would just cover the way
+        // the speed at which accelerating and then braking exactly cover the distance
         let summit = ((way_mm.abs() * 2.0 * a + start * start) / 2.0).sqrt();
         let cruise = if start > cruise_mm_s { cruise_mm_s } else { summit.min(cruise_mm_s) };
         self.change_speed(cruise * heading, a);
@@ -247,7 +247,7 @@ mod tests {
         let mut profile = Trajectory::to(1.0, (0.0, 0.0), 8.0, 10.0, 100.0);
         let mut real = Trajectory::at_rest(0.0).followed_by(&profile, 1.0, lag_s);
         let mut past = vec![(0.0, Trajectory::at_rest(0.0)), (1.0, profile.clone())];
-        // a new speed, another within the lag of it, a stop, and a move off again before the stop is done
+        // a new speed, another one within its lag, a stop, and a new move before the stop is complete
         for (now_s, stop, target_mm, speed_mm_s) in
             [(1.2, false, 8.0, 2.0), (1.203, false, 8.0, 20.0), (1.35, true, 0.0, 0.0), (1.36, false, -3.0, 5.0)]
         {

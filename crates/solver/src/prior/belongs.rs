@@ -139,7 +139,7 @@ impl Belongs {
         let (common, covariance_of_common) = common(&found, &own);
         let mut outside = Vec::new();
         for (unit, (moved, covariance)) in found.iter().enumerate() {
-            // what all units have in common is checked below
+            // the common part is checked below
             let alone = *moved - common;
             let sigmas = |index: usize| alone[index].abs() / (own[index] + covariance.rows()[index][index]).sqrt();
             let (unit, gain) = (unit + 1, 1.0 + moved[0]);

@@ -71,7 +71,7 @@ impl ArrayPosterior {
     /// Returns the posterior if the change of a unit is the sum of its own change, with variances `own`, and a change that all
     /// units have in common. Each of the variances `commons` is weighted by its marginal likelihood.
     pub(super) fn joint(informed: &[Information], own: &Matrix<4, 4>, commons: &[Matrix<4, 4>]) -> Self {
-        // of each unit, with its own change integrated out: what it tells about the common change
+        // of each unit, with its own change integrated out: its information about the common change
         let kept: Vec<Matrix<4, 4>> =
             informed.iter().map(|of| inverse(Matrix::identity() + of.matrix * *own)).collect();
         let about_common: Matrix<4, 4> = kept.iter().zip(informed).map(|(kept, of)| *kept * of.matrix).sum();

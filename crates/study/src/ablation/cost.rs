@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 /// only make passes longer.
 const READINGS: usize = 1000;
 const PASSES: usize = 60;
-/// Number of the loop's walks. The second constant is the number of presses along a side.
+/// Number of the loop's runs. The second constant is the number of presses along a side.
 const PLANS_RUN: usize = 5;
 const SIDE: usize = 5;
 
@@ -53,7 +53,7 @@ pub(super) fn costs(base: &TermModel, rig: &RigSpec, size: AblationSize, seed: u
     let mut costs = Vec::new();
     for term in &TERMS {
         let [off, on] = [false, true].map(|on| term.set(base, on));
-        // the others aren't the skin's
+        // the other terms don't belong to the skin
         if off.scene.skin != on.scene.skin {
             costs.push(cost(term.name, PER_READING, ns_per_reading([&off, &on].map(|model| &model.scene.skin), rig)));
         }
@@ -88,7 +88,7 @@ fn ns_per_reading(skins: [&SkinSpec; 2], rig: &RigSpec) -> [f64; 2] {
         for (skin, least) in skins.iter().zip(&mut least) {
             let began = Instant::now();
             for &Touch { place, force_n, .. } in &touches {
-                // as a running scene reads its taxels while the force turns back
+                // as a running scene reads its taxels while the force reverses
                 outputs.fill(0.0);
                 skin.add_load(black_box(force_n), black_box(place), &mut outputs);
                 skin.read_out(0.5, &mut outputs);

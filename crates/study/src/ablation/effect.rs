@@ -28,7 +28,7 @@ impl Effect {
         let mean = |value: fn(&(f64, f64)) -> f64| pairs.iter().map(value).mean();
         let (off, on, difference) = (mean(|pair| pair.0), mean(|pair| pair.1), mean(|pair| pair.1 - pair.0));
         let within = quantile * pairs.iter().map(|(off, on)| on - off).std_dev() / count.sqrt();
-        // to what is worth telling: a nanometre, a micronewton, a millionth
+        // to useful digits: a nanometre, a micronewton, a millionth
         let [off, on, difference, within] = [off, on, difference, within].map(|value| round(value, 6));
         let effect = Effect { off, on, difference, within, seeds: pairs.len() };
         (off.is_finite() && on.is_finite() && within.is_finite()).then_some(effect)

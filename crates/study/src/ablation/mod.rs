@@ -94,14 +94,14 @@ struct TermTry {
     seed: usize,
 }
 
-/// Tries every term. `told` is called with the number of finished tries and the total number.
+/// Tries every term. `on_progress` is called with the number of finished tries and the total number.
 ///
 /// # Errors
 /// A scene can't be pressed. This doesn't occur in practice: a test checks that the supplied scene is valid.
-pub fn ablation(size: AblationSize, seed: u64, text: OnProgress<'_>) -> Result<AblationFindings, StudyError> {
+pub fn ablation(size: AblationSize, seed: u64, on_progress: OnProgress<'_>) -> Result<AblationFindings, StudyError> {
     let (base, rig) = TermModel::base()?;
     let jobs = jobs(size);
-    let tried = carried_out(&jobs, text, |job| {
+    let tried = carried_out(&jobs, on_progress, |job| {
         let model = job.term.map_or_else(|| base.clone(), |term| TERMS[term].other_than(&base));
         answers(&model, &rig, job.on, size, seed.wrapping_add(job.seed as u64))
     })?;

@@ -17,7 +17,7 @@ pub(super) fn press(
     seed: u64,
 ) -> Result<[Option<f64>; 3], StudyError> {
     let outcome = condition(model, rig, size, seed).measure()?;
-    // a walk that ends early has pressed other places
+    // a run that ends early has pressed other places
     let is_whole = outcome.rule.is_none();
     let found = [outcome.error_mean_mn, outcome.peak_over_mn, outcome.median_s];
     Ok(found.map(|number| number.filter(|_| is_whole)))

@@ -36,13 +36,13 @@ pub(super) fn methods(
     let layout = &rig.array.layout;
     let mut specimen = RepeatedSpecimen::new(model, rig, seed);
     let presses = specimen.readings(&grid(size.side), PRESS_S);
-    // as long as the paper's, however many they are
+    // as long as the paper's, for any number
     let each_s = PRESS_S * PAPERS_TESTS / size.tests as f64;
     let test = specimen.readings(&anywhere(size.tests, FORCES_N, &mut stream(seed, 0, "test contacts")), each_s);
     let (calibration, setting) = (presses.calibration()?, Setting::of_layout(Some(layout)));
     let mut workspace = Workspace::default();
-    // as the paper has it: without the cross-validation that says how sure its answers are, and with every unit, where `fit` leaves
-    // out one that seems saturated, as it can where a coarse grid is read without noise
+    // as in the paper: without the cross-validation for stated errors, and with every unit, where `fit` leaves out one that seems
+    // saturated, which can happen on a coarse grid without noise
     let papers = Pearson::fit(&calibration, setting.layout, ForceRule::ClosestUnit).ok();
     let of_papers = papers.and_then(|papers| mean_errors(&test, |outputs| papers.contact(outputs, &mut workspace)));
     let [surrogate, physics] = ["surrogate", "physics"].map(|name| {
@@ -157,7 +157,7 @@ impl<'a> RepeatedSpecimen<'a> {
         for (steps, branch) in (0..=2 * STEPS).map(level) {
             let force_set_n = STEP_N * steps as f64;
             if steps == 0 {
-                // without load nothing is reached, and there is no error of a contact
+                // without load no level is reached, and a contact has no error
                 self.skin.forget_contact();
                 self.shares.fill(0.0);
             } else if steps == 1 && branch == Branch::Loading {

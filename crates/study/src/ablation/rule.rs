@@ -90,9 +90,9 @@ mod tests {
         for (difference, within, expected) in [
             (0.2, 0.1, Needed::Yes),
             (-0.2, 0.1, Needed::Yes),
-            (0.11, 0.105, Needed::Yes),     // may be less than counts, is not nothing
-            (0.2, 0.25, Needed::Undecided), // may be nothing
-            (0.08, 0.01, Needed::No),       // is something, and doesn't count
+            (0.11, 0.105, Needed::Yes),     // may be too small to count, isn't zero
+            (0.2, 0.25, Needed::Undecided), // may be zero
+            (0.08, 0.01, Needed::No),       // isn't zero, and doesn't count
             (-0.08, 0.01, Needed::No),
             (0.08, 0.03, Needed::Undecided), // may count
             (0.0, 0.09, Needed::No),

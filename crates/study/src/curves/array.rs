@@ -128,10 +128,10 @@ impl Aim<'_> {
     pub(crate) fn r_and_slope(&self, second: Place, direction_rad: f64) -> Option<(f64, f64)> {
         let sums = self.array.sums(second, direction_rad, |unit| self.pattern[unit]);
         let power = sums.power()?;
-        // the pattern is centred, so that it needs no centred readings beside it
+        // the pattern is centred, so no centred readings are needed
         let r = sums.along / power.sqrt();
         if self.pattern.len() == 2 {
-            return Some((r, 0.0)); // two units have two patterns, 1 and -1, and rounding between them is no slope
+            return Some((r, 0.0)); // two units have two patterns, 1 and -1, and rounding between them is not a slope
         }
         Some((r, sums.along_slopes / power.sqrt() - r * sums.products / power))
     }

@@ -96,7 +96,7 @@ fn two_units() -> PaperClaim {
     let line = StudiedArray::line(2, 1.0);
     let r = |d: f64| line.r(on_line(0.0), on_line(d));
     let step_at = last(0.0, FIGURE_4_TO, |d| r(d).is_none_or(|r| r > 0.0));
-    // a little beside the step, and all the way from there
+    // a little to the right of the step, and on to the end
     let side = |from: f64, to: f64| {
         let points = (0..=100).map(move |index| from + (to - from) * f64::from(index) / 100.0);
         points.filter_map(r).fold((f64::MAX, f64::MIN), |(least, most), r| (least.min(r), most.max(r)))
@@ -229,7 +229,7 @@ fn rule() -> PaperClaim {
         (10..=100).map(|hundredths| f64::from(hundredths) / 100.0).map(|s| (s, turns(s))).collect();
     let of = |turning: bool| spacings.iter().filter(move |(_, turns)| *turns == turning).map(|(s, _)| *s);
     let (least, last_turning, first_falling) = (of(true).next(), of(true).next_back(), of(false).next());
-    // all that turn lie below all that don't
+    // all that turn are below all that don't
     let is_one_range = last_turning.zip(first_falling).is_none_or(|(last, first)| last < first);
     let edge = last_turning.zip(first_falling).map(|(turning, falling)| last(turning, falling, turns));
     let five_fall = (5..=15).all(|n| figure_4_turning(n, 1.0).is_none());
@@ -285,7 +285,7 @@ fn always() -> PaperClaim {
         let paths = [follow_left(&line, d1), follow_right(&line, d1, FIGURE_5_TO)];
         paths.iter().filter_map(|follow| follow.turning_mm).fold(f64::INFINITY, f64::min)
     };
-    // either half for itself: the line is the same from both of its ends
+    // either half alone: the line looks the same from both ends
     let least =
         |from: i32, to: i32| {
             let points = (from..=to).map(|index| f64::from(index) / 50.0);

@@ -167,7 +167,7 @@ impl NominalArray {
         let response = array.response();
         let share = |response: &TaxelResponse, mm: f64| response.at(mm) / response.at(0.0);
         let far_mm = |least: f64| {
-            // a layer's reading may come up again: the last of all distances counts
+            // the response of a layer may rise again: the last of all distances counts
             let steps = (0..=2000).map(|step| 0.01 * f64::from(step) * depth_mm);
             let above = steps.rev().find(|mm| share(response, *mm) > least).unwrap_or(0.0);
             last(above, above + 0.01 * depth_mm, |mm| share(response, mm) > least)

@@ -14,7 +14,7 @@ pub(super) const FIGURE_5_TO: f64 = 8.0;
 pub(super) const UNITS: usize = 9;
 /// Distance between points of a curve, depths.
 const STEP: f64 = 0.025;
-/// Step of a walk that misses no turn, depths.
+/// Step along a path that misses no turn, depths.
 const WALK_STEP: f64 = 0.02;
 /// End of Figure 3, depths.
 const FIGURE_3_TO: f64 = 3.0;
@@ -70,12 +70,12 @@ pub(super) fn on_line(d: f64) -> Place {
     Place::new(d, 0.0)
 }
 
-/// Walks from d1 to the right, up to `to`.
+/// Follows the line from d1 to the right, up to `to`.
 pub(super) fn follow_right(array: &StudiedArray, d1: f64, to: f64) -> PathSearch {
     array.follow(on_line(d1), 0.0, to - d1, WALK_STEP)
 }
 
-/// Walks from d1 to the left, down to 0.
+/// Follows the line from d1 to the left, down to 0.
 pub(super) fn follow_left(array: &StudiedArray, d1: f64) -> PathSearch {
     array.follow(on_line(d1), PI, d1, WALK_STEP)
 }

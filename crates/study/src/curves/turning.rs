@@ -142,7 +142,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Walks `rays` paths over an area, and refines the search from the paths that turn first.
+    /// Follows `rays` paths over an area, and refines the search from the paths that turn first.
     pub fn new(array: &StudiedArray, area: &ContactArea, pitch_mm: f64, rays: usize) -> Survey {
         let step_mm = array.step_mm(pitch_mm);
         let starts: Vec<(Place, f64)> = (1..=rays).map(|ray| start(area, ray)).collect();
@@ -194,7 +194,7 @@ pub(super) fn spread(point: usize) -> [f64; 3] {
 fn follow(array: &StudiedArray, area: &ContactArea, turning: &Turning, step_mm: f64) -> Turning {
     let distance_mm = |[x_mm, y_mm, direction_rad]: &[f64; 3]| {
         let from = Place::new(*x_mm, *y_mm);
-        // one that turns later than the one that is followed is of no use
+        // a path that turns later than the followed one isn't needed
         let reach_mm = area.reach_mm(from, *direction_rad).min(turning.distance_mm + step_mm);
         array.follow(from, *direction_rad, reach_mm, step_mm).turning_mm.unwrap_or(f64::INFINITY)
     };

@@ -96,7 +96,7 @@ impl ForeignSensor {
             let design = design.with(|skin| skin.faults.push(TaxelFault { unit: unit + 1, kind }));
             read(&design, touches)
         };
-        // what is rotated with the sensor is seen from the sensor: the place rotates the other way
+        // seen from a rotated sensor, the place rotates the other way
         let seen = |from: &dyn Fn(Place) -> Place| {
             let seen: Vec<Touch> = touches.iter().map(|touch| Touch { place: from(touch.place), ..*touch }).collect();
             let mut readings = read(design, &seen);
@@ -133,7 +133,7 @@ impl ForeignSensor {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn foreign_sensors(size: FewSize, text: OnProgress<'_>) -> Result<Vec<ForeignSensorRow>, StudyError> {
+pub fn foreign_sensors(size: FewSize, on_progress: OnProgress<'_>) -> Result<Vec<ForeignSensorRow>, StudyError> {
     let touches = cells(3, 3);
     let mut rows = Vec::new();
     for noise in NoiseReference::ALL {
@@ -142,7 +142,7 @@ pub fn foreign_sensors(size: FewSize, text: OnProgress<'_>) -> Result<Vec<Foreig
         for kind in ForeignSensor::ALL {
             let sensors = if kind == ForeignSensor::Good { size.good } else { size.foreign_sensors };
             let seeds: Vec<u64> = (0..sensors as u64).map(|sensor| GOOD_SEEDS + sensor).collect();
-            let found = carried_out(&seeds, text, |&seed| checked(&prior, &kind.read(&design, seed, &touches)))?;
+            let found = carried_out(&seeds, on_progress, |&seed| checked(&prior, &kind.read(&design, seed, &touches)))?;
             let count = |is: fn(&Belongs) -> bool| found.iter().filter(|found| is(found)).count();
             rows.push(ForeignSensorRow {
                 study: "strangers",

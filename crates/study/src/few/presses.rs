@@ -94,7 +94,7 @@ struct SensorResult {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn presses(size: FewSize, text: OnProgress<'_>) -> Result<Vec<FewRow>, StudyError> {
+pub fn presses(size: FewSize, on_progress: OnProgress<'_>) -> Result<Vec<FewRow>, StudyError> {
     let mut rows = Vec::new();
     let designs = NoiseReference::ALL.map(|noise| (noise, SensorDesign::papers(noise)));
     let mut jobs: Vec<FewTry> = Vec::new();
@@ -118,7 +118,7 @@ pub fn presses(size: FewSize, text: OnProgress<'_>) -> Result<Vec<FewRow>, Study
     let tries: Vec<(usize, u64)> = (0..jobs.len())
         .flat_map(|job| (0..size.of(jobs[job].way)).map(move |sensor| (job, NEW_SEEDS + sensor as u64)))
         .collect();
-    let tried = carried_out(&tries, text, |&(index, seed)| {
+    let tried = carried_out(&tries, on_progress, |&(index, seed)| {
         let job = &jobs[index];
         let nth = designs.iter().position(|(noise, _)| *noise == job.noise).unwrap_or(0);
         job.try_on(&designs[nth].1, &priors[nth], seed, size.tests)

@@ -58,13 +58,13 @@ struct JudgedSensor {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn verdicts(size: FewSize, text: OnProgress<'_>) -> Result<Vec<VerdictRow>, StudyError> {
+pub fn verdicts(size: FewSize, on_progress: OnProgress<'_>) -> Result<Vec<VerdictRow>, StudyError> {
     let mut rows = Vec::new();
     for (noise, limit_mm) in NoiseReference::ALL.into_iter().zip(LIMITS_MM) {
         let design = SensorDesign::papers(noise);
         let prior = design.prior()?;
         let seeds: Vec<u64> = (0..size.judged as u64).map(|sensor| JUDGED_SEEDS + sensor).collect();
-        let judged = carried_out(&seeds, text, |&seed| sensor(&design, &prior, seed, limit_mm))?;
+        let judged = carried_out(&seeds, on_progress, |&seed| sensor(&design, &prior, seed, limit_mm))?;
         for (decision, index) in [(Decision::Guarded, 0), (Decision::Simple, 1)] {
             for (presses, way) in [(9, 0), (SIDE * SIDE, 1)] {
                 let of_it = || judged.iter().map(|of_sensor| &of_sensor[way][index]);

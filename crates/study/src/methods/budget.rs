@@ -36,7 +36,7 @@ const PLACE_SPREAD_MM: f64 = 0.1;
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn budget(quick: bool, seed: u64, text: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn budget(quick: bool, seed: u64, on_progress: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let (sides, specimens, tests) = if quick { QUICK } else { (&SIDES[..], SPECIMENS, TESTS) };
     let mut jobs = Vec::new();
     for &side in sides {
@@ -44,7 +44,7 @@ pub fn budget(quick: bool, seed: u64, text: OnProgress<'_>) -> Result<Vec<Method
             jobs.extend((0..specimens).map(|specimen| (noise, side, specimen)));
         }
     }
-    let tried = carried_out(&jobs, text, |&(noise, side, specimen)| {
+    let tried = carried_out(&jobs, on_progress, |&(noise, side, specimen)| {
         calibrate(noise, side, tests, seed.wrapping_add(specimen as u64))
     })?;
     let mut rows = Vec::new();
@@ -74,7 +74,7 @@ pub fn budget_of(
     trial: &MethodTrial,
     quick: bool,
     seed: u64,
-    text: OnProgress<'_>,
+    on_progress: OnProgress<'_>,
 ) -> Result<Vec<MethodRow>, StudyError> {
     let whole = trial.calibration.len();
     let counts: Vec<usize> = std::iter::successors(Some(whole), |count| Some(count / 2))
@@ -91,7 +91,7 @@ pub fn budget_of(
     for &count in &counts[1..] {
         jobs.extend(orders.iter().map(|order| (count, Some(&order[..count]))));
     }
-    let tried = carried_out(&jobs, text, |(_, presses)| {
+    let tried = carried_out(&jobs, on_progress, |(_, presses)| {
         let some = presses.map(|presses| trial.calibration.subset(presses));
         let calibration = some.as_ref().unwrap_or(&trial.calibration);
         let methods = StudiedMethod::all(calibration, &Setting::of_layout(trial.layout.as_ref()));

@@ -24,10 +24,10 @@ struct FailureTry {
 ///
 /// # Errors
 /// Never in practice: simulated presses are suitable for calibration.
-pub fn failures(quick: bool, seed: u64, text: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
+pub fn failures(quick: bool, seed: u64, on_progress: OnProgress<'_>) -> Result<Vec<MethodRow>, StudyError> {
     let jobs = jobs(quick);
     let size = if quick { QUICK } else { SIZE };
-    let mut rows = carried_out(&jobs, text, |job| job.rows(size, seed))?.concat();
+    let mut rows = carried_out(&jobs, on_progress, |job| job.rows(size, seed))?.concat();
     // as the conditions are listed, not as calibrations are shared
     let rank = |row: &MethodRow| {
         let harm = CONDITIONS.iter().position(|harm| harm.name == row.condition);
@@ -58,7 +58,7 @@ fn jobs(ends_only: bool) -> Vec<FailureTry> {
             }
         }
     }
-    // what takes longest first, so that no processor waits for another at the end
+    // the longest first, so that no processor waits at the end
     jobs.sort_by_key(|job| std::cmp::Reverse((job.cases.len(), job.calibrated.layout.len())));
     jobs
 }

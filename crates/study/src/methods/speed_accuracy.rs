@@ -55,7 +55,7 @@ impl MethodTrial {
 }
 
 /// Calibrates every method on each trial, solves its test and measures the time.
-pub fn speed_accuracy(trials: &[MethodTrial], text: OnProgress<'_>) -> Vec<MethodRow> {
+pub fn speed_accuracy(trials: &[MethodTrial], on_progress: OnProgress<'_>) -> Vec<MethodRow> {
     let mut rows: Vec<MethodRow> = Vec::new();
     let tried = in_parallel(trials, |trial| {
         let methods = StudiedMethod::all(&trial.calibration, &Setting::of_layout(trial.layout.as_ref()));
@@ -73,7 +73,7 @@ pub fn speed_accuracy(trials: &[MethodTrial], text: OnProgress<'_>) -> Vec<Metho
                 calibration_presses: trial.calibration.len(),
                 ..tally.row(method.name, trial.least)
             };
-            // one after another: two at once would take each other's time. The best is one of them, and takes as long.
+            // one after another, because two at once would slow each other down. The best is one of them, and takes as long.
             let same = rows[first..].iter().find(|other| method.name == BEST && Some(other.solver) == row.chosen);
             let ns = match (same, &method.fitted) {
                 (Some(same), _) => same.ns_per_solve,
@@ -82,7 +82,7 @@ pub fn speed_accuracy(trials: &[MethodTrial], text: OnProgress<'_>) -> Vec<Metho
             };
             row.ns_per_solve = ns.map(|ns| round(ns, 1));
             rows.push(row);
-            text(rows.len(), count);
+            on_progress(rows.len(), count);
         }
     }
     let mark = |row: &MethodRow| (row.scene.clone(), row.ns_per_solve.zip(row.mean_mm()));

@@ -213,7 +213,7 @@ impl MethodRow {
 
 /// Returns a summary of some errors.
 fn summed(errors: &[f64]) -> Option<ErrorSummary> {
-    // an answer far out of any scene would make a sum that JSON can't hold
+    // an answer far outside any scene would make a sum that JSON can't express
     let ErrorSummary { mean, median, p95, max } = ErrorSummary::of(errors).filter(|sum| sum.mean.is_finite())?;
     Some(ErrorSummary { mean: grain(mean), median: grain(median), p95: grain(p95), max: grain(max) })
 }

@@ -147,7 +147,7 @@ struct Executed {
 ///
 /// # Errors
 /// The bench can't execute a plan. A run ended by a rule is a result and not an error.
-pub fn minutes(size: MinutesSize, seed: u64, text: OnProgress<'_>) -> Result<Vec<MinutesRow>, StudyError> {
+pub fn minutes(size: MinutesSize, seed: u64, on_progress: OnProgress<'_>) -> Result<Vec<MinutesRow>, StudyError> {
     let spec = StudyBench::XpsLike.spec()?;
     let ways = ways(size);
     let mut jobs: Vec<MinutesTry> = ways
@@ -156,9 +156,9 @@ pub fn minutes(size: MinutesSize, seed: u64, text: OnProgress<'_>) -> Result<Vec
             (0..size.specimens).map(|specimen| MinutesTry { seed: seed.wrapping_add(specimen as u64), ..*way })
         })
         .collect();
-    // what takes longest first, so that no processor waits for another at the end
+    // the longest first, so that no processor waits at the end
     jobs.sort_by_key(|job| std::cmp::Reverse(job.presses()));
-    let executed = carried_out(&jobs, text, |job| job.carry_out(&spec, size.tests))?;
+    let executed = carried_out(&jobs, on_progress, |job| job.carry_out(&spec, size.tests))?;
     let mut rows = Vec::new();
     for (index, family) in UnitFamily::ALL.into_iter().enumerate() {
         for way in &ways {

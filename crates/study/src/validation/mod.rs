@@ -56,9 +56,9 @@ pub struct Validation {
 ///
 /// # Errors
 /// A recipe or a rig is invalid. This doesn't occur in practice: tests check that both are valid.
-pub fn validation(seeds: usize, seed: u64, text: OnProgress<'_>) -> Result<Validation, StudyError> {
+pub fn validation(seeds: usize, seed: u64, on_progress: OnProgress<'_>) -> Result<Validation, StudyError> {
     let each: Vec<u64> = (0..seeds as u64).map(|index| seed.wrapping_add(index)).collect();
-    let outcomes = carried_out(&each, text, |&seed| protocol(seed))?;
+    let outcomes = carried_out(&each, on_progress, |&seed| protocol(seed))?;
     Ok(Validation { seed, outcomes, claims: curves().claims })
 }
 

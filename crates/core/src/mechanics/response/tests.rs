@@ -34,7 +34,7 @@ fn bonded_layer_has_its_golden_values() {
     }
     let response = TaxelResponse::new(layer(0.49));
     let half = response.at(0.0) / 2.0;
-    // handed down as 2.505 mm; the integral itself, by another rule and another Bessel function, gives 2.5038 mm
+    // documented as 2.505 mm; the integral, by another rule and another Bessel function, gives 2.5038 mm
     assert!(response.at(2.50375) > half && response.at(2.50385) < half, "the half-width is 2.5038 mm");
     let side = response.at(7.5) / response.at(0.0);
     assert!((side - 0.0044).abs() < 5e-5, "{side}");
@@ -68,7 +68,7 @@ fn stress_integrated_over_the_plane_equals_the_load() {
         let rings = (0..(end_mm / step_mm) as u32).map(|i| (f64::from(i) + 0.5) * step_mm);
         let mut load_n: f64 = rings.map(|r| TAU * r * step_mm * response.at(r) * unit_mpa_per_n(&response)).sum();
         if passage.medium == Medium::HalfSpace {
-            load_n += (1.0 + (end_mm / passage.depth_mm).powi(2)).powf(-1.5); // what is left of lambda beyond
+            load_n += (1.0 + (end_mm / passage.depth_mm).powi(2)).powf(-1.5); // the rest of lambda beyond
         }
         assert!((load_n - 1.0).abs() < 2e-5, "{passage:?}: {load_n} of 1 N");
     }

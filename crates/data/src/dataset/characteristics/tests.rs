@@ -89,11 +89,11 @@ fn linearity_is_the_largest_distance_from_the_least_squares_line() {
     let readings = held(Place::default(), |_, branch, force_n| {
         let bump = if force_n == 0.5 { 0.1 } else { -0.1 };
         let bump = if force_n % 1.0 == 0.5 { bump } else { 0.0 };
-        // what unloading reads is no matter of linearity
+        // unloading has no effect on linearity
         force_n + bump + if branch == Branch::Unloading { 0.3 } else { 0.0 }
     });
     assert_near(one_unit(readings, Repeatability::ThreeSd).linearity_percent, 4.0); // 0.08 of 2
-    // a line that misses zero is straight all the same
+    // a line that misses zero is linear too
     let lifted = held(Place::default(), |_, _, force_n| 0.5 + force_n);
     assert_near(one_unit(lifted, Repeatability::ThreeSd).linearity_percent, 0.0);
     // and any two levels are on one
@@ -109,7 +109,7 @@ fn zero_return_is_the_output_without_load_after_minus_before() {
         held(Place::default(), move |level, _, force_n| force_n + no_load(level))
     };
     let mut readings = [read(0.01, 0.03), read(0.02, 0.03)].concat();
-    // what the load cell reads without load is its own
+    // the load cell's reading without load isn't used
     readings.iter_mut().filter(|reading| reading.force_set_n == 0.0).for_each(|reading| reading.force_n = 0.004);
     assert_near(one_unit(readings.clone(), Repeatability::ThreeSd).zero_return_percent, 0.75);
     assert_near(one_unit(read(0.03, 0.01), Repeatability::ThreeSd).zero_return_percent, -1.0);
@@ -137,7 +137,7 @@ fn repeats_are_those_of_one_place_and_the_rest_is_the_worst_place() {
     let loose = one_unit(loose, Repeatability::ThreeSd);
     assert_near(loose.repeatability_loading_percent, 300.0 * 1.25e-4f64.sqrt() / 2.0);
 
-    // up to 1 N the loop is another: that series stands by itself, and full scale stays that of 2 N
+    // up to 1 N the loop differs: that series is separate, and full scale is that of 2 N
     let half: Vec<HeldLevel> = near(0.0)
         .into_iter()
         .filter(|reading| {
@@ -263,7 +263,7 @@ fn nineteen_of_twenty_intervals_contain_the_true_repeatability() {
         let share = coverage(Repeatability::ThreeSd, &of_contact(false), 5, &places);
         is_stated(share, &format!("places that read {places:?}"));
     }
-    // where all of the error is the levels' own, the interval is too wide and never too narrow
+    // where the whole error is that of the levels, the interval is too wide, never too narrow
     let own = Errors { of_contact: 0.0, of_level: 0.02, grow: false };
     assert!(coverage(Repeatability::ThreeSd, &own, 5, &[1.0]) > 0.975);
 }

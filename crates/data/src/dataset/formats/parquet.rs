@@ -20,7 +20,7 @@ pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
             false => format!("not a Parquet file that can be read ({text})"),
         }
     };
-    // the types of Parquet itself: those of Arrow have many forms of a text
+    // the types of Parquet itself, because Arrow has many forms of a text
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let reader =
         ParquetRecordBatchReaderBuilder::try_new_with_options(input, options).map_err(|error| failed(&error))?;
@@ -46,7 +46,7 @@ pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
 fn extend(texts: &mut Vec<String>, array: &dyn Array) {
     match array.data_type() {
         DataType::Float64 => numbers::<Float64Type>(texts, array, |number| number.to_string()),
-        // the same number: its shortest text as a f32 would be another f64
+        // the number with the same shortest text: converting the f32 would give another f64
         DataType::Float32 => numbers::<Float32Type>(texts, array, |number| f64::from(number).to_string()),
         DataType::Int64 => numbers::<Int64Type>(texts, array, |count| count.to_string()),
         DataType::Int32 => numbers::<Int32Type>(texts, array, |count| count.to_string()),

@@ -97,7 +97,7 @@ impl CsvParser {
         self.reader.read_byte_record(&mut self.cells)?;
         let is_open = self.reader.get_ref().is_starved;
         if is_open {
-            self.reader = reader(separator); // one that has seen an end reads no further
+            self.reader = reader(separator); // a reader reads no further after an end
         }
         Ok(is_open)
     }

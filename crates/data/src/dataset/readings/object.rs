@@ -23,7 +23,7 @@ pub(super) fn read(file: &str, line: &[u8], units: usize, reading: &mut Reading)
     let wrong = |column, reason| ReadingError::Json { file: file.to_owned(), line: number, column, reason };
     let text = line.trim_ascii_end();
     let object = object(text).or_else(|error| match with_null(text) {
-        // a column is counted in the line as it came
+        // a column counts in the original line
         Some((text, at)) => self::object(&text).map_err(|error| {
             let longer = NAN.1.len() - NAN.0.len();
             let end = |(nth, at): (usize, &usize)| at + nth * longer + NAN.1.len();

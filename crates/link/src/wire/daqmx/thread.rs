@@ -55,7 +55,7 @@ impl Functions {
             Functions::Thread(sender) => {
                 let (done, result) = oneshot::channel();
                 let job: LibraryCall = Box::new(move |table| {
-                    let _ = done.send(job(table)); // nobody waits any more: so be it
+                    let _ = done.send(job(table)); // no receiver is left
                 });
                 sender.send(job).map_err(|_| HeldUp)?;
                 timeout(CALL_DEADLINE, result).await.ok().and_then(Result::ok).ok_or(HeldUp)

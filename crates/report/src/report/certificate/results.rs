@@ -105,7 +105,7 @@ fn of_test(subject: &Subject, judged: &SensorResults, evaluation: &Evaluation) -
         let n = sizes.len();
         let scatter = if n > 1 { sizes.iter().std_dev() / (n as f64).sqrt() } else { f64::NAN };
         let u = scatter.hypot(truth.unwrap_or(0.0));
-        // Welch and Satterthwaite: what is known of the truth has no fewer degrees of freedom
+        // Welch and Satterthwaite: the true value has at least as many degrees of freedom
         let k = coverage_factor((n as f64 - 1.0) * (u / scatter).powi(4));
         let uncertainty =
             if u.is_finite() { Uncertainty::Expanded { expanded: k * u, k } } else { Uncertainty::NotStated };

@@ -174,7 +174,7 @@ fn panel(kind: PlottedError, label: &str, of: &dyn Fn(&PressError) -> f64, judge
         marks.push(Mark::Curve(*look, points.iter().step_by(one_in).copied().collect()));
     }
     for (look, points) in &all {
-        // a bar over each part: nothing is drawn across one without presses
+        // a bar for each part of the axis; none for a part without presses
         let mean = |part: usize| {
             let of_it = || points.iter().filter(move |point| part_of(point.0, first, width) == part);
             let (count, sum) = (of_it().count(), of_it().map(|point| point.1).sum::<f64>());

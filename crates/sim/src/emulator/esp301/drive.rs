@@ -221,7 +221,7 @@ impl Drive {
         scene: &mut Scene,
         now_s: f64,
     ) -> Result<(), EspError> {
-        // what is no place is above zero
+        // NaN isn't above zero
         let above = f64::MIN_POSITIVE;
         let (slot, least, most) = match name {
             b"VA" => (&mut self.speed_mm_s, above, self.most_speed_mm_s),

@@ -282,7 +282,7 @@ fn a_new_speed_acts_at_once() {
     bench.say(11.0, "1VA5");
     assert!((bench.scene.axis(Axis::X, 11.5).1 - 5.0).abs() < 1e-9);
     assert_eq!(bench.say(11.5, "1MD?"), "0");
-    // 2 mm/s for a second, 5 mm/s for the other eight: 12 s would have been needed, but for the ramps
+    // 2 mm/s for a second, 5 mm/s for the other eight: 12 s would have been needed except for the ramps
     assert_eq!(bench.say(14.0, "1MD?;1TP"), "1|10.0000");
     assert_eq!(bench.errors(14.0), [""; 0]);
 }
@@ -319,7 +319,7 @@ fn abort_of_any_axis_stops_all_and_turns_the_motors_off() {
 #[test]
 fn the_end_of_travel_stops_a_move_that_the_count_allowed() {
     let mut bench = Esp301Bench::new();
-    // z stands at true 8, counted 0: count 10 would be true 18
+    // z is at true 8, counted 0: count 10 would be true 18
     bench.say(0.0, "3MO;3PA10");
     assert_eq!(bench.say(5.0, "3MD?"), "1");
     assert_eq!(bench.true_mm(Axis::Z, 5.0), 12.5);

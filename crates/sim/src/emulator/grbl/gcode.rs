@@ -185,7 +185,7 @@ impl GcodeLine {
             920 => self.action = Some(Action::SetG92),
             530 => self.machine = true,
             distance @ (900 | 910) => self.incremental = Some(distance == 910),
-            // the only ways there are here, said for the sake of other controllers
+            // the only modes here, stated for other controllers
             210 | 940 => {}
             _ => return Err(GrblError::Unsupported),
         }

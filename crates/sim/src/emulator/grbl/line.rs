@@ -55,7 +55,7 @@ impl LineReader {
             (Some(end), _) if end == byte => self.comment = None,
             (Some(_), _) | (None, ..=b' ' | b'/') => {}
             (None, b'(') => self.comment = Some(b')'),
-            // ended by nothing but the end of the line, which is seen before
+            // only the end of the line ends it, which is found earlier
             (None, b';') => self.comment = Some(b'\n'),
             (None, _) if self.text.len() == LINE_MOST => self.overlong = true,
             (None, _) => self.text.push(byte.to_ascii_uppercase()),

@@ -101,7 +101,7 @@ impl Machine {
         }
         while self.blocks.front().is_some_and(|block| block.end_s <= now_s) {
             if let Some(block) = self.blocks.pop_front().filter(|block| block.hits) {
-                // the motor stalled at the end: the steps were counted all the same
+                // the motor stalled at the end, but its steps were counted
                 let ends_mm = self.targets(&block);
                 self.offset_mm = std::array::from_fn(|n| ends_mm[n] - block.to_mm[n]);
                 self.plan(scene, now_s);
@@ -166,7 +166,7 @@ impl Machine {
             return;
         }
         let way = way_mm.map(|way_mm| way_mm / length_mm);
-        // along the line, no axis may do more than its own most
+        // no axis may exceed its own limit along the line
         let settings = &self.board.settings;
         let most_along = |most: &dyn Fn(usize) -> f64| {
             (0..3).filter(|&n| way[n] != 0.0).map(|n| most(n) / way[n].abs()).fold(f64::INFINITY, f64::min)

@@ -54,7 +54,7 @@ impl Reporter {
             self.offset_in -= 1;
         } else {
             self.offset_in = every(OFFSET_EVERY);
-            // both never stand in one report: the overrides wait for the next
+            // a report never has both: the overrides wait for the next one
             self.overrides_in = self.overrides_in.max(1);
             let _ = write!(line, "|WCO:{}", places(status.offset_mm));
         }

@@ -322,7 +322,7 @@ fn an_end_of_the_frame_stops_what_is_not_homed() {
     let scene = scene();
     let mut bench =
         GrblBench { grbl: GrblEmulator::new(MotionBoard { settings, ..board() }, &scene), scene, done_s: 0.0 };
-    // z stands at true 8, counted 0: count 10 would be true 18
+    // z is at true 8, counted 0: count 10 would be true 18
     bench.script(&[(0.0, "$X\nG0Z10\n", "[MSG:Caution: Unlocked] ok ok")]);
     bench.script(&[(5.0, "?", "<Idle|MPos:0.000,0.000,10.000|FS:0,0|Pn:Z|WCO:0.000,0.000,0.000>")]);
     bench.script(&[(5.0, "G0Z9\n", "ok")]);

@@ -101,12 +101,12 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
         let length = match self.framing {
             EmulatedFraming::Rtu { .. } => {
                 let length = usize::from(guess_request_frame_len(inbox, ModbusProto::Rtu).ok()?);
-                // a frame that doesn't check out waits for the silence after it
+                // a frame with a wrong check sum waits for the silence after it
                 inbox.get(..length).filter(|frame| checks_out(frame))?.len()
             }
             EmulatedFraming::Tcp => {
                 let &[_, _, 0, 0, high, low] = inbox.first_chunk::<TCP_HEADER>()? else {
-                    // no header: what follows can't be separated any more
+                    // no header: the rest can't be separated any more
                     inbox.clear();
                     return None;
                 };
@@ -132,7 +132,7 @@ impl<M: RegisterMap> Instrument for Modbus<M> {
 
     fn answer(&mut self, request: &[u8], scene: &mut Scene, now_s: f64) -> Vec<u8> {
         let mut reply = Vec::with_capacity(FRAME_MOST);
-        // an error here is a frame that nothing can be answered to
+        // an error here is a frame without an answer
         if self.respond(request, &mut reply, scene, now_s).is_err() {
             reply.clear();
         }

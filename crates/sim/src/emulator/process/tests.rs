@@ -82,7 +82,7 @@ fn a_printer_rests_on_whole_steps_and_reads_them_back() {
     let at = r#"{"homed":true,"id":4,"moving":false,"position_mm":{"x":1.0,"y":0.0,"z":12.4}}"#;
     assert_eq!(ask(&mut stage, &mut scene, 12.0, r#"{"id": 4, "do": "status"}"#), at);
     assert!((scene.axis(Axis::X, 12.0).0 - 1.0).abs() < 1e-9 && (scene.axis(Axis::Z, 12.0).0 - 12.4).abs() < 1e-9);
-    // a stop ends on the first step after the way of braking
+    // a stop ends on the first step after the braking distance
     ask(&mut stage, &mut scene, 12.0, r#"{"id": 5, "do": "move", "to_mm": {"x": -5}, "speed_mm_s": 10}"#);
     ask(&mut stage, &mut scene, 12.2013, r#"{"do": "stop"}"#);
     let braked_mm = 1.0 - 0.5 - 1.013 - 0.5;

@@ -126,7 +126,7 @@ impl Controller {
             }
             "EventExtendedStart" => {
                 call.results(Type::Int, 1)?;
-                // who waits for a move now waits for this as well
+                // a call that waits for a move now waits for this as well
                 self.stirred = true;
                 Ok(CallReply::Values(self.events.start()?.to_string()))
             }

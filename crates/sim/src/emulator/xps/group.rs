@@ -70,7 +70,7 @@ struct GroupAction {
     outcome: PendingReply,
 }
 
-/// Next state after an errand.
+/// Next state after an operation.
 #[derive(Clone, Copy)]
 enum Then {
     Rest(GroupStatus),
@@ -310,7 +310,7 @@ impl EmulatedGroup {
     fn rest(&mut self, state: GroupStatus, code: Code, outcome: &PendingReply) {
         self.state = state;
         self.stirred = true;
-        // set once: an errand has one end
+        // set once: an operation has one end
         let _ = outcome.set(code);
     }
 }

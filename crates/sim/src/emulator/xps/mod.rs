@@ -118,7 +118,7 @@ impl Instrument for XpsEmulator {
         Some(self.bell.clone())
     }
 
-    /// Returns what this link is owed, and lets the controller continue. Normally a link that waits for a group's errand does
+    /// Returns what this link is owed, and lets the controller continue. Normally a link that waits for a group's operation does
     /// this. If that link was closed or never existed, all other links do it.
     fn owed(&mut self, scene: &mut Scene, now_s: f64) -> Owed {
         let mut controller = self.controller();
@@ -141,7 +141,7 @@ impl Instrument for XpsEmulator {
 }
 
 impl Drop for XpsEmulator {
-    /// Notifies the other links. The errand for which this link waited continues, and the other links must look after it.
+    /// Notifies the other links. The operation for which this link waited continues, and the other links must look after it.
     fn drop(&mut self) {
         if self.pending.take().is_some() {
             self.bell.notify_waiters();

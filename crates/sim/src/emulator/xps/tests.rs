@@ -211,7 +211,7 @@ fn groups_of_one_and_two_positioners_are_independent() {
 fn group_passes_through_its_states() {
     let mut bench = XpsBench::new();
     let now_s = std::cell::Cell::new(0.0);
-    // what is answered within 20 s, and the status at once, and then
+    // answered within 20 s, with the status at once, and then
     let mut step = |sent: &str| {
         let asked_s = now_s.get();
         let at_once = bench.say(asked_s, sent);

@@ -180,7 +180,7 @@ impl Skin {
             let u = straight / self.full_scale;
             let loop_width = match channel.reads {
                 Reads::Normal => channel.hysteresis * (4.0 * u * (1.0 - u)).max(0.0),
-                // a slope lags behind either way
+                // a slope lags in either direction
                 _ => (channel.hysteresis * (4.0 * u.abs() * (1.0 - u.abs())).max(0.0)).copysign(u),
             };
             let error = channel.error + channel.error_of_reading * straight;
@@ -192,7 +192,7 @@ impl Skin {
                     TaxelFaultKind::Dead => *output = 0.0,
                     TaxelFaultKind::Stuck(reading) => *output = reading,
                     TaxelFaultKind::Clipped(most) => *output = output.min(most),
-                    TaxelFaultKind::Drifted(_) => {} // is in the gain
+                    TaxelFaultKind::Drifted(_) => {} // the gain contains it
                 }
             }
         }
@@ -225,7 +225,7 @@ impl Reads {
             Reads::Nothing => return 0.0,
         };
         if distance_mm == 0.0 {
-            return 0.0; // straight above it goes neither way
+            return 0.0; // straight above it has no direction
         }
         response.with_slope(distance_mm).1 * (along_mm / distance_mm) * response.passage().depth_mm
     }

@@ -22,7 +22,7 @@ fn low_passed_step_does_not_depend_on_observation_times() {
     for at_every_s in [1e-4, 1e-3, 7e-3] {
         let mut scene = with_cell(cell, 10_000.0);
         step(&mut scene, 1.0);
-        scene.load_cell_n(1.0 + 1e-9); // the step, apart from what follows
+        scene.load_cell_n(1.0 + 1e-9); // the step without the rest
         for i in 1..=10 {
             let after_s = f64::from(i) * at_every_s;
             let expected = 1.0 - (-rate * after_s).exp();
@@ -76,7 +76,7 @@ fn pending_conversions_are_kept_when_other_devices_advance_time() {
     for (depth_mm, from_s) in [(0.1, 1.0001), (0.2, 1.0051), (0.3, 1.0101), (0.4, 1.0151)] {
         scene.set_motion(Axis::Z, Trajectory::at_rest(-depth_mm), from_s);
     }
-    // what was put on just after a conversion is read from the next one on, and 12 ms later
+    // a force just after a conversion is read from the next one on, and 12 ms later
     for (at_s, expected_n) in [(1.0169, 0.0), (1.0171, 0.1), (1.0221, 0.2), (1.0271, 0.3), (1.0321, 0.4)] {
         assert!((scene.load_cell_n(at_s) - expected_n).abs() < 1e-12, "{at_s} s");
     }
@@ -256,7 +256,7 @@ fn scene_run_ahead_gives_the_worst_force_and_stays_unchanged() {
     assert!((to_come.depth_peak_mm - 1.0).abs() < 1e-9);
     assert!((to_come.force_true_n - scene.true_force_n(rest_s)).abs() < 1e-9, "{to_come:?}");
     assert_eq!(to_come.force_peak_n, scene.take_truth(rest_s).force_peak_n);
-    // on the way out, only what is still to come counts
+    // on the way out only the remaining part counts
     go(&mut scene, -0.5, 5.0, 100.0, rest_s);
     let leaving = scene.run_out(rest_s + 0.1);
     assert!(leaving.depth_peak_mm < 0.99 && leaving.force_true_n == 0.0, "{leaving:?}");

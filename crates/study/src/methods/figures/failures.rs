@@ -41,7 +41,7 @@ fn errors(harm: &Harm, noise: NoiseReference, found: &[MethodRow]) -> Panel {
     let rows = || found.iter().filter(|row| row.scene == noise.name() && row.condition == harm.name);
     let values = rows().flat_map(|row| [row.mean_mm(), row.location_bound_mm]).flatten();
     let most_mm = rows().filter_map(MethodRow::mean_mm).fold(LOCATION_REFERENCE_MM, f64::max);
-    // a bound beyond all errors is one no method that knows the area is held to
+    // a bound beyond all errors doesn't apply to methods that know the area
     let y = ChartAxis::log("location error, mean, mm", values.map(|mm| mm.min(most_mm)), (0.9, LOCATION_REFERENCE_MM));
     let mut marks = vec![Mark::Title(harm.name.to_owned()), Mark::Level(LOCATION_REFERENCE_MM, String::new())];
     let is_inside = |mm: &f64| *mm <= y.range.1;

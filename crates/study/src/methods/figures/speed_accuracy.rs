@@ -51,7 +51,7 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
     let mut marks = vec![Mark::Title(text.to_owned())];
     if let Some((mm, text)) = bound {
         marks.push(Mark::Level(mm, String::new()));
-        // to the left and below there is no method that is both faster and nearer
+        // to the left and below there is no method that is both faster and more accurate
         marks.push(Mark::Words((x.range.0, mm), (6.0, 15.0), Anchor::Start, text));
     }
     let mut front: Vec<(f64, f64)> =
@@ -62,7 +62,7 @@ fn panel(text: &str, rows: &[&MethodRow]) -> Panel {
     for row in rows {
         let Some(point) = point(row) else { continue };
         if row.solver == BEST {
-            // toward the middle, where there is room however long a solve took
+            // toward the middle, where there is room for any time of a solve
             let is_left = point.0 < (x.range.0 * x.range.1).sqrt();
             let (right_px, anchor) = if is_left { (13.0, Anchor::Start) } else { (-13.0, Anchor::End) };
             marks.push(Mark::Words(point, (right_px, 4.0), anchor, "best".to_owned()));

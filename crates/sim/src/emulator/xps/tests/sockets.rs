@@ -139,7 +139,7 @@ async fn guard_continues_during_a_slow_exchange() {
 async fn garbage_is_reported_and_the_next_call_answered() {
     let (_, [mut wire, ..], _) = wired().await;
     wire.send(&[b'x'; 5000]).await;
-    // four inboxes full, and what is left of the fifth ends with the line
+    // four inboxes full, and the rest of the fifth ends with the line
     for _ in 0..4 {
         let reply = wire.ask(b"", 1024).await;
         assert!(reply.starts_with(b"-3,xxx") && reply.ends_with(b"x,EndOfAPI"));
