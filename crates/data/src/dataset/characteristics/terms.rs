@@ -59,7 +59,7 @@ const ZERO_RETURN: DefinedTerm = DefinedTerm {
 const INTERVAL: DefinedTerm = DefinedTerm {
     name: "95 % interval",
     definition: "where the true repeatability lies, by chi-squared; it assumes normal errors. The levels of a staircase share \
-        its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite.",
+        its contact: n staircases at a place give n - 1 degrees of freedom, places add up by Welch and Satterthwaite",
 };
 
 /// Every term except the repeatability, in the order of explanation.
