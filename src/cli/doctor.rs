@@ -28,7 +28,7 @@ adjusted only with --adjust.
 
 Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height.
 Then the load cell must show that it measures force: with --finger or a check weight. `palpate align` shows it too.
-A real rig isn't pressed; a simulated rig presses once.";
+A real rig isn't pressed; a simulated rig presses once, also instead of a finger.";
 
 /// What is reported if nothing has shown that the load cell measures force, and how to show it.
 const NOT_SHOWN: &str = "nothing has shown that the load cell measures force";
@@ -78,8 +78,8 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let mut asked = |what| ask(what, weight);
     let asked = match weight {
         Some(weight) => ForceCheck::Weight(Weighing { weight, ask: &mut asked }),
-        None if args.finger => ForceCheck::Finger(&mut asked),
-        None => ForceCheck::Press,
+        None if args.finger && !spec.is_simulated() => ForceCheck::Finger(&mut asked),
+        None => ForceCheck::Press, // also instead of a finger, which no simulated rig feels
     };
     let looked = examine(&spec, args.rig.seed, &cancel, asked);
     let found = block_on(spec.is_simulated(), looked)?.map_err(Failure::halted)?;
@@ -133,7 +133,7 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
         let _ = writeln!(
             text,
             "\n{:<11}zero {:.4} N, noise of a reading {:.2} mN",
-            "without load",
+            "no load",
             zero.offset_n,
             1000.0 * zero.sigma_n
         );

@@ -92,6 +92,13 @@ fn doctor_measures_the_values_that_a_run_uses() {
 }
 
 #[test]
+fn doctor_on_a_simulated_rig_presses_instead_of_a_finger() {
+    let output = TestFolder::new().palpate_ends(0, "doctor sim --finger");
+    assert!(output.out.contains("it measures force, as a press of the simulated rig has shown"), "{}", output.out);
+    assert!(output.out.contains("\nno load    zero "), "{}", output.out);
+}
+
+#[test]
 fn doctor_reports_each_fault_with_advice_and_continues() {
     let noisy = exchanged(&shipped_text("rigs/sim.toml"), "noise_n = 0.003", "noise_n = 0.1, offset_n = 1.5");
     let output = TestFolder::with([("noisy.toml", noisy.as_str())]).palpate_ends(1, "doctor noisy.toml");
