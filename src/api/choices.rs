@@ -24,13 +24,13 @@ pub enum RepeatabilityChoice {
     WorstLevel,
 }
 
-/// Events that an acknowledged press survives.
+/// How safely presses are stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum DurabilityChoice {
-    /// A power cut: each press is on the disk before the next one begins.
+    /// Each press is on the disk before the next one begins.
     #[default]
     Full,
-    /// A crash of the program, but not a power cut.
+    /// The system writes presses to the disk later.
     Fast,
 }
 
