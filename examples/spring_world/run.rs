@@ -20,7 +20,7 @@ const RUN_DEADLINE: Duration = Duration::from_secs(120);
 const REST_DEADLINE: Duration = Duration::from_secs(10);
 const WATCHED: Duration = Duration::from_millis(300);
 
-/// Interval of looks at the program and the world.
+/// Time between two checks of the program and the simulated world.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 
 /// A row is wrong if its true force differs from the set one by more than so much: a share, and the noise.

@@ -171,7 +171,7 @@ impl UnpluggedSound {
         cases.into_iter().skip(setup % self.setup.every).step_by(self.setup.every).collect()
     }
 
-    /// The devices that can be lost alone: a load cell on the stage's own controller can't.
+    /// The devices that can be lost separately. A load cell connected to the stage's controller isn't one of them.
     fn devices(&self) -> Vec<SceneDevice> {
         let shared = self.spec.emulators(1).is_ok_and(|rig| rig.load_cell.is_same(&rig.stage));
         SceneDevice::ALL.into_iter().filter(|&device| device != SceneDevice::LoadCell || !shared).collect()

@@ -357,7 +357,7 @@ random = { count = 40, x_mm = [-4.0, 4.0], y_mm = [-4.0, 4.0], force_n = [0.5, 1
         bench.palpate_ends(0, &format!("run one.toml --out {name}"));
         bench.palpate_ends(0, &format!("report {name}"));
         let page = bench.read(&format!("{name}/report.html"));
-        assert!(page.contains("Output of each unit over the force, at each place") && page.contains("V/N"), "{name}");
+        assert!(page.contains("Output of each unit per newton, at each place") && page.contains("V/N"), "{name}");
         assert!(!page.contains("Output of each unit for 1"), "{name}");
     }
     assert!(bench.read("two/report.html").contains("162 presses of 0.5 to 1 N; one scale"));

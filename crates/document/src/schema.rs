@@ -3,7 +3,7 @@
 use super::key::{Absent, Bounds, Case, DefaultValue, Key, Keys, ValueKind};
 use serde_json::{Map, Value as Json, json};
 
-/// Returns the JSON Schema (draft 7, which editors read) of a text whose root table has these keys. The schema refuses unknown
+/// Returns the JSON Schema of a TOML text with these top-level keys. It is draft 7, which editors support. The schema refuses unknown
 /// keys, missing keys, values of a wrong type, and values out of their bounds. It accepts more than the reader does. Only the
 /// reader checks rules between keys, `nan`, and files that must exist.
 pub fn schema(title: &str, keys: &Keys) -> Json {

@@ -129,7 +129,10 @@ fn stability_map(findings: &LoopFindings) -> Figure {
         legend: vec![
             vec![
                 (Look::line(Hue::Orange, LineStyle::Solid), "left: never settles, theory pi/2 k_hat/k".to_owned()),
-                (Look::line(Hue::Blue, LineStyle::Dashed), "left: overshoots, theory 1/e k_hat/k".to_owned()),
+                (
+                    Look::line(Hue::Blue, LineStyle::Dashed),
+                    "left panel: overshoots; theory: (k_hat / k) / e".to_owned(),
+                ),
             ],
             dots,
             wire_legend,

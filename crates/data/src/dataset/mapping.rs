@@ -25,7 +25,7 @@ keys! {
         outputs: Either(&[Text, Texts]), Allowed,
             "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
             "\"ch0..ch15\"";
-        flags: Text, Allowed, "the column that marks presses to exclude: neither empty nor 0", "\"bad\"";
+        flags: Text, Allowed, "the column that marks presses to exclude: a press is excluded unless its cell is empty or 0", "\"bad\"";
         scale: Table(&scale::KEYS), Allowed, "factors, for other units or signs";
         offset: Table(&offset::KEYS), Allowed, "what is added after the factor, for another origin or a zero";
         missing: Texts, or_texts(&[]), "cells that mean a missing value, besides blank cells and NaN", "[\"-999\"]";

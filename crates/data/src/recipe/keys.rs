@@ -49,7 +49,7 @@ keys! {
         step: Tables(&step::KEYS), Allowed, "the steps, done in this order; at least one is required";
         rig: Text, Allowed, "the rig where no `--rig` is given: a file relative to the recipe, or a shipped rig", "\"rig.toml\"";
         checks: Word(&words(&CHECKS)), or_word(Checks::End.name()),
-            "when the first place with a large force is pressed again, to check load cell and sensor: after the last press, also between presses, or never",
+            "when the first large-force press is repeated, to check load cell and sensor: only after the last press, also between presses, or never",
             "\"between\"";
         evaluate: Table(&evaluate::KEYS), Allowed, "evaluate the run when it is complete";
         accept: Either(&[Table(&accept_keys::KEYS), Text]), Allowed,

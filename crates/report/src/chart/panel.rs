@@ -168,7 +168,7 @@ impl Panel {
         }
     }
 
-    /// Returns the position of a point, px. A point outside is on the edge.
+    /// Returns the position of a point, px. A point outside the panel is drawn on its edge.
     fn at(&self, area: &PanelArea, (x, y): (f64, f64)) -> (f64, f64) {
         let up = self.y.share(y);
         let down = if matches!(self.y.scale, AxisScale::Rows(_)) { up } else { 1.0 - up };

@@ -242,7 +242,7 @@ keys! {
             value: Number(STIFFNESS), Allowed, "stiffness from the next contact; without it 20 N/mm", "20.0";
         }
         slow_stage = "slow-stage" {
-            value: Number(LATENCY), Allowed, "additional time of each exchange; without it 200 ms", "200.0";
+            value: Number(LATENCY), Allowed, "additional time of each exchange; the default is 200 ms", "200.0";
         }
         noisy {
             value: Number(within(0.0, 1e6, "times")), Allowed, "factor on the noise; without it 10", "10.0";

@@ -88,7 +88,7 @@ impl ContactState {
         self.settle(self.depth_mm);
     }
 
-    /// Removes the specimen. The depth is still relative to the earlier position of its surface.
+    /// Removes the specimen. The depth still counts from the specimen's earlier surface.
     pub(super) fn vanish(&mut self) {
         self.gone = true;
         self.settle(self.depth_mm);

@@ -20,7 +20,7 @@ pub(crate) fn read(input: File) -> Result<Vec<Variable>, String> {
             false => format!("not a Parquet file that can be read ({text})"),
         }
     };
-    // the types of Parquet itself, because Arrow has many forms of a text
+    // uses Parquet's own types, because Arrow has several string types
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let reader =
         ParquetRecordBatchReaderBuilder::try_new_with_options(input, options).map_err(|error| failed(&error))?;

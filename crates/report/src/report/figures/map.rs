@@ -102,7 +102,7 @@ impl MapLoad {
         match self {
             MapLoad::One(0.0) => format!("Output {of}of each unit at each place"),
             MapLoad::One(force_n) => format!("Output {of}of each unit for {force_n} N at each place"),
-            MapLoad::Many(..) => format!("Output {of}of each unit over the force, at each place"),
+            MapLoad::Many(..) => format!("Output {of}of each unit per newton, at each place"),
         }
     }
 

@@ -28,7 +28,7 @@ pub(super) enum Type {
 }
 
 /// Takes the next request: up to its balanced `)`. There is no other end. Rests of line ends and of `,EndOfAPI` before the
-/// request are ignored. A line that ends outside of parentheses, or is too long, can't be a request and is refused.
+/// request are ignored. A line that doesn't end with its closing parenthesis, or is too long, is refused: it can't be a request.
 pub(super) fn take_request(inbox: &mut Vec<u8>) -> Option<Vec<u8>> {
     let lead = lead(inbox);
     inbox.drain(..lead);
