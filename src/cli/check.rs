@@ -198,6 +198,7 @@ pub(super) fn object(plan: &Plan, rig: &RigSpec) -> Value {
         "name": plan.name, "seed": plan.seed, "phases": phases.collect::<Vec<Value>>(), "presses": plan.entries.len(),
         "checks": checks.len(), "estimated_s": estimated_s(&plan.entries, rig) + estimated_s(&checks, rig),
         "x_mm": [x.min, x.max], "y_mm": [y.min, y.max], "force_most_n": plan.most_n(), "force_limit_n": rig.limits.force_n,
+        "depth_most_mm": plan.most_mm(), "depth_limit_mm": rig.limits.depth_mm,
     })
 }
 
@@ -233,8 +234,18 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     let _ = writeln!(text, "  x {:>7.3} to {:>6.3} mm, travel {} to {} mm", x.min, x.max, travel[0].min, travel[0].max);
     let _ = writeln!(text, "  y {:>7.3} to {:>6.3} mm, travel {} to {} mm", y.min, y.max, travel[1].min, travel[1].max);
     let limits = &rig.limits;
-    let _ =
-        writeln!(text, "  largest force {} N, limit {} N{}", shown(plan.most_n()), limits.force_n, distance(plan, rig));
+    if plan.most_n() > 0.0 {
+        let most_n = shown(plan.most_n());
+        let _ = writeln!(text, "  largest force {most_n} N, limit {} N{}", limits.force_n, distance(plan, rig));
+    }
+    if plan.most_mm() > 0.0 {
+        let most_mm = shown(plan.most_mm());
+        let _ = writeln!(
+            text,
+            "  largest depth {most_mm} mm, limit {} mm; its force is measured,\n  and a press that needs over {} N ends the run",
+            limits.depth_mm, limits.force_n
+        );
+    }
     if !rig.stage.steps.is_fine() {
         let reach_n = round(rig.stage.steps.reach_n(limits.stiffness_n_mm), 4);
         let step_mm = rig.stage.steps.along(Axis::Z);
@@ -325,7 +336,7 @@ fn distance(plan: &Plan, rig: &RigSpec) -> String {
 
 /// Returns the largest set force plus the load cell's stated error, N; `None` if the load cell states no error.
 fn true_n(plan: &Plan, rig: &RigSpec) -> Option<f64> {
-    let set_n = plan.most_n();
+    let set_n = Some(plan.most_n()).filter(|most_n| *most_n > 0.0)?;
     rig.load_cell.standard_uncertainty_n(set_n).map(|u_n| set_n + COVERAGE * u_n)
 }
 

@@ -2,9 +2,9 @@
 //! permit's promise, every press ends, and no answer causes a panic.
 
 use palpate_control::{
-    Branch, ContactMap, Context, ForceLevel, ForceLoop, LearnedContact, LoopCommand, LoopEvent, Moment,
-    NO_LOAD_READINGS, NoLoadReadings, Permit, Permitted, PressTask, SafetyRule, Shot, Softest, Steer, Strategy, Timing,
-    Zero, safe_speed_mm_s,
+    Branch, ContactMap, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, Moment, NO_LOAD_READINGS,
+    NoLoadReadings, Permit, Permitted, PressLevel, PressTask, SafetyRule, SetPoint, Shot, Softest, Steer, Strategy,
+    Timing, Zero, safe_speed_mm_s,
 };
 use palpate_core::quantity::{Axis, Limits, Place, RandomStream, Steps, stream};
 use palpate_testing::campaign;
@@ -112,20 +112,27 @@ fn draw(seed: u64, rng: &mut RandomStream, truthful: bool) -> MachineDraw {
 
 fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
     let force_n = limits.force_n * rng.random_range(0.02..1.0);
-    let levels = match rng.random_range(0..4) {
+    let depth_mm = limits.depth_mm * rng.random_range(0.02..1.0);
+    let levels = match rng.random_range(0..5) {
         0 => PressTask::staircase(force_n, force_n / f64::from(rng.random_range(1..4))),
         // anything
         1 => (0..rng.random_range(0..4))
-            .map(|_| ForceLevel {
-                force_set_n: if rng.random_bool(0.3) { 0.0 } else { limits.force_n * rng.random_range(0.01..1.0) },
+            .map(|_| PressLevel {
+                set: match rng.random_range(0..10) {
+                    0..3 => SetPoint::Force(0.0),
+                    3..8 => SetPoint::Force(limits.force_n * rng.random_range(0.01..1.0)),
+                    _ => SetPoint::Depth(limits.depth_mm * rng.random_range(0.01..1.0)),
+                },
                 branch: if rng.random_bool(0.5) { Branch::Loading } else { Branch::Unloading },
             })
             .collect(),
+        2 => PressTask::one(SetPoint::Depth(depth_mm)),
         _ => PressTask::press(force_n),
     };
     PressTask {
         levels,
         force_tolerance_n: limits.force_n * 10f64.powf(rng.random_range(-3.0..-1.0)),
+        depth_tolerance_mm: depth_mm * 10f64.powf(rng.random_range(-2.0..-0.5)),
         hold_s: if rng.random_bool(0.5) { 0.0 } else { rng.random_range(0.0..2.0) },
         sample_s: rng.random_range(0.01..0.5),
         strategy: Strategy::ALL[rng.random_range(0..3)],

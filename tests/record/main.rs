@@ -1,6 +1,7 @@
 //! The files on the disk after any event, and how a run continues.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
+mod by_depth;
 mod changed_rig;
 mod checks;
 mod damage;

@@ -35,7 +35,7 @@ pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};
 pub use mean::{Mean, mean_of};
 pub use neighbours::LEARNED;
-pub use permit::{MotionContext, Permit, Permitted, Sideways};
+pub use permit::{DEPTH_MARGIN_MM, MotionContext, Permit, Permitted, Sideways};
 pub use press::{
     Context, FIRST_APPROACH_MM_S, ForceLoop, GAIN_TIMES_DEAD_TIME, LoopCommand, LoopEvent, Moment, NO_LOAD_READINGS,
     NoLoadReadings, SEARCH_ROOM_MM, Softest, Steer, TOUCH_MOST_N,
@@ -44,7 +44,7 @@ pub use profile::MotionProfile;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::Expected;
-pub use task::{Branch, ForceLevel, PressTask, Strategy};
+pub use task::{Branch, PressLevel, PressTask, SetPoint, Strategy};
 pub use trip::{SafetyRule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};
 pub use zero::Zero;

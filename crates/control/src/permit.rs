@@ -6,7 +6,7 @@ use super::zero::Zero;
 use palpate_core::quantity::{Limits, Steps};
 
 /// Part of the depth limit that is reserved for the error of the touched surface, mm.
-pub(super) const DEPTH_MARGIN_MM: f64 = 0.03;
+pub const DEPTH_MARGIN_MM: f64 = 0.03;
 
 /// Largest age of a reading on which a motion may depend, s. Between the reading and the motion, an ESP301 takes up to 80 ms for
 /// the read-back.

@@ -41,12 +41,44 @@ impl Strategy {
     }
 }
 
-/// One force to hold and sample.
+/// What a level reaches.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ForceLevel {
-    /// The force, N; 0 is sampled without load.
-    pub force_set_n: f64,
-    /// Side from which the level is reached.
+pub enum SetPoint {
+    /// A force, N; 0 is sampled without load.
+    Force(f64),
+    /// A depth below the surface that the press touched, mm.
+    Depth(f64),
+}
+
+impl SetPoint {
+    /// The set force, N; `None` for a depth.
+    pub fn force_n(self) -> Option<f64> {
+        match self {
+            SetPoint::Force(force_n) => Some(force_n),
+            SetPoint::Depth(_) => None,
+        }
+    }
+
+    /// The set depth, mm; `None` for a force.
+    pub fn depth_mm(self) -> Option<f64> {
+        match self {
+            SetPoint::Force(_) => None,
+            SetPoint::Depth(depth_mm) => Some(depth_mm),
+        }
+    }
+
+    /// Whether the level is in contact.
+    pub fn is_loaded(self) -> bool {
+        self != SetPoint::Force(0.0)
+    }
+}
+
+/// One force or depth to hold and sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PressLevel {
+    /// The force or the depth.
+    pub set: SetPoint,
+    /// Side from which the level is reached. A depth is only reached from above.
     pub branch: Branch,
 }
 
@@ -54,9 +86,11 @@ pub struct ForceLevel {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PressTask {
     /// The levels, in the order they are held. Presses that measure the same use the same list.
-    pub levels: Arc<[ForceLevel]>,
+    pub levels: Arc<[PressLevel]>,
     /// Largest allowed difference between the force in the window and the set force, N.
     pub force_tolerance_n: f64,
+    /// Largest allowed difference between depth and set depth, mm.
+    pub depth_tolerance_mm: f64,
     /// Dwell at each level before its window, s.
     pub hold_s: f64,
     /// Length of the window, s.
@@ -70,22 +104,33 @@ pub struct PressTask {
 
 impl PressTask {
     /// Returns the levels of one plain press.
-    pub fn press(force_n: f64) -> Arc<[ForceLevel]> {
-        Arc::new([ForceLevel { force_set_n: force_n, branch: Branch::Loading }])
+    pub fn press(force_n: f64) -> Arc<[PressLevel]> {
+        Self::one(SetPoint::Force(force_n))
+    }
+
+    /// Returns the levels of one plain press to a force or a depth.
+    pub fn one(set: SetPoint) -> Arc<[PressLevel]> {
+        Arc::new([PressLevel { set, branch: Branch::Loading }])
     }
 
     /// Returns the levels of a staircase: 0, step, ..., top, ..., step, 0.
-    pub fn staircase(to_n: f64, step_n: f64) -> Arc<[ForceLevel]> {
+    pub fn staircase(to_n: f64, step_n: f64) -> Arc<[PressLevel]> {
         let steps = (to_n / step_n).round().max(1.0) as usize;
         let force_n = |i: usize| to_n * i as f64 / steps as f64;
-        let up = (0..=steps).map(|i| ForceLevel { force_set_n: force_n(i), branch: Branch::Loading });
-        let down = (0..steps).rev().map(|i| ForceLevel { force_set_n: force_n(i), branch: Branch::Unloading });
+        let level = |i, branch| PressLevel { set: SetPoint::Force(force_n(i)), branch };
+        let up = (0..=steps).map(|i| level(i, Branch::Loading));
+        let down = (0..steps).rev().map(|i| level(i, Branch::Unloading));
         up.chain(down).collect()
     }
 
-    /// Largest force of the task, N.
+    /// Largest set force of the task, N; 0 for a press to a depth.
     pub fn most_n(&self) -> f64 {
-        self.levels.iter().map(|level| level.force_set_n).fold(0.0, f64::max)
+        self.levels.iter().filter_map(|level| level.set.force_n()).fold(0.0, f64::max)
+    }
+
+    /// Largest set depth of the task, mm; 0 for a press to a force.
+    pub fn most_mm(&self) -> f64 {
+        self.levels.iter().filter_map(|level| level.set.depth_mm()).fold(0.0, f64::max)
     }
 }
 
@@ -95,9 +140,9 @@ mod tests {
 
     #[test]
     fn staircase_of_the_paper_has_nine_levels() {
-        let forces: Vec<f64> = PressTask::staircase(2.0, 0.5).iter().map(|level| level.force_set_n).collect();
+        let forces: Vec<f64> = PressTask::staircase(2.0, 0.5).iter().filter_map(|level| level.set.force_n()).collect();
         assert_eq!(forces, [0.0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0, 0.5, 0.0]);
         let last = PressTask::staircase(2.0, 0.5)[5];
-        assert_eq!(last, ForceLevel { force_set_n: 1.5, branch: Branch::Unloading });
+        assert_eq!(last, PressLevel { set: SetPoint::Force(1.5), branch: Branch::Unloading });
     }
 }

@@ -81,6 +81,8 @@ pub enum ValueKind {
     Number(Bounds),
     /// An interval `[from, to]` with `from <= to`.
     Range(Bounds),
+    /// A number, or a list of numbers.
+    Numbers(Bounds),
     /// A list with one number for each unit of the array.
     PerUnit(Bounds),
     /// A list of places `[x, y]`.
@@ -185,6 +187,7 @@ impl ValueKind {
         let of = |kind: &ValueKind| match kind {
             ValueKind::Number(bounds)
             | ValueKind::Range(bounds)
+            | ValueKind::Numbers(bounds)
             | ValueKind::PerUnit(bounds)
             | ValueKind::Places(bounds) => Some(bounds.unit()),
             _ => None,

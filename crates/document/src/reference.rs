@@ -55,6 +55,7 @@ fn value(kind: &ValueKind) -> String {
     match kind {
         ValueKind::Number(bounds) => format!("number, {}", bounds.stated()),
         ValueKind::Range(bounds) => format!("`[from, to]`, each {}", bounds.stated()),
+        ValueKind::Numbers(bounds) => format!("number or list of numbers, {}", bounds.stated()),
         ValueKind::PerUnit(bounds) => format!("list, one number for each unit, {}", bounds.stated()),
         ValueKind::Places(bounds) => format!("list of `[x, y]`, each {}", bounds.stated()),
         ValueKind::Whole(min, max) => format!("integer, {min} to {max}"),

@@ -97,6 +97,7 @@ fn assert_takes(key: &Key, value: &str) {
     let taken = |table: &Table, kind: &ValueKind| match kind {
         ValueKind::Number(_) => table.number(key).is_some(),
         ValueKind::Range(_) => table.range(key).is_some(),
+        ValueKind::Numbers(_) => table.number_or_list(key).is_some(),
         ValueKind::PerUnit(_) => table.per_unit(key, None).is_some(),
         ValueKind::Places(_) => table.places(key).is_some(),
         ValueKind::Whole(..) => table.whole(key).is_some(),

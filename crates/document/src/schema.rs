@@ -70,6 +70,7 @@ fn kind(kind: &ValueKind) -> Json {
     match kind {
         ValueKind::Number(bounds) => number(bounds),
         ValueKind::Range(bounds) => pair(number(bounds)),
+        ValueKind::Numbers(bounds) => json!({ "anyOf": [number(bounds), list(number(bounds))] }),
         ValueKind::PerUnit(bounds) => list(number(bounds)),
         ValueKind::Places(bounds) => list(pair(number(bounds))),
         ValueKind::Whole(min, max) => whole(*min, *max),

@@ -236,6 +236,15 @@ impl<'d> Table<'d> {
         }
     }
 
+    /// Reads a number or a list of numbers.
+    pub fn number_or_list(&self, key: &Key) -> Option<Vec<f64>> {
+        let value = self.get(key)?;
+        match value.get_ref().is_array() {
+            true => self.numbers_of(key, value),
+            false => self.number_of(key, value, bounds(key)).map(|number| vec![number]),
+        }
+    }
+
     /// Reads a list of numbers, one for each unit. `units` is their number, if it is known.
     pub fn per_unit(&self, key: &Key, units: Option<usize>) -> Option<Vec<f64>> {
         let value = self.get(key)?;
@@ -443,6 +452,7 @@ fn expected(key: &Key) -> String {
     let of = |kind: &ValueKind| match kind {
         ValueKind::Number(bounds) => Some(format!("a number{}, {}", bounds.in_unit(), bounds.interval())),
         ValueKind::Range(bounds) => Some(format!("[from, to]{}", bounds.in_unit())),
+        ValueKind::Numbers(bounds) => Some(format!("a number or a list{}", bounds.in_unit())),
         ValueKind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
         ValueKind::Places(_) => Some("[[x, y], ...]".to_owned()),
         ValueKind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
@@ -479,6 +489,7 @@ fn bounds(key: &Key) -> Bounds {
     let bounds = key.kind.pick(|kind| match kind {
         ValueKind::Number(bounds)
         | ValueKind::Range(bounds)
+        | ValueKind::Numbers(bounds)
         | ValueKind::PerUnit(bounds)
         | ValueKind::Places(bounds) => Some(*bounds),
         _ => None,

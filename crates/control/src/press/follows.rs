@@ -53,7 +53,7 @@ impl ForceLoop {
 
     /// Deepest z by the presses around, mm: there the force would exceed the limit.
     fn neighbours_mm(&self) -> f64 {
-        let set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+        let set_n = self.level_n();
         let learned_curve = self.context.softest.learned_curve;
         let deepest_mm = learned_curve
             .map_or(f64::INFINITY, |learned_curve| learned_curve.deepest_mm(self.context.limits.force_n, set_n));

@@ -2,11 +2,12 @@
 //! small. So the force exceeds the set force only if a single step of the stage causes that.
 
 use super::state::{ForceLoop, PressState, SEARCH_MM, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
-use super::{Branch, LoopCommand, SafetyRule, Strategy, Trip};
+use super::{Branch, LoopCommand, SafetyRule, SetPoint, Strategy, Trip};
 use crate::surface::Expected;
 
-/// Fraction of the first force that an approach may add before it stops at contact.
+/// Fraction of the first force that an approach may add before it stops at contact, and fraction of a set depth.
 const TOUCH_SHARE: f64 = 0.6;
+const TOUCH_DEPTH_SHARE: f64 = 0.2;
 /// Largest force that the touch may use, N.
 pub const TOUCH_MOST_N: f64 = 0.2;
 /// Height above the earliest contact at which the fast descent ends, mm.
@@ -43,6 +44,10 @@ const TELL_SHARE: f64 = 0.3;
 /// fraction of the force.
 const TELL_LIMITS: f64 = 1.1;
 const TELL_LEAST: f64 = 0.12;
+/// Gap to a set depth, mm, below which the depth counts as reached, and up to which one motion closes a gap. A motion closes half of a
+/// larger gap, because the touched surface is known better as the loading path grows.
+const DEPTH_REACHED_MM: f64 = 0.001;
+const DEPTH_WHOLE_MM: f64 = 0.020;
 /// Largest number of looks for contact. On steel each look may advance only a few micrometres, and the first descent goes all the
 /// way from home.
 const LOOKS_MAX: u32 = 2000;
@@ -73,7 +78,8 @@ impl ForceLoop {
         if target_mm - self.z_mm < STEP_LEAST_MM || self.steps > looks_max {
             return Err(Trip::new(SafetyRule::NoContact, self.z_mm, search_mm, "mm"));
         }
-        let touch_n = self.level().map_or(0.0, |(_, level)| TOUCH_SHARE * level.force_set_n).min(TOUCH_MOST_N);
+        let share = if self.is_by_depth() { TOUCH_DEPTH_SHARE } else { TOUCH_SHARE };
+        let touch_n = (share * self.level_n()).min(TOUCH_MOST_N);
         let detect_n = self.context.zero.detect_n();
         let speed = self.context.permit.approach_speed_mm_s(touch_n.max(1.2 * detect_n));
         let most_mm_s = if self.context.expected.touched { APPROACH_MOST_MM_S } else { self.context.approach_mm_s };
@@ -96,7 +102,7 @@ impl ForceLoop {
         self.anchor = (self.z_mm, force_n);
         self.answered = self.anchor;
         self.note_path();
-        let steps = self.task.strategy != Strategy::Velocity || self.must_show_stiffness();
+        let steps = self.task.strategy != Strategy::Velocity || self.is_by_depth() || self.must_show_stiffness();
         if steps { self.pursue() } else { self.push() }
     }
 
@@ -127,10 +133,12 @@ impl ForceLoop {
     /// Learns the stiffness from a large step. A small step would show too low a stiffness, because the specimen relaxes
     /// meanwhile.
     pub(super) fn learn(&mut self) {
-        let Some((_, level)) = self.level() else { return };
+        if self.level().is_none() {
+            return;
+        }
         self.note_path();
         let (z_mm, force_n) = (self.z_mm - self.anchor.0, self.force_n - self.anchor.1);
-        if force_n.abs() >= LEARN_SHARE * level.force_set_n && z_mm * force_n > 0.0 {
+        if force_n.abs() >= LEARN_SHARE * self.level_n() && z_mm * force_n > 0.0 {
             self.stiffness_n_mm = Some(force_n / z_mm);
             self.anchor = (self.z_mm, self.force_n);
             // depth counts from the touched surface, once the stiffness is known; before that from the earliest surface
@@ -143,12 +151,16 @@ impl ForceLoop {
     /// Moves closer to the level from the level's own side. If the level is reached, continues to the dwell and the window.
     pub(super) fn pursue(&mut self) -> Result<LoopCommand, Trip> {
         let Some((_, level)) = self.level() else { return self.leave_contact() };
+        let force_set_n = match level.set {
+            SetPoint::Force(force_n) => force_n,
+            SetPoint::Depth(depth_mm) => return self.pursue_depth(depth_mm),
+        };
         let limit_n = self.context.limits.force_n;
         let (side, below_n) = match level.branch {
             Branch::Loading => (1.0, BELOW_SIGMAS * self.sigma_n),
             Branch::Unloading => (-1.0, 0.0),
         };
-        let gap_n = side * (level.force_set_n.min(limit_n) - self.force_n) - below_n;
+        let gap_n = side * (force_set_n.min(limit_n) - self.force_n) - below_n;
         // a force that relaxes as fast as it is restored is accepted, the sooner the more often it was tried
         let let_off_n = (LET_OFF_SHARE * f64::from(self.steps) / LET_OFF_STEPS).min(1.0) * self.task.force_tolerance_n;
         let reached_n = (REACHED_SHARE * self.task.force_tolerance_n - below_n).max(self.sigma_n).max(let_off_n);
@@ -157,11 +169,11 @@ impl ForceLoop {
         }
         self.steps += 1;
         if self.steps > STEPS_MAX {
-            return Err(Trip::new(SafetyRule::NoConvergence, self.force_n, level.force_set_n, "N"));
+            return Err(Trip::new(SafetyRule::NoConvergence, self.force_n, force_set_n, "N"));
         }
         let declared = self.context.limits.stiffness_n_mm;
         let stiffness = match self.stiffness_n_mm {
-            Some(learned) if gap_n < LEARN_SHARE * level.force_set_n => {
+            Some(learned) if gap_n < LEARN_SHARE * force_set_n => {
                 (learned * STIFFENING).clamp(declared / 20.0, declared)
             }
             _ => declared,
@@ -174,6 +186,31 @@ impl ForceLoop {
             return self.go(PressState::Stepping, LoopCommand::Move(granted));
         }
         self.step_to(PressState::Stepping, self.z_mm + step_mm)
+    }
+
+    /// Moves deeper toward a depth below the touched surface, from above. If it is reached, continues to the dwell and the window.
+    fn pursue_depth(&mut self, depth_mm: f64) -> Result<LoopCommand, Trip> {
+        let Some(gap_mm) = self.depth_gap_mm(depth_mm) else { return self.approach() };
+        if gap_mm <= DEPTH_REACHED_MM {
+            return self.reached();
+        }
+        self.steps += 1;
+        if self.steps > STEPS_MAX {
+            return Err(Trip::new(SafetyRule::NoConvergence, depth_mm - gap_mm, depth_mm, "mm"));
+        }
+        let part_mm = if gap_mm > DEPTH_WHOLE_MM { gap_mm / 2.0 } else { gap_mm };
+        let Some(way_mm) = self.way_mm(part_mm) else { return self.reached() };
+        self.step_to(PressState::Stepping, self.z_mm + way_mm)
+    }
+
+    /// Whether the present level is a depth.
+    fn is_by_depth(&self) -> bool {
+        self.level().is_some_and(|(_, level)| level.set.depth_mm().is_some())
+    }
+
+    /// Distance to a set depth below the touched surface, mm; `None` before contact.
+    fn depth_gap_mm(&self, depth_mm: f64) -> Option<f64> {
+        Some(self.touched_mm()? + depth_mm - self.z_mm)
     }
 
     /// Returns the distance that closes a gap, mm: the nearest that the stage can go. `None` if the gap is under half a step, so
@@ -198,13 +235,23 @@ impl ForceLoop {
         }
         let deepest_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()));
         if deepest_mm - self.z_mm < STEP_LEAST_MM {
-            let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
-            if force_set_n - self.force_n <= self.task.force_tolerance_n {
+            let set = self.level().map(|(_, level)| level.set);
+            let (missing, tolerance, measured, limit, unit) = match set {
+                Some(SetPoint::Depth(depth_mm)) => {
+                    let gap_mm = self.depth_gap_mm(depth_mm).unwrap_or(depth_mm);
+                    (gap_mm, self.task.depth_tolerance_mm, depth_mm - gap_mm, depth_mm, "mm")
+                }
+                _ => {
+                    let set_n = self.level_n();
+                    (set_n - self.force_n, self.task.force_tolerance_n, self.force_n, set_n, "N")
+                }
+            };
+            if missing <= tolerance {
                 return self.reached();
             }
             let rule =
                 if self.is_bounded_by_neighbours() { SafetyRule::SofterThanTaught } else { SafetyRule::OutOfReach };
-            return Err(Trip::new(rule, self.force_n, force_set_n, "N"));
+            return Err(Trip::new(rule, measured, limit, unit));
         }
         self.advance(state, wanted_mm.min(deepest_mm), self.context.speed_mm_s)
     }

@@ -12,7 +12,7 @@ mod velocity;
 use super::map::LearnedContact;
 use super::permit::{DEPTH_MARGIN_MM, MotionContext, Permitted};
 use super::profile::MotionProfile;
-use super::task::{Branch, ForceLevel, PressTask, Strategy};
+use super::task::{Branch, PressLevel, PressTask, SetPoint, Strategy};
 use super::trip::{SafetyRule, Trip};
 pub use dialogue::{Context, LoopCommand, LoopEvent, Moment, NoLoadReadings, Steer};
 pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
@@ -75,8 +75,17 @@ impl ForceLoop {
     }
 
     /// Returns the level that is being reached, held or sampled, with its number.
-    pub fn level(&self) -> Option<(usize, ForceLevel)> {
+    pub fn level(&self) -> Option<(usize, PressLevel)> {
         self.task.levels.get(self.level).map(|level| (self.level, *level))
+    }
+
+    /// Largest force of the present level, N: the set force or, at a set depth, what the declared stiffness allows there.
+    fn level_n(&self) -> f64 {
+        let limits = &self.context.limits;
+        self.level().map_or(0.0, |(_, level)| match level.set {
+            SetPoint::Force(force_n) => force_n,
+            SetPoint::Depth(depth_mm) => (limits.stiffness_n_mm * depth_mm).min(limits.force_n),
+        })
     }
 
     /// Whether the press is on its way to the first touch of a specimen.
@@ -203,12 +212,14 @@ impl ForceLoop {
         match self.level() {
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
             None => Ok(LoopCommand::Done),
-            Some((_, ForceLevel { force_set_n: 0.0, .. })) if self.in_contact => self.retract(),
-            Some((_, ForceLevel { force_set_n: 0.0, .. })) => self.sample(),
+            Some((_, level)) if !level.set.is_loaded() && self.in_contact => self.retract(),
+            Some((_, level)) if !level.set.is_loaded() => self.sample(),
             Some(_) if self.in_contact => self.average(PressState::Reading),
-            Some((_, level)) => match self.context.shot {
-                Some(shot) if self.task.strategy == Strategy::Map && level.branch == Branch::Loading => {
-                    self.shoot(shot, level)
+            Some((_, level)) => match (self.context.shot, level.set) {
+                (Some(shot), SetPoint::Force(force_n))
+                    if self.task.strategy == Strategy::Map && level.branch == Branch::Loading =>
+                {
+                    self.shoot(shot, force_n)
                 }
                 _ => self.descend(),
             },
@@ -254,11 +265,11 @@ impl ForceLoop {
     /// Time that remains until the first level's window, s. All presses are sampled at the same time after contact.
     fn wait_s(&self) -> Option<f64> {
         let shot = self.landing.and(self.context.shot);
-        let (level, contact_s) = (self.level()?.1, self.contact_s?);
+        let contact_s = self.contact_s?;
         if self.level != self.first_loaded() {
             return None;
         }
-        let after_s = self.task.sample_after_s.or_else(|| Some(self.after_shot_s(shot?, level.force_set_n)))?;
+        let after_s = self.task.sample_after_s.or_else(|| Some(self.after_shot_s(shot?, self.level_n())))?;
         Some(contact_s + after_s - self.moment.now_s)
     }
 
@@ -270,7 +281,7 @@ impl ForceLoop {
         self.check_fall(force_n)?;
         self.check_rest(force_n)?;
         self.check_trim(force_n)?;
-        let force_set_n = self.level().map_or(0.0, |(_, level)| level.force_set_n);
+        let force_set_n = self.level_n();
         if let Some(landing) = self.landing.as_mut() {
             landing.sampled(force_n, force_set_n);
         }
@@ -352,7 +363,7 @@ impl ForceLoop {
 
     /// Number of readings for the next look at the force. It depends on the tolerance and on the available time.
     fn readings(&self) -> u32 {
-        let most_n = self.force_n.max(self.level().map_or(0.0, |(_, level)| level.force_set_n));
+        let most_n = self.force_n.max(self.level_n());
         let least = if most_n > NEAR_LIMIT * self.context.limits.force_n { LIMIT_READINGS } else { READINGS_LEAST };
         let conversion_s = self.context.timing.conversion_s;
         let within = |share: f64, most_s: f64| {
@@ -363,7 +374,7 @@ impl ForceLoop {
     }
 
     fn first_loaded(&self) -> usize {
-        self.task.levels.iter().position(|level| level.force_set_n > 0.0).unwrap_or(0)
+        self.task.levels.iter().position(|level| level.set.is_loaded()).unwrap_or(0)
     }
 
     /// Adds a point to the loading path of the first level.

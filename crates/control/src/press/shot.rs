@@ -3,7 +3,7 @@
 
 use super::guarded::LEARN_SHARE;
 use super::state::{ForceLoop, Landing, PressState, STEP_LEAST_MM, STEPS_MAX, TELL_SIGMAS};
-use super::{Branch, ForceLevel, LoopCommand, SafetyRule, Steer, Trip};
+use super::{Branch, LoopCommand, SafetyRule, Steer, Trip};
 use crate::map::{LearnedContact, Shot};
 use crate::profile::MotionProfile;
 use palpate_core::quantity::Place;
@@ -47,8 +47,8 @@ impl Landing {
 impl ForceLoop {
     /// Moves to the position where the aim will be met, or as far as permitted. If this position isn't inside the specimen, the
     /// press continues guarded.
-    pub(super) fn shoot(&mut self, shot: Shot, level: ForceLevel) -> Result<LoopCommand, Trip> {
-        let wanted_mm = shot.z_mm(shot.aim_n(level.force_set_n));
+    pub(super) fn shoot(&mut self, shot: Shot, force_set_n: f64) -> Result<LoopCommand, Trip> {
+        let wanted_mm = shot.z_mm(shot.aim_n(force_set_n));
         let target_mm = wanted_mm.min(self.context.permit.deepest_mm(&self.context()));
         if shot.force_n(target_mm) < self.context.zero.detect_n() {
             return self.descend();
@@ -79,10 +79,10 @@ impl ForceLoop {
 
     /// Moves closer to the force from below. The last trim goes above the set force by the amount that the force will fade.
     pub(super) fn correct(&mut self) -> Result<LoopCommand, Trip> {
-        let (Some(landing), Some(shot), Some((_, level))) = (self.landing, self.context.shot, self.level()) else {
+        let (Some(landing), Some(shot), Some(_)) = (self.landing, self.context.shot, self.level()) else {
             return self.pursue();
         };
-        let set_n = level.force_set_n;
+        let set_n = self.level_n();
         let goal_n = set_n * (1.0 + shot.faded.max(0.0));
         let gap_n = goal_n - self.force_n;
         let declared = self.context.limits.stiffness_n_mm;
@@ -130,11 +130,12 @@ impl ForceLoop {
 
     /// Stops a shot or a step that meets more force than it should.
     pub(super) fn hold_below(&self, force_n: f64) -> Steer {
-        let Some((_, level)) = self.level().filter(|(_, level)| level.branch == Branch::Loading) else {
+        if !self.level().is_some_and(|(_, level)| level.branch == Branch::Loading) {
             return Steer::On; // coming from above, the force is higher
-        };
-        let over_n = (OVER_SHARE * level.force_set_n).max(TELL_SIGMAS * self.context.zero.sigma_n);
-        if force_n > level.force_set_n + over_n { Steer::Stop } else { Steer::On }
+        }
+        let most_n = self.level_n();
+        let over_n = (OVER_SHARE * most_n).max(TELL_SIGMAS * self.context.zero.sigma_n);
+        if force_n > most_n + over_n { Steer::Stop } else { Steer::On }
     }
 
     /// Returns the time from contact to the window for a press that begins with a shot, s. It depends on the curve and the rig's

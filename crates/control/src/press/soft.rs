@@ -46,12 +46,10 @@ impl ForceLoop {
 
     /// Checks the declared stiffness at the first press only. Later presses are compared with the first one.
     fn check_declared(&self, from_mm: f64, from_n: f64) -> Result<(), Trip> {
-        let (Some(least_n_mm), Some((_, level))) = (self.context.softest.declared_n_mm, self.level()) else {
-            return Ok(());
-        };
+        let Some(least_n_mm) = self.context.softest.declared_n_mm else { return Ok(()) };
         let (way_mm, noise_n) = (self.z_mm - from_mm, TELL_SIGMAS * self.sigma_n);
         let expected_n = least_n_mm * way_mm;
-        if self.context.expected.touched || expected_n < SHOWN_SHARE * level.force_set_n {
+        if self.context.expected.touched || expected_n < SHOWN_SHARE * self.level_n() {
             return Ok(());
         }
         let rose_n = self.force_n - from_n;

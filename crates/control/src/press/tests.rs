@@ -26,7 +26,7 @@ struct PressScript {
 
 /// What a press is made with.
 struct PressBench {
-    levels: Arc<[ForceLevel]>,
+    levels: Arc<[PressLevel]>,
     strategy: Strategy,
     tolerance_n: f64,
     map: ContactMap,
@@ -38,7 +38,7 @@ struct PressBench {
     lag_s: f64,
 }
 
-fn bench(levels: Arc<[ForceLevel]>, surface_mm: f64) -> PressBench {
+fn bench(levels: Arc<[PressLevel]>, surface_mm: f64) -> PressBench {
     // readings of a 1 kHz cell between places
     let no_load = NoLoadReadings { mean_n: 0.0, sigma_n: 0.003, readings: 150, age_s: 0.075 };
     let map = ContactMap::new(0.3);
@@ -57,7 +57,7 @@ impl PressBench {
             acceleration_mm_s2: 100.0,
             reaction_s: 0.05,
         };
-        let force_set_n = self.levels.iter().map(|level| level.force_set_n).fold(0.0, f64::max);
+        let force_set_n = self.levels.iter().filter_map(|level| level.set.force_n()).fold(0.0, f64::max);
         let context = Context {
             place: self.place,
             limits: LIMITS,
@@ -75,6 +75,7 @@ impl PressBench {
         let task = PressTask {
             levels: self.levels.clone(),
             force_tolerance_n: self.tolerance_n,
+            depth_tolerance_mm: 0.02,
             hold_s: 0.0,
             sample_s: 0.1,
             strategy: self.strategy,
@@ -209,10 +210,10 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
         for (level, force_n) in levels.iter().zip(&execute.forces) {
             match level.branch {
                 Branch::Loading => {
-                    assert!((-0.01..=0.0).contains(&(force_n - level.force_set_n)), "{level:?} {force_n}")
+                    assert!((-0.01..=0.0).contains(&(force_n - level.set.force_n().unwrap())), "{level:?} {force_n}")
                 }
                 Branch::Unloading => {
-                    assert!((0.0..=0.01).contains(&(force_n - level.force_set_n)), "{level:?} {force_n}")
+                    assert!((0.0..=0.01).contains(&(force_n - level.set.force_n().unwrap())), "{level:?} {force_n}")
                 }
             }
         }
@@ -220,6 +221,38 @@ fn a_staircase_reaches_loading_levels_from_below_and_unloading_levels_from_above
         let deepest = execute.moves.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let top = execute.moves.iter().position(|&z| z == deepest).unwrap();
         assert!(execute.moves[..=top].is_sorted() && execute.moves[top..].iter().rev().is_sorted());
+    }
+}
+
+#[test]
+fn press_reaches_its_depth_below_the_touched_surface() {
+    for surface_mm in [-0.25, 0.0, 0.29] {
+        for depth_mm in [0.1, 0.3, 0.8] {
+            for (strategy, stiffer) in [(Strategy::Guarded, 1.0), (Strategy::Velocity, 1.4), (Strategy::Map, 0.5)] {
+                let levels = PressTask::one(SetPoint::Depth(depth_mm));
+                let bench = PressBench { strategy, ..bench(levels, surface_mm) };
+                let (press, execute) = bench.execute(|depth_mm| stiffer * force_at(depth_mm));
+                assert_eq!(execute.end, LoopCommand::Done, "{depth_mm} mm");
+                let reached_mm = execute.deepest_mm - press.touched_mm().unwrap();
+                assert!(
+                    (reached_mm - depth_mm).abs() < 0.003,
+                    "{reached_mm} of {depth_mm} mm below the touched surface"
+                );
+                let true_mm = execute.deepest_mm - surface_mm;
+                assert!((true_mm - depth_mm).abs() < 0.012, "{true_mm} of {depth_mm} mm below the true surface");
+                assert_eq!(execute.forces.len(), 1);
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_beyond_the_force_limit_trips_within_the_limit() {
+    for stiffness_n_mm in [1.6, 2.0] {
+        let bench = bench(PressTask::one(SetPoint::Depth(1.5)), 0.1);
+        let (rule, execute) = bench.rule(|depth_mm| stiffness_n_mm * depth_mm.max(0.0));
+        assert_eq!((rule, execute.forces.len()), (SafetyRule::OutOfReach, 0));
+        assert!(stiffness_n_mm * (execute.deepest_mm - 0.1) <= LIMITS.force_n, "{}", execute.deepest_mm);
     }
 }
 

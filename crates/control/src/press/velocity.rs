@@ -20,8 +20,10 @@ const BELOW_SIGMAS: f64 = 4.0;
 impl ForceLoop {
     /// Moves toward the force, at a speed that is safe for the dead time of the rig.
     pub(super) fn push(&mut self) -> Result<LoopCommand, Trip> {
-        let Some((_, level)) = self.level() else { return self.leave_contact() };
-        let goal_n = level.force_set_n.min(self.context.limits.force_n) - BELOW_SIGMAS * self.sigma_n;
+        if self.level().is_none() {
+            return self.leave_contact();
+        }
+        let goal_n = self.level_n().min(self.context.limits.force_n) - BELOW_SIGMAS * self.sigma_n;
         let speed_mm_s = self.speed_for(goal_n - self.force_n).min(self.context.speed_mm_s);
         let target_mm = self.in_steps_mm(self.context.permit.deepest_mm(&self.context()));
         if speed_mm_s < SLOWEST_MM_S || target_mm - self.z_mm < STEP_LEAST_MM {

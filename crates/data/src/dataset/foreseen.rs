@@ -47,15 +47,16 @@ pub fn foreseen(rule: &AcceptanceRule, plan: &Plan, truths: &Truths) -> Judgemen
 fn staircases(plan: &Plan, layout: &ArrayLayout) -> Vec<Press> {
     let of_phase = plan.entries.iter().filter(|entry| entry.phase == Phase::Characterisation);
     let rows = of_phase.flat_map(|entry| {
-        entry.task.levels.iter().zip(0..).map(move |(held, level)| Press {
+        let forces = entry.task.levels.iter().filter_map(|level| level.set.force_n());
+        forces.zip(0..).map(move |(force_n, level)| Press {
             press: entry.press,
             level,
             phase: Some(entry.phase),
             x_mm: entry.place.x_mm,
             y_mm: entry.place.y_mm,
-            force_set_n: Some(held.force_set_n),
-            force_n: Some(held.force_set_n),
-            outputs: vec![held.force_set_n; layout.len()],
+            force_set_n: Some(force_n),
+            force_n: Some(force_n),
+            outputs: vec![force_n; layout.len()],
             ..Press::default()
         })
     });

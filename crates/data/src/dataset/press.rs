@@ -5,6 +5,7 @@
 use super::Flag;
 use super::cell::{CellContent, CellType, CellValue, Misread};
 use crate::recipe::Phase;
+use palpate_control::SetPoint;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize, Serializer, ser::SerializeMap};
 
@@ -19,6 +20,8 @@ pub enum Presence {
     Run,
     /// Only a run's own table, in which a cell may be empty.
     Sparse,
+    /// The same, in a run with presses by depth.
+    ByDepth,
 }
 
 /// One column of a table of presses.
@@ -48,10 +51,10 @@ pub const OUTPUTS: &str = "outputs";
 /// Declares the columns in the order of `presses.csv`: `name: type, presence, decimals` (the number of decimals that an
 /// instrument resolves). The comment of a column is its definition in exported files.
 macro_rules! columns {
-    ($($(#[doc = $doc:literal])* $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
+    ($($(#[doc = $doc:literal])* $(#[serde($($serde:tt)*)])? $name:ident: $kind:ty, $presence:ident, $decimals:literal;)*) => {
         /// One level of one press: a row of `presses.csv`. `None` means that the source table doesn't contain the value.
         #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
-        pub struct Press { $($(#[doc = $doc])* pub $name: $kind,)* }
+        pub struct Press { $($(#[doc = $doc])* $(#[serde($($serde)*)])? pub $name: $kind,)* }
 
         /// Columns in the order in which they are written.
         pub const COLUMNS: &[PressColumn] = &[$(PressColumn {
@@ -77,8 +80,11 @@ columns! {
     x_mm: f64, Needed, 6;
     /// y of the press, specimen frame, mm.
     y_mm: f64, Needed, 6;
-    /// Commanded force, N.
-    force_set_n: Option<f64>, Run, 6;
+    /// Commanded force, N; `None` in a press by depth.
+    force_set_n: Option<f64>, Sparse, 6;
+    /// Commanded depth below the surface touched in this press, mm; `None` in a press by force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    depth_set_mm: Option<f64>, ByDepth, 6;
     /// Mean force in the window, N, relative to the readings without load before and after the press.
     force_n: Option<f64>, Optional, 6;
     /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
@@ -131,6 +137,11 @@ impl Press {
         self.phase == Some(phase)
     }
 
+    /// What the press was set to; `None` if the table doesn't contain it.
+    pub fn set_point(&self) -> Option<SetPoint> {
+        self.depth_set_mm.map(SetPoint::Depth).or(self.force_set_n.map(SetPoint::Force))
+    }
+
     /// Whether the press has a fault.
     pub fn is_flagged(&self) -> bool {
         !self.flags.is_empty()
@@ -161,16 +172,21 @@ impl Press {
     }
 }
 
-/// Returns the first line of `presses.csv`.
-pub(super) fn csv_header(channels: usize) -> String {
-    let names: Vec<String> = COLUMNS.iter().flat_map(|column| column.names(channels)).collect();
+/// Columns of the `presses.csv` of a run.
+fn columns_of(by_depth: bool) -> impl Iterator<Item = &'static PressColumn> {
+    COLUMNS.iter().filter(move |column| by_depth || column.presence != Presence::ByDepth)
+}
+
+/// Returns the first line of `presses.csv`. `by_depth` states whether the run has presses by depth.
+pub(super) fn csv_header(channels: usize, by_depth: bool) -> String {
+    let names: Vec<String> = columns_of(by_depth).flat_map(|column| column.names(channels)).collect();
     names.join(",") + "\n"
 }
 
 /// Returns one line of `presses.csv`. No cell needs quotation marks: the cells are numbers and this program's own words.
-pub(super) fn csv_line(press: &Press) -> String {
+pub(super) fn csv_line(press: &Press, by_depth: bool) -> String {
     let mut line = String::new();
-    for column in COLUMNS {
+    for column in columns_of(by_depth) {
         (column.write)(press, &mut |value| {
             value.push_to(&mut line);
             line.push(',');
@@ -187,7 +203,7 @@ impl Serialize for Flat<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         let mut first_error = Ok(());
-        for column in COLUMNS {
+        for column in columns_of(self.0.depth_set_mm.is_some()) {
             let mut names = column.names(self.0.outputs.len()).into_iter();
             (column.write)(self.0, &mut |value| {
                 if let (Ok(()), Some(name)) = (&first_error, names.next()) {
@@ -209,6 +225,7 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         x_mm: -5.5,
         y_mm: 6.0,
         force_set_n: Some(1.0),
+        depth_set_mm: None,
         force_n: Some(0.996_234_567),
         u_force_n: Some(0.001_234_567),
         depth_mm: Some(0.812_345_6),
@@ -229,11 +246,11 @@ mod tests {
     fn header_line_and_json_follow_from_the_columns() {
         let press = example(3, 0).rounded();
         assert_eq!(
-            csv_header(2),
+            csv_header(2, false),
             "press,level,phase,x_mm,y_mm,force_set_n,force_n,u_force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
         );
         assert_eq!(
-            csv_line(&press),
+            csv_line(&press, false),
             "3,0,calibration,-5.5,6,1,0.996235,0.001235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
         );
         assert_eq!(
@@ -245,8 +262,18 @@ mod tests {
     }
 
     #[test]
+    fn press_by_depth_has_its_column_and_its_key() {
+        let press = Press { force_set_n: None, depth_set_mm: Some(0.5), ..example(3, 0) }.rounded();
+        assert!(csv_header(2, true).starts_with("press,level,phase,x_mm,y_mm,force_set_n,depth_set_mm,force_n,"));
+        assert!(csv_line(&press, true).starts_with("3,0,calibration,-5.5,6,,0.5,0.996235,"));
+        assert!(press.to_json().contains("\"force_set_n\":null,\"depth_set_mm\":0.5,"));
+        assert!(csv_line(&example(3, 0).rounded(), true).starts_with("3,0,calibration,-5.5,6,1,,0.996235,"));
+    }
+
+    #[test]
     fn the_journals_fields_are_the_columns() {
-        let fields = serde_json::to_value(example(3, 0)).unwrap();
+        let by_depth = Press { depth_set_mm: Some(0.5), ..example(3, 0) };
+        let fields = serde_json::to_value(by_depth).unwrap();
         let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
         let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();
         names.sort();

@@ -33,6 +33,9 @@ pub struct RunFacts {
     /// Largest allowed number of presses of the plan, if it was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub presses_max: Option<usize>,
+    /// Whether presses of the plan are by depth.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub by_depth: bool,
     /// Whether this program's emulators were at the other ends of the links.
     pub simulated: bool,
     /// Tables from which the presses were imported; `None` for a run that this program made.
@@ -125,6 +128,7 @@ impl Default for RunFacts {
             specimen: None,
             strategy: None,
             presses_max: None,
+            by_depth: false,
             simulated: false,
             imported: None,
         }
@@ -175,6 +179,7 @@ impl RunFacts {
             recipe: plan.name.clone(),
             presses_planned: plan.entries.len() as u64,
             seed: plan.seed,
+            by_depth: plan.most_mm() > 0.0,
             simulated,
             ..RunFacts::default()
         }

@@ -156,7 +156,9 @@ impl KnownColumns {
                 Presence::Needed => Some(vec![header.needed(column.name, name)?]),
                 Presence::Optional if given.is_some() => Some(vec![header.needed(column.name, name)?]),
                 Presence::Optional => header.optional(name).map(|at| vec![at]),
-                Presence::Run | Presence::Sparse => header.optional(name).filter(|_| is_of_run).map(|at| vec![at]),
+                Presence::Run | Presence::Sparse | Presence::ByDepth => {
+                    header.optional(name).filter(|_| is_of_run).map(|at| vec![at])
+                }
             };
             found.extend(at.map(|at| (column, at)));
         }
@@ -171,7 +173,8 @@ impl KnownColumns {
         for (column, places) in &self.found {
             texts.clear();
             texts.extend(places.iter().map(|place| cells.text(*place)));
-            if column.presence == Presence::Sparse && texts.iter().all(|text| text.is_empty()) {
+            let may_be_empty = matches!(column.presence, Presence::Sparse | Presence::ByDepth);
+            if may_be_empty && texts.iter().all(|text| text.is_empty()) {
                 continue;
             }
             let missing = texts.iter().position(|text| mapping.is_missing(text));
@@ -468,7 +471,7 @@ mod tests {
     #[test]
     fn a_runs_own_table_gives_the_presses_it_was_written_from() {
         let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
-        let text = csv_header(2) + &presses.iter().map(csv_line).collect::<String>();
+        let text = csv_header(2, false) + &presses.iter().map(|press| csv_line(press, false)).collect::<String>();
         assert_eq!(plain(&text).unwrap().presses, presses);
         let wrong = plain(&text.replace("1,0,calibration", "1,-1,calibration")).unwrap_err();
         assert_eq!(wrong.to_string(), "a.csv, line 3, column `level`: expected a whole number from 0, found `-1`");

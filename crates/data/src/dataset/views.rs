@@ -25,11 +25,12 @@ pub const TABLES: [&str; 5] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES
 const OUTPUTS_MAX: usize = 1 << 19;
 
 /// Writes every table that follows from a run's contacts, each completely or not at all. Removes tables that don't follow from
-/// them. `contacts` reads the contacts from the beginning each time, in the order of their numbers. One contact is held at a
+/// them. `by_depth` states whether presses of the run are by depth. `contacts` reads the contacts from the beginning each time, in the order of their numbers. One contact is held at a
 /// time.
 pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,
+    by_depth: bool,
     contacts: &dyn Fn() -> Result<RecordedContacts<'a>, DatasetError>,
     trips: &[(Option<u64>, Peaks)],
 ) -> Result<(), DatasetError> {
@@ -38,11 +39,11 @@ pub(super) fn write<'a>(
     // a reading for each level of the characterisation only, of one unit: its statistics need it
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
-    presses.write(&csv_header(layout.len()))?;
+    presses.write(&csv_header(layout.len(), by_depth))?;
     for contact in contacts()? {
         let contact = contact?;
         for press in &contact.levels {
-            presses.write(&csv_line(press))?;
+            presses.write(&csv_line(press, by_depth))?;
             matrices.iter_mut().filter(|(phase, ..)| press.is_of(*phase)).for_each(|(_, _, points)| *points += 1);
         }
         staircases.add_contact(&contact, layout);

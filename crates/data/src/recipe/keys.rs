@@ -12,6 +12,7 @@ const CELLS_MAX: u64 = 10_000;
 
 const PLACE: Bounds = Bounds::within(-1000.0, 1000.0, "mm");
 const FORCE: Bounds = Bounds::above(0.0, 100.0, "N");
+const DEPTH: Bounds = Bounds::above(0.0, 100.0, "mm");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Limits of a window. A shorter window contains fewer than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
@@ -63,7 +64,9 @@ keys! {
     press {
         force_tolerance_n: Number(FORCE), or(Manner::PAPER.force_tolerance_n),
             "largest difference between the force in the window and the set force", "0.05";
-        hold_s: Number(DWELL), or(Manner::PAPER.hold_s), "dwell at the set force before the window", "0.5";
+        depth_tolerance_mm: Number(DEPTH), or(Manner::PAPER.depth_tolerance_mm),
+            "largest difference between depth and set depth, in presses by depth", "0.02";
+        hold_s: Number(DWELL), or(Manner::PAPER.hold_s), "dwell at the set force or depth before the window", "0.5";
         sample_s: Number(WINDOW), or(Manner::PAPER.sample_s),
             "length of the window in which force and outputs are sampled", "0.1";
         strategy: Word(&words(&STRATEGIES)), or_word(Manner::PAPER.strategy.name()), "strategy that reaches the force", "\"map\"";
@@ -84,10 +87,13 @@ keys! {
     /// `[[step]]`
     step {
         phase: Word(&words(&PHASES)), Refused, "purpose of the step's presses", "\"calibration\"";
-        force_n: Number(FORCE), Allowed, "force of every press; a step has this, `staircase` or `random.force_n`", "1.0";
+        force_n: Number(FORCE), Allowed,
+            "force of every press; a step has this, `depth_mm`, `staircase`, `random.force_n` or `random.depth_mm`", "1.0";
+        depth_mm: Numbers(DEPTH), Allowed,
+            "depth of every press below the surface that it touches, or several depths for each place", "[0.2, 0.4, 0.6]";
         staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
     }
-    as press { force_tolerance_n, hold_s, sample_s, strategy, sample_after_s }
+    as press { force_tolerance_n, depth_tolerance_mm, hold_s, sample_s, strategy, sample_after_s }
     one of {
         grid: Table(&grid::KEYS), Allowed, "places on a regular grid, both ends included";
         cells: Table(&cells::KEYS), Allowed, "places at the centres of equal cells";
@@ -133,6 +139,7 @@ keys! {
         x_mm: Range(PLACE), Refused, "interval of x", "[-6.0, 6.0]";
         y_mm: Range(PLACE), Refused, "interval of y", "[-6.0, 6.0]";
         force_n: Range(FORCE), Allowed, "interval of the random force of each place", "[0.1, 1.0]";
+        depth_mm: Range(DEPTH), Allowed, "interval of the random depth of each place, instead of a force", "[0.1, 0.8]";
     }
 }
 

@@ -42,7 +42,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         if tables.is_empty() && !table.is_table(&root::step) {
             table.complain(
                 Problem::new(table.span(), "there is no [[step]]: nothing to press")
-                    .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force"),
+                    .help("add a [[step]] with a phase, a place (grid, list, random or units) and a force or a depth"),
             );
         }
         // a wrong [press] has been reported: the steps are checked with the paper's
@@ -100,12 +100,14 @@ fn is_folder_name(name: &str) -> bool {
 /// Reads how presses are made: `base`, changed by the table's keys. `[press]` and a step have the same keys for it.
 fn read_manner(table: &Table, base: Manner) -> Option<Manner> {
     let force_tolerance_n = table.number_or(&press::force_tolerance_n, base.force_tolerance_n);
+    let depth_tolerance_mm = table.number_or(&press::depth_tolerance_mm, base.depth_tolerance_mm);
     let hold_s = table.number_or(&press::hold_s, base.hold_s);
     let sample_s = table.number_or(&press::sample_s, base.sample_s);
     let strategy = table.word_or(&press::strategy, &keys::STRATEGIES, base.strategy);
     let sample_after_s = table.number(&press::sample_after_s).or(base.sample_after_s);
     Some(Manner {
         force_tolerance_n: force_tolerance_n?,
+        depth_tolerance_mm: depth_tolerance_mm?,
         hold_s: hold_s?,
         sample_s: sample_s?,
         strategy: strategy?,
@@ -117,7 +119,7 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let phase = table.word(&step::phase, &keys::PHASES);
     let manner = read_manner(table, base);
     let places_key = places_key(table);
-    let (places, random_force) = match places_key.map(|key| key.name) {
+    let (places, random_load) = match places_key.map(|key| key.name) {
         Some("grid") => (read_grid(table), None),
         Some("cells") => (read_cells(table), None),
         Some("list") => (read_list(table), None),
@@ -126,7 +128,8 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         _ => (None, None),
     };
     // an invalid range has its own problem
-    let inner_force = places_key.is_some_and(|key| key.name == step::random.name && has_force(table));
+    let is_random = places_key.is_some_and(|key| key.name == step::random.name);
+    let inner = [&random::force_n, &random::depth_mm].map(|key| is_random && table.inner_has(&step::random, key));
     if table.is_list(&step::force_n) {
         let text = "`force_n` is an interval, expected one force in N";
         let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
@@ -134,27 +137,36 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         return None;
     }
     let force = table.number(&step::force_n).map(StepLoad::Force);
+    let depths = table.has(&step::depth_mm).then(|| table.number_or_list(&step::depth_mm)).flatten();
+    if depths.as_ref().is_some_and(Vec::is_empty) {
+        table.complain(Problem::new(table.span_of(&step::depth_mm), "`depth_mm` is empty: nothing to press"));
+    }
     let staircase = read_staircase(table);
-    let loads = usize::from(inner_force)
-        + [&step::force_n, &step::staircase].map(|key| usize::from(table.has(key))).iter().sum::<usize>();
+    let own = [&step::force_n, &step::depth_mm, &step::staircase].map(|key| table.has(key));
+    let loads = own.into_iter().chain(inner).filter(|is_there| *is_there).count();
     if loads != 1 {
-        let found = if loads == 0 { "no force" } else { "more than one force" };
-        let help = "a step has one of `force_n`, `staircase`, or a `force_n` range inside `random`";
+        let found = if loads == 0 { "no force and no depth" } else { "more than one force or depth" };
+        let help =
+            "a step has one of `force_n`, `depth_mm`, `staircase`, or a range `force_n` or `depth_mm` inside `random`";
         table.complain(Problem::new(table.span(), format!("this step has {found}")).help(help));
     }
-    let load_key = [step::force_n, step::staircase, step::random].into_iter().find(|key| table.has(key));
+    let load_keys = [step::force_n, step::depth_mm, step::staircase, step::random];
+    let load_key = load_keys.into_iter().find(|key| table.has(key));
     let load_span = table.span_of(&load_key.unwrap_or(step::phase));
-    let load = random_force.or(force).or(staircase);
+    let load = random_load.or(force).or(depths.map(StepLoad::Depths)).or(staircase);
     let places_span = places_key.map_or(table.span(), |key| table.span_of(&key));
     let manner = manner?;
-    if let Some(least_n) = load.as_ref().map(StepLoad::least_n)
-        && manner.force_tolerance_n >= least_n
+    if let Some((what, unit, key, tolerance, least)) = load.as_ref().map(|load| load.least(&manner))
+        && tolerance >= least
     {
-        let text = format!(
-            "the force tolerance of {} N is not smaller than the force of {least_n} N",
-            manner.force_tolerance_n
-        );
-        let help = "the tolerance must be smaller than the force: lower `force_tolerance_n`";
+        let text =
+            format!("the {what} tolerance of {tolerance} {unit} is not smaller than the {what} of {least} {unit}");
+        let help = format!("the tolerance must be smaller than the {what}: lower `{key}`");
+        table.complain(Problem::new(load_span.clone(), text).help(help));
+    }
+    if let (Some(StepLoad::Depths(_) | StepLoad::RandomDepth(_)), Some(Phase::Characterisation)) = (&load, phase) {
+        let text = "a characterisation needs forces: its figures are over the force";
+        let help = "use `staircase` or `force_n`, or the phase \"calibration\"";
         table.complain(Problem::new(load_span.clone(), text).help(help));
     }
     Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
@@ -250,16 +262,12 @@ fn read_random(step: &Table) -> (Option<Places>, Option<StepLoad>) {
     let x_mm = table.range(&random::x_mm);
     let y_mm = table.range(&random::y_mm);
     let force = table.range(&random::force_n).map(StepLoad::RandomForce);
+    let depth = table.range(&random::depth_mm).map(StepLoad::RandomDepth);
     let places = match (count, x_mm, y_mm) {
         (Some(count), Some(x_mm), Some(y_mm)) => Some(Places::Random { count, x_mm, y_mm }),
         _ => None,
     };
-    (places, force)
-}
-
-/// Whether `random` has a range of forces, valid or not.
-fn has_force(step: &Table) -> bool {
-    step.inner_has(&step::random, &random::force_n)
+    (places, force.or(depth))
 }
 
 fn read_units(step: &Table) -> Option<Places> {
@@ -294,12 +302,16 @@ fn read_staircase(step: &Table) -> Option<StepLoad> {
 }
 
 impl StepLoad {
-    /// Smallest force above zero that the step requests, N.
-    fn least_n(&self) -> f64 {
+    /// Quantity and unit of the load, the key of its tolerance, the tolerance, and the smallest value above zero.
+    fn least(&self, manner: &Manner) -> (&'static str, &'static str, &'static str, f64, f64) {
+        let force = |least_n: f64| ("force", "N", press::force_tolerance_n.name, manner.force_tolerance_n, least_n);
+        let depth = |least_mm| ("depth", "mm", press::depth_tolerance_mm.name, manner.depth_tolerance_mm, least_mm);
         match self {
-            StepLoad::Force(force_n) => *force_n,
-            StepLoad::RandomForce(range) => range.min,
-            StepLoad::Staircase { step_n, .. } => *step_n,
+            StepLoad::Force(force_n) => force(*force_n),
+            StepLoad::RandomForce(range) => force(range.min),
+            StepLoad::Staircase { step_n, .. } => force(*step_n),
+            StepLoad::Depths(depths_mm) => depth(depths_mm.iter().copied().fold(f64::INFINITY, f64::min)),
+            StepLoad::RandomDepth(range) => depth(range.min),
         }
     }
 
@@ -307,16 +319,27 @@ impl StepLoad {
     pub(super) fn repeats(&self) -> usize {
         match self {
             StepLoad::Staircase { repeats, .. } => *repeats as usize,
+            StepLoad::Depths(depths_mm) => depths_mm.len(),
             _ => 1,
         }
     }
 
-    /// Largest force of the load, N.
+    /// Largest force of the load, N; 0 for depths.
     pub fn most_n(&self) -> f64 {
         match self {
             StepLoad::Force(force_n) => *force_n,
             StepLoad::RandomForce(range) => range.max,
             StepLoad::Staircase { to_n, .. } => *to_n,
+            StepLoad::Depths(_) | StepLoad::RandomDepth(_) => 0.0,
+        }
+    }
+
+    /// Largest depth of the load, mm; 0 for forces.
+    pub fn most_mm(&self) -> f64 {
+        match self {
+            StepLoad::Depths(depths_mm) => depths_mm.iter().copied().fold(0.0, f64::max),
+            StepLoad::RandomDepth(range) => range.max,
+            _ => 0.0,
         }
     }
 }
@@ -365,7 +388,7 @@ mod tests {
                 "force_n = 0.05",
                 "r.toml:5:11: the force tolerance of 0.05 N is not smaller than the force of 0.05 N",
             ),
-            ("force_n = 1.0", "force_mn = 1.0", "r.toml:2:1: this step has no force"),
+            ("force_n = 1.0", "force_mn = 1.0", "r.toml:2:1: this step has no force and no depth"),
         ] {
             assert_eq!(step(&good.replacen(from, to, 1))[0], text);
         }

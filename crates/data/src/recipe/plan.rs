@@ -2,7 +2,7 @@
 
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
-use palpate_control::{ForceLevel, PressTask};
+use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
 use rand::RngExt;
@@ -47,6 +47,7 @@ impl Plan {
         let mut presses = 0;
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground.limits, &mut problems);
+            check_depth(step, ground.limits, &mut problems);
             // counted before any is made
             if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
                 problems.push(recipe.too_long(step, ground.layout));
@@ -72,6 +73,11 @@ impl Plan {
     /// Largest force in the plan, N.
     pub fn most_n(&self) -> f64 {
         self.entries.iter().map(|entry| entry.task.most_n()).fold(0.0, f64::max)
+    }
+
+    /// Largest set depth in the plan, mm; 0 if no press is by depth.
+    pub fn most_mm(&self) -> f64 {
+        self.entries.iter().map(|entry| entry.task.most_mm()).fold(0.0, f64::max)
     }
 
     /// Returns the intervals of x and y that contain the plan's places, mm.
@@ -176,20 +182,22 @@ impl Step {
         // one for all: a staircase may have thousands
         let same = match &self.load {
             StepLoad::Force(force_n) => PressTask::press(*force_n),
-            StepLoad::RandomForce(_) => Arc::default(),
+            StepLoad::RandomForce(_) | StepLoad::Depths(_) | StepLoad::RandomDepth(_) => Arc::default(),
             StepLoad::Staircase { to_n, step_n, .. } => PressTask::staircase(*to_n, *step_n),
         };
         for (place, _) in places {
-            let entry = |levels: Arc<[ForceLevel]>, rest_after_s| Entry {
+            let entry = |levels: Arc<[PressLevel]>, rest_after_s| Entry {
                 press: 0,
                 phase: self.phase,
                 place: *place,
                 task: PressTask {
                     levels,
                     force_tolerance_n: self.manner.force_tolerance_n,
+                    depth_tolerance_mm: self.manner.depth_tolerance_mm,
                     hold_s: self.manner.hold_s,
                     sample_s: self.manner.sample_s,
-                    strategy: self.manner.strategy,
+                    // a depth is found by steps below the touch
+                    strategy: if self.load.most_mm() > 0.0 { Strategy::Guarded } else { self.manner.strategy },
                     sample_after_s: self.manner.sample_after_s,
                 },
                 rest_after_s,
@@ -199,6 +207,14 @@ impl Step {
                 StepLoad::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
                     entries.push(entry(PressTask::press(force_n), 0.0));
+                }
+                StepLoad::Depths(depths_mm) => {
+                    let levels = depths_mm.iter().map(|depth_mm| PressTask::one(SetPoint::Depth(*depth_mm)));
+                    entries.extend(levels.map(|levels| entry(levels, 0.0)));
+                }
+                StepLoad::RandomDepth(range) => {
+                    let depth_mm = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
+                    entries.push(entry(PressTask::one(SetPoint::Depth(depth_mm)), 0.0));
                 }
                 StepLoad::Staircase { repeats, rest_s, .. } => {
                     for repeat in 1..=*repeats {
@@ -230,6 +246,19 @@ fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
             "use at most {} N, or raise `limits.force_n` in the rig if the specimen can take it",
             limits.force_n
         );
+        problems.push(Problem::new(step.load_span.clone(), text).help(help));
+    }
+}
+
+fn check_depth(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
+    let (most_mm, room_mm) = (step.load.most_mm(), limits.depth_mm - DEPTH_MARGIN_MM);
+    if most_mm > room_mm {
+        let text = format!(
+            "this step presses {most_mm} mm deep, over the {} mm that the specimen's depth limit of {} mm leaves",
+            round(room_mm, 3),
+            limits.depth_mm
+        );
+        let help = "press less deep, or raise `limits.depth_mm` in the rig if the specimen can take it";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
     }
 }

@@ -168,13 +168,17 @@ pub enum UnitChoice {
     Some(Vec<(usize, Span)>),
 }
 
-/// Force of a step's presses.
+/// Force or depth of a step's presses.
 #[derive(Clone, Debug)]
 pub enum StepLoad {
     /// The same force everywhere, N.
     Force(f64),
     /// A force drawn uniformly for each place, N, to 1 mN.
     RandomForce(Range),
+    /// These depths at each place, one after another, mm.
+    Depths(Vec<f64>),
+    /// A depth drawn uniformly for each place, mm, to 1 um.
+    RandomDepth(Range),
     /// Up to a force and back in equal steps, several times at each place.
     Staircase {
         /// Largest force, N.
@@ -193,7 +197,9 @@ pub enum StepLoad {
 pub struct Manner {
     /// Largest allowed difference between the force in the window and the set force, N.
     pub force_tolerance_n: f64,
-    /// Dwell at the set force before the window, s.
+    /// Largest allowed difference between depth and set depth, mm.
+    pub depth_tolerance_mm: f64,
+    /// Dwell at the set force or depth before the window, s.
     pub hold_s: f64,
     /// Length of the window in which force and outputs are sampled, s.
     pub sample_s: f64,
@@ -207,6 +213,7 @@ impl Manner {
     /// The paper's tolerance (PAPER S7), no extra dwell, a tenth of a second.
     pub const PAPER: Manner = Manner {
         force_tolerance_n: 0.05,
+        depth_tolerance_mm: 0.02,
         hold_s: 0.0,
         sample_s: 0.1,
         strategy: Strategy::Guarded,

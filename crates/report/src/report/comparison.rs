@@ -138,7 +138,7 @@ fn gains(presses: &Presses) -> Vec<f64> {
 fn calibrated(presses: &Presses) -> Vec<(Place, f64)> {
     let sound = presses.sound(Phase::Calibration);
     let mut all: Vec<(Place, f64)> =
-        sound.map(|press| (press.place(), press.force_set_n.unwrap_or_default())).collect();
+        sound.map(|press| (press.place(), press.force_set_n.or(press.force_n).unwrap_or_default())).collect();
     let key = |(place, force_n): &(Place, f64)| [place.y_mm, place.x_mm, *force_n];
     all.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal));
     all

@@ -33,9 +33,9 @@ const SHIFT_MOST_MM: f64 = 0.3;
 
 /// Returns the task that repeats the first level of the press at a place; `None` if no level was pressed there.
 fn again(known: &TouchedPlace, plan: &Plan) -> Option<PressTask> {
-    let (_, force_set_n) = known.felt.as_ref()?;
+    let (_, set) = known.felt.as_ref()?;
     let entry = plan.entries.iter().find(|entry| entry.press == known.press)?;
-    Some(PressTask { levels: PressTask::press(*force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() })
+    Some(PressTask { levels: PressTask::one(*set), strategy: Strategy::Guarded, ..entry.task.clone() })
 }
 
 impl Runner<'_> {
@@ -51,6 +51,7 @@ impl Runner<'_> {
             let task = PressTask {
                 levels: PressTask::press(force_n),
                 force_tolerance_n: TOUCH_TOLERANCE * force_n,
+                depth_tolerance_mm: 0.0, // no depth is set
                 hold_s: 0.0,
                 sample_s: TOUCH_SAMPLE_S,
                 strategy: Strategy::Guarded,

@@ -6,7 +6,7 @@ use super::estimate::estimated_s;
 use super::execute::{Runner, Standby};
 use super::past::felt;
 use crate::rig::RigSpec;
-use palpate_control::{Changed, MeasuredContact, PressTask, Strategy};
+use palpate_control::{Changed, MeasuredContact, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{CheckChange, Left, Record, RecordedCheck, RecordedContact};
 use palpate_data::recipe::{Checks, Entry, Phase, Plan};
@@ -18,16 +18,16 @@ const CHECKED: u64 = 1 << 61;
 const PRESSES_MOST: u64 = 100;
 const SECONDS_MOST: f64 = 3600.0;
 
-/// Least force of the press that checks repeat, as a fraction of the largest first force of the plan's presses. The errors of a contact
+/// Least force of the press that checks repeat, as a fraction of the largest first force of the plan's presses, or of the largest depth if it has no forces. The errors of a contact
 /// that don't grow with the force change the outputs of a weak press by too much.
-const FORCE_SHARE: f64 = 0.5;
+const LARGE_SHARE: f64 = 0.5;
 
 /// State of the checks of a run. It follows from the records, so that an interrupted run makes the same checks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Checking {
-    /// Least force of the reference, N.
-    least_n: f64,
-    /// First press with that force, with which the checks are compared.
+    /// Least set point of the reference.
+    least: Option<SetPoint>,
+    /// First press with at least that set point, with which the checks are compared.
     reference: Option<ReferencePress>,
     /// Number of checks so far.
     made: u64,
@@ -54,7 +54,7 @@ pub(super) struct Since {
 struct ReferencePress {
     press: u64,
     felt: MeasuredContact,
-    force_set_n: f64,
+    set: SetPoint,
     depth_mm: Option<f64>,
 }
 
@@ -88,28 +88,40 @@ fn is_checked_between(phase: Phase) -> bool {
     matches!(phase, Phase::Calibration | Phase::Test)
 }
 
-/// Returns the check of this number that repeats an entry of the plan with a force.
-fn again(entry: &Entry, number: u64, force_set_n: f64) -> Entry {
-    let task = PressTask { levels: PressTask::press(force_set_n), strategy: Strategy::Guarded, ..entry.task.clone() };
+/// Returns the check of this number that repeats an entry of the plan with a force or a depth.
+fn again(entry: &Entry, number: u64, set: SetPoint) -> Entry {
+    let task = PressTask { levels: PressTask::one(set), strategy: Strategy::Guarded, ..entry.task.clone() };
     Entry { press: CHECKED + number, phase: Phase::Check, place: entry.place, task, rest_after_s: 0.0 }
 }
 
-/// Returns the force of the first level of an entry with a force, N.
-fn first_n(entry: &Entry) -> Option<f64> {
-    entry.task.levels.iter().map(|level| level.force_set_n).find(|force_n| *force_n > 0.0)
+/// Returns the set point of the first loaded level of an entry.
+fn first_set(entry: &Entry) -> Option<SetPoint> {
+    entry.task.levels.iter().map(|level| level.set).find(|set| set.is_loaded())
 }
 
-/// Returns the least force of the press that the checks of a plan repeat, N.
-fn least_n(plan: &Plan) -> f64 {
-    FORCE_SHARE * plan.entries.iter().filter_map(first_n).fold(0.0, f64::max)
+/// Returns the least force, or in a plan without forces the least depth, of the press that the checks of a plan repeat.
+fn least_set(plan: &Plan) -> SetPoint {
+    let sets = || plan.entries.iter().filter_map(first_set);
+    let most_n = sets().filter_map(SetPoint::force_n).fold(0.0, f64::max);
+    let most_mm = sets().filter_map(SetPoint::depth_mm).fold(0.0, f64::max);
+    if most_n > 0.0 { SetPoint::Force(LARGE_SHARE * most_n) } else { SetPoint::Depth(LARGE_SHARE * most_mm) }
+}
+
+/// Whether a set point is of the same kind as the least one, and no less.
+fn is_large(set: SetPoint, least: SetPoint) -> bool {
+    match (set, least) {
+        (SetPoint::Force(force_n), SetPoint::Force(least_n)) => force_n >= least_n,
+        (SetPoint::Depth(depth_mm), SetPoint::Depth(least_mm)) => depth_mm >= least_mm,
+        _ => false,
+    }
 }
 
 /// Returns the checks that a plan is expected to have on a rig.
 pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
-    let least_n = least_n(plan);
-    let loaded = plan.entries.iter().filter_map(|entry| Some((entry, first_n(entry)?)));
-    let reference = loaded.into_iter().find(|(_, force_set_n)| *force_set_n >= least_n);
-    let Some((reference, force_set_n)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
+    let least = least_set(plan);
+    let loaded = plan.entries.iter().filter_map(|entry| Some((entry, first_set(entry)?)));
+    let reference = loaded.into_iter().find(|(_, set)| is_large(*set, least));
+    let Some((reference, set)) = reference.filter(|_| plan.checks != Checks::None) else { return Vec::new() };
     let (mut since, mut now_s, mut made) = (Since::default(), 0.0, 0);
     for pair in plan.entries.windows(2).filter(|_| plan.checks == Checks::Between) {
         now_s += estimated_s(&pair[..1], spec);
@@ -119,13 +131,13 @@ pub fn expected_checks(plan: &Plan, spec: &RigSpec) -> Vec<Entry> {
             made += 1;
         }
     }
-    (0..=made).map(|number| again(reference, number, force_set_n)).collect()
+    (0..=made).map(|number| again(reference, number, set)).collect()
 }
 
 impl Checking {
     /// Creates the state before the first press of a plan.
     pub(super) fn of(plan: &Plan) -> Checking {
-        Checking { least_n: least_n(plan), ..Checking::default() }
+        Checking { least: Some(least_set(plan)), ..Checking::default() }
     }
 
     /// Takes in a contact of the plan.
@@ -137,9 +149,11 @@ impl Checking {
         (self.last, self.is_checked) = (Some(contact.press), false);
         if self.reference.is_some() {
             self.unchecked_from = self.unchecked_from.or(Some(contact.press));
-        } else if let Some((felt, force_set_n)) = felt(contact).filter(|(_, force_n)| *force_n >= self.least_n) {
+        } else if let Some((felt, set)) = felt(contact)
+            && self.least.is_some_and(|least| is_large(set, least))
+        {
             let (press, depth_mm) = (contact.press, depth_mm(contact));
-            self.reference = Some(ReferencePress { press, felt, force_set_n, depth_mm });
+            self.reference = Some(ReferencePress { press, felt, set, depth_mm });
         }
     }
 
@@ -155,9 +169,9 @@ impl Checking {
 
     /// Returns the entry of the next check: the first loaded level of the reference; `None` before there is a reference.
     fn entry(&self, plan: &Plan) -> Option<Entry> {
-        let ReferencePress { press, force_set_n, .. } = self.reference.as_ref()?;
+        let ReferencePress { press, set, .. } = self.reference.as_ref()?;
         let entry = plan.entries.iter().find(|entry| entry.press == *press)?;
-        Some(again(entry, self.made, *force_set_n))
+        Some(again(entry, self.made, *set))
     }
 
     /// Returns the check that is due before the `next` entry of a plan.
@@ -259,8 +273,8 @@ impl Runner<'_> {
     }
 }
 
-/// Depth of the first level with a force, mm.
+/// Depth of the first loaded level, mm.
 fn depth_mm(contact: &RecordedContact) -> Option<f64> {
-    let level = contact.levels.iter().find(|level| level.force_set_n.is_some_and(|force_n| force_n > 0.0))?;
+    let level = contact.levels.iter().find(|level| level.set_point().is_some_and(SetPoint::is_loaded))?;
     level.depth_mm.filter(|depth_mm| *depth_mm > 0.0)
 }

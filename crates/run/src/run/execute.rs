@@ -8,7 +8,7 @@ use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{ContactMap, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction};
+use palpate_control::{ContactMap, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
     Ledger, Left, NoLoad, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
@@ -241,7 +241,7 @@ pub(super) struct Runner<'a> {
     /// Load cell reading without load at the last complete measurement of the zero, N.
     pub full_zero_n: f64,
     /// Last contact in which the array was sampled: place, force, and outputs, V.
-    pub felt: Option<((Place, f64), Vec<f64>)>,
+    pub felt: Option<((Place, SetPoint), Vec<f64>)>,
     /// Checks so far, and what they are compared with.
     pub checks: Checking,
 }

@@ -2,7 +2,7 @@
 
 use super::checks::Checking;
 use super::execute::Standby;
-use palpate_control::{ContactMap, LearnedContact, MeasuredContact};
+use palpate_control::{ContactMap, LearnedContact, MeasuredContact, SetPoint};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact};
 use palpate_data::recipe::Plan;
@@ -41,8 +41,8 @@ pub(super) struct TouchedPlace {
     pub force_n: f64,
     /// Number of its press in the plan.
     pub press: u64,
-    /// What the array felt at the first level under force, and that level's requested force, N.
-    pub felt: Option<(MeasuredContact, f64)>,
+    /// What the array felt at the first loaded level, and the set point of that level.
+    pub felt: Option<(MeasuredContact, SetPoint)>,
 }
 
 impl Past {
@@ -118,7 +118,7 @@ impl Past {
                 z_mm: *z_mm,
                 force_n: *force_n,
                 press: contact.press,
-                felt: felt(contact).map(|(felt, force_set_n)| (MeasuredContact { place: *place, ..felt }, force_set_n)),
+                felt: felt(contact).map(|(felt, set)| (MeasuredContact { place: *place, ..felt }, set)),
             });
         }
     }
@@ -142,15 +142,15 @@ impl Past {
     }
 }
 
-/// Returns what the array felt at the first level of a contact under force, and that level's requested force, N. `None` if the array
-/// didn't measure it.
-pub(super) fn felt(contact: &RecordedContact) -> Option<(MeasuredContact, f64)> {
-    let under_force = |level: &&dataset::Press| level.force_set_n.is_some_and(|force_n| force_n > 0.0);
-    let level = contact.levels.iter().find(under_force)?;
-    let (force_set_n, force_n, place) = (level.force_set_n?, level.force_n?, Place::new(level.x_mm, level.y_mm));
+/// Returns what the array felt at the first loaded level of a contact, and the set point of that level. `None` if the array didn't
+/// measure it.
+pub(super) fn felt(contact: &RecordedContact) -> Option<(MeasuredContact, SetPoint)> {
+    let loaded = |level: &&dataset::Press| level.set_point().is_some_and(SetPoint::is_loaded);
+    let level = contact.levels.iter().find(loaded)?;
+    let (set, force_n, place) = (level.set_point()?, level.force_n?, Place::new(level.x_mm, level.y_mm));
     let is_measured = !level.flags.iter().any(|flag| matches!(flag, Flag::Saturated | Flag::Stale));
     let felt = MeasuredContact { place, force_n, outputs: level.outputs.clone(), sigmas: [0.0; 2] };
-    (force_n > 0.0 && is_measured).then_some((felt, force_set_n))
+    (force_n > 0.0 && is_measured).then_some((felt, set))
 }
 
 #[cfg(test)]
@@ -179,6 +179,7 @@ mod tests {
             task: PressTask {
                 levels: PressTask::press(1.0),
                 force_tolerance_n: 0.05,
+                depth_tolerance_mm: 0.02,
                 hold_s: 0.0,
                 sample_s: 0.1,
                 strategy: Strategy::Guarded,

@@ -5,7 +5,7 @@ use super::execute::Runner;
 use super::window::MeasuredWindow;
 use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask,
-    Softest, Strategy, UncertaintyBudget,
+    SetPoint, Softest, Strategy, UncertaintyBudget,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
@@ -290,18 +290,18 @@ impl Runner<'_> {
     /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.
     fn row(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, touched_mm: Option<f64>) -> dataset::Press {
         let MeasuredLevel { window, z_mm, .. } = held;
-        let force_set_n = entry.task.levels[level].force_set_n;
-        let in_contact = force_set_n > 0.0;
-        let flags = self.flags(entry, level, held);
+        let set = entry.task.levels[level].set;
+        let along_z_mm = touched_mm.filter(|_| set.is_loaded()).map_or(0.0, |touched_mm| z_mm - touched_mm);
+        let flags = self.flags(entry, level, held, along_z_mm);
         let tilt = self.rig_control.frame.tilt;
-        let along_z_mm = touched_mm.filter(|_| in_contact).map_or(0.0, |touched_mm| z_mm - touched_mm);
         dataset::Press {
             press: entry.press,
             level: level as u64,
             phase: Some(entry.phase),
             x_mm: held.place.x_mm,
             y_mm: held.place.y_mm,
-            force_set_n: Some(force_set_n),
+            force_set_n: set.force_n(),
+            depth_set_mm: set.depth_mm(),
             force_n: Some(tilt.normal_n(window.force_n)),
             depth_mm: Some(tilt.normal_mm(along_z_mm)),
             t_s: Some(self.conditions.clock.at_s(window.began)),
@@ -313,14 +313,17 @@ impl Runner<'_> {
     }
 
     /// Returns the problems of a level that was held.
-    fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel) -> Vec<Flag> {
-        let (window, force_set_n) = (&held.window, entry.task.levels[level].force_set_n);
-        let missed = (window.force_n - force_set_n).abs() > entry.task.force_tolerance_n;
-        let felt = (entry.place, force_set_n);
+    fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, along_z_mm: f64) -> Vec<Flag> {
+        let (window, set) = (&held.window, entry.task.levels[level].set);
+        let missed = match set {
+            SetPoint::Force(force_n) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
+            SetPoint::Depth(depth_mm) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,
+        };
+        let felt = (entry.place, set);
         // the same load may give the same reading twice
         let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
-        let frozen = force_set_n > 0.0 && window.is_frozen(before);
-        if force_set_n > 0.0 {
+        let frozen = set.is_loaded() && window.is_frozen(before);
+        if set.is_loaded() {
             self.felt = Some((felt, window.outputs.clone()));
         }
         let all =

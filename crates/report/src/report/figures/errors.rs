@@ -121,7 +121,7 @@ pub(crate) fn dependences(subject: &Subject, judged: &SensorResults) -> Option<S
         x.min((place.y_mm - least.y_mm).min(most.y_mm - place.y_mm))
     };
     let sound = subject.presses.sound(Phase::Test);
-    let forces: Vec<f64> = sound.map(|press| press.force_set_n.unwrap_or_default()).collect();
+    let forces: Vec<f64> = sound.map(|press| press.force_set_n.or(press.force_n).unwrap_or_default()).collect();
     let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
     let to_edge = |press: &PressError| edge_mm(press.place_true);
     let dependence = |title: &str, stem: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
