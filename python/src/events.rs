@@ -51,9 +51,10 @@ pub struct PyEvents {
 /// Runs a recipe on a rig and records every press, like `palpate run`. Returns the events.
 ///
 /// `recipe` and `rig` are files, or names of shipped ones; without a rig it is that of the recipe's key `rig`, or
-/// `rig.toml` in its folder, and must be simulated. `out` is the folder of the run [runs/NAME]. `simulate` replaces the rig's links by emulators. `seed`, `strategy` and `presses_max` are those of `palpate run`,
-/// and so are the labels `sensor`, `design`, `batch`, `mounting`, `operator` and `note`. `pace` runs a simulation at so many times
-/// real time. `durability` is full or fast. `confirmed` is what a person has made sure of: down, home, clear. The run never asks.
+/// `rig.toml` in its folder, and must be simulated. `out` is the folder of the run [runs/NAME]. `simulate` replaces the rig's links by
+/// emulators. `seed`, `strategy` and `presses_max` are those of `palpate run`, and so are the labels `sensor`, `design`, `batch`,
+/// `mounting`, `operator` and `note`. `pace` runs a simulation at so many times real time. `durability` is full or fast. `confirmed` is
+/// what a person has made sure of: down, home, clear. The run never asks.
 ///
 /// The run goes on in a thread of its own. Raises `UsageError` for bad input; nothing has moved then.
 #[pyfunction]

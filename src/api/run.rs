@@ -120,7 +120,8 @@ pub fn resume(options: &ResumeOptions, note: Note<'_>) -> Result<Resumed, Failur
     })
 }
 
-/// Makes all presses of a run, evaluates and judges it by its own recipe: [`begin`], [`OpenedRun::execute`] and [`OpenedRun::results`] in one.
+/// Makes all presses of a run, evaluates and judges it by its own recipe: [`begin`], [`OpenedRun::execute`] and [`OpenedRun::results`] in
+/// one.
 ///
 /// # Errors
 /// Bad input, a device, a safety rule or the record.

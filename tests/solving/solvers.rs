@@ -206,8 +206,8 @@ fn best_reaches_the_bound_on_the_quiet_scene() {
     assert_true_errors(&sums);
 }
 
-/// The table of docs/explanation/solvers.md for methods without stated errors: mean location error of 12,000 contacts, mm, in T and in Q. A mean's
-/// standard error is 0.6 %, the specimens' 1 %.
+/// The table of docs/explanation/solvers.md for methods without stated errors: mean location error of 12,000 contacts, mm, in T and in Q. A
+/// mean's standard error is 0.6 %, the specimens' 1 %.
 const METHODS_MM: [(&str, f64, f64); 5] = [
     ("pearson", 0.453, 0.220),
     ("gaussian-process", 0.267, 0.067),

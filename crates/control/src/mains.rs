@@ -10,16 +10,16 @@ const MAINS_HZ: [f64; 2] = [50.0, 60.0];
 /// Largest probability that noise alone shows an amplitude that counts as mains interference.
 const FALSE_ODDS: f64 = 1e-6;
 
-/// Least ratio of the mains interference to the noise of one reading. A smaller mains interference doesn't change a mean of several readings, so it isn't
-/// removed.
+/// Least ratio of the mains interference to the noise of one reading. A smaller mains interference doesn't change a mean of several
+/// readings, so it isn't removed.
 const SHARE_LEAST: f64 = 0.15;
 
 /// Possible error of the mains frequency, as a fraction of the frequency. A mean over complete periods leaves this fraction of
 /// the mains interference.
 const MAINS_OFF_SHARE: f64 = 0.01;
 
-/// Number of conversions in a period from which a mean over one period removes the mains interference, even if a period isn't a whole number of
-/// conversions.
+/// Number of conversions in a period from which a mean over one period removes the mains interference, even if a period isn't a whole
+/// number of conversions.
 const DENSE: f64 = 8.0;
 
 /// Longest time, periods, over which conversions and periods must coincide if a period has fewer conversions. The second constant
@@ -34,8 +34,8 @@ pub struct MainsInterference {
     pub amplitude_n: f64,
     /// Frequency of the mains interference, Hz: that of the mains.
     pub hz: f64,
-    /// Time, s, over which a mean removes the mains interference; multiples of this time remove the mains interference too. `None` if the cell converts too
-    /// slowly for that.
+    /// Time, s, over which a mean removes the mains interference; multiples of this time remove the mains interference too. `None` if the
+    /// cell converts too slowly for that.
     pub whole_s: Option<f64>,
 }
 
@@ -56,8 +56,8 @@ impl MainsInterference {
         counts.then(|| MainsInterference { amplitude_n, hz, whole_s: whole_s(hz, conversion_s) })
     }
 
-    /// Returns the part of the mains interference that remains in a mean over `seconds`, standard deviation, N. For complete periods, this part
-    /// comes from the error of the mains frequency.
+    /// Returns the part of the mains interference that remains in a mean over `seconds`, standard deviation, N. For complete periods, this
+    /// part comes from the error of the mains frequency.
     pub fn left_n(&self, seconds: f64) -> f64 {
         let left = match self.whole_s {
             Some(_) => MAINS_OFF_SHARE,

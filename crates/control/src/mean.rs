@@ -13,9 +13,9 @@ pub struct Mean {
     pub readings: u32,
 }
 
-/// Returns the mean of readings, each with its time, s, oldest first. If the zero has found mains interference and the readings cover at least
-/// one period of it, the mean covers the last complete periods. Otherwise all readings have the same weight. `None` if there are
-/// no readings.
+/// Returns the mean of readings, each with its time, s, oldest first. If the zero has found mains interference and the readings cover at
+/// least one period of it, the mean covers the last complete periods. Otherwise all readings have the same weight. `None` if there are no
+/// readings.
 pub fn mean_of(readings: &[(f64, f64)], zero: &Zero) -> Option<Mean> {
     let (first_s, last_s) = (readings.first()?.0, readings.last()?.0);
     let whole_s = zero.mains.and_then(|mains| mains.whole_s);

@@ -189,8 +189,8 @@ impl Permit {
         moved_no_further(SafetyRule::ZeroDrifted, moved_n, NO_LOAD_N + 3.0 * sigma_n + DRIFT_N_S * between_s)
     }
 
-    /// Whether the reading without load moved no further than a zero drifts in the time between. A larger change may be a touch that is too light
-    /// to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
+    /// Whether the reading without load moved no further than a zero drifts in the time between. A larger change may be a touch that is too
+    /// light to count as contact. `sigma_n` is the standard deviation of the newer mean, N.
     pub fn is_drift(moved_n: f64, sigma_n: f64, between_s: f64) -> bool {
         moved_n.abs() <= DRIFT_N_S * between_s + DRIFT_SIGMAS * sigma_n
     }

@@ -9,7 +9,8 @@ use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 pub struct Solution {
     /// Place of the contact, specimen frame, mm.
     pub place: Place,
-    /// Force, N; if [`Model::forces_are_known`](super::Model::forces_are_known) is false, relative to the typical press. Noise can make the force of a very light contact negative; the force is reported unchanged.
+    /// Force, N; if [`Model::forces_are_known`](super::Model::forces_are_known) is false, relative to the typical press. Noise can make the
+    /// force of a very light contact negative; the force is reported unchanged.
     pub force_n: f64,
     /// Expected errors of place and force; `None` if the calibration can't show them.
     pub covariance: Option<Covariance>,

@@ -115,8 +115,8 @@ impl Evidence<'_> {
         self.runs.iter().find_map(failed)
     }
 
-    /// Returns the noisiest channel without load. The noise is the difference between the readings without load before successive presses of a
-    /// run, so drift doesn't count.
+    /// Returns the noisiest channel without load. The noise is the difference between the readings without load before successive presses
+    /// of a run, so drift doesn't count.
     fn noise(&self) -> Option<Worst> {
         let contacts = || self.runs.iter().map(|run| run.contacts.as_slice());
         let channels = contacts().flatten().map(|contact| contact.no_load_before.outputs.len()).min().unwrap_or(0);

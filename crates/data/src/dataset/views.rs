@@ -25,8 +25,8 @@ pub const TABLES: [&str; 5] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES
 const OUTPUTS_MAX: usize = 1 << 19;
 
 /// Writes every table that follows from a run's contacts, each completely or not at all. Removes tables that don't follow from
-/// them. `by_depth` states whether presses of the run are by depth. `contacts` reads the contacts from the beginning each time, in the order of their numbers. One contact is held at a
-/// time.
+/// them. `by_depth` states whether presses of the run are by depth. `contacts` reads the contacts from the beginning each time, in the
+/// order of their numbers. One contact is held at a time.
 pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,

@@ -1,11 +1,10 @@
 //! Pages about runs. Each is one self-contained HTML file that needs no network and no script.
 //!
 //! [`page`] is about one [`Subject`]: a sensor with all its recorded data. The verdict comes first, then the errors with the places
-//! found. After these come tables and figures, the control of the force, and the equipment used. [`comparison`] compares many sensors, or one sensor over time.
-//! [`batch_page`] is about a batch, and [`batches_page`] compares batches.
-//! Every number of an evaluation is in a `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure
-//! can be saved with its numbers ([`PageFigure`]). The paper is cited only if its numbers are shown next to this program's
-//! ([`is_beside_paper`]).
+//! found. After these come tables and figures, the control of the force, and the equipment used. [`comparison`] compares many sensors, or
+//! one sensor over time. [`batch_page`] is about a batch, and [`batches_page`] compares batches. Every number of an evaluation is in a
+//! `data` element whose `value` is that of `evaluate --json`, with all digits. Each figure can be saved with its numbers ([`PageFigure`]).
+//! The paper is cited only if its numbers are shown next to this program's ([`is_beside_paper`]).
 
 mod batch;
 mod beside_paper;

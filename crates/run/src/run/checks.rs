@@ -18,8 +18,8 @@ const CHECKED: u64 = 1 << 61;
 const PRESSES_MOST: u64 = 100;
 const SECONDS_MOST: f64 = 3600.0;
 
-/// Least force of the press that checks repeat, as a fraction of the largest first force of the plan's presses, or of the largest depth if it has no forces. The errors of a contact
-/// that don't grow with the force change the outputs of a weak press by too much.
+/// Least force of the press that checks repeat, as a fraction of the largest first force of the plan's presses, or of the largest depth if
+/// it has no forces. The errors of a contact that don't grow with the force change the outputs of a weak press by too much.
 const LARGE_SHARE: f64 = 0.5;
 
 /// State of the checks of a run. It follows from the records, so that an interrupted run makes the same checks.

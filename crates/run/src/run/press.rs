@@ -126,8 +126,8 @@ impl Runner<'_> {
         UncertaintyBudget::of(&averaged, self.rig_control.cell.watch.zero(), cell_n)
     }
 
-    /// Reads the load cell without load after a press. If the specimen seems to pull at the cell, the cell may stick to it, so it is read again
-    /// from farther away.
+    /// Reads the load cell without load after a press. If the specimen seems to pull at the cell, the cell may stick to it, so it is read
+    /// again from farther away.
     async fn no_load_after(&mut self, before: &NoLoad) -> Result<NoLoad, Halt> {
         let no_load = self.rig_control.end_no_load().await?;
         let sigma_n = self.rig_control.cell.watch.zero().sigma_mean_n(no_load.force.readings);
@@ -216,8 +216,8 @@ impl Runner<'_> {
         })
     }
 
-    /// Reads the load cell without load again during the descent before the first touch. Without this, a drifting zero would look like a touch. A
-    /// move larger than a drift may be a touch, so in that case the older air remains valid.
+    /// Reads the load cell without load again during the descent before the first touch. Without this, a drifting zero would look like a
+    /// touch. A move larger than a drift may be a touch, so in that case the older air remains valid.
     async fn freshen(&mut self, no_load: &mut NoLoad, no_load_s: &mut f64) -> Result<(), Halt> {
         let age_s = self.rig_control.cell.now_s() - *no_load_s;
         if age_s < NO_LOAD_FRESH_S {

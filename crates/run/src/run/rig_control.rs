@@ -239,7 +239,8 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         Ok(self.read_for(readings, least_s).await?.value)
     }
 
-    /// Least duration of a mean, independent of its number of readings, s: complete periods of the mains interference; 0 if there is no mains interference.
+    /// Least duration of a mean, independent of its number of readings, s: complete periods of the mains interference; 0 if there is no
+    /// mains interference.
     pub(super) fn whole_s(&self, least_s: f64) -> f64 {
         let zero = self.watch.zero();
         if zero.mains.is_some() { zero.mean_s(least_s) } else { 0.0 }

@@ -93,15 +93,16 @@ pub(super) struct MeasuredWindow {
 }
 
 impl MeasuredWindow {
-    /// Whether the array can't have measured this contact: no unit has changed since the reading without load before, or since another contact.
+    /// Whether the array can't have measured this contact: no unit has changed since the reading without load before, or since another
+    /// contact.
     pub(super) fn is_frozen(&self, before: Option<&[f64]>) -> bool {
         self.outputs.iter().all(|output| *output == 0.0) || before == Some(&self.outputs)
     }
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
-    /// Samples force and outputs together for `seconds`, or for complete periods of the mains interference, with z at rest. An output that is
-    /// not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
+    /// Samples force and outputs together for `seconds`, or for complete periods of the mains interference, with z at rest. An output that
+    /// is not a number is a failure of the array. An output at the end of the array's range, `range_v`, is noted.
     pub(super) async fn sample(&mut self, seconds: f64, range_v: Option<f64>) -> Result<MeasuredWindow, Halt> {
         self.cell.settle().await?;
         let began = Instant::now();

@@ -79,8 +79,8 @@ impl Limited {
         ended.found.iter().find(|found| found.figure == self.key)
     }
 
-    /// Returns the part of the limit that a figure uses, by its bound if it has one. A fraction uses (1 - fraction) / (1 - limit). Above 1 the
-    /// limit is exceeded.
+    /// Returns the part of the limit that a figure uses, by its bound if it has one. A fraction uses (1 - fraction) / (1 - limit). Above 1
+    /// the limit is exceeded.
     pub(super) fn used(&self, found: &SensorFigure) -> Option<f64> {
         Some(limit_used(self.is_share(), found.bound.or(found.value)?, found.limit))
     }

@@ -1,9 +1,9 @@
 //! Boards that push readings as lines or frames on a serial port or USB: what most public tactile sensors do.
 //!
-//! A [`SerialBoard`] runs a [`BoardFirmware`]. It takes readings by its own clock and sends each as one line. No client can slow it down, and
-//! bytes that no client reads are lost. Opening the link resets a board whose USB adapter pulls its reset line (Uno, Nano). Such a
-//! board is silent for its boot time, then prints its greeting, then readings. Opening a board with native USB doesn't reset it,
-//! so the first line may lack its beginning.
+//! A [`SerialBoard`] runs a [`BoardFirmware`]. It takes readings by its own clock and sends each as one line. No client can slow it down,
+//! and bytes that no client reads are lost. Opening the link resets a board whose USB adapter pulls its reset line (Uno, Nano). Such a
+//! board is silent for its boot time, then prints its greeting, then readings. Opening a board with native USB doesn't reset it, so the
+//! first line may lack its beginning.
 //!
 //! A pseudo-terminal doesn't show when a client opens it. On one, the board starts once, when the terminal is offered. A board has
 //! one serial line, so with several clients at once each line reaches only one of them.

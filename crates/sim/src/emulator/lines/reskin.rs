@@ -20,8 +20,8 @@ pub struct ReSkin {
 }
 
 impl ReSkin {
-    /// Frames per second of ReSkin with five chips, as its paper states (arXiv 2111.00071: up to 400 Hz, from memory). The sketch waits 0.5 ms
-    /// after each frame; the remaining time is for the bus of the chips. AnySkin's sketch is the same without the wait.
+    /// Frames per second of ReSkin with five chips, as its paper states (arXiv 2111.00071: up to 400 Hz, from memory). The sketch waits 0.5
+    /// ms after each frame; the remaining time is for the bus of the chips. AnySkin's sketch is the same without the wait.
     pub const RESKIN_HZ: f64 = 400.0;
 
     /// Creates the firmware with a number of frames per second.

@@ -5,9 +5,9 @@
 //! answered with -1 until then. Calls on other sockets are served and can end it. After `GroupMoveAbort` it answers -27, and
 //! after `GroupKill` -26, both once the group rests. The abort itself answers at once.
 //!
-//! `GroupHomeSearch` homes z first if the group has it, then x and y together. Groups move independently. Jerk times are stored and have no other effect. If the manual isn't
-//! clear, this controller follows the stricter of two readings. A group does one thing at a time, so a move of one positioner is
-//! refused (-22) while another moves. Calls must name the number and the types of their results.
+//! `GroupHomeSearch` homes z first if the group has it, then x and y together. Groups move independently. Jerk times are stored and have no
+//! other effect. If the manual isn't clear, this controller follows the stricter of two readings. A group does one thing at a time, so a
+//! move of one positioner is refused (-22) while another moves. Calls must name the number and the types of their results.
 //!
 //! An event that guards a move is checked once in each millisecond, only while it is started and a motion that it could stop is
 //! under way.

@@ -1,5 +1,5 @@
-//! Tests of a real bench's imperfections: a zero that drifts and changes slowly, mains interference, a wrong gain, filtered noise, play, a stage
-//! that yields, a surface that creeps.
+//! Tests of a real bench's imperfections: a zero that drifts and changes slowly, mains interference, a wrong gain, filtered noise, play, a
+//! stage that yields, a surface that creeps.
 
 use super::*;
 
