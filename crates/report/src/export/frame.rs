@@ -5,7 +5,7 @@
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::{
-    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Press, PressTruth, Presses, Recorded,
+    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Presence, Press, PressTruth, Presses, Recorded,
     RecordedContact, output_name,
 };
 use palpate_data::recipe::Phase;
@@ -73,7 +73,9 @@ pub fn presses(run: &Recorded, bench: &Bench) -> ExportTable {
 
 /// Returns some presses of an array with `channels` outputs in `unit`.
 pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> ExportTable {
-    let columns = COLUMNS.iter().flat_map(|column| match column.name {
+    let by_depth = presses.iter().any(|press| press.depth_set_mm.is_some());
+    let written = COLUMNS.iter().filter(|column| by_depth || column.presence != Presence::ByDepth);
+    let columns = written.flat_map(|column| match column.name {
         OUTPUTS => outputs(presses.iter(), channels, unit),
         name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
     });
