@@ -9,7 +9,7 @@ use palpate::api::{
     RigOptions, RunOptions,
 };
 use palpate_core::parallel::lock;
-use palpate_data::dataset::{COLUMNS, CellValue, Press, Retouch};
+use palpate_data::dataset::{CellValue, Press, Retouch};
 use palpate_link::device::Identity;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -319,9 +319,9 @@ fn worded<'py>(py: Python<'py>, event: RunEvent, out: &Path) -> PyResult<Bound<'
     Ok(dict)
 }
 
-/// Adds the columns of `presses.csv`.
+/// Adds the columns of the press.
 fn press_into(press: &Press, dict: &Bound<'_, PyDict>) -> PyResult<()> {
-    for column in COLUMNS {
+    for column in press.columns() {
         let (mut names, mut added) = (column.names(press.outputs.len()).into_iter(), Ok(()));
         column.write(press, &mut |value| {
             if let (Some(name), Ok(())) = (names.next(), &added) {

@@ -166,6 +166,11 @@ impl Press {
         self
     }
 
+    /// Returns the columns of the press outside a table. Only a press by depth has a set depth.
+    pub fn columns(&self) -> impl Iterator<Item = &'static PressColumn> {
+        columns_of(self.depth_set_mm.is_some())
+    }
+
     /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
     pub fn to_json(&self) -> String {
         serde_json::to_string(&Flat(self)).unwrap_or_default() // numbers and plain text can't fail
@@ -203,7 +208,7 @@ impl Serialize for Flat<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         let mut first_error = Ok(());
-        for column in columns_of(self.0.depth_set_mm.is_some()) {
+        for column in self.0.columns() {
             let mut names = column.names(self.0.outputs.len()).into_iter();
             (column.write)(self.0, &mut |value| {
                 if let (Ok(()), Some(name)) = (&first_error, names.next()) {
