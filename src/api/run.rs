@@ -138,6 +138,11 @@ fn agree_if_named(chosen: &ChosenRig, rig: &RigSpec) -> Result<(), Failure> {
 /// Makes the folder of a run, once the rig is agreed to.
 pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<OpenedRun, Failure> {
     options.check()?;
+    let labels = &options.labels;
+    if options.manner.confirm.is_touched() && (labels.sensor.is_none() || labels.mounting.is_none()) {
+        let help = "a touch is confirmed for one sensor in one mounting: add --sensor ID and --mounting NAME";
+        return Err(Failure::usage(miette::miette!(help = help, "--confirmed touch needs --sensor and --mounting")));
+    }
     let Sources { recipe, rig, chosen, origins } = Sources::read(&options.recipe, &options.rig)?;
     let plan = Plan::new(&recipe, &rig.ground(), options.rig.seed).map_err(Failure::usage)?;
     options.manner.check(&rig)?;
@@ -146,6 +151,7 @@ pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<Opene
         labels: options.labels.labels(),
         strategy: options.rig.strategy,
         presses_max: options.rig.presses_max,
+        without_load_cell: !rig.has_load_cell(),
         ..RunFacts::new(&plan, rig.is_simulated())
     };
     let session = session(options.manner.durability.into());

@@ -23,6 +23,8 @@ pub enum Confirmed {
     Home,
     /// Nothing is in the way of z while it homes on the specimen's side (`home_side` of the rig: toward), and it stays so
     Clear,
+    /// Without a load cell: I lowered z in steps until it touched this sensor in this mounting, and `frame.surface_mm` states where
+    Touch,
 }
 
 /// What a person has made sure of before a rig that isn't simulated moves.
@@ -36,7 +38,12 @@ pub struct ConfirmOptions {
 impl ConfirmOptions {
     /// Returns the rig, which asks no person: what isn't confirmed is refused.
     pub(crate) fn of(&self, spec: RigSpec) -> RigSpec {
-        RigSpec { which_way: Some(Arc::new(NoPerson::new(self))), ..spec }
+        RigSpec { which_way: Some(Arc::new(NoPerson::new(self))), is_touched: self.is_touched(), ..spec }
+    }
+
+    /// Whether the surface was touched in steps.
+    pub(crate) fn is_touched(&self) -> bool {
+        self.confirmed.contains(&Confirmed::Touch)
     }
 }
 

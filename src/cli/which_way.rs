@@ -23,7 +23,8 @@ pub(super) fn asked_at(options: &ConfirmOptions, spec: RigSpec) -> RigSpec {
     if !is_attended() {
         return options.of(spec);
     }
-    RigSpec { which_way: Some(Arc::new(Person { absent: NoPerson::new(options) })), ..spec }
+    let absent = NoPerson::new(options);
+    RigSpec { which_way: Some(Arc::new(Person { absent })), is_touched: options.is_touched(), ..spec }
 }
 
 /// Asks the person at the terminal whether a real rig may move that `--rig` doesn't name.

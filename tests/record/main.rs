@@ -13,3 +13,4 @@ mod provenance;
 mod replaced;
 mod rerun;
 mod signals;
+mod without_load_cell;

@@ -181,6 +181,27 @@ impl Permit {
         Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
     }
 
+    /// Permits a motion toward the specimen on a rig without a load cell. Its end point is at most the force limit over the declared stiffness,
+    /// and at most the depth limit, below `first_mm`, the earliest surface that is possible.
+    ///
+    /// # Errors
+    /// A trip if the end point of the motion isn't safe. Nothing moves then.
+    pub fn advance_without_force(&self, first_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
+        let deepest_mm = self.deepest_without_force_mm(first_mm);
+        let fastest = self.approach_speed_mm_s(self.limits.force_n);
+        // written as the positive condition, so NaN fails
+        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
+        if !is_safe {
+            return Err(Trip::new(SafetyRule::NotPermitted, z_mm, deepest_mm, "mm"));
+        }
+        Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
+    }
+
+    /// Returns the deepest end point that would be permitted without a load cell, mm.
+    pub fn deepest_without_force_mm(&self, first_mm: f64) -> f64 {
+        first_mm + depth_without_force_mm(&self.limits) - self.steps.reserve_mm()
+    }
+
     /// Checks that the newest air differs from the earlier air by no more than a zero drifts in the time between (I4).
     ///
     /// # Errors
@@ -248,6 +269,12 @@ impl Permit {
             Err(Trip::new(SafetyRule::NotPermitted, z_mm, from_mm, "mm"))
         }
     }
+}
+
+/// Returns the largest depth below the earliest possible surface that is allowed without a load cell, mm: by the force limit over the
+/// declared stiffness, and by the depth limit.
+pub fn depth_without_force_mm(limits: &Limits) -> f64 {
+    (limits.force_n / limits.stiffness_n_mm).min(limits.depth_mm - DEPTH_MARGIN_MM)
 }
 
 /// Checks that a zero moved by at most the allowed amount. The condition is written so that a NaN is refused.

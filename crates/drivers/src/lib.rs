@@ -8,6 +8,7 @@ mod esp301;
 pub mod grbl;
 pub mod lines;
 pub mod modbus;
+mod no_load_cell;
 pub mod process;
 #[cfg(test)]
 pub(crate) mod script;
@@ -15,6 +16,7 @@ pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;
+pub use no_load_cell::NoLoadCell;
 
 use std::time::Duration;
 

@@ -234,7 +234,8 @@ impl Desk {
         };
         let spec = &sensor.rig.spec;
         let specimen = if spec.is_simulated() { spec.scene.specimen } else { None };
-        let facts = RunFacts { labels, specimen, ..RunFacts::new(plan, spec.is_simulated()) };
+        let without_load_cell = !spec.has_load_cell();
+        let facts = RunFacts { labels, specimen, without_load_cell, ..RunFacts::new(plan, spec.is_simulated()) };
         let origins = self.material.origins(recipe, &sensor.rig);
         let path = self.folder.path().join(name);
         RunFolder::create(Some(&path), &origins, facts, session(manner.durability.into()), &spec.array.layout)

@@ -265,7 +265,7 @@ impl RunFolder {
     }
 
     fn write_views(&self) -> Result<(), DatasetError> {
-        write(&self.path, &self.layout, self.known.manifest.facts.by_depth, &|| self.contacts(), &self.known.trips)
+        write(&self.path, &self.layout, self.known.manifest.facts.columns(), &|| self.contacts(), &self.known.trips)
     }
 
     /// Writes the present fingerprints of the files to the manifest.
@@ -313,8 +313,8 @@ impl Ledger for RunFolder {
         self.take_in(offset, record)?;
         match (record, &mut self.presses) {
             (Record::Contact(contact), Some(presses)) => {
-                let by_depth = self.known.manifest.facts.by_depth;
-                let lines: String = contact.levels.iter().map(|press| csv_line(press, by_depth)).collect();
+                let columns = self.known.manifest.facts.columns();
+                let lines: String = contact.levels.iter().map(|press| csv_line(press, columns)).collect();
                 let path = self.path.join(PRESSES);
                 // a table needn't reach the disk now, because the journal has
                 presses.write_all(lines.as_bytes()).map_err(DatasetError::io("writing", path))
@@ -368,7 +368,7 @@ fn fill(
         journal.append(&record)?;
         manifest.take_in(&record);
     }
-    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.len(), manifest.facts.by_depth))];
+    let views = [(MANIFEST, manifest.text()), (PRESSES, csv_header(layout.len(), manifest.facts.columns()))];
     for (name, text) in origins.texts().chain(views.iter().map(|(name, text)| (*name, text.as_str()))) {
         let path = draft.join(name);
         let write = |text: &str| {

@@ -105,7 +105,7 @@ impl Manifest {
                 }
                 self.losses.push(loss.clone());
             }
-            Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) => {}
+            Record::Text(_) | Record::Zero { .. } | Record::Retouch(_) | Record::Surface(_) => {}
         }
     }
 

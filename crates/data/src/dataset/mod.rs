@@ -70,10 +70,10 @@ pub use mapping::{COLUMN_KEYS, Mapping};
 pub use new_folder::make_folder;
 use palpate_core::quantity::round;
 pub use places::SAME_PLACE_MM;
-pub use press::Presence;
 pub use press::{COLUMNS, OUTPUTS, Press, PressColumn, output_name};
+pub use press::{Presence, RunColumns};
 pub use presses::Presses;
-pub use record::{Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, Retouch};
+pub use record::{Left, NoLoad, Peaks, PressTruth, Record, RecordedContact, RecordedSurface, Retouch, SurfaceFinder};
 pub use recorded::{Recorded, Texts, journal_sha256, source_fingerprint};
 pub use session::{
     Durability, FORMAT, Imported, LABEL_MOST, Labels, Loss, Provenance, RecordedText, RigChange, RunFacts, SessionEnd,

@@ -168,7 +168,7 @@ impl Press {
 
     /// Returns the columns of the press outside a table. Only a press by depth has a set depth.
     pub fn columns(&self) -> impl Iterator<Item = &'static PressColumn> {
-        columns_of(self.depth_set_mm.is_some())
+        RunColumns { by_depth: self.depth_set_mm.is_some(), has_load_cell: true }.all()
     }
 
     /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
@@ -177,21 +177,39 @@ impl Press {
     }
 }
 
-/// Columns of the `presses.csv` of a run.
-fn columns_of(by_depth: bool) -> impl Iterator<Item = &'static PressColumn> {
-    COLUMNS.iter().filter(move |column| by_depth || column.presence != Presence::ByDepth)
+/// Which columns the table of a run has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RunColumns {
+    /// Whether presses are by depth.
+    pub by_depth: bool,
+    /// Whether the rig has a load cell.
+    pub has_load_cell: bool,
 }
 
-/// Returns the first line of `presses.csv`. `by_depth` states whether the run has presses by depth.
-pub(super) fn csv_header(channels: usize, by_depth: bool) -> String {
-    let names: Vec<String> = columns_of(by_depth).flat_map(|column| column.names(channels)).collect();
+/// Columns that only a rig with a load cell has.
+const OF_LOAD_CELL: [&str; 5] = ["force_set_n", "force_n", "u_force_n", "air_before_n", "air_after_n"];
+
+impl RunColumns {
+    /// Returns the columns in order.
+    pub fn all(self) -> impl Iterator<Item = &'static PressColumn> {
+        let is_there = move |column: &&PressColumn| match column.presence {
+            Presence::ByDepth => self.by_depth,
+            _ => self.has_load_cell || !OF_LOAD_CELL.contains(&column.name),
+        };
+        COLUMNS.iter().filter(is_there)
+    }
+}
+
+/// Returns the first line of `presses.csv`.
+pub(super) fn csv_header(channels: usize, columns: RunColumns) -> String {
+    let names: Vec<String> = columns.all().flat_map(|column| column.names(channels)).collect();
     names.join(",") + "\n"
 }
 
 /// Returns one line of `presses.csv`. No cell needs quotation marks: the cells are numbers and this program's own words.
-pub(super) fn csv_line(press: &Press, by_depth: bool) -> String {
+pub(super) fn csv_line(press: &Press, columns: RunColumns) -> String {
     let mut line = String::new();
-    for column in columns_of(by_depth) {
+    for column in columns.all() {
         (column.write)(press, &mut |value| {
             value.push_to(&mut line);
             line.push(',');
@@ -222,6 +240,9 @@ impl Serialize for Flat<'_> {
 }
 
 #[cfg(test)]
+pub(super) const BY_FORCE: RunColumns = RunColumns { by_depth: false, has_load_cell: true };
+
+#[cfg(test)]
 pub(super) fn example(press: u64, level: u64) -> Press {
     Press {
         press,
@@ -247,15 +268,17 @@ pub(super) fn example(press: u64, level: u64) -> Press {
 mod tests {
     use super::*;
 
+    const BY_DEPTH: RunColumns = RunColumns { by_depth: true, has_load_cell: true };
+
     #[test]
     fn header_line_and_json_follow_from_the_columns() {
         let press = example(3, 0).rounded();
         assert_eq!(
-            csv_header(2, false),
+            csv_header(2, BY_FORCE),
             "press,level,phase,x_mm,y_mm,force_set_n,force_n,u_force_n,depth_mm,t_s,out_1,out_2,flags,z_mm,air_before_n,air_after_n\n"
         );
         assert_eq!(
-            csv_line(&press, false),
+            csv_line(&press, BY_FORCE),
             "3,0,calibration,-5.5,6,1,0.996235,0.001235,0.81235,12.3457,0.1,0,out-of-tolerance,-0.9,0.001,\n"
         );
         assert_eq!(
@@ -269,10 +292,10 @@ mod tests {
     #[test]
     fn press_by_depth_has_its_column_and_its_key() {
         let press = Press { force_set_n: None, depth_set_mm: Some(0.5), ..example(3, 0) }.rounded();
-        assert!(csv_header(2, true).starts_with("press,level,phase,x_mm,y_mm,force_set_n,depth_set_mm,force_n,"));
-        assert!(csv_line(&press, true).starts_with("3,0,calibration,-5.5,6,,0.5,0.996235,"));
+        assert!(csv_header(2, BY_DEPTH).starts_with("press,level,phase,x_mm,y_mm,force_set_n,depth_set_mm,force_n,"));
+        assert!(csv_line(&press, BY_DEPTH).starts_with("3,0,calibration,-5.5,6,,0.5,0.996235,"));
         assert!(press.to_json().contains("\"force_set_n\":null,\"depth_set_mm\":0.5,"));
-        assert!(csv_line(&example(3, 0).rounded(), true).starts_with("3,0,calibration,-5.5,6,1,,0.996235,"));
+        assert!(csv_line(&example(3, 0).rounded(), BY_DEPTH).starts_with("3,0,calibration,-5.5,6,1,,0.996235,"));
     }
 
     #[test]

@@ -41,6 +41,8 @@ pub enum Record {
     Check(RecordedCheck),
     /// A place was touched again before a run continued.
     Retouch(Retouch),
+    /// The surface from which depths count, in a run without a load cell.
+    Surface(RecordedSurface),
     /// A safety rule was broken.
     Trip {
         /// Time, s since the run's start.
@@ -65,6 +67,7 @@ impl Record {
         match self {
             Record::Run(_) | Record::Session(_) | Record::Text(_) | Record::Devices(_) | Record::Loss(_) => None,
             Record::Contact(contact) | Record::Check(RecordedCheck { contact, .. }) => contact.t_s(),
+            Record::Surface(surface) => Some(surface.t_s),
             Record::Retouch(Retouch { t_s, .. }) | Record::Zero { t_s, .. } | Record::Trip { t_s, .. } => Some(*t_s),
             Record::End(end) => Some(end.t_s),
         }
@@ -160,6 +163,30 @@ pub struct Retouch {
     /// Depth at which contact began this time, mm into the specimen; NaN if there was no contact.
     #[serde(with = "any_number")]
     pub touched_mm: f64,
+}
+
+/// The surface at a place, found without a load cell.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordedSurface {
+    /// Time, s since the run's start.
+    pub t_s: f64,
+    /// The place, specimen frame.
+    #[serde(flatten)]
+    pub place: Place,
+    /// z of the surface, mm into the specimen from where the frame states it.
+    pub z_mm: f64,
+    /// Who found it.
+    pub by: SurfaceFinder,
+}
+
+/// What found a surface without a load cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SurfaceFinder {
+    /// The outputs of the array left their noise.
+    Array,
+    /// A person touched it in steps, and confirms that it is where the frame states.
+    Person,
 }
 
 /// One row of `scene.csv`.

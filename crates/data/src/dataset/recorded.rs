@@ -160,9 +160,9 @@ impl Recorded {
     pub fn table_problem(&self, name: &str) -> Result<Option<&'static str>, DatasetError> {
         let table = self.path.join(name);
         let presses = self.presses();
-        let by_depth = self.manifest.facts.by_depth;
-        let lines = presses.presses.iter().map(|press| csv_line(press, by_depth));
-        let expected = csv_header(presses.channels, by_depth) + &lines.collect::<String>();
+        let columns = self.manifest.facts.columns();
+        let lines = presses.presses.iter().map(|press| csv_line(press, columns));
+        let expected = csv_header(presses.channels, columns) + &lines.collect::<String>();
         let read = files::open(&table).and_then(|file| {
             let mut found = Vec::new();
             file.take(expected.len() as u64 + 1).read_to_end(&mut found).map(|_| found)

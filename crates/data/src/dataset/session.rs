@@ -1,6 +1,6 @@
 //! Origin of a run and the programs that measured it, as recorded in its journal.
 
-use super::Fingerprint;
+use super::{Fingerprint, RunColumns};
 use crate::recipe::Plan;
 use palpate_control::Strategy;
 use palpate_core::quantity::shown;
@@ -36,6 +36,9 @@ pub struct RunFacts {
     /// Whether presses of the plan are by depth.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub by_depth: bool,
+    /// Whether the rig has no load cell, so that no force is known.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub without_load_cell: bool,
     /// Whether this program's emulators were at the other ends of the links.
     pub simulated: bool,
     /// Tables from which the presses were imported; `None` for a run that this program made.
@@ -129,6 +132,7 @@ impl Default for RunFacts {
             strategy: None,
             presses_max: None,
             by_depth: false,
+            without_load_cell: false,
             simulated: false,
             imported: None,
         }
@@ -171,6 +175,11 @@ impl RunFacts {
             None => format!("the recipe {}", self.recipe),
             Some(imported) => format!("the import of {}", imported.names()),
         }
+    }
+
+    /// Returns which columns its table has.
+    pub fn columns(&self) -> RunColumns {
+        RunColumns { by_depth: self.by_depth, has_load_cell: !self.without_load_cell }
     }
 
     /// Returns the facts of a plan.

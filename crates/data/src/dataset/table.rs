@@ -348,7 +348,7 @@ impl<R: Read> Read for LineCounter<R> {
 mod tests {
     use super::*;
     use crate::dataset::Flag;
-    use crate::dataset::press::{csv_header, csv_line, example};
+    use crate::dataset::press::{BY_FORCE, csv_header, csv_line, example};
     use crate::dataset::table_error::MAX_COLUMNS;
     use miette::Diagnostic as _;
     use palpate_core::quantity::Place;
@@ -471,7 +471,7 @@ mod tests {
     #[test]
     fn a_runs_own_table_gives_the_presses_it_was_written_from() {
         let presses: Vec<Press> = (0..3).map(|press| example(press, 0).rounded()).collect();
-        let text = csv_header(2, false) + &presses.iter().map(|press| csv_line(press, false)).collect::<String>();
+        let text = csv_header(2, BY_FORCE) + &presses.iter().map(|press| csv_line(press, BY_FORCE)).collect::<String>();
         assert_eq!(plain(&text).unwrap().presses, presses);
         let wrong = plain(&text.replace("1,0,calibration", "1,-1,calibration")).unwrap_err();
         assert_eq!(wrong.to_string(), "a.csv, line 3, column `level`: expected a whole number from 0, found `-1`");

@@ -138,7 +138,7 @@ fn tables_again(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Re
     let _ = std::fs::remove_dir_all(&folder); // of a killed program with this number
     std::fs::create_dir(&folder).map_err(DatasetError::io("making", &folder))?;
     let contacts = || Ok(known.contacts.contacts(Journal::records(&path.join(JOURNAL))?));
-    let made = write(&folder, layout, known.manifest.facts.by_depth, &contacts, &known.trips)
+    let made = write(&folder, layout, known.manifest.facts.columns(), &contacts, &known.trips)
         .and_then(|()| fingerprints(&folder, &[]));
     std::fs::remove_dir_all(&folder).map_err(DatasetError::io("removing", &folder))?;
     made
@@ -154,10 +154,10 @@ fn stray_lines(path: &Path, layout: &ArrayLayout, known: &JournalSummary) -> Res
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None), // it may have been killed before
         Err(error) => return Err(failed(error)),
     };
-    let (hasher, by_depth) = (RandomState::new(), known.manifest.facts.by_depth);
-    let mut expected = HashSet::from([hasher.hash_one(csv_header(layout.len(), by_depth).as_bytes())]);
+    let (hasher, columns) = (RandomState::new(), known.manifest.facts.columns());
+    let mut expected = HashSet::from([hasher.hash_one(csv_header(layout.len(), columns).as_bytes())]);
     for contact in known.contacts.contacts(Journal::records(&path.join(JOURNAL))?) {
-        expected.extend(contact?.levels.iter().map(|press| hasher.hash_one(csv_line(press, by_depth).as_bytes())));
+        expected.extend(contact?.levels.iter().map(|press| hasher.hash_one(csv_line(press, columns).as_bytes())));
     }
     let (mut reader, mut line, mut number) = (BufReader::new(file), Vec::new(), 0);
     loop {

@@ -2,7 +2,7 @@
 
 use super::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use super::files::{self, Draft};
-use super::press::{csv_header, csv_line};
+use super::press::{RunColumns, csv_header, csv_line};
 use super::{DatasetError, Peaks, Press, PressTruth, RecordedContact, RecordedContacts, round};
 use crate::recipe::Phase;
 use palpate_core::quantity::ArrayLayout;
@@ -25,12 +25,12 @@ pub const TABLES: [&str; 5] = [PRESSES, CHARACTERISTICS, MATRICES[0].1, MATRICES
 const OUTPUTS_MAX: usize = 1 << 19;
 
 /// Writes every table that follows from a run's contacts, each completely or not at all. Removes tables that don't follow from
-/// them. `by_depth` states whether presses of the run are by depth. `contacts` reads the contacts from the beginning each time, in the
+/// them. `contacts` reads the contacts from the beginning each time, in the
 /// order of their numbers. One contact is held at a time.
 pub(super) fn write<'a>(
     folder: &Path,
     layout: &ArrayLayout,
-    by_depth: bool,
+    columns: RunColumns,
     contacts: &dyn Fn() -> Result<RecordedContacts<'a>, DatasetError>,
     trips: &[(Option<u64>, Peaks)],
 ) -> Result<(), DatasetError> {
@@ -39,11 +39,11 @@ pub(super) fn write<'a>(
     // a reading for each level of the characterisation only, of one unit: its statistics need it
     let mut staircases = Staircases::none(layout);
     let mut matrices = MATRICES.map(|(phase, name)| (phase, name, 0));
-    presses.write(&csv_header(layout.len(), by_depth))?;
+    presses.write(&csv_header(layout.len(), columns))?;
     for contact in contacts()? {
         let contact = contact?;
         for press in &contact.levels {
-            presses.write(&csv_line(press, by_depth))?;
+            presses.write(&csv_line(press, columns))?;
             matrices.iter_mut().filter(|(phase, ..)| press.is_of(*phase)).for_each(|(_, _, points)| *points += 1);
         }
         staircases.add_contact(&contact, layout);

@@ -2,7 +2,7 @@
 
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
-use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
+use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy, depth_without_force_mm};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
 use rand::RngExt;
@@ -32,6 +32,8 @@ pub struct Ground<'a> {
     pub limits: &'a Limits,
     /// Positions of the array's units.
     pub layout: &'a ArrayLayout,
+    /// Whether the rig has a load cell. Without one, presses are by depth.
+    pub has_load_cell: bool,
 }
 
 impl Plan {
@@ -46,8 +48,8 @@ impl Plan {
         let mut steps: Vec<Vec<Entry>> = Vec::new();
         let mut presses = 0;
         for (index, step) in recipe.steps.iter().enumerate() {
-            check_force(step, ground.limits, &mut problems);
-            check_depth(step, ground.limits, &mut problems);
+            check_force(step, ground, &mut problems);
+            check_depth(step, ground, &mut problems);
             // counted before any is made
             if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
                 problems.push(recipe.too_long(step, ground.layout));
@@ -64,7 +66,9 @@ impl Plan {
             training(&mut steps, presses, ground.limits);
             let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
-            Ok(Plan { name: recipe.name.clone(), seed, entries, checks: recipe.checks })
+            // a check compares forces
+            let checks = if ground.has_load_cell { recipe.checks } else { Checks::None };
+            Ok(Plan { name: recipe.name.clone(), seed, entries, checks })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
         }
@@ -238,8 +242,14 @@ fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
     ((value / grain).round() * grain).clamp(range.min, range.max)
 }
 
-fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
-    let most_n = step.load.most_n();
+fn check_force(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    let (most_n, limits) = (step.load.most_n(), ground.limits);
+    if most_n > 0.0 && !ground.has_load_cell {
+        let text = "this step presses by force, but the rig has no load cell (`load_cell = \"none\"`)";
+        let help = "press by depth: `depth_mm`, or a range `depth_mm` inside `random`";
+        problems.push(Problem::new(step.load_span.clone(), text).help(help));
+        return;
+    }
     if most_n > limits.force_n {
         let text = format!("this step presses with {most_n} N, over the specimen's limit of {} N", limits.force_n);
         let help = format!(
@@ -250,8 +260,22 @@ fn check_force(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
     }
 }
 
-fn check_depth(step: &Step, limits: &Limits, problems: &mut Vec<Problem>) {
-    let (most_mm, room_mm) = (step.load.most_mm(), limits.depth_mm - DEPTH_MARGIN_MM);
+fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    let limits = ground.limits;
+    let (most_mm, by_force_mm) = (step.load.most_mm(), depth_without_force_mm(limits));
+    if !ground.has_load_cell && most_mm > by_force_mm {
+        let text = format!(
+            "this step presses {most_mm} mm deep, over the {} mm that `limits.force_n` of {} N over `limits.stiffness_n_mm` of {} N/mm \
+             allows without a load cell",
+            round(by_force_mm, 3),
+            limits.force_n,
+            limits.stiffness_n_mm
+        );
+        let help = "press less deep; the uncertainty of the surface takes a part of this depth too";
+        problems.push(Problem::new(step.load_span.clone(), text).help(help));
+        return;
+    }
+    let room_mm = limits.depth_mm - DEPTH_MARGIN_MM;
     if most_mm > room_mm {
         let text = format!(
             "this step presses {most_mm} mm deep, over the {} mm that the specimen's depth limit of {} mm leaves",

@@ -5,8 +5,8 @@
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, UnitCharacteristics, characterise};
 use palpate_data::dataset::{
-    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Presence, Press, PressTruth, Presses, Recorded,
-    RecordedContact, output_name,
+    CHARACTERISTIC_COLUMNS, COLUMNS, CellType, CellValue, OUTPUTS, Press, PressTruth, Presses, Recorded,
+    RecordedContact, RunColumns, output_name,
 };
 use palpate_data::recipe::Phase;
 use palpate_run::rig::Bench;
@@ -74,8 +74,8 @@ pub fn presses(run: &Recorded, bench: &Bench) -> ExportTable {
 /// Returns some presses of an array with `channels` outputs in `unit`.
 pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> ExportTable {
     let by_depth = presses.iter().any(|press| press.depth_set_mm.is_some());
-    let written = COLUMNS.iter().filter(|column| by_depth || column.presence != Presence::ByDepth);
-    let columns = written.flat_map(|column| match column.name {
+    let has_load_cell = !by_depth || presses.iter().any(|press| press.force_n.is_some());
+    let columns = RunColumns { by_depth, has_load_cell }.all().flat_map(|column| match column.name {
         OUTPUTS => outputs(presses.iter(), channels, unit),
         name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
     });

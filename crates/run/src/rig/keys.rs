@@ -31,6 +31,9 @@ const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 /// Settling time of a stage with a small payload, ms: servo lag and half of its jerk time.
 const SETTLE_MS: f64 = 10.0;
 
+/// The word in place of a load cell.
+pub(super) const NO_LOAD_CELL: [(&str, ()); 1] = [("none", ())];
+
 pub(super) const HOMES: [(&str, Home); 2] = [("switches", Home::Switches), ("by hand", Home::ByHand)];
 pub(super) const HOME_SIDES: [(&str, HomeSide); 2] = [("away", HomeSide::Away), ("toward", HomeSide::Toward)];
 pub(super) const DOWN: [(&str, Down); 2] = [("-z", Down::Minus), ("+z", Down::Plus)];
@@ -39,7 +42,8 @@ keys! {
     /// The complete rig.
     root {
         stage: Table(&stage::KEYS), Refused, "the three-axis stage";
-        load_cell: Table(&load_cell::KEYS), Refused, "the load cell under the specimen or over the indenter";
+        load_cell: Either(&[Table(&load_cell::KEYS), Word(&words(&NO_LOAD_CELL))]), Refused,
+            "the load cell under the specimen or over the indenter; `\"none\"`: there is none, and presses are by depth";
         array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
         limits: Table(&limits::KEYS), Refused, "limits of the specimen, for the plan and every move";
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";

@@ -11,6 +11,7 @@ mod driver;
 mod emulated;
 mod family;
 mod keys;
+mod no_load_cell;
 mod open;
 mod parse;
 mod scene;

@@ -32,7 +32,10 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
     }
     document::read(file, text, &root::KEYS, |table| {
         let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
-        let load_cell = table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside));
+        let load_cell = match table.is_text(&root::load_cell) {
+            true => table.word(&root::load_cell, &keys::NO_LOAD_CELL).map(|()| LoadCellSpec::none()),
+            false => table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside)),
+        };
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
         let limits = table.table(&root::limits);
         let (limits, stiffness_least_n_mm) = match limits.as_ref() {
@@ -60,10 +63,12 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             full_scale_n: None,
             notify: notify?.unwrap_or_default(),
             which_way: None,
+            is_touched: false,
         };
         check_links(&spec, table);
         check_ports(&spec, table);
         check_zero(&spec, table);
+        check_without_load_cell(&spec, table);
         check_steps(&spec, table);
         check_drivers(&spec, table);
         check_room(&spec, table);
@@ -201,9 +206,9 @@ pub(super) fn read_tilt(table: &Table, key: &Key) -> Option<Tilt> {
 }
 
 fn check_links(spec: &RigSpec, table: &Table) {
-    let links = [&spec.stage.link, &spec.load_cell.link, &spec.array.link];
-    let simulated = links.iter().filter(|link| ***link == Link::Sim).count();
-    if simulated != 0 && simulated != links.len() {
+    let cell = spec.has_load_cell().then_some(&spec.load_cell.link);
+    let mut links = [&spec.stage.link, &spec.array.link].into_iter().chain(cell);
+    if links.clone().any(|link| *link == Link::Sim) && !links.all(|link| *link == Link::Sim) {
         let text = "some links are simulated and others are real: they can't use the same clock";
         let help = "set all links to \"sim\", or none; `--simulate` simulates the whole rig";
         table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
@@ -236,6 +241,15 @@ fn check_zero(spec: &RigSpec, table: &Table) {
     if let (Home::ByHand, Some(axis)) = (spec.stage.home, outside) {
         let text = format!("`home = \"by hand\"` begins at 0, which `travel_mm.{}` doesn't contain", axis.name());
         let help = "state the travel from the place to which a person brings the stage";
+        table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
+    }
+}
+
+/// Checks that a rig without a load cell homes z away from the specimen: no force would show a search that presses on it.
+fn check_without_load_cell(spec: &RigSpec, table: &Table) {
+    if !spec.has_load_cell() && spec.stage.home_side == HomeSide::Toward {
+        let text = "a rig without a load cell can't home z toward the specimen: no force would stop the search";
+        let help = "home z at the end away from the specimen, or add a load cell";
         table.complain(Problem::new(table.span_of(&root::stage), text).help(help));
     }
 }

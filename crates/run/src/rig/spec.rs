@@ -1,6 +1,7 @@
 //! A parsed rig file, and the capabilities of each of its drivers.
 
 use super::emulated::EmulatedDevice;
+use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
 use palpate_control::{SafetyRule, Timing, Trip};
 use palpate_core::quantity::{
@@ -54,6 +55,9 @@ pub struct RigSpec {
     pub notify: Vec<String>,
     /// Source of the direction of z, asked before a rig that isn't simulated moves. If `None`, the rig doesn't move.
     pub which_way: Option<Arc<dyn WhichWay>>,
+    /// Whether a person touched the surface in steps, and confirms that it is where the frame states, within its uncertainty. Only a rig
+    /// without a load cell needs it, and only if its array doesn't feel the surface.
+    pub is_touched: bool,
 }
 
 /// Stage section of a rig file.
@@ -195,6 +199,12 @@ impl RigSpec {
         self
     }
 
+    /// Whether there is a load cell. Without one, presses are by depth.
+    pub fn has_load_cell(&self) -> bool {
+        let driver: &dyn Any = &*self.load_cell.driver;
+        !driver.is::<WithoutLoadCell>()
+    }
+
     /// Whether this program's emulators are at the far ends. The run then uses virtual time.
     pub fn is_simulated(&self) -> bool {
         self.stage.link == Link::Sim
@@ -260,7 +270,13 @@ impl RigSpec {
 
     /// Returns the limits against which a plan is checked.
     pub fn ground(&self) -> Ground<'_> {
-        Ground { travel: &self.stage.travel, frame: &self.frame, limits: &self.limits, layout: &self.array.layout }
+        Ground {
+            travel: &self.stage.travel,
+            frame: &self.frame,
+            limits: &self.limits,
+            layout: &self.array.layout,
+            has_load_cell: self.has_load_cell(),
+        }
     }
 }
 

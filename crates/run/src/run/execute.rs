@@ -6,6 +6,7 @@ use super::clock::RunClock;
 use super::past::{Past, felt};
 use super::ready::{Conditions, Ready, make_ready, take_zero};
 use super::rig_control::AnyRigControl;
+use super::without_cell::execute_without_cell;
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{ContactMap, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint};
@@ -101,6 +102,9 @@ pub fn execute_on<'w, 'e: 'w>(
 }
 
 async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+    if !job.spec.has_load_cell() {
+        return execute_without_cell(rig, job, listener).await;
+    }
     let RunJob { plan, spec, ledger, cancel, shown } = job;
     let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
         Ok(past) => past,
@@ -108,7 +112,7 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
     };
     let clock = RunClock::going_on_from(past.elapsed_s);
     let conditions = Conditions { spec, cancel, shown, clock, first_zero_n: past.first_zero_n };
-    let mut ending = Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None };
+    let mut ending = Ending::parked();
     match make_ready(rig, &conditions).await {
         Ok(Ready { rig_control, devices, reaction, zero }) => {
             let permit = permit(&rig_control, spec, &reaction);
@@ -164,7 +168,12 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
 impl Ending {
     /// Creates the ending of a run in which nothing has moved.
     pub fn halted(halt: impl Into<Halt>) -> Self {
-        Ending { halt: Some(halt.into()), unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None }
+        Ending { halt: Some(halt.into()), ..Ending::parked() }
+    }
+
+    /// Creates the ending of a run whose stage is parked without load.
+    pub(super) fn parked() -> Self {
+        Ending { halt: None, unparked: None, remaining: Remaining::Nothing, t_s: 0.0, cell: None }
     }
 
     /// Returns the status for the run's manifest.
@@ -201,7 +210,7 @@ impl Ending {
 }
 
 /// Records a trip. If the record can't be stored any more, the trip is still reported.
-fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
+pub(super) fn note_trip(ledger: &mut dyn Ledger, ending: &Ending, press: Option<u64>, peaks: Option<Peaks>, t_s: f64) {
     if let Some(Halt::Tripped(trip)) = &ending.halt {
         let _ = ledger.append_unsynced(&Record::Trip { t_s, press, trip: trip.clone(), peaks });
     }

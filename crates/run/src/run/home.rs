@@ -86,6 +86,31 @@ pub(super) async fn at_home<'a>(
     Ok(AtHome { rig_control, stage, load_cell, array })
 }
 
+/// Does the same on a rig without a load cell: z goes to its end away from the specimen before anything else. Nothing is read while it
+/// moves, because every motion is one away from the specimen, or of x and y with z at that end.
+pub(super) async fn at_home_without_cell<'a>(
+    rig: OpenRig,
+    spec: &RigSpec,
+    cancel: &'a Cancel,
+    shown: &'a dyn Fn(f64),
+) -> Result<(AnyRigControl<'a>, Vec<Identity>), Halt> {
+    let mut rig_control = rig_control_of(rig, spec, cancel, shown);
+    let stage = unless_stopped(cancel, rig_control.stage.identify(&rig_control.usage)).await??;
+    let array = unless_stopped(cancel, rig_control.array.prepare()).await??;
+    rig_control.usage.home_speed_mm_s = HOMING_LEAST_MM_S.min(spec.stage.speed_mm_s);
+    rig_control.confirm_zero(spec, &stage).await?;
+    rig_control.confirm_away(spec, &stage, ReadingMode::Unread).await?;
+    let is_alone =
+        rig_control.moves(ReadingMode::Unread, async |stage, usage, orders| stage.home_z(usage, orders).await).await?;
+    if is_alone {
+        rig_control.retract(spec.top_mm()).await?;
+    }
+    rig_control.home_all(ReadingMode::Unread).await?;
+    rig_control.find_itself().await?;
+    rig_control.retract(spec.top_mm()).await?;
+    Ok((rig_control, vec![stage, array]))
+}
+
 fn rig_control_of<'a>(rig: OpenRig, spec: &RigSpec, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> AnyRigControl<'a> {
     let OpenRig { instruments, stage_use, truth, claims } = rig;
     let Instruments { stage, load_cell, array } = instruments;
@@ -176,6 +201,8 @@ enum ReadingMode {
     Watched,
     /// A rise of the force stops the stage. A cell that doesn't answer doesn't stop it.
     IfItAnswers,
+    /// There is no load cell.
+    Unread,
 }
 
 /// Result of the retraction of z.
@@ -224,7 +251,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         self.confirm_zero(spec, identity).await?;
         self.confirm_clear(spec, identity).await?;
         self.watch_from_rest(spec).await?;
-        self.confirm_away(spec, identity).await?;
+        self.confirm_away(spec, identity, ReadingMode::Watched).await?;
         // x and y are homed once nothing touches
         let is_alone =
             self.moves(ReadingMode::Watched, async |stage, usage, orders| stage.home_z(usage, orders).await).await?;
@@ -307,14 +334,14 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 
     /// Asks the operator to confirm that z moves away from the specimen, when this stage is first moved along z in this
     /// direction. No measurement without load shows the direction.
-    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity) -> Result<(), Unmoved> {
+    async fn confirm_away(&mut self, spec: &RigSpec, identity: &Identity, reading: ReadingMode) -> Result<(), Unmoved> {
         let down = spec.frame.down;
         let Some(which_way) = spec.which_way().filter(|way| !way.is_known(identity, down)) else { return Ok(()) };
         which_way.announce(identity, NUDGE_MM, self.usage.home_search).map_err(Halt::Unconfirmed)?;
         self.cell.watch.pause();
-        if !self.nudge_away(ReadingMode::Watched).await? {
+        if !self.nudge_away(reading).await? {
             // an axis that can't move a little before homing is watched while it homes
-            self.home_all(ReadingMode::Watched).await?;
+            self.home_all(reading).await?;
             if spec.stage.home_side == HomeSide::Toward {
                 self.find_itself().await?;
                 self.retract_slowly((self.z_mm - NUDGE_MM).max(spec.end_mm())).await?;
@@ -369,6 +396,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     felt.and(moved)
                 }
                 ReadingMode::IfItAnswers => unless_it_rises(cell, motion, &orders).await,
+                ReadingMode::Unread => motion.await,
             }
         };
         let moved = tokio::select! {

@@ -12,6 +12,7 @@ mod clock;
 mod estimate;
 mod examine;
 mod execute;
+mod feel;
 mod home;
 mod motion;
 mod no_load_outputs;
@@ -23,7 +24,9 @@ mod retraction;
 mod rig_control;
 mod shift;
 mod shown;
+mod unforced_motion;
 mod window;
+mod without_cell;
 
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;

@@ -21,7 +21,7 @@ const COARSE_MM: f64 = 0.05;
 const SIDEWAYS_READINGS: u32 = 2;
 
 /// Longest time without an answer after a motion should have ended, s.
-const SILENT_S: f64 = 0.5;
+pub(super) const SILENT_S: f64 = 0.5;
 
 /// Number of conversions after which a cell has shown a contact that ended. Two conversions make a force, and one was in
 /// progress.
@@ -31,7 +31,7 @@ const CONVERSIONS_HEARD: f64 = 4.0;
 const LOOK_EVERY: Duration = Duration::from_millis(1);
 
 /// Axes that move the indenter from place to place.
-const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
+pub(super) const SIDEWAYS: [Axis; 2] = [Axis::X, Axis::Y];
 
 /// Motion that has ended.
 struct Driven {
@@ -227,7 +227,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     }
 
     /// Checks that x and y are at their targets.
-    async fn arrived_at(&mut self, place: Place, targets: [(Axis, f64); 2], at_mm: &[f64]) -> Result<(), Halt> {
+    pub(super) async fn arrived_at(
+        &mut self,
+        place: Place,
+        targets: [(Axis, f64); 2],
+        at_mm: &[f64],
+    ) -> Result<(), Halt> {
         for ((axis, target_mm), at_mm) in targets.into_iter().zip(at_mm) {
             self.check_arrival(axis, *at_mm, target_mm).await?;
         }
@@ -363,7 +368,7 @@ async fn begin_sideways<S: Stage>(
 }
 
 /// Longer of the distances in x and y, mm.
-fn way_mm(from: Place, to: Place) -> f64 {
+pub(super) fn way_mm(from: Place, to: Place) -> f64 {
     (to.x_mm - from.x_mm).abs().max((to.y_mm - from.y_mm).abs())
 }
 

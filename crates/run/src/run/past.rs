@@ -4,7 +4,7 @@ use super::checks::Checking;
 use super::execute::Standby;
 use palpate_control::{ContactMap, LearnedContact, MeasuredContact, SetPoint};
 use palpate_core::quantity::Place;
-use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact};
+use palpate_data::dataset::{self, DatasetError, Flag, Ledger, Left, Record, RecordedContact, RecordedSurface};
 use palpate_data::recipe::Plan;
 use palpate_link::device::{DeviceError, DeviceProblem, Identity};
 
@@ -27,6 +27,8 @@ pub(super) struct Past {
     pub felt: Vec<MeasuredContact>,
     /// Checks so far, and what they are compared with.
     pub checks: Checking,
+    /// Surfaces that were found without a load cell.
+    pub surfaces: Vec<RecordedSurface>,
     /// Places that were touched.
     known: Vec<TouchedPlace>,
 }
@@ -56,6 +58,7 @@ impl Past {
             devices: Vec::new(),
             felt: Vec::new(),
             checks: Checking::of(plan),
+            surfaces: Vec::new(),
             known: Vec::new(),
         };
         ledger.recall(&mut |record| past.take_in(record))?;
@@ -87,6 +90,7 @@ impl Past {
         self.elapsed_s = record.t_s().map_or(self.elapsed_s, |t_s| self.elapsed_s.max(t_s));
         match record {
             Record::Zero { offset_n, .. } => _ = self.first_zero_n.get_or_insert(*offset_n),
+            Record::Surface(surface) if self.surfaces.len() < KNOWN_MAX => self.surfaces.push(*surface),
             Record::Devices(devices) => self.devices.clone_from(devices),
             Record::Check(check) => {
                 let RecordedContact { left, no_load_after, .. } = &check.contact;

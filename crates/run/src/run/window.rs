@@ -155,7 +155,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
 }
 
 /// Whether any output is at the end of the range.
-fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceError> {
+pub(super) fn is_saturated(outputs: &[f64], range_v: Option<f64>) -> Result<bool, DeviceError> {
     if let Some((unit, output)) = (1..).zip(outputs).find(|(_, output)| !output.is_finite()) {
         let (answer, expected) = (format!("{output} from unit {unit}"), "a number from every unit".to_owned());
         let (device, doing) = ("array".to_owned(), "sampling the outputs".to_owned());

@@ -1,0 +1,303 @@
+//! Execution of a plan on a rig without a load cell: presses by depth below a surface that the array felt, or that a person touched and
+//! confirmed. `docs/decisions` states what replaces the rules that need a force.
+
+use super::clock::RunClock;
+use super::execute::{Ending, RunJob, note_trip};
+use super::home::at_home_without_cell;
+use super::past::Past;
+use super::press::TRAVEL_CLEARANCE_MM;
+use super::rig_control::AnyRigControl;
+use super::unforced_motion::OutputsAtRest;
+use super::window::OutputMeans;
+use super::{Cancel, Halt, Listener, Remaining};
+use crate::rig::{OpenRig, RigSpec};
+use palpate_control::{ContactMap, Expected, LearnedContact, Permit, SafetyRule, SetPoint, Trip, Zero};
+use palpate_core::quantity::{Place, seconds};
+use palpate_data::dataset::{
+    Flag, Ledger, Left, NoLoad, Peaks, Press, PressTruth, Record, RecordedContact, RecordedSurface, SurfaceFinder,
+};
+use palpate_data::recipe::{Entry, Plan};
+use palpate_link::device::Stage as _;
+use palpate_link::time::Instant;
+
+/// Assumed time of an exchange with the stage, s. No motion is ended by it: each end point is safe by itself.
+const EXCHANGE_S: f64 = 0.1;
+
+/// Number of places where the array feels for the surface: a plane needs three, and the others check it.
+const FELT_PLACES: usize = 5;
+
+/// Largest move of a surface since an earlier session, mm: half of the clearance during travel.
+const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
+
+/// Largest part of the outputs of a press that may remain after the retraction: more shows that the contact continues.
+const REMAINING_SHARE: f64 = 0.25;
+
+/// Executes the plan. The stage is always parked at the end of z's travel.
+pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
+    let RunJob { plan, spec, ledger, cancel, shown } = job;
+    let past = match Past::of(ledger, plan, spec.frame.uncertainty_mm) {
+        Ok(past) => past,
+        Err(error) => return Ending::halted(error),
+    };
+    let clock = RunClock::going_on_from(past.elapsed_s);
+    let (rig_control, devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
+        Ok(ready) => ready,
+        Err(halt) => return Ending { t_s: clock.now_s(), remaining: Remaining::Unknown, ..Ending::halted(halt) },
+    };
+    let acceleration_mm_s2 = rig_control.usage.acceleration_mm_s2;
+    let permit = Permit::new(spec.limits, EXCHANGE_S, acceleration_mm_s2, &Zero::with_noise(0.0));
+    let mut runner = DepthRunner {
+        plan,
+        spec,
+        ledger,
+        listener,
+        rig_control,
+        permit: permit.on(spec.stage.steps),
+        map: ContactMap::new(spec.frame.uncertainty_mm),
+        cancel,
+        clock,
+        pressing: None,
+        before: None,
+    };
+    let mut ending = Ending { t_s: 0.0, ..Ending::parked() };
+    ending.halt = runner.begin(&past, devices).await.err();
+    let peaks = runner.truth().map(|truth| {
+        let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
+        Peaks { force_peak_n, depth_peak_mm }
+    });
+    note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
+    ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
+    if matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_))) || ending.unparked.is_some() {
+        ending.remaining = Remaining::Unknown;
+    }
+    ending.t_s = clock.now_s();
+    ending
+}
+
+/// Driver of a run without a load cell.
+pub(super) struct DepthRunner<'a> {
+    plan: &'a Plan,
+    pub spec: &'a RigSpec,
+    ledger: &'a mut dyn Ledger,
+    listener: &'a mut dyn Listener,
+    pub rig_control: AnyRigControl<'a>,
+    pub permit: Permit,
+    /// The surface.
+    pub map: ContactMap,
+    cancel: &'a Cancel,
+    clock: RunClock,
+    /// Entry that is under way.
+    pressing: Option<u64>,
+    /// Outputs of the last press.
+    before: Option<Vec<f64>>,
+}
+
+impl DepthRunner<'_> {
+    async fn begin(&mut self, past: &Past, devices: Vec<palpate_link::device::Identity>) -> Result<(), Halt> {
+        self.cancel.prepared();
+        self.listener.ready(&devices);
+        past.check_devices(&devices)?;
+        self.ledger.record(&Record::Devices(devices))?;
+        let left: Vec<&Entry> = self.plan.entries.iter().filter(|entry| !self.ledger.has(entry.press)).collect();
+        if left.is_empty() {
+            return Ok(());
+        }
+        self.find_surface(past).await?;
+        for (index, entry) in left.iter().enumerate() {
+            self.pause_if_asked().await?;
+            self.pressing = Some(entry.press);
+            self.listener.begins(entry);
+            let contact = self.press(entry, left.get(index + 1).map(|next| next.place)).await?;
+            let record = Record::Contact(contact);
+            self.ledger.record(&record)?;
+            self.pressing = None;
+            record.contact().into_iter().for_each(|contact| self.listener.recorded(contact));
+            if entry.rest_after_s > 0.0 {
+                self.listener.rests(entry.rest_after_s);
+                self.cancel.sleep(seconds(entry.rest_after_s)).await;
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the surface from which depths count, and records it. A surface that an earlier session found must still be there.
+    async fn find_surface(&mut self, past: &Past) -> Result<(), Halt> {
+        if self.spec.is_touched {
+            return self.note_surface(Place::default(), 0.0, SurfaceFinder::Person);
+        }
+        for place in self.felt_places() {
+            self.cancel.check()?;
+            let z_mm = self.feel_surface(place).await?;
+            self.note_surface(place, z_mm, SurfaceFinder::Array)?;
+            let is_known = |known: &&RecordedSurface| known.by == SurfaceFinder::Array && known.place == place;
+            if let Some(known) = past.surfaces.iter().find(is_known) {
+                let moved_mm = z_mm - known.z_mm;
+                let is_there = moved_mm.abs() <= MOVED_MOST_MM; // written as the positive condition, so NaN fails
+                if !is_there {
+                    return Err(Trip::new(SafetyRule::SurfaceMoved, moved_mm, MOVED_MOST_MM, "mm").into());
+                }
+            }
+            self.map.learn(&LearnedContact::Touch { place, z_mm, path: Vec::new() });
+        }
+        Ok(())
+    }
+
+    fn note_surface(&mut self, place: Place, z_mm: f64, by: SurfaceFinder) -> Result<(), Halt> {
+        let t_s = self.clock.now_s();
+        Ok(self.ledger.record(&Record::Surface(RecordedSurface { t_s, place, z_mm, by }))?)
+    }
+
+    /// Places of the plan that are as far from one another as possible.
+    fn felt_places(&self) -> Vec<Place> {
+        let places = || self.plan.entries.iter().map(|entry| entry.place);
+        let mut chosen: Vec<Place> = places().take(1).collect();
+        while chosen.len() < FELT_PLACES {
+            let apart_mm =
+                |place: &Place| chosen.iter().map(|other| other.distance_mm(*place)).fold(f64::INFINITY, f64::min);
+            let farthest = places().max_by(|a, b| apart_mm(a).total_cmp(&apart_mm(b)));
+            match farthest.filter(|place| apart_mm(place) > 0.0) {
+                Some(place) => chosen.push(place),
+                None => break,
+            }
+        }
+        chosen
+    }
+
+    /// Makes one press, from the clear to the clear.
+    async fn press(&mut self, entry: &Entry, next: Option<Place>) -> Result<RecordedContact, Halt> {
+        let mut levels = Vec::with_capacity(entry.task.levels.len());
+        let mut truth = Vec::new();
+        self.go_to(entry.place).await?;
+        self.rig_control.stage.forget_timing();
+        self.rig_control.truth.begin_press(entry.press);
+        let no_load_before = self.rig_control.outputs_at_rest().await?;
+        let Expected { z_mm: surface_mm, first_mm, .. } = self.map.expect(entry.place);
+        for (level, set) in entry.task.levels.iter().enumerate() {
+            let SetPoint::Depth(depth_mm) = set.set else {
+                // the plan refuses a force
+                return Err(Trip::new(SafetyRule::NotPermitted, set.set.force_n().unwrap_or(0.0), 0.0, "N").into());
+            };
+            let speed_mm_s = self.spec.stage.approach_mm_s;
+            let granted = self.permit.advance_without_force(first_mm, surface_mm + depth_mm, speed_mm_s)?;
+            self.rig_control.move_z_unforced(granted).await?;
+            self.cancel.sleep(seconds(entry.task.hold_s)).await;
+            self.cancel.check()?;
+            let (row, pressed) = self.level(entry, level, surface_mm, &no_load_before).await?;
+            truth.extend(self.truth().map(PressTruth::rounded));
+            self.before = Some(pressed);
+            levels.push(row.rounded());
+        }
+        let clear_mm = first_mm - TRAVEL_CLEARANCE_MM;
+        let away = self.permit.retract(self.rig_control.z_mm, clear_mm, self.rig_control.usage.speed_mm_s)?;
+        self.rig_control.move_z_unforced(away).await?;
+        let no_load_after = self.rig_control.outputs_at_rest().await?;
+        self.check_contact_ended(&no_load_before, &no_load_after, levels.last())?;
+        if let Some(next) = next {
+            self.go_to(next).await?;
+        }
+        let no_load = |at_rest: OutputsAtRest| NoLoad { outputs: at_rest.means, ..NoLoad::default() };
+        Ok(RecordedContact {
+            press: entry.press,
+            levels,
+            truth,
+            no_load_before: no_load(no_load_before),
+            no_load_after: no_load(no_load_after),
+            left: next.map(|_| Left { z_mm: self.rig_control.z_mm }),
+            ..RecordedContact::default()
+        })
+    }
+
+    /// Samples a level. Returns its row, and its outputs.
+    async fn level(
+        &mut self,
+        entry: &Entry,
+        level: usize,
+        surface_mm: f64,
+        no_load: &OutputsAtRest,
+    ) -> Result<(Press, Vec<f64>), Halt> {
+        let began = Instant::now();
+        self.rig_control.truth.open_window();
+        let range_v = self.spec.array.range_v;
+        let sampled = self.rig_control.sample_outputs(entry.task.sample_s, range_v).await;
+        self.rig_control.truth.close_window();
+        let (OutputMeans { means, .. }, is_saturated) = sampled?;
+        let outputs: Vec<f64> = means.iter().zip(&no_load.means).map(|(mean, no_load)| mean - no_load).collect();
+        let depth_mm = self.rig_control.z_mm - surface_mm;
+        let set = entry.task.levels[level].set.depth_mm();
+        let is_missed = set.is_none_or(|set_mm| (depth_mm - set_mm).abs() > entry.task.depth_tolerance_mm);
+        let is_frozen = outputs.iter().all(|output| *output == 0.0) || self.before.as_ref() == Some(&outputs);
+        let flags = [(Flag::OutOfTolerance, is_missed), (Flag::Saturated, is_saturated), (Flag::Stale, is_frozen)];
+        let row = Press {
+            press: entry.press,
+            level: level as u64,
+            phase: Some(entry.phase),
+            x_mm: self.rig_control.pressed.x_mm,
+            y_mm: self.rig_control.pressed.y_mm,
+            depth_set_mm: set,
+            depth_mm: Some(self.rig_control.frame.tilt.normal_mm(depth_mm)),
+            t_s: Some(self.clock.at_s(began)),
+            outputs: outputs.clone(),
+            flags: flags.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect(),
+            z_mm: Some(self.rig_control.frame.to_stage(entry.place, self.rig_control.z_mm).z_mm),
+            ..Press::default()
+        };
+        Ok((row, outputs))
+    }
+
+    /// Checks by the outputs that the contact has ended: x and y may move then.
+    fn check_contact_ended(
+        &self,
+        before: &OutputsAtRest,
+        after: &OutputsAtRest,
+        pressed: Option<&Press>,
+    ) -> Result<(), Trip> {
+        let pressed = pressed.map_or(0.0, |press| length(press.outputs.iter().copied()));
+        let remaining = after.distance(&before.means);
+        let most = (REMAINING_SHARE * pressed).max(before.noise_most());
+        match remaining <= most {
+            true => Ok(()),
+            false => Err(Trip::new(SafetyRule::StillTouching, remaining, most, &self.spec.array.unit)),
+        }
+    }
+
+    /// Moves to a place in the clear.
+    pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
+        let [here, there] = [self.rig_control.place, place].map(|place| self.map.expect(place).first_mm);
+        self.rig_control.travel_unforced(place, &self.permit, here.min(there)).await
+    }
+
+    async fn pause_if_asked(&mut self) -> Result<(), Halt> {
+        self.cancel.check()?;
+        if !self.cancel.pausing() {
+            return Ok(());
+        }
+        self.rig_control.retract(self.spec.top_mm()).await?;
+        if !self.listener.paused() {
+            return Err(Halt::Cancelled);
+        }
+        self.cancel.while_pausing().await;
+        self.cancel.check()
+    }
+
+    /// Parks the stage at the end of z's travel.
+    async fn leave(&mut self, halt: Option<&Halt>) -> Result<(), Halt> {
+        if matches!(halt, Some(Halt::Tripped(_) | Halt::Device(_))) {
+            self.rig_control.stop_and_see().await?;
+        }
+        self.rig_control.retract(self.spec.top_mm()).await
+    }
+
+    fn truth(&self) -> Option<PressTruth> {
+        let truth = self.rig_control.truth.take()?;
+        Some(PressTruth {
+            force_true_n: truth.force_true_n,
+            force_peak_n: truth.force_peak_n,
+            depth_peak_mm: truth.depth_peak_mm,
+        })
+    }
+}
+
+/// Length of a row of outputs.
+pub(super) fn length(outputs: impl Iterator<Item = f64>) -> f64 {
+    outputs.map(|output| output * output).sum::<f64>().sqrt()
+}
