@@ -6,8 +6,8 @@ use super::tables::filled;
 use super::text_table::{TextTable, cells};
 use crate::api::Failure;
 use crate::api::sources::{RigOptions, Sources};
-use palpate_control::{LEARNED, safe_speed_mm_s};
-use palpate_core::quantity::{Axis, COVERAGE, Tilt, round};
+use palpate_control::{LEARNED, depth_without_force_mm, safe_speed_mm_s};
+use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
@@ -242,8 +242,13 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
         let most_mm = shown(plan.most_mm());
         let _ = writeln!(
             text,
-            "  largest depth {most_mm} mm, limit {} mm; its force is measured,\n  and a press that needs over {} N ends the run",
-            limits.depth_mm, limits.force_n
+            "  largest depth {most_mm} mm, limit {} mm{}",
+            limits.depth_mm,
+            match rig.has_load_cell() {
+                true =>
+                    format!("; its force is measured,\n  and a press that needs over {} N ends the run", limits.force_n),
+                false => String::new(),
+            }
         );
     }
     if !rig.stage.steps.is_fine() {
@@ -274,6 +279,9 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
 
 /// Describes what notices a load cell or a sensor that changes, and what doesn't.
 fn guarded(plan: &Plan, rig: &RigSpec) -> String {
+    if !rig.has_load_cell() {
+        return without_load_cell(rig);
+    }
     let (near, all) = (compared(plan), plan.entries.len());
     let least = match rig.stiffness_least_n_mm {
         Some(least_n_mm) => format!("at the first press, below {least_n_mm} N/mm"),
@@ -286,6 +294,20 @@ fn guarded(plan: &Plan, rig: &RigSpec) -> String {
     format!(
         "what notices a load cell that reads wrong\n  gain before the run: {weight}\n  too little force for the depth: \
          {least}\n  depth and outputs by the presses around: {near} of {all} presses\n"
+    )
+}
+
+/// Describes what a run without a load cell relies on.
+fn without_load_cell(rig: &RigSpec) -> String {
+    let Limits { force_n, stiffness_n_mm, .. } = rig.limits;
+    format!(
+        "no load cell: no force is measured, and no force stops a motion\n  \
+         a move ends at most {:.3} mm below the earliest possible surface: {force_n} N over {stiffness_n_mm} N/mm\n  \
+         a specimen that is stiffer gets more force, by as much as it is stiffer\n  \
+         the array must feel the surface within {} mm of `frame.surface_mm`; with --confirmed touch\n  \
+         it is where the frame states. Nothing is promised for a surface outside this uncertainty\n",
+        depth_without_force_mm(&rig.limits),
+        rig.frame.uncertainty_mm,
     )
 }
 

@@ -72,6 +72,9 @@ pub(super) struct DoctorArgs {
 /// Checks the rig and reports what to do.
 pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let (text, rig, invented) = args.rig.read()?;
+    if !rig.has_load_cell() {
+        return devices_alone(args, &rig);
+    }
     let weight = args.weight.weight(&rig)?;
     let spec = if weight.is_some() { as_it_reads(&rig) } else { rig.clone() };
     let cancel = heed(First::Stop, Some("stopping"))?;
@@ -103,6 +106,30 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
             }
             Ok(ExitCode::SUCCESS)
         }
+    }
+}
+
+/// Checks stage and array of a rig without a load cell. Nothing moves: no force would show a contact.
+fn devices_alone(args: &DoctorArgs, rig: &RigSpec) -> Result<ExitCode, Failure> {
+    if args.finger || args.weight.weight(rig)?.is_some() {
+        let help = "remove the option, or add a [load_cell] to the rig";
+        return Err(Failure::usage(miette::miette!(
+            help = help,
+            "this rig has no load cell, so no force can be shown"
+        )));
+    }
+    let cancel = heed(First::Stop, Some("stopping"))?;
+    let looked = examine(rig, args.rig.seed, &cancel, ForceCheck::Nobody);
+    let mut found = block_on(rig.is_simulated(), looked)?.map_err(Failure::halted)?;
+    let load_cell = found.devices.remove(1);
+    debug_assert_eq!(load_cell.0, "load_cell");
+    let [stage, _, array] = found.exchanges_s;
+    found.exchanges_s = [stage, array, Vec::new()];
+    let text = described(&found, rig, &[]) + "\nno load cell: presses are by depth, and nothing was moved\n";
+    args.output.print(&text, &json(&found, &[], None))?;
+    match found.devices.into_iter().find_map(|(_, device)| device.err()) {
+        Some(error) => Err(Failure::halted(error.into())),
+        None => Ok(ExitCode::SUCCESS),
     }
 }
 

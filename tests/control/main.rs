@@ -19,3 +19,4 @@ mod uncertainty;
 mod unzeroed;
 mod virtual_time;
 mod wire_faults;
+mod without_load_cell;

@@ -1,14 +1,8 @@
 //! Runs on a rig without a load cell: depths count from a surface that the array felt, or that a person confirmed.
 
-use palpate_testing::TestFolder;
-
-/// The simulated rig without its load cell.
-fn rig() -> String {
-    let text = include_str!("../../rigs/sim.toml");
-    let (before, cell) = text.split_once("[load_cell]").expect("it has one");
-    let after = cell.find("\n[").map_or("", |at| &cell[at..]);
-    format!("load_cell = \"none\"\n{before}{after}")
-}
+use palpate_testing::executions::rig_without_load_cell;
+use palpate_testing::interrupted::cut_to_lines;
+use palpate_testing::{TestFolder, shipped_text};
 
 const RECIPE: &str = r#"name = "deep"
 
@@ -24,7 +18,7 @@ random = { count = 6, x_mm = [-6.0, 6.0], y_mm = [-6.0, 6.0], depth_mm = [0.2, 0
 
 #[test]
 fn array_feels_the_surface_and_presses_go_to_their_depth() {
-    let rig = rig();
+    let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
     bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out run");
     let header = bench.read("run/presses.csv");
@@ -41,18 +35,51 @@ fn array_feels_the_surface_and_presses_go_to_their_depth() {
 
 #[test]
 fn touch_is_confirmed_for_a_sensor_in_a_mounting() {
-    let rig = rig();
+    let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
     let begun = "run deep.toml --rig rig.toml --simulate --out run --confirmed touch";
     assert!(bench.palpate_ends(2, begun).err.contains("--mounting NAME"));
     bench.palpate_ends(0, &format!("{begun} --sensor A1 --mounting 1"));
-    assert!(bench.read("run/journal.jsonl").contains(r#""by":"person""#));
+    assert!(bench.read("run/journal.log").contains(r#""by":"person""#));
 }
 
 #[test]
 fn force_is_refused_without_a_load_cell() {
-    let (rig, by_force) = (rig(), RECIPE.replace("depth_mm = [0.3, 0.6]", "force_n = 0.5"));
+    let (rig, by_force) = (rig_without_load_cell(), RECIPE.replace("depth_mm = [0.3, 0.6]", "force_n = 0.5"));
     let bench = TestFolder::with([("force.toml", by_force.as_str()), ("rig.toml", rig.as_str())]);
     let refused = bench.palpate_ends(2, "run force.toml --rig rig.toml --simulate --out run").err;
     assert!(refused.contains("has no load cell"), "{refused}");
+}
+
+#[test]
+fn run_that_was_cut_feels_the_surface_again_and_goes_on() {
+    let rig = rig_without_load_cell();
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out whole");
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out cut");
+    cut_to_lines(&bench, "cut", 30);
+    bench.palpate_ends(0, "resume cut");
+    let depths = |run: &str| bench.column(&format!("{run}/presses.csv"), "depth_set_mm");
+    assert_eq!(depths("cut"), depths("whole"));
+    bench.palpate_ends(0, "verify cut");
+}
+
+#[test]
+fn run_without_a_load_cell_has_no_certificate_and_its_page_says_so_first() {
+    let rig = rig_without_load_cell();
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out run --sensor A1");
+    bench.palpate_ends(0, "report run --out page.html");
+    assert!(bench.read("page.html").contains("There was no load cell: no force is known"));
+    bench.write("given.toml", &shipped_text("data/example/certificate.toml"));
+    let refused = bench.palpate_ends(2, "certificate run --with given.toml").err;
+    assert!(refused.contains("without a load cell"), "{refused}");
+}
+
+#[test]
+fn stiffness_is_required_with_how_to_find_it() {
+    let rig = rig_without_load_cell().replace("stiffness_n_mm = 2.0", "");
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    let refused = bench.palpate_ends(2, "check deep.toml --rig rig.toml").err;
+    assert!(refused.contains("kitchen scale"), "{refused}");
 }

@@ -61,6 +61,14 @@ pub fn bench_with_taxels(name: &str) -> RigSpec {
     spec
 }
 
+/// The text of the simulated rig, without its load cell.
+pub fn rig_without_load_cell() -> String {
+    let text = include_str!("../../rigs/sim.toml");
+    let (before, cell) = text.split_once("[load_cell]").expect("it has one");
+    let after = cell.find("\n[").map_or("", |at| &cell[at..]);
+    format!("load_cell = \"none\"\n{before}{after}")
+}
+
 /// The plan of a recipe's text on a rig.
 pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
     let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));

@@ -119,7 +119,7 @@ fn held(runs: &[Recorded]) -> Vec<Controlled> {
 fn drifts(runs: &[Recorded]) -> Vec<(Phase, f64, f64)> {
     let mut drifts = Vec::new();
     let mut presses = presses(runs);
-    for run in runs {
+    for run in runs.iter().filter(|run| !run.manifest.facts.without_load_cell) {
         let first_n = run.contacts.first().map_or(0.0, |first| first.no_load_before.force.mean_n);
         for (press, contact) in presses.by_ref().take(run.contacts.len()) {
             let phase = contact.levels.first().and_then(|level| level.phase);

@@ -215,8 +215,19 @@ impl Subject {
         let done: u64 = self.runs.iter().map(|run| run.manifest.presses_done).sum();
         let simulated =
             if self.runs.iter().any(|run| run.manifest.facts.simulated) { ", on a simulated rig" } else { "" };
+        let forces = match self.has_load_cell() {
+            true => "",
+            false => {
+                " There was no load cell: no force is known, and nothing but the declared stiffness limited the force."
+            }
+        };
         let (presses, units) = (counted(done as usize, "press"), counted(self.layout().units().len(), "unit"));
-        format!("{presses} of {}, {units}{simulated}.", recipes.join(", "))
+        format!("{presses} of {}, {units}{simulated}.{forces}", recipes.join(", "))
+    }
+
+    /// Whether every run had a load cell.
+    pub(super) fn has_load_cell(&self) -> bool {
+        self.runs.iter().all(|run| !run.manifest.facts.without_load_cell)
     }
 
     /// Whether the paper's numbers are shown next to the sensor's numbers, see [`is_beside_paper`].

@@ -155,7 +155,15 @@ fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {
 const LAYOUT: LayoutKeys =
     LayoutKeys { grid: array::grid, places_mm: array::places_mm, channels_per_unit: array::channels_per_unit };
 
+/// Where the stiffness of a specimen is found.
+const STIFFNESS: &str = "a number in N/mm, the largest that the specimen can have, from its datasheet or from a kitchen scale: \
+                         push the indenter 0.5 mm into the specimen on it; 100 g more are 1.96 N/mm";
+
 fn read_limits(table: &Table) -> Option<Limits> {
+    if !table.require_as(&limits::stiffness_n_mm, STIFFNESS) {
+        table.numbers([limits::force_n, limits::depth_mm]); // their problems are reported too
+        return None;
+    }
     let [force_n, depth_mm, stiffness_n_mm] =
         table.numbers([limits::force_n, limits::depth_mm, limits::stiffness_n_mm])?;
     Some(Limits { force_n, depth_mm, stiffness_n_mm })

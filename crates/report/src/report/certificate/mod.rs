@@ -85,6 +85,13 @@ pub enum CertificateError {
         /// Ending of the run, or that it is in progress.
         status: &'static str,
     },
+    /// The rig has no load cell, so no force is known.
+    #[error("{run} was made without a load cell: no force is known, so there is nothing to certify")]
+    #[diagnostic(help("`palpate report` shows the run; for a certificate, press with a load cell"))]
+    NoLoadCell {
+        /// Name of the run.
+        run: String,
+    },
     /// The date of an imported measurement is unknown.
     #[error("{run} was imported, and its columns file doesn't state the day of the measurement")]
     #[diagnostic(help("add `measured = \"2026-05-04\"` to the columns file, and import the tables again"))]
@@ -122,6 +129,9 @@ impl<'a> Certificate<'a> {
         if let Some(run) = subject.runs.iter().find(|run| run.manifest.status != Status::Complete) {
             let (run, status) = (run.name(), run.manifest.status.name());
             return Err(CertificateError::Incomplete { run, status });
+        }
+        if let Some(run) = subject.runs.iter().find(|run| run.manifest.facts.without_load_cell) {
+            return Err(CertificateError::NoLoadCell { run: run.name() });
         }
         let results = results(subject, judged);
         if results.iter().all(|results| results.rows.is_empty()) {

@@ -1,0 +1,132 @@
+//! Runs without a load cell: the true force never exceeds the limit, whatever the frame states and whichever device fails, as long as the
+//! specimen is no stiffer than declared. Depths count from a surface that the array felt, or that a person confirmed.
+
+use palpate_core::quantity::{Axis, Place, stream};
+use palpate_run::rig::{self, RigSpec};
+use palpate_sim::scene::{ContactLaw, FaultKind, Mounting, SceneFault};
+use palpate_testing::campaign;
+use palpate_testing::executions::{
+    Deaths, end_of, executed_with, in_parallel, must_be_none, plan, rig_without_load_cell,
+};
+use palpate_testing::wire::{WireFault, put_on_wire};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// Runs of each way to find the surface, in the quick and in the full tier.
+const RUNS: (usize, usize) = (64, 5000);
+
+/// Largest error of the frame, mm.
+const FRAME_OFF_MM: f64 = 2.0;
+
+/// Upper end of z, mm: a longer way from home only costs time.
+const Z_MOST_MM: f64 = 4.0;
+
+/// Latest beginning of a fault, s.
+const FAULT_FROM_S: f64 = 40.0;
+
+/// Stiffness of the specimen over the declared one.
+const STIFFER: [f64; 4] = [0.5, 1.0, 1.5, 3.0];
+
+const RECIPE: &str = "name = \"deep\"\n[press]\nhold_s = 0.0\nsample_s = 0.05\n[[step]]\nphase = \"calibration\"\n\
+    list = { places_mm = [[-3.0, -3.0], [3.0, -3.0], [0.0, 3.0]] }\ndepth_mm = [0.2, DEPTH]\n";
+
+/// Second depth of each place, mm. The permit refuses the larger one where the surface may be too high for it.
+const DEPTHS_MM: [&str; 2] = ["0.6", "0.95"];
+
+/// What is wrong with a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrong {
+    Nothing,
+    Frame(f64),
+    Wire(WireFault),
+    Scene(FaultKind),
+}
+
+/// One run, and its end.
+struct Outcome {
+    wrong: Wrong,
+    times: f64,
+    is_deep: bool,
+    force_n: f64,
+    limit_n: f64,
+    end: &'static str,
+}
+
+fn specimen(is_touched: bool, times: f64) -> RigSpec {
+    let mut spec = rig::parse("rig.toml", &rig_without_load_cell(), &|_| unreachable!()).expect("a sound rig");
+    spec.is_touched = is_touched;
+    let z = &mut spec.stage.travel.axes[Axis::Z.index()];
+    spec.stage.home_z_mm = Some(z.max); // the limit is where it was
+    z.max = Z_MOST_MM;
+    let linear_n_mm = times * spec.limits.stiffness_n_mm;
+    spec.scene.contact = ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    spec.scene.relaxation.clear();
+    spec
+}
+
+fn run(seed: u64, is_touched: bool) -> Outcome {
+    let mut rng = stream(seed, 0, "runs without a load cell");
+    let times = STIFFER[seed as usize % STIFFER.len()];
+    let mut spec = specimen(is_touched, times);
+    // a person's confirmed value is right within its uncertainty; an array that feels needs no right frame
+    let off_mm = if is_touched { spec.frame.uncertainty_mm } else { FRAME_OFF_MM };
+    let off_mm = rng.random_range(-off_mm..=off_mm);
+    let wrong = match seed / STIFFER.len() as u64 % 8 {
+        0 => Wrong::Nothing,
+        1 | 2 => Wrong::Frame(off_mm),
+        3 => Wrong::Wire(WireFault::ArrayTimes(0.0)),
+        4 => Wrong::Wire(WireFault::TaxelStuck(8)),
+        5 => Wrong::Scene(FaultKind::ArrayLost),
+        6 => Wrong::Scene(FaultKind::StageLost),
+        _ => Wrong::Wire(WireFault::TaxelDead(8)),
+    };
+    let within_mm = 0.9 * spec.frame.uncertainty_mm;
+    let z_mm = match wrong {
+        Wrong::Frame(off_mm) => off_mm,
+        _ => rng.random_range(-within_mm..=within_mm),
+    };
+    spec.scene.mounting = Some(Mounting { origin: Place::default(), rotation_deg: 0.0, z_mm });
+    let from_s = rng.random_range(0.0..FAULT_FROM_S);
+    if let Wrong::Scene(kind) = wrong {
+        spec.scene.faults = vec![SceneFault { kind, from_s, value: None }];
+    }
+    let is_deep = seed / 32 % 2 == 1;
+    let plan = plan(&spec, &RECIPE.replace("DEPTH", DEPTHS_MM[usize::from(is_deep)]), seed);
+    let executed = executed_with(&spec, &plan, Deaths::Ignored, &|rig| {
+        if let Wrong::Wire(fault) = wrong {
+            put_on_wire(rig, fault, from_s, seed);
+        }
+    });
+    let (force_n, limit_n) = (executed.truth.force_n, spec.limits.force_n);
+    Outcome { wrong, times, is_deep, force_n, limit_n, end: end_of(&executed.ending) }
+}
+
+/// Makes the runs, and checks that the force stays within the limit, or within the multiple by which the specimen is stiffer.
+fn must_stay_within(is_touched: bool) {
+    let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).collect();
+    let outcomes = in_parallel(&seeds, |&seed| run(seed, is_touched));
+    let broken = seeds.iter().zip(&outcomes).filter_map(|(seed, outcome)| {
+        let Outcome { wrong, times, force_n, limit_n, end, .. } = outcome;
+        let most_n = times.max(1.0) * limit_n;
+        (*force_n > most_n).then(|| format!("seed {seed}: {wrong:?}, {times} times, {force_n:.3} N, {end}"))
+    });
+    must_be_none(&broken.collect::<Vec<_>>());
+    let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+    outcomes.iter().for_each(|outcome| *ends.entry(outcome.end).or_default() += 1);
+    let most = outcomes.iter().map(|outcome| outcome.force_n / outcome.times.max(1.0)).fold(0.0, f64::max);
+    println!("{} runs, largest force {most:.3} N, ends {ends:?}", outcomes.len());
+    let sound = outcomes.iter().filter(|outcome| outcome.wrong == Wrong::Nothing);
+    let may_end = |outcome: &&Outcome| outcome.end == "-" || (outcome.is_deep && outcome.end == "not-permitted");
+    assert!(sound.clone().all(|outcome| may_end(&outcome)), "a sound run ended with {ends:?}");
+    assert!(sound.clone().any(|outcome| outcome.force_n > 1.0), "nothing was pressed");
+}
+
+#[test]
+fn no_force_is_over_the_limit_where_the_array_feels_the_surface() {
+    must_stay_within(false);
+}
+
+#[test]
+fn no_force_is_over_the_limit_inside_the_uncertainty_of_a_confirmed_surface() {
+    must_stay_within(true);
+}
