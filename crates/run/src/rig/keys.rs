@@ -31,7 +31,7 @@ const OUTPUT_RANGE: Bounds = Bounds::above(0.0, 1e6, "V");
 /// Settling time of a stage with a small payload, ms: servo lag and half of its jerk time.
 const SETTLE_MS: f64 = 10.0;
 
-/// The word in place of a load cell.
+/// The word of a rig without a load cell.
 pub(super) const NO_LOAD_CELL: [(&str, ()); 1] = [("none", ())];
 
 pub(super) const HOMES: [(&str, Home); 2] = [("switches", Home::Switches), ("by hand", Home::ByHand)];
@@ -43,7 +43,7 @@ keys! {
     root {
         stage: Table(&stage::KEYS), Refused, "the three-axis stage";
         load_cell: Either(&[Table(&load_cell::KEYS), Word(&words(&NO_LOAD_CELL))]), Refused,
-            "the load cell under the specimen or over the indenter; `\"none\"`: there is none, and presses are by depth";
+            "the load cell under the specimen or over the indenter; `\"none\"`: there is none, and presses are by depth", "\"none\"";
         array: Table(&array::KEYS), Refused, "the sensor array that is calibrated";
         limits: Table(&limits::KEYS), Refused, "limits of the specimen, for the plan and every move";
         frame: Table(&frame::KEYS), Refused, "where the specimen is, in the stage's coordinates";

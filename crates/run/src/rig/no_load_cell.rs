@@ -7,7 +7,7 @@ use palpate_link::device::DeviceError;
 use palpate_link::wire::{ClaimError, Claims, Link};
 use std::sync::Arc;
 
-/// Driver in place of a load cell.
+/// Driver of a rig without a load cell.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct WithoutLoadCell;
 
