@@ -1,7 +1,7 @@
 //! Presses by depth: the record has the set depth and the depth reached, and the run is resumed, verified and evaluated like others.
 
-use palpate_testing::TestFolder;
 use palpate_testing::interrupted::cut_to_lines;
+use palpate_testing::{TestFolder, shipped_text};
 
 /// A grid, random places, and three depths at each place of a list.
 const RECIPE: &str = r#"name = "deep"
@@ -40,6 +40,7 @@ fn presses_by_depth_reach_their_depth_and_are_recorded() {
         assert!((set - depth).abs() < REACHED_WITHIN_MM, "{depth} mm in place of {set} mm");
     }
     assert!(force.iter().map(number).all(|force_n| (0.05..2.0).contains(&force_n)), "{force:?}");
+    assert!(column("u_depth_mm").iter().all(String::is_empty), "nothing states the errors of stage and cell");
     bench.palpate_ends(0, "verify run");
     bench.palpate_ends(0, "rebuild run");
     bench.palpate_ends(0, "verify run");
@@ -72,5 +73,23 @@ fn depth_beyond_the_limit_or_in_a_characterisation_is_refused_at_its_line() {
         let bench = TestFolder::with([("deep.toml", text.as_str())]);
         let output = bench.palpate_ends(2, "check deep.toml");
         assert!(output.running().contains(expected), "{}", output.err);
+    }
+}
+
+#[test]
+fn depth_has_an_uncertainty_where_stage_and_load_cell_state_theirs() {
+    let rig = shipped_text("rigs/sim.toml").replacen(
+        "[load_cell]\n",
+        "certificate = { number = \"S-1\", date = \"2026-05-04\", u_mm = 0.004 }\n\n[load_cell]\nstiffness_n_mm = 100.0\n",
+        1,
+    );
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", &rig)]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --out run");
+    let number = |text: &String| text.parse::<f64>().unwrap();
+    let column = |name| bench.column("run/presses.csv", name).iter().map(number).collect::<Vec<_>>();
+    for (force_n, u_mm) in column("force_n").into_iter().zip(column("u_depth_mm")) {
+        // touch 10 um, stage 2 um, deflection of the cell evenly from 0 to its whole
+        let expected_mm = (0.010f64.powi(2) + 0.002f64.powi(2) + (force_n / 100.0).powi(2) / 3.0).sqrt();
+        assert!((u_mm - expected_mm).abs() < 2e-5, "{u_mm} in place of {expected_mm} mm");
     }
 }

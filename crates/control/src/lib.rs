@@ -43,7 +43,7 @@ pub use press::{
 pub use profile::MotionProfile;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
-pub use surface::Expected;
+pub use surface::{Expected, TOUCH_SIGMA_MM};
 pub use task::{Branch, PressLevel, PressTask, SetPoint, Strategy};
 pub use trip::{SafetyRule, Trip};
 pub use watch::{STALE_S, Watch, check_sound};

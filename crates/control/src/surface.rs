@@ -4,7 +4,7 @@ use super::plane::BayesianPlane;
 use palpate_core::quantity::Place;
 
 /// Standard deviation of one touch about a plane, mm. It is assumed until the surface's own roughness is known.
-const TOUCH_SIGMA_MM: f64 = 0.010;
+pub const TOUCH_SIGMA_MM: f64 = 0.010;
 
 /// Distance from the origin at which the plane's slope may use up the frame's uncertainty, mm.
 const SLOPE_ARM_MM: f64 = 6.0;
@@ -24,6 +24,8 @@ pub struct Expected {
     pub first_mm: f64,
     /// Latest z at which contact must have begun, mm.
     pub last_mm: f64,
+    /// Standard deviation of the surface about the most likely z, mm.
+    pub sigma_mm: f64,
     /// Whether the value comes from a touch. Without a touch the value comes from the frame only, and no motion may rely on it.
     pub touched: bool,
 }
@@ -64,6 +66,7 @@ impl SurfaceMap {
             z_mm,
             first_mm: (z_mm - bound_mm).max(-self.uncertainty_mm),
             last_mm: (z_mm + bound_mm).min(self.uncertainty_mm),
+            sigma_mm,
             touched: self.touches() > 0,
         }
     }

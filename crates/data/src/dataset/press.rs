@@ -91,6 +91,9 @@ columns! {
     u_force_n: Option<f64>, Sparse, 6;
     /// Depth below the surface touched in this press, mm; 0 without load.
     depth_mm: Option<f64>, Run, 5;
+    /// Standard uncertainty of that depth, mm; `None` if the stage has no certificate or the load cell's stiffness isn't stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    u_depth_mm: Option<f64>, ByDepth, 5;
     /// Start of the window, s since the run's start.
     t_s: Option<f64>, Optional, 4;
     /// Mean output of each channel in the window minus its output without load, in the array's unit.
@@ -255,6 +258,7 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         force_n: Some(0.996_234_567),
         u_force_n: Some(0.001_234_567),
         depth_mm: Some(0.812_345_6),
+        u_depth_mm: None,
         t_s: Some(12.345_67),
         outputs: vec![0.1, -0.000_000_01],
         flags: vec![Flag::OutOfTolerance],
@@ -300,7 +304,7 @@ mod tests {
 
     #[test]
     fn the_journals_fields_are_the_columns() {
-        let by_depth = Press { depth_set_mm: Some(0.5), ..example(3, 0) };
+        let by_depth = Press { depth_set_mm: Some(0.5), u_depth_mm: Some(0.01), ..example(3, 0) };
         let fields = serde_json::to_value(by_depth).unwrap();
         let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
         let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();

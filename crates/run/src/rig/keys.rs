@@ -113,6 +113,8 @@ keys! {
         air_n: Range(NO_LOAD), Allowed,
             "allowed range of its reading without load, tool included; without it, plus or minus `limits.force_n`",
             "[-0.1, 0.4]";
+        stiffness_n_mm: Number(above(0.0, 1e6, "N/mm")), Allowed,
+            "stiffness of the cell itself, from its datasheet: its deflection is a part of `u_depth_mm`", "400.0";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
         check: Table(&check::KEYS), Allowed, "its gain as measured by `palpate doctor --check-weight-n`";
     }

@@ -23,6 +23,7 @@ impl LoadCellSpec {
             conversions_hz: CONVERSIONS_HZ,
             lag_s: 0.0,
             air_n: None,
+            stiffness_n_mm: None,
             certificate: None,
             check: None,
         }

@@ -129,7 +129,9 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let (certificate, check) = (certificate?, check?);
     let air_n = table.range(&load_cell::air_n);
     let [conversions_hz, lag_ms] = numbers?;
-    Some(LoadCellSpec { driver, link, conversions_hz, lag_s: lag_ms / 1000.0, air_n, certificate, check })
+    let stiffness_n_mm = table.number(&load_cell::stiffness_n_mm);
+    let lag_s = lag_ms / 1000.0;
+    Some(LoadCellSpec { driver, link, conversions_hz, lag_s, air_n, stiffness_n_mm, certificate, check })
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {

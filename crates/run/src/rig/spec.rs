@@ -123,6 +123,8 @@ pub struct LoadCellSpec {
     pub lag_s: f64,
     /// Allowed reading without load, with the tool, N; `None` if not stated.
     pub air_n: Option<Range>,
+    /// Stiffness of the cell itself, N/mm; `None` if not stated.
+    pub stiffness_n_mm: Option<f64>,
     /// Calibration certificate of the load cell.
     pub certificate: Option<LoadCellCertificate>,
     /// Gain measured with a known weight.
@@ -188,6 +190,15 @@ impl RigSpec {
     pub fn u_place_mm(&self) -> Option<f64> {
         let certificate = self.stage.certificate.as_ref()?;
         Some(certificate.standard_uncertainty_mm().hypot(self.u_origin_mm.unwrap_or(0.0)))
+    }
+
+    /// Returns the standard uncertainty of a depth, mm, from that of the touched surface, that of the stage, and the deflection of the load
+    /// cell under this force. The deflection isn't subtracted: the true one is anywhere from none to force over stiffness. `None` if the
+    /// stage has no certificate, or the stiffness of the load cell isn't stated.
+    pub fn u_depth_mm(&self, touch_sigma_mm: f64, force_n: f64) -> Option<f64> {
+        let stage_mm = self.stage.certificate.as_ref()?.standard_uncertainty_mm();
+        let deflection_mm = if self.has_load_cell() { force_n / self.load_cell.stiffness_n_mm? } else { 0.0 };
+        Some(touch_sigma_mm.hypot(stage_mm).hypot(deflection_mm / 3f64.sqrt()))
     }
 
     /// Returns the same rig with this program's emulators instead of its links.

@@ -5,7 +5,7 @@ use super::execute::Runner;
 use super::window::MeasuredWindow;
 use palpate_control::{
     Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask,
-    SetPoint, Softest, Strategy, UncertaintyBudget,
+    SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
@@ -304,6 +304,7 @@ impl Runner<'_> {
             depth_set_mm: set.depth_mm(),
             force_n: Some(tilt.normal_n(window.force_n)),
             depth_mm: Some(tilt.normal_mm(along_z_mm)),
+            u_depth_mm: set.depth_mm().and_then(|_| self.conditions.spec.u_depth_mm(TOUCH_SIGMA_MM, window.force_n)),
             t_s: Some(self.conditions.clock.at_s(window.began)),
             outputs: window.outputs.clone(),
             flags,

@@ -171,7 +171,8 @@ impl DepthRunner<'_> {
         self.rig_control.stage.forget_timing();
         self.rig_control.truth.begin_press(entry.press);
         let no_load_before = self.rig_control.outputs_at_rest().await?;
-        let Expected { z_mm: surface_mm, first_mm, .. } = self.map.expect(entry.place);
+        let surface = self.map.expect(entry.place);
+        let Expected { z_mm: surface_mm, first_mm, .. } = surface;
         for (level, set) in entry.task.levels.iter().enumerate() {
             let SetPoint::Depth(depth_mm) = set.set else {
                 // the plan refuses a force
@@ -182,7 +183,7 @@ impl DepthRunner<'_> {
             self.rig_control.move_z_unforced(granted).await?;
             self.cancel.sleep(seconds(entry.task.hold_s)).await;
             self.cancel.check()?;
-            let (row, pressed) = self.level(entry, level, surface_mm, &no_load_before).await?;
+            let (row, pressed) = self.level(entry, level, &surface, &no_load_before).await?;
             truth.extend(self.truth().map(PressTruth::rounded));
             self.before = Some(pressed);
             levels.push(row.rounded());
@@ -212,7 +213,7 @@ impl DepthRunner<'_> {
         &mut self,
         entry: &Entry,
         level: usize,
-        surface_mm: f64,
+        surface: &Expected,
         no_load: &OutputsAtRest,
     ) -> Result<(Press, Vec<f64>), Halt> {
         let began = Instant::now();
@@ -222,7 +223,9 @@ impl DepthRunner<'_> {
         self.rig_control.truth.close_window();
         let (OutputMeans { means, .. }, is_saturated) = sampled?;
         let outputs: Vec<f64> = means.iter().zip(&no_load.means).map(|(mean, no_load)| mean - no_load).collect();
-        let depth_mm = self.rig_control.z_mm - surface_mm;
+        let depth_mm = self.rig_control.z_mm - surface.z_mm;
+        // by the frame alone, a person vouches for the uncertainty
+        let sigma_mm = if surface.touched { surface.sigma_mm } else { self.spec.frame.uncertainty_mm / 3f64.sqrt() };
         let set = entry.task.levels[level].set.depth_mm();
         let is_missed = set.is_none_or(|set_mm| (depth_mm - set_mm).abs() > entry.task.depth_tolerance_mm);
         let is_frozen = outputs.iter().all(|output| *output == 0.0) || self.before.as_ref() == Some(&outputs);
@@ -235,6 +238,7 @@ impl DepthRunner<'_> {
             y_mm: self.rig_control.pressed.y_mm,
             depth_set_mm: set,
             depth_mm: Some(self.rig_control.frame.tilt.normal_mm(depth_mm)),
+            u_depth_mm: self.spec.u_depth_mm(sigma_mm, 0.0),
             t_s: Some(self.clock.at_s(began)),
             outputs: outputs.clone(),
             flags: flags.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect(),
