@@ -56,6 +56,9 @@ pub enum AdaptError {
         /// Number of presses.
         presses: usize,
     },
+    /// A calibration knows its presses by depth.
+    #[error("a calibration by depth can't be updated by a few presses: press all its places again")]
+    ByDepth,
     /// The method can't be fitted.
     #[error(transparent)]
     Fit(#[from] FitError),
@@ -82,6 +85,9 @@ impl Adapted {
         }
         if new.len() < FEWEST_PRESSES {
             return Err(AdaptError::TooFew { presses: new.len() });
+        }
+        if old.depth_curve().or(new.depth_curve()).is_some() {
+            return Err(AdaptError::ByDepth);
         }
         let trials = NewPressTrials::new(name, old, new, setting)?;
         let held_out = trials.held_out()?;

@@ -1,5 +1,7 @@
 //! Presses of known place and force, validated.
 
+use super::DepthCurve;
+use super::depth_curve::DepthPress;
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -14,6 +16,9 @@ pub struct Calibration {
     force_n: Vec<f64>,
     forces_known: bool,
     outputs: Vec<f64>,
+    /// Curve by which the forces are intensities of depths. A sensor file has it after the model.
+    #[serde(skip)]
+    depth: Option<DepthCurve>,
 }
 
 /// Largest ratio of forces that count as one force. A loop is within 5 % of the requested force, careless presses are within 20
@@ -50,7 +55,47 @@ impl Calibration {
             force_n: points.iter().map(|press| press.force_n).collect(),
             forces_known: true,
             outputs: points.iter().flat_map(|press| press.outputs).copied().collect(),
+            depth: None,
         })
+    }
+
+    /// Takes points of which the depths, mm, are known, and ignores their `force_n`. A force solved with this calibration is the
+    /// intensity of a press, which its [`DepthCurve`] converts to a depth. If the presses have nearly one depth, there is no curve, and
+    /// the calibration is one [without forces](Self::without_forces).
+    ///
+    /// # Errors
+    /// The first invalid point, counted from 0. Depths must be positive, one for each point.
+    pub fn by_depth(points: &[CalibrationPoint<'_>], depths_mm: &[f64]) -> Result<Self, CalibrationError> {
+        let mut calibration = Self::without_forces(points)?;
+        for point in 0..points.len() {
+            let depth_mm = depths_mm.get(point).copied().unwrap_or(f64::NAN);
+            if !(depth_mm > 0.0 && depth_mm.is_finite()) {
+                return Err(CalibrationError::Depth { point, depth_mm });
+            }
+        }
+        // their lengths, but for a row of zeros
+        let length = |press: &CalibrationPoint<'_>, relative: f64| {
+            if press.outputs.iter().all(|output| *output == 0.0) { 0.0 } else { relative }
+        };
+        let presses = points.iter().zip(depths_mm).zip(&calibration.force_n).map(|((press, &depth_mm), &relative)| {
+            DepthPress { place: press.place, depth_mm, length: length(press, relative) }
+        });
+        if let Some(curve) = DepthCurve::fit(&presses.collect::<Vec<_>>()) {
+            calibration.force_n = depths_mm.iter().map(|depth_mm| curve.intensity(*depth_mm)).collect();
+            calibration.forces_known = true;
+            calibration.depth = Some(curve);
+        }
+        Ok(calibration)
+    }
+
+    /// Returns the curve from depth to intensity, if presses are known by their depths.
+    pub fn depth_curve(&self) -> Option<&DepthCurve> {
+        self.depth.as_ref()
+    }
+
+    /// Returns the same calibration with a curve that was stored beside it.
+    pub(super) fn with_depth_curve(self, depth: Option<DepthCurve>) -> Self {
+        Calibration { depth, ..self }
     }
 
     /// Takes points whose forces are unknown and ignores their `force_n`. The length of a row of outputs replaces the force; 1 is
@@ -75,13 +120,13 @@ impl Calibration {
     /// Returns the same calibration with forces that are only assumed. A force solved with it isn't in newtons.
     #[must_use]
     pub fn with_unknown_forces(self) -> Self {
-        Calibration { forces_known: false, ..self }
+        Calibration { forces_known: false, depth: None, ..self }
     }
 
     /// Returns the same presses with unknown forces that are all equal, 1.
     #[must_use]
     pub fn with_equal_forces(&self) -> Self {
-        Calibration { force_n: vec![1.0; self.len()], forces_known: false, ..self.clone() }
+        Calibration { force_n: vec![1.0; self.len()], forces_known: false, depth: None, ..self.clone() }
     }
 
     /// Returns the number of units of the array.
@@ -113,6 +158,7 @@ impl Calibration {
             force_n: points.iter().map(|&point| self.force_n[point]).collect(),
             forces_known: self.forces_known,
             outputs: points.iter().flat_map(|&point| self.point(point).outputs).copied().collect(),
+            depth: self.depth.clone(),
         }
     }
 
@@ -147,9 +193,14 @@ impl Calibration {
         self.by_place().len() < FEW_PLACES
     }
 
-    /// Whether the forces are known.
+    /// Whether the forces are known, or stand for known depths.
     pub(super) fn forces_are_known(&self) -> bool {
         self.forces_known
+    }
+
+    /// Whether the forces are known, in newtons.
+    pub(super) fn is_in_newtons(&self) -> bool {
+        self.forces_known && self.depth.is_none()
     }
 
     /// Whether the forces are known and there are several forces.
@@ -204,6 +255,14 @@ pub enum CalibrationError {
         /// The force, N.
         force_n: f64,
     },
+    /// The depth isn't positive.
+    #[error("a calibration depth must be above 0 mm, but this is {depth_mm} mm")]
+    Depth {
+        /// Index of the point, from 0.
+        point: usize,
+        /// The depth, mm.
+        depth_mm: f64,
+    },
 }
 
 impl CalibrationError {
@@ -213,7 +272,8 @@ impl CalibrationError {
             CalibrationError::NoPoints | CalibrationError::NoUnits => None,
             CalibrationError::Ragged { point, .. }
             | CalibrationError::NotFinite { point }
-            | CalibrationError::Force { point, .. } => Some(point),
+            | CalibrationError::Force { point, .. }
+            | CalibrationError::Depth { point, .. } => Some(point),
         }
     }
 }

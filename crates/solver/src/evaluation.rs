@@ -21,6 +21,9 @@ pub struct Evaluation {
     pub location_error_mm: ErrorSummary,
     /// Absolute difference between true and solved force, N; null if the true force is unknown.
     pub force_error_n: Option<ErrorSummary>,
+    /// Absolute difference between true and solved depth, mm; in the object only if depths are solved and known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_error_mm: Option<ErrorSummary>,
     /// Fractions of the points with small enough errors.
     pub within: Within,
     /// Fraction of errors that were at most as large as the solver stated; null if it states none.
@@ -102,6 +105,18 @@ pub struct Coverage {
     pub force_68: Option<f64>,
     /// Errors of the force within the stated `half95_n`.
     pub force_95: Option<f64>,
+    /// Errors of the depth within one and two standard deviations; in the object only if depths are solved and known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_1sd: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs, reason = "described above")]
+    pub depth_2sd: Option<f64>,
+    /// Errors of the depth within the stated half-widths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_68: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[allow(missing_docs, reason = "described above")]
+    pub depth_95: Option<f64>,
 }
 
 /// Number of presses with each verdict, by the verdict's word.
@@ -127,13 +142,15 @@ pub struct LeftOut {
     pub test_unsolved: usize,
 }
 
-/// One test press: its place and force, and the array's reading.
+/// One test press: its place, force and depth, and the array's reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestPress<'a> {
     /// Place of the press, mm.
     pub place: Place,
     /// Force, N, if it is known.
     pub force_n: Option<f64>,
+    /// Depth, mm, if it is known. It counts only if the solver solves depths.
+    pub depth_mm: Option<f64>,
     /// Outputs, one for each unit.
     pub outputs: &'a [f64],
 }
@@ -149,10 +166,14 @@ pub struct PressError {
     pub place_solved: Place,
     /// Distance between true and solved place, mm.
     pub location_error_mm: f64,
-    /// Solved force, N.
+    /// Solved force, N; an intensity if the solver solves depths.
     pub force_solved_n: f64,
     /// Absolute difference from the true force, N, if the true force is known.
     pub force_error_n: Option<f64>,
+    /// Solved depth, mm, if the solver solves depths.
+    pub depth_solved_mm: Option<f64>,
+    /// Absolute difference from the true depth, mm, if both are known.
+    pub depth_error_mm: Option<f64>,
 }
 
 /// One test press without an answer.
@@ -185,7 +206,7 @@ pub enum EvaluationError {
 
 /// Solves every test press and summarises the errors.
 ///
-/// Forces are evaluated if every solved press has one. A press without an answer is counted and kept in `unsolved`.
+/// Forces are evaluated if every solved press has one; depths too, if the solver solves depths instead of forces. A press without an answer is counted and kept in `unsolved`.
 pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluation, EvaluationError> {
     let (mut presses, mut unsolved) = (Vec::with_capacity(test.len()), Vec::new());
     let (mut verdicts, mut stated) = (Verdicts::default(), Stated::default());
@@ -194,13 +215,19 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
     for (index, press) in test.iter().enumerate() {
         match solver.solve(press.outputs, &mut workspace) {
             Ok(solution) => {
+                // an intensity can't be compared with newtons
+                let force_n = press.force_n.filter(|_| solution.depth.is_none());
+                let depth_solved_mm = solution.depth.map(|depth| depth.depth_mm);
+                let depths = depth_solved_mm.zip(press.depth_mm);
                 let error = PressError {
                     index,
                     place_true: press.place,
                     place_solved: solution.place,
                     location_error_mm: solution.place.distance_mm(press.place),
                     force_solved_n: solution.force_n,
-                    force_error_n: press.force_n.map(|force_n| (solution.force_n - force_n).abs()),
+                    force_error_n: force_n.map(|force_n| (solution.force_n - force_n).abs()),
+                    depth_solved_mm,
+                    depth_error_mm: depths.map(|(solved_mm, depth_mm)| (solved_mm - depth_mm).abs()),
                 };
                 verdicts.count(solution.verdict);
                 stated.extend(&error, &solution);
@@ -215,6 +242,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
     }
     let location_errors: Vec<f64> = presses.iter().map(|press| press.location_error_mm).collect();
     let force_errors: Option<Vec<f64>> = presses.iter().map(|press| press.force_error_n).collect();
+    let depth_errors: Option<Vec<f64>> = presses.iter().map(|press| press.depth_error_mm).collect();
     let Some(location_error_mm) = ErrorSummary::of(&location_errors) else {
         return Err(match unsolved.first() {
             None => EvaluationError::NoPresses,
@@ -226,6 +254,7 @@ pub fn evaluate(solver: &dyn Solver, test: &[TestPress<'_>]) -> Result<Evaluatio
         points: presses.len(),
         location_error_mm,
         force_error_n: force_errors.as_deref().and_then(ErrorSummary::of),
+        depth_error_mm: depth_errors.as_deref().and_then(ErrorSummary::of),
         within: Within::of(&location_errors, force_errors.as_deref()),
         coverage: stated.coverage(),
         verdicts,
@@ -313,24 +342,32 @@ impl Verdicts {
 struct Stated {
     xy: Vec<f64>,
     force: Vec<f64>,
-    /// Errors divided by their stated half-widths: location 68 and 95 %, force 68 and 95 %.
-    halves: [Vec<f64>; 4],
+    depth: Vec<f64>,
+    /// Errors divided by their stated half-widths, 68 and 95 %: of location, of force, and of depth.
+    halves: [Vec<f64>; 6],
 }
 
 impl Stated {
     fn extend(&mut self, error: &PressError, solution: &Solution) {
         if let Some(half) = &solution.half_widths {
-            let [location_68, location_95, force_68, force_95] = &mut self.halves;
+            let [location_68, location_95, force_68, force_95, depth_68, depth_95] = &mut self.halves;
             location_68.push(error.location_error_mm / half.half68_mm);
             location_95.push(error.location_error_mm / half.half95_mm);
             force_68.extend(error.force_error_n.map(|error_n| error_n / half.half68_n));
             force_95.extend(error.force_error_n.map(|error_n| error_n / half.half95_n));
+            let halves_mm = solution.depth.and_then(|depth| depth.half_widths_mm);
+            if let Some((error_mm, [half68_mm, half95_mm])) = error.depth_error_mm.zip(halves_mm) {
+                depth_68.push(error_mm / half68_mm);
+                depth_95.push(error_mm / half95_mm);
+            }
         }
         let Some(covariance) = &solution.covariance else { return };
         let (found, there) = (error.place_solved, error.place_true);
         self.xy.push((found.x_mm - there.x_mm).abs() / covariance.x_mm());
         self.xy.push((found.y_mm - there.y_mm).abs() / covariance.y_mm());
         self.force.extend(error.force_error_n.map(|error_n| error_n / covariance.force_n()));
+        let depth_sd_mm = solution.depth.and_then(|depth| depth.sd_mm);
+        self.depth.extend(error.depth_error_mm.zip(depth_sd_mm).map(|(error_mm, sd_mm)| error_mm / sd_mm));
     }
 
     fn coverage(&self) -> Option<Coverage> {
@@ -347,6 +384,10 @@ impl Stated {
             location_95: share(&self.halves[1], 1.0),
             force_68: share(&self.halves[2], 1.0),
             force_95: share(&self.halves[3], 1.0),
+            depth_1sd: share(&self.depth, 1.0),
+            depth_2sd: share(&self.depth, 2.0),
+            depth_68: share(&self.halves[4], 1.0),
+            depth_95: share(&self.halves[5], 1.0),
         })
     }
 }
@@ -377,7 +418,7 @@ mod tests {
     }
 
     fn press(outputs: &[f64], force_n: Option<f64>) -> TestPress<'_> {
-        TestPress { place: Place::new(0.0, 0.0), force_n, outputs }
+        TestPress { place: Place::new(0.0, 0.0), force_n, depth_mm: None, outputs }
     }
 
     #[test]
@@ -435,7 +476,7 @@ mod tests {
 
     #[test]
     fn errors_are_compared_with_stated_ones_and_verdicts_counted() {
-        let press = |outputs, force_n| TestPress { place: Place::new(0.5, 1.5), force_n, outputs };
+        let press = |outputs, force_n| TestPress { place: Place::new(0.5, 1.5), force_n, depth_mm: None, outputs };
         let coverage = |test: &[TestPress<'_>]| evaluate(&Modest, test).unwrap().coverage;
         // 0.5, 1.5 and 0.6 of one; then a quarter, three quarters and 0.3; then nothing is stated
         let test = [press(&[1.0, 0.0], Some(1.6)), press(&[2.0, 1.0], Some(1.6)), press(&[0.0, 0.0], Some(1.6))];
@@ -448,6 +489,10 @@ mod tests {
             location_95: None,
             force_68: None,
             force_95: None,
+            depth_1sd: None,
+            depth_2sd: None,
+            depth_68: None,
+            depth_95: None,
         };
         assert_eq!(coverage(&test), Some(expected(0.75, 1.0, [Some(1.0), Some(1.0)])));
         assert_eq!(coverage(&[press(&[1.0, 0.0], None)]), Some(expected(0.5, 1.0, [None, None])));

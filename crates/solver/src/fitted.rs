@@ -4,7 +4,10 @@ use super::appraised::Appraised;
 use super::by_load::{ByLoad, Lengths, LoadGain};
 use super::forward::Forward;
 use super::pearson::check;
-use super::{Broken, Calibration, ContactVerdict, Covariance, HalfWidths, Solution, SolveError, Solver, Workspace};
+use super::solution::SolvedDepth;
+use super::{
+    Broken, Calibration, ContactVerdict, Covariance, DepthCurve, HalfWidths, Solution, SolveError, Solver, Workspace,
+};
 use palpate_core::quantity::Place;
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +24,9 @@ pub struct Fitted {
     widened: [f64; 2],
     /// Lengths of the calibration's readings, if all have one unknown load and no second method has them.
     lengths: Option<Lengths>,
+    /// Curve by which solved forces are intensities of depths. A sensor file has it after the model.
+    #[serde(skip)]
+    depth: Option<DepthCurve>,
 }
 
 /// Method that states the uncertainty of its answers, from its own map or from held-out presses.
@@ -96,7 +102,16 @@ pub struct TriedMethod {
 impl Fitted {
     /// Returns a method for an array of `units`, all of which are used.
     pub(super) fn new(solver: Answering, units: usize) -> Self {
-        Fitted { solver, units, kept: None, broken: Vec::new(), choice: None, widened: [1.0; 2], lengths: None }
+        Fitted {
+            solver,
+            units,
+            kept: None,
+            broken: Vec::new(),
+            choice: None,
+            widened: [1.0; 2],
+            lengths: None,
+            depth: None,
+        }
     }
 
     /// Returns the same method for an array of `units`, of which some are left out.
@@ -114,6 +129,16 @@ impl Fitted {
                 Fitted { lengths: Some(Lengths::of(calibration)), ..self }
             }
         }
+    }
+
+    /// Returns the same method, whose forces are intensities of depths if there is a curve.
+    pub(super) fn with_depth_curve(self, depth: Option<DepthCurve>) -> Self {
+        Fitted { depth, ..self }
+    }
+
+    /// Returns the curve from depth to intensity, if the method solves depths instead of forces.
+    pub fn depth_curve(&self) -> Option<&DepthCurve> {
+        self.depth.as_ref()
     }
 
     pub(super) fn chosen(self, choice: Choice) -> Self {
@@ -168,7 +193,10 @@ impl Fitted {
         let covariance = covariance.map(|sd| sd.widened([location, location, force]));
         let covariance = covariance.filter(|sd| sd.0.iter().flatten().all(|value| value.is_finite()));
         let half_widths = half_widths.map(|half| half.times(location, force)).filter(HalfWidths::is_finite);
-        Ok(Solution { covariance, half_widths, misfit: misfit.filter(|misfit| misfit.is_finite()), ..solution })
+        let misfit = misfit.filter(|misfit| misfit.is_finite());
+        let solution = Solution { covariance, half_widths, misfit, ..solution };
+        let depth = self.depth.as_ref().map(|curve| SolvedDepth::of(&solution, curve));
+        Ok(Solution { depth, ..solution })
     }
 
     pub(super) fn answering(&self) -> &Answering {

@@ -273,6 +273,7 @@ impl Solver for Forward {
         let half_widths = widths.map(|widths| widths.at(scale_mm, scale_n, of_map).widened(misfit));
         let covariance = covariance.map(|sd| self.widths.map_or(sd, |widths| widths.applied(sd, of_map)));
         Ok(Solution {
+            depth: None,
             place: estimate.place,
             force_n: estimate.force_n,
             covariance,

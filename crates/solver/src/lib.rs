@@ -61,6 +61,7 @@ mod calibration;
 mod centred;
 mod chart;
 mod correlation;
+mod depth_curve;
 mod descent;
 mod evaluation;
 mod extra_trees;
@@ -105,6 +106,7 @@ pub use adapted::{Adapted, MeanErrors, NewPressErrors};
 pub use broken::{Broken, OutputFault, broken};
 pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
+pub use depth_curve::DepthCurve;
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,
@@ -122,7 +124,7 @@ pub use prior::PriorError;
 pub use prior::{Belongs, DesignSpread, Deviation, FamilySensor, Prior, SENSORS_LEAST};
 pub use session::{MOST_PARTIAL, Session, Unanswered};
 pub use setting::{ForceKnown, Setting};
-pub use solution::{ContactVerdict, Covariance, Solution};
+pub use solution::{ContactVerdict, Covariance, Solution, SolvedDepth};
 pub use widths::HalfWidths;
 pub use workspace::Workspace;
 
@@ -267,6 +269,8 @@ pub enum SolveError {
     OutOfProportion,
 }
 
+#[cfg(test)]
+mod depth_tests;
 #[cfg(test)]
 mod tests;
 

@@ -3,7 +3,7 @@
 use super::field::CalibratedArea;
 use super::fitted::Answering;
 use super::forward::Forward;
-use super::{Broken, Calibration, FitError, Fitted, ForceKnown, PreparedCalibration, Setting};
+use super::{Broken, Calibration, DepthCurve, FitError, Fitted, ForceKnown, PreparedCalibration, Setting};
 use palpate_core::quantity::ArrayLayout;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,9 @@ pub struct Validity {
     pub y_mm: [f64; 2],
     /// Smallest and largest force of a press, N; `None` if forces are unknown.
     pub force_n: Option<[f64; 2]>,
+    /// Smallest and largest depth of a press, mm; `None` unless presses are known by their depths. A sensor file has it with the curve.
+    #[serde(skip)]
+    pub depth_mm: Option<[f64; 2]>,
 }
 
 /// Reason why bytes aren't a model.
@@ -101,9 +104,15 @@ impl Model {
         &self.fitted
     }
 
-    /// Whether solved forces are in newtons. Otherwise they are relative to the typical press of the calibration.
+    /// Whether solved forces are in newtons. Otherwise they are relative to the typical press of the calibration, or intensities of
+    /// [depths](Self::depths_are_known).
     pub fn forces_are_known(&self) -> bool {
         self.validity.force_n.is_some()
+    }
+
+    /// Whether solutions have a depth instead of a force.
+    pub fn depths_are_known(&self) -> bool {
+        self.fitted.depth_curve().is_some()
     }
 
     /// Returns the range in which the method is valid.
@@ -133,12 +142,17 @@ impl Model {
         Model { calibration: None, ..self }
     }
 
-    /// Serialises the complete model as bytes (postcard, whose specification is version 1), with exact numbers.
+    /// Serialises the complete model as bytes (postcard, whose specification is version 1), with exact numbers. The curve of a model
+    /// that solves depths follows as a second value.
     ///
     /// # Errors
     /// No known case.
     pub fn to_bytes(&self) -> Result<Vec<u8>, ModelError> {
-        Ok(postcard::to_allocvec(self)?)
+        let bytes = postcard::to_allocvec(self)?;
+        match self.fitted.depth_curve() {
+            Some(curve) => Ok(postcard::to_extend(curve, bytes)?),
+            None => Ok(bytes),
+        }
     }
 
     /// Reads a model from bytes. Its answers are equal to those of the written model, to the last bit.
@@ -146,7 +160,17 @@ impl Model {
     /// # Errors
     /// The bytes aren't a model of this version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
-        Ok(postcard::from_bytes(bytes)?)
+        let (mut model, rest): (Model, &[u8]) = postcard::take_from_bytes(bytes)?;
+        if !rest.is_empty() {
+            let curve: DepthCurve = postcard::from_bytes(rest)?;
+            if !curve.is_sound() {
+                return Err(postcard::Error::DeserializeBadEncoding.into());
+            }
+            model.validity.depth_mm = Some(curve.range_mm());
+            model.calibration = model.calibration.map(|calibration| calibration.with_depth_curve(Some(curve.clone())));
+            model.fitted = model.fitted.with_depth_curve(Some(curve));
+        }
+        Ok(model)
     }
 
     /// Returns the same method, fitted without these units and the units already left out. `None` without the calibration.
@@ -170,6 +194,7 @@ impl Validity {
         let forces = || calibration.points().map(|point| point.force_n);
         let force_n = [forces().fold(f64::INFINITY, f64::min), forces().fold(0.0, f64::max)];
         // a calibration has a point at least
+        let depth_mm = calibration.depth_curve().map(DepthCurve::range_mm);
         let area = CalibratedArea::around(calibration.points().map(|point| point.place)).unwrap_or_default();
         Validity {
             units: calibration.units(),
@@ -177,7 +202,8 @@ impl Validity {
             places: calibration.by_place().len(),
             x_mm: [area.least.x_mm, area.most.x_mm],
             y_mm: [area.least.y_mm, area.most.y_mm],
-            force_n: calibration.forces_are_known().then_some(force_n),
+            force_n: calibration.is_in_newtons().then_some(force_n),
+            depth_mm,
         }
     }
 }

@@ -158,6 +158,7 @@ impl<'a> PreparedCalibration<'a> {
 
     /// Returns a fit of the kept units as a fit of all units.
     fn left_out(&self, fitted: Fitted) -> Fitted {
+        let fitted = fitted.with_depth_curve(self.calibration.depth_curve().cloned());
         if self.broken.is_empty() { fitted } else { fitted.without(self.broken.clone(), self.units) }
     }
 
@@ -168,7 +169,7 @@ impl<'a> PreparedCalibration<'a> {
     /// No method has that name, or the method can't be fitted to the calibration.
     pub fn candidates(&self, name: &str) -> Result<Vec<TriedMethod>, FitError> {
         match SOLVERS.into_iter().find(|solver| *solver == name) {
-            Some(solver) => Ok(vec![self.tried_as(solver, self.tried(solver)?).candidate()]),
+            Some(solver) => Ok(vec![self.candidate(&self.tried_as(solver, self.tried(solver)?))]),
             None => Ok(self.fit(name)?.choice().map(|choice| choice.candidates.clone()).unwrap_or_default()),
         }
     }
@@ -214,7 +215,7 @@ impl<'a> PreparedCalibration<'a> {
         let of_few = ranked.iter().position(|tried| tried.solver == PHYSICS).filter(|_| self.is_elastic_by_few());
         let leader = of_few.unwrap_or_else(|| best::leader(&ranked, may_lead, may_lead_by_force));
         ranked[..=leader].rotate_right(1);
-        let candidates: Vec<_> = ranked.iter().map(|tried| tried.candidate()).collect();
+        let candidates: Vec<_> = ranked.iter().map(|tried| self.candidate(tried)).collect();
         let ties = best::ties(&ranked);
         let chosen = if candidates[0].location_error_mm.is_some() { ranked[0] } else { &tried[0] };
         let mean_place_error_mm = chosen.mean_place_error_mm();
@@ -395,6 +396,13 @@ impl<'a> PreparedCalibration<'a> {
         let ratios = physics.typical_sd().into_iter().enumerate().map(|(unit, sd)| (sd / rms(unit)).ln());
         let share = (ratios.sum::<f64>() / self.calibration.units() as f64).exp();
         share <= UNEXPLAINED_OF_FEW
+    }
+
+    /// Returns the mean errors of a method. Those of intensities aren't in newtons, so they aren't stated.
+    fn candidate(&self, tried: &MethodTrials) -> TriedMethod {
+        let candidate = tried.candidate();
+        let force_error_n = candidate.force_error_n.filter(|_| self.calibration.depth_curve().is_none());
+        TriedMethod { force_error_n, ..candidate }
     }
 
     fn tried_as(&self, solver: &'static str, trials: Vec<HeldPress>) -> MethodTrials {

@@ -75,9 +75,10 @@ impl<'a> Setting<'a> {
     }
 
     /// Returns the least and the largest factor by which calibration presses are scaled to represent the expected forces. Presses
-    /// of several forces, or of unknown forces, aren't scaled.
+    /// of several forces or depths, or of unknown forces, aren't scaled.
     pub(super) fn shares(&self, calibration: &Calibration) -> (f64, f64) {
-        let stands_for_itself = !calibration.forces_are_known() || calibration.has_several_forces();
+        let has_depths = calibration.depth_curve().is_some();
+        let stands_for_itself = has_depths || !calibration.forces_are_known() || calibration.has_several_forces();
         match (self.load, self.forces_n) {
             _ if stands_for_itself => (1.0, 1.0),
             (ForceKnown::Constant, _) => (1.0, 1.0),

@@ -1,6 +1,6 @@
 //! One solved contact and its uncertainty.
 
-use super::HalfWidths;
+use super::{DepthCurve, HalfWidths};
 use palpate_core::quantity::Place;
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
@@ -12,6 +12,8 @@ pub struct Solution {
     /// Force, N; if [`Model::forces_are_known`](super::Model::forces_are_known) is false, relative to the typical press. Noise can make the
     /// force of a very light contact negative; the force is reported unchanged.
     pub force_n: f64,
+    /// Depth of the contact, if the calibration knows its presses by depth. `force_n` is then an intensity, see [`DepthCurve`].
+    pub depth: Option<SolvedDepth>,
     /// Expected errors of place and force; `None` if the calibration can't show them.
     pub covariance: Option<Covariance>,
     /// Errors of place and force that 68 and 95 of 100 cases don't exceed; `None` if the calibration can't show them.
@@ -39,12 +41,37 @@ impl Solution {
         Solution {
             place,
             force_n,
+            depth: None,
             covariance: None,
             half_widths: None,
             other: None,
             misfit: None,
             verdict,
             is_calibrated_load: false,
+        }
+    }
+}
+
+/// Depth of a contact, below the surface, and its uncertainty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolvedDepth {
+    /// Depth, mm. Noise can make the depth of a very light contact negative.
+    pub depth_mm: f64,
+    /// One-sigma error, mm; `None` if the calibration can't show it.
+    pub sd_mm: Option<f64>,
+    /// Errors that 68 and 95 of 100 depths don't exceed, mm; `None` if the calibration can't show them.
+    pub half_widths_mm: Option<[f64; 2]>,
+}
+
+impl SolvedDepth {
+    /// Returns the depth of a solution whose force is an intensity.
+    pub(super) fn of(solution: &Solution, curve: &DepthCurve) -> Self {
+        let intensity = solution.force_n;
+        let half_mm = |half_width: f64| curve.half_width_mm(intensity, half_width);
+        SolvedDepth {
+            depth_mm: curve.depth_mm(intensity),
+            sd_mm: solution.covariance.map(|sd| half_mm(sd.force_n())),
+            half_widths_mm: solution.half_widths.map(|half| [half.half68_n, half.half95_n].map(half_mm)),
         }
     }
 }

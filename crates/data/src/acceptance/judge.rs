@@ -53,6 +53,8 @@ pub struct Measured {
     pub location: Option<TestErrors>,
     /// Absolute force errors, N; `None` if no true force is known.
     pub force: Option<TestErrors>,
+    /// Absolute depth errors, mm; `None` if no depth was solved or no true depth is known.
+    pub depth: Option<TestErrors>,
     /// Figures of single units, the worst value for each kind.
     pub worst: Vec<Worst>,
     /// Number of dead or saturated channels; `None` if there was no calibration.
@@ -262,6 +264,9 @@ fn found(limit: &Limit, measured: &Measured) -> Result<FoundValue, String> {
         LimitedFigure::ForceMean | LimitedFigure::ForceP95 | LimitedFigure::ForceWithin => {
             errors_of(&measured.force, "no true force is known")
         }
+        LimitedFigure::DepthMean | LimitedFigure::DepthP95 | LimitedFigure::DepthWithin => {
+            errors_of(&measured.depth, "no depth was solved, or no true depth is known")
+        }
         LimitedFigure::BrokenChannels => counted(measured.broken_channels, measured.calibration_presses),
         LimitedFigure::FlaggedPresses => {
             counted(Some(measured.flagged_presses), measured.calibration_presses + measured.test_presses)
@@ -300,7 +305,7 @@ fn of_errors(limit: &Limit, errors: &TestErrors, unsolved: usize) -> Result<Foun
         format!("{n} test presses; its {:.0} % bound needs {least} (a simple rule needs no bound)", 100.0 * CONFIDENCE)
     };
     match limit.figure {
-        LimitedFigure::LocationMean | LimitedFigure::ForceMean => {
+        LimitedFigure::LocationMean | LimitedFigure::ForceMean | LimitedFigure::DepthMean => {
             if unsolved > 0 {
                 return Err(format!("{unsolved} test presses have no answer, so there is no mean"));
             }
@@ -308,7 +313,7 @@ fn of_errors(limit: &Limit, errors: &TestErrors, unsolved: usize) -> Result<Foun
             let bound = mean_upper(&sorted).ok_or_else(|| fewer(MEAN_PRESSES_LEAST));
             Ok(FoundValue { value, bound: widened_by(value, bound, truth), n })
         }
-        LimitedFigure::LocationP95 | LimitedFigure::ForceP95 => {
+        LimitedFigure::LocationP95 | LimitedFigure::ForceP95 | LimitedFigure::DepthP95 => {
             let value = percentile(&sorted, PERCENTILE);
             let bound = quantile_upper(&sorted, PERCENTILE).ok_or_else(|| fewer(quantile_least(PERCENTILE)));
             Ok(FoundValue { value, bound: widened_by(value, bound, truth), n })
@@ -336,6 +341,9 @@ fn unknown_truth(figure: LimitedFigure) -> String {
     match figure {
         LimitedFigure::LocationMean | LimitedFigure::LocationP95 | LimitedFigure::LocationWithin => {
             "the uncertainty of the positions isn't known (`certificate` in [stage] of the rig)".to_owned()
+        }
+        LimitedFigure::DepthMean | LimitedFigure::DepthP95 | LimitedFigure::DepthWithin => {
+            "the uncertainty of the depths isn't known; a simple rule doesn't need it".to_owned()
         }
         _ => "the uncertainty of the forces isn't known (`certificate` in [load_cell] of the rig)".to_owned(),
     }

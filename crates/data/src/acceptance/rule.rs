@@ -56,6 +56,12 @@ pub enum LimitedFigure {
     ForceP95,
     /// Fraction of the test presses whose force is found within an error, 0 to 1.
     ForceWithin,
+    /// Mean absolute depth error, mm.
+    DepthMean,
+    /// 95th percentile of the absolute depth error, mm.
+    DepthP95,
+    /// Fraction of the test presses whose depth is found within an error, 0 to 1.
+    DepthWithin,
     /// Largest repeatability of a unit while loading, % of full scale.
     Repeatability,
     /// Largest hysteresis of a unit, % of full scale.
@@ -86,13 +92,16 @@ impl Decision {
 
 impl LimitedFigure {
     /// All figures, in the order in which they are reported.
-    pub const ALL: [LimitedFigure; 14] = [
+    pub const ALL: [LimitedFigure; 17] = [
         LimitedFigure::LocationMean,
         LimitedFigure::LocationP95,
         LimitedFigure::LocationWithin,
         LimitedFigure::ForceMean,
         LimitedFigure::ForceP95,
         LimitedFigure::ForceWithin,
+        LimitedFigure::DepthMean,
+        LimitedFigure::DepthP95,
+        LimitedFigure::DepthWithin,
         LimitedFigure::Repeatability,
         LimitedFigure::Hysteresis,
         LimitedFigure::HysteresisOfReading,
@@ -112,6 +121,9 @@ impl LimitedFigure {
             LimitedFigure::ForceMean => "force_mean_n",
             LimitedFigure::ForceP95 => "force_p95_n",
             LimitedFigure::ForceWithin => "force_within",
+            LimitedFigure::DepthMean => "depth_mean_mm",
+            LimitedFigure::DepthP95 => "depth_p95_mm",
+            LimitedFigure::DepthWithin => "depth_within",
             LimitedFigure::Repeatability => "repeatability_percent",
             LimitedFigure::Hysteresis => "hysteresis_percent",
             LimitedFigure::HysteresisOfReading => "hysteresis_of_reading_percent",
@@ -132,6 +144,9 @@ impl LimitedFigure {
             LimitedFigure::ForceMean => "force error, mean",
             LimitedFigure::ForceP95 => "force error, 95th percentile",
             LimitedFigure::ForceWithin => "force error, share within",
+            LimitedFigure::DepthMean => "depth error, mean",
+            LimitedFigure::DepthP95 => "depth error, 95th percentile",
+            LimitedFigure::DepthWithin => "depth error, share within",
             LimitedFigure::Repeatability => "repeatability, worst unit",
             LimitedFigure::Hysteresis => "hysteresis, worst unit",
             LimitedFigure::HysteresisOfReading => "hysteresis of reading, worst unit",
@@ -146,7 +161,9 @@ impl LimitedFigure {
     /// Returns the name, with the largest error that counts for a fraction.
     pub fn full_name(self, reach: Option<f64>) -> String {
         match (self, reach) {
-            (LimitedFigure::LocationWithin, Some(mm)) => format!("{} {mm} mm", self.name()),
+            (LimitedFigure::LocationWithin | LimitedFigure::DepthWithin, Some(mm)) => {
+                format!("{} {mm} mm", self.name())
+            }
             (LimitedFigure::ForceWithin, Some(n)) => format!("{} {n} N", self.name()),
             _ => self.name().to_owned(),
         }
@@ -156,6 +173,7 @@ impl LimitedFigure {
     pub const fn unit(self) -> &'static str {
         match self {
             LimitedFigure::LocationMean | LimitedFigure::LocationP95 => "mm",
+            LimitedFigure::DepthMean | LimitedFigure::DepthP95 => "mm",
             LimitedFigure::ForceMean | LimitedFigure::ForceP95 => "N",
             LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses => "",
             _ => "%",
@@ -166,8 +184,9 @@ impl LimitedFigure {
     pub const fn digits(self) -> usize {
         match self {
             LimitedFigure::LocationMean | LimitedFigure::LocationP95 => 3,
+            LimitedFigure::DepthMean | LimitedFigure::DepthP95 => 3,
             LimitedFigure::ForceMean | LimitedFigure::ForceP95 => 4,
-            LimitedFigure::LocationWithin | LimitedFigure::ForceWithin => 1,
+            LimitedFigure::LocationWithin | LimitedFigure::ForceWithin | LimitedFigure::DepthWithin => 1,
             LimitedFigure::BrokenChannels | LimitedFigure::FlaggedPresses => 0,
             _ => 2,
         }
@@ -175,7 +194,7 @@ impl LimitedFigure {
 
     /// Whether the figure is a fraction, which has a lower limit.
     pub const fn is_share(self) -> bool {
-        matches!(self, LimitedFigure::LocationWithin | LimitedFigure::ForceWithin)
+        matches!(self, LimitedFigure::LocationWithin | LimitedFigure::ForceWithin | LimitedFigure::DepthWithin)
     }
 
     /// Whether the figure is determined by the test.
@@ -188,6 +207,9 @@ impl LimitedFigure {
                 | LimitedFigure::ForceMean
                 | LimitedFigure::ForceP95
                 | LimitedFigure::ForceWithin
+                | LimitedFigure::DepthMean
+                | LimitedFigure::DepthP95
+                | LimitedFigure::DepthWithin
         )
     }
 

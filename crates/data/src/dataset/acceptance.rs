@@ -66,6 +66,9 @@ impl Evidence<'_> {
             let u_force_n = trial.and_then(Trial::u_force_n);
             measured.force =
                 forces.filter(|forces| !forces.is_empty()).map(|sizes| TestErrors { sizes, u_truth: u_force_n });
+            let depths: Option<Vec<f64>> = evaluation.presses.iter().map(|press| press.depth_error_mm).collect();
+            measured.depth =
+                depths.filter(|depths| !depths.is_empty()).map(|sizes| TestErrors { sizes, u_truth: None });
             measured.test_unsolved = evaluation.unsolved.len();
         }
         measured

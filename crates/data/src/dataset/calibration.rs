@@ -36,6 +36,10 @@ pub enum CalibrateError {
         /// Cause of the error.
         source: CalibrationError,
     },
+    /// A press has no depth.
+    #[error("{0}: not every press has a depth")]
+    #[diagnostic(help("add a column `depth_mm`, or name it: --columns depth_mm=NAME"))]
+    NoDepth(String),
     /// The presses don't show how outputs depend on the place.
     #[error("{source_name}: {presses} calibration {} at {places} {}; a calibration needs at least {PLACES_LEAST} different places",
         if *presses == 1 { "press" } else { "presses" }, if *places == 1 { "place" } else { "places" })]
@@ -65,12 +69,25 @@ pub(crate) const PLACES_LEAST: usize = 2;
 
 /// Returns the calibration presses of a run, with the load cell's forces.
 pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
-    Selection::of_phase(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
+    run_by(presses, load, Quantity::Known)
 }
 
-/// Returns every press of a table. Without `force_n` the forces are relative, see [`Calibration::without_forces`].
+/// Returns the calibration presses of a run, with their forces or depths.
+pub fn run_by(presses: &Presses, load: ForceKnown, quantity: Quantity) -> Result<Calibration, CalibrateError> {
+    let selection = Selection::of_phase(presses, Phase::Calibration)?;
+    selection.calibration(quantity.of(&selection, &LOAD_CELL), load)
+}
+
+/// Returns every press of a table. Without `force_n` the presses are known by `depth_mm`; without both the forces are relative, see
+/// [`Calibration::without_forces`].
 pub fn calibration_of_table(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
-    Selection::of_all(presses, Phase::Calibration)?.calibration(&LOAD_CELL, load)
+    table_by(presses, load, Quantity::Known)
+}
+
+/// Returns every press of a table, with their forces or depths.
+pub fn table_by(presses: &Presses, load: ForceKnown, quantity: Quantity) -> Result<Calibration, CalibrateError> {
+    let selection = Selection::of_all(presses, Phase::Calibration)?;
+    selection.calibration(quantity.of(&selection, &LOAD_CELL), load)
 }
 
 /// Checks that a calibration has enough different places to fit a method.
@@ -87,7 +104,8 @@ pub fn check_places(source_name: &str, calibration: &Calibration) -> Result<(), 
     Ok(())
 }
 
-/// Source of the true force of a press.
+/// Source of the true force of a press, or of its depth.
+#[derive(Debug)]
 pub struct ForceSource {
     name: &'static str,
     of: fn(&Press) -> Option<f64>,
@@ -98,6 +116,40 @@ pub const LOAD_CELL: ForceSource = ForceSource { name: "force_n", of: |press| pr
 
 /// Commanded force; known only for a run.
 pub(crate) const COMMANDED: ForceSource = ForceSource { name: "force_set_n", of: |press| press.force_set_n };
+
+/// Depth below the surface, mm, instead of a force.
+pub const DEPTH: ForceSource = ForceSource { name: "depth_mm", of: |press| press.depth_mm };
+
+impl ForceSource {
+    /// Whether it is the depth.
+    pub fn is_depth(&self) -> bool {
+        self.name == DEPTH.name
+    }
+}
+
+/// What is solved besides the place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quantity {
+    /// The force, or the depth if no press has a force and every press has a depth.
+    #[default]
+    Known,
+    /// The force.
+    Force,
+    /// The depth.
+    Depth,
+}
+
+impl Quantity {
+    /// Returns the source for some presses: the depth if it is wanted, otherwise this source of forces.
+    pub(crate) fn of(self, presses: &Selection<'_>, force: &'static ForceSource) -> &'static ForceSource {
+        let is_only_depth = || presses.knows(&DEPTH) && !presses.iter().any(|press| press.force_n.is_some());
+        match self {
+            Quantity::Depth => &DEPTH,
+            Quantity::Known if is_only_depth() => &DEPTH,
+            Quantity::Known | Quantity::Force => force,
+        }
+    }
+}
 
 /// The unflagged presses of one kind.
 pub struct Selection<'a> {
@@ -160,7 +212,8 @@ impl<'a> Selection<'a> {
     pub fn to_solve(&self, force: &ForceSource, is_known: bool) -> Vec<TestPress<'a>> {
         let press = |press: &'a Press| TestPress {
             place: press.place(),
-            force_n: (force.of)(press).filter(|_| is_known),
+            force_n: (force.of)(press).filter(|_| is_known && !force.is_depth()),
+            depth_mm: press.depth_mm.filter(|_| is_known && force.is_depth()),
             outputs: &press.outputs,
         };
         self.iter().map(press).collect()
@@ -173,11 +226,17 @@ impl<'a> Selection<'a> {
     pub fn calibration(&self, force: &ForceSource, load: ForceKnown) -> Result<Calibration, CalibrateError> {
         let point = |press: &'a Press| CalibrationPoint {
             place: press.place(),
-            force_n: (force.of)(press).unwrap_or(UNIT_FORCE_N),
+            force_n: (force.of)(press).filter(|_| !force.is_depth()).unwrap_or(UNIT_FORCE_N),
             outputs: &press.outputs,
         };
         let points: Vec<CalibrationPoint<'_>> = self.iter().map(point).collect();
+        let depths_mm: Option<Vec<f64>> = self.iter().map(|press| press.depth_mm).collect();
         let calibration = match load {
+            ForceKnown::Unknown if force.is_depth() => {
+                let depths_mm = depths_mm.ok_or_else(|| CalibrateError::NoDepth(self.source().to_owned()))?;
+                Calibration::by_depth(&points, &depths_mm)
+            }
+            _ if force.is_depth() => Calibration::new(&points).map(Calibration::with_unknown_forces),
             ForceKnown::Unknown if !self.knows(force) => Calibration::without_forces(&points),
             ForceKnown::Constant if !self.knows(force) => {
                 Calibration::new(&points).map(Calibration::with_unknown_forces)

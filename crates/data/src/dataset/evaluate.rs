@@ -1,6 +1,6 @@
 //! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
-use super::calibration::{COMMANDED, CalibrateError, ForceSource, LOAD_CELL, Selection, check_places};
+use super::calibration::{COMMANDED, CalibrateError, ForceSource, LOAD_CELL, Quantity, Selection, check_places};
 use super::check::cell_u_n;
 use super::places::{SAME_PLACE_MM, same_places};
 use super::{Press, Presses, Split};
@@ -87,8 +87,9 @@ impl<'a> Trial<'a> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
         let is_run = calibration.knows(&COMMANDED) && test.knows(&COMMANDED);
-        let force = if is_run { &COMMANDED } else { &LOAD_CELL };
+        let force = Quantity::Known.of(&calibration, if is_run { &COMMANDED } else { &LOAD_CELL });
         let (load, is_held_out, prepared) = (ForceKnown::default(), false, OnceLock::new());
+        let is_run = is_run && !force.is_depth();
         Ok(Trial { calibration, test, layout, load, force, is_run, is_held_out, prepared })
     }
 
@@ -97,13 +98,13 @@ impl<'a> Trial<'a> {
         check_channels(calibration, test)?;
         let calibration = Selection::of_all(calibration, Phase::Calibration)?;
         let test = Selection::of_all(test, Phase::Test)?;
-        let prepared = OnceLock::new();
+        let (force, prepared) = (Quantity::Known.of(&calibration, &LOAD_CELL), OnceLock::new());
         Ok(Trial {
             calibration,
             test,
             layout: None,
             load: ForceKnown::default(),
-            force: &LOAD_CELL,
+            force,
             is_run: false,
             is_held_out: false,
             prepared,
@@ -125,6 +126,33 @@ impl<'a> Trial<'a> {
     #[must_use]
     pub fn with_load(self, load: ForceKnown) -> Self {
         Trial { load, prepared: OnceLock::new(), ..self }
+    }
+
+    /// Sets what is solved besides the place.
+    #[must_use]
+    pub fn with_quantity(self, quantity: Quantity) -> Self {
+        let force = match quantity {
+            Quantity::Known => self.force,
+            // a run is then compared with the load cell's forces alone, if it was to be solved by depth
+            Quantity::Force | Quantity::Depth if self.force.is_depth() || quantity == Quantity::Depth => {
+                quantity.of(&self.calibration, &LOAD_CELL)
+            }
+            Quantity::Force | Quantity::Depth => self.force,
+        };
+        let is_run = self.is_run && !force.is_depth();
+        Trial { force, is_run, prepared: OnceLock::new(), ..self }
+    }
+
+    /// Returns a note if the depths of the presses are known, but can't be solved.
+    pub fn unsolved_depth(&self) -> Option<String> {
+        let calibration = self.calibration.calibration(self.force, self.load).ok()?;
+        let is_unsolved = self.force.is_depth() && calibration.depth_curve().is_none();
+        is_unsolved.then(|| match self.load {
+            ForceKnown::Constant => "depth isn't solved: contacts are assumed to press like the calibration".to_owned(),
+            ForceKnown::Unknown => {
+                format!("depth isn't solved: the presses of {} have nearly one depth", self.calibration.source())
+            }
+        })
     }
 
     /// Fits a method and solves the test with it.
@@ -175,8 +203,11 @@ impl<'a> Trial<'a> {
             [press.x_mm, press.y_mm].iter().chain(&press.outputs).map(|value| value.to_bits()).collect()
         };
         let calibrated: HashSet<Vec<u64>> = self.calibration.iter().map(bits).collect();
-        let tested: HashSet<(Vec<u64>, Option<u64>)> =
-            self.test.iter().map(|press| (bits(press), press.force_n.map(f64::to_bits))).collect();
+        let tested: HashSet<(Vec<u64>, [Option<u64>; 2])> = self
+            .test
+            .iter()
+            .map(|press| (bits(press), [press.force_n, press.depth_mm].map(|known| known.map(f64::to_bits))))
+            .collect();
         Measured {
             calibration_presses: self.calibration.iter().count(),
             test_presses: self.test.iter().count(),
@@ -274,13 +305,14 @@ pub fn cross_validated(
     presses: &Presses,
     layout: Option<&ArrayLayout>,
     load: ForceKnown,
+    quantity: Quantity,
     solver: &str,
 ) -> Result<Vec<TriedMethod>, EvaluateError> {
     let selection = match presses.presses.iter().any(|press| press.phase.is_some()) {
         true => Selection::of_phase(presses, Phase::Calibration)?,
         false => Selection::of_all(presses, Phase::Calibration)?,
     };
-    let calibration = selection.calibration(&LOAD_CELL, load)?;
+    let calibration = selection.calibration(quantity.of(&selection, &LOAD_CELL), load)?;
     check_places(&presses.source, &calibration)?;
     let unfit = |source| CalibrateError::Fit { source_name: presses.source.clone(), source };
     let setting = Setting { load, ..Setting::of_layout(layout) };
@@ -390,6 +422,41 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
             assert_eq!((evaluation.force_error_n, evaluation.within.both), (None, None));
         }
         assert_eq!(evaluate_tables(&test, &test, "pearson").unwrap().force_error_n.unwrap().max, 0.0);
+    }
+
+    #[test]
+    fn presses_of_known_depths_are_solved_by_depth_unless_there_are_forces() {
+        let row = |i: u32, force: &str| {
+            let (x, y, depth_mm) = (f64::from(i % 6), f64::from(i / 6 % 6), 0.2 + 0.1 * f64::from(i * 5 % 9));
+            let of_unit = |(a, b): (f64, f64)| depth_mm.powf(1.5) * (-0.05 * ((x - a).powi(2) + (y - b).powi(2))).exp();
+            let [one, two, three] = [(0.0, 0.0), (5.0, 0.0), (2.0, 5.0)].map(of_unit);
+            format!("{x},{y},{force}{depth_mm},{one},{two},{three}\n")
+        };
+        let of = |head: &str, force: &str| {
+            table(
+                &(format!("x_mm,y_mm,{head}depth_mm,out_1,out_2,out_3\n")
+                    + &(0..72).map(|i| row(i, force)).collect::<String>()),
+            )
+        };
+        let (silent, loaded) = (of("", ""), of("force_n,", "1,"));
+        let solved = |presses: &Presses, quantity| {
+            let trial = Trial::of_tables(presses, presses).unwrap().with_quantity(quantity);
+            let evaluation = trial.evaluate("surrogate").unwrap();
+            (evaluation.depth_error_mm.map(|error| error.mean < 0.05), evaluation.force_error_n.is_some())
+        };
+        assert_eq!(solved(&silent, Quantity::Known), (Some(true), false));
+        assert_eq!(solved(&loaded, Quantity::Known), (None, true));
+        assert_eq!(solved(&loaded, Quantity::Depth), (Some(true), false));
+        assert_eq!(solved(&silent, Quantity::Force), (None, false));
+        let mut alike = silent.clone();
+        alike.presses.iter_mut().for_each(|press| press.depth_mm = Some(0.5));
+        let trial = Trial::of_tables(&alike, &alike).unwrap();
+        assert_eq!(trial.unsolved_depth().unwrap(), "depth isn't solved: the presses of a.csv have nearly one depth");
+        assert_eq!(trial.evaluate("surrogate").unwrap().depth_error_mm, None);
+        let mut negative = silent.clone();
+        negative.presses[4].depth_mm = Some(-0.1);
+        let refusal = evaluate_tables(&negative, &silent, "pearson").unwrap_err().to_string();
+        assert!(refusal.contains("line 6, column `depth_mm`"), "{refusal}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Columns of an external table that aren't used although their names look like a force, a place or an output. They are reported,
+//! Columns of an external table that aren't used although their names look like a force, a depth, a place or an output. They are reported,
 //! so that nobody assumes they were used.
 
 use super::press::{COLUMNS, Presence};
@@ -17,8 +17,9 @@ pub struct Lookalike {
 }
 
 /// Beginnings of the words that name each kind of value, and single letters with the same meaning.
-const KINDS: [(&str, &str, &[&str], &[&str]); 3] = [
+const KINDS: [(&str, &str, &[&str], &[&str]); 4] = [
     ("a force", "force_n", &["force", "load", "newton"], &["f", "fx", "fy", "fz", "n"]),
+    ("a depth", "depth_mm", &["depth", "indentation"], &[]),
     ("a place", "x_mm, y_mm", &["pos", "place", "location", "coord"], &["x", "y", "px", "py"]),
     ("an output", "out_1, out_2, ...", &["out", "ch", "adc", "sensor", "signal", "taxel", "volt"], &["v"]),
 ];
@@ -26,7 +27,7 @@ const KINDS: [(&str, &str, &[&str], &[&str]); 3] = [
 /// Returns the columns of a header that resemble a known column but aren't read.
 pub(super) fn lookalikes(header: &StringRecord) -> Vec<Lookalike> {
     let is_read = |name: &str| {
-        let of_any_table = |presence| matches!(presence, Presence::Needed | Presence::Optional);
+        let of_any_table = |presence| matches!(presence, Presence::Needed | Presence::Optional | Presence::OfRun);
         COLUMNS.iter().any(|column| column.name == name && of_any_table(column.presence)) || is_output(name)
     };
     let unused = header.iter().filter(|name| !is_read(name));
@@ -52,13 +53,15 @@ mod tests {
 
     #[test]
     fn similar_column_names_are_suggested() {
-        let header = "x_mm,y_mm,force_n,out_1,flags,Fz (N),force,X,pos_y,ch3,Sensor_4,time_s,temperature,note,n";
+        let header =
+            "x_mm,y_mm,force_n,out_1,flags,depth_mm,Fz (N),Depth,force,X,pos_y,ch3,Sensor_4,time_s,temperature,note,n";
         let found = lookalikes(&StringRecord::from(header.split(',').collect::<Vec<_>>()));
         let found: Vec<(&str, &str)> = found.iter().map(|found| (found.column.as_str(), found.looks_like)).collect();
         assert_eq!(
             found,
             [
                 ("Fz (N)", "a force"),
+                ("Depth", "a depth"),
                 ("force", "a force"),
                 ("X", "a place"),
                 ("pos_y", "a place"),

@@ -22,6 +22,7 @@ keys! {
         x_mm: Text, or_word("x_mm"), "the column with the place along x", "\"X [mm]\"";
         y_mm: Text, or_word("y_mm"), "the column with the place along y", "\"Y [mm]\"";
         force_n: Text, Allowed, "the column with the force into the skin; without it, `force_n` if the table has it", "\"Fz [N]\"";
+        depth_mm: Text, Allowed, "the column with the depth below the surface; without it, `depth_mm` if the table has it", "\"depth\"";
         outputs: Either(&[Text, Texts]), Allowed,
             "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
             "\"ch0..ch15\"";
@@ -44,6 +45,7 @@ keys! {
     scale {
         x_mm: Number(FACTOR), or(1.0), "factor of x and of y: 0.001 where they are in um", "0.001";
         force_n: Number(FACTOR), or(1.0), "factor of the force: -1 where pressing is negative", "-1.0";
+        depth_mm: Number(FACTOR), or(1.0), "factor of the depth: -1 where the column is a z that falls into the skin", "-1.0";
         outputs: Number(FACTOR), or(1.0), "factor of every output", "0.001";
     }
 }
@@ -54,6 +56,7 @@ keys! {
         x_mm: Number(SHIFT_MM), or(0.0), "added to x", "-9.0";
         y_mm: Number(SHIFT_MM), or(0.0), "added to y", "-9.0";
         force_n: Number(SHIFT_N), or(0.0), "added to the force", "0.0";
+        depth_mm: Number(SHIFT_MM), or(0.0), "added to the depth: z of the surface where the factor is -1", "145.0";
     }
 }
 
@@ -80,6 +83,8 @@ pub struct Mapping {
     pub(super) y_mm: String,
     /// Name of the force column. `None`: `force_n`, if it exists.
     pub(super) force_n: Option<String>,
+    /// Name of the depth column. `None`: `depth_mm`, if it exists.
+    pub(super) depth_mm: Option<String>,
     pub(super) outputs: OutputSource,
     /// Name of the flags column. `None`: `flags`, if it exists.
     pub(super) flags: Option<String>,
@@ -121,10 +126,12 @@ pub(super) enum Decimal {
 pub(super) struct LinearScale {
     pub place: f64,
     pub force: f64,
+    pub depth: f64,
     pub outputs: f64,
     pub x_mm: f64,
     pub y_mm: f64,
     pub force_n: f64,
+    pub depth_mm: f64,
 }
 
 impl LinearScale {
@@ -133,6 +140,7 @@ impl LinearScale {
         press.x_mm = press.x_mm * self.place + self.x_mm;
         press.y_mm = press.y_mm * self.place + self.y_mm;
         press.force_n = press.force_n.map(|force| force * self.force + self.force_n);
+        press.depth_mm = press.depth_mm.map(|depth| depth * self.depth + self.depth_mm);
         press.outputs.iter_mut().for_each(|output| *output *= self.outputs);
     }
 }
@@ -151,9 +159,19 @@ impl Default for Mapping {
             x_mm: "x_mm".to_owned(),
             y_mm: "y_mm".to_owned(),
             force_n: None,
+            depth_mm: None,
             outputs: OutputSource::Own,
             flags: None,
-            scale: LinearScale { place: 1.0, force: 1.0, outputs: 1.0, x_mm: 0.0, y_mm: 0.0, force_n: 0.0 },
+            scale: LinearScale {
+                place: 1.0,
+                force: 1.0,
+                depth: 1.0,
+                outputs: 1.0,
+                x_mm: 0.0,
+                y_mm: 0.0,
+                force_n: 0.0,
+                depth_mm: 0.0,
+            },
             missing: Vec::new(),
             separator: None,
             decimal: None,
@@ -203,6 +221,7 @@ impl Mapping {
             "x_mm" => Some(&self.x_mm),
             "y_mm" => Some(&self.y_mm),
             "force_n" => self.force_n.as_deref(),
+            "depth_mm" => self.depth_mm.as_deref(),
             "flags" => self.flags.as_deref(),
             _ => None,
         }
@@ -245,7 +264,8 @@ fn read(table: &Table) -> Option<Mapping> {
         Some((layout?, unit?.to_owned()))
     });
     let measured = optional(table, &columns::measured, |table, key| table.day(key).map(str::to_owned));
-    let (force_n, flags) = (optional(table, &columns::force_n, own), optional(table, &columns::flags, own));
+    let single = |key: &Key| optional(table, key, own);
+    let (force_n, depth_mm, flags) = (single(&columns::force_n), single(&columns::depth_mm), single(&columns::flags));
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
     if let (Some((layout, _)), OutputSource::Named(names)) = (&array, &outputs)
@@ -259,6 +279,7 @@ fn read(table: &Table) -> Option<Mapping> {
         x_mm: x_mm?,
         y_mm: y_mm?,
         force_n: force_n?,
+        depth_mm: depth_mm?,
         outputs,
         flags: flags?,
         scale: scale?,
@@ -278,7 +299,7 @@ fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Out
     let given = |key: &Key| table.is_text(key).then(|| table.text(key)).flatten();
     let mut named: Vec<(Key, &str)> = Vec::new();
     let singles = [columns::x_mm, columns::y_mm].into_iter().zip(places.iter().map(Option::as_deref));
-    let others = [columns::force_n, columns::flags].map(|key| (key, given(&key)));
+    let others = [columns::force_n, columns::depth_mm, columns::flags].map(|key| (key, given(&key)));
     let several = match outputs {
         Some(OutputSource::Named(names)) => names.as_slice(),
         _ => &[],
@@ -305,8 +326,15 @@ fn read_scale(table: &Table) -> Option<LinearScale> {
     if let Some(table) = table.table(&columns::scale) {
         read.place = table.number(&scale::x_mm)?;
         read.force = table.number(&scale::force_n)?;
+        read.depth = table.number(&scale::depth_mm)?;
         read.outputs = table.number(&scale::outputs)?;
-        for (key, factor) in [(scale::x_mm, read.place), (scale::force_n, read.force), (scale::outputs, read.outputs)] {
+        let factors = [
+            (scale::x_mm, read.place),
+            (scale::force_n, read.force),
+            (scale::depth_mm, read.depth),
+            (scale::outputs, read.outputs),
+        ];
+        for (key, factor) in factors {
             if factor == 0.0 {
                 table.complain(Problem::new(table.span_of(&key), format!("`{}` of `scale` is 0", key.name)));
             }
@@ -316,6 +344,7 @@ fn read_scale(table: &Table) -> Option<LinearScale> {
         read.x_mm = table.number(&offset::x_mm)?;
         read.y_mm = table.number(&offset::y_mm)?;
         read.force_n = table.number(&offset::force_n)?;
+        read.depth_mm = table.number(&offset::depth_mm)?;
     }
     Some(read)
 }

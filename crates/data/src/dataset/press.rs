@@ -16,6 +16,8 @@ pub enum Presence {
     Needed,
     /// Any table may have it.
     Optional,
+    /// Any table may have it, and a run's own table must.
+    OfRun,
     /// Only a run's own table. An external table may use the name for something else.
     Run,
     /// Only a run's own table, in which a cell may be empty.
@@ -90,7 +92,7 @@ columns! {
     /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
     u_force_n: Option<f64>, Sparse, 6;
     /// Depth below the surface touched in this press, mm; 0 without load.
-    depth_mm: Option<f64>, Run, 5;
+    depth_mm: Option<f64>, OfRun, 5;
     /// Standard uncertainty of that depth, mm; `None` if the stage has no certificate or the load cell's stiffness isn't stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     u_depth_mm: Option<f64>, ByDepth, 5;

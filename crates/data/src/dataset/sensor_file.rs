@@ -42,6 +42,9 @@ pub struct Card {
     pub made_from: Vec<Fingerprint>,
     /// Range of the calibration.
     pub valid: Validity,
+    /// Smallest and largest depth of the calibration, mm; only if depths are solved instead of forces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_mm: Option<[f64; 2]>,
     /// Excluded outputs, counted from 1, and the reasons.
     pub left_out: Vec<LeftOutUnit>,
     /// Whether every contact is assumed to have the force of the calibration.
@@ -180,6 +183,7 @@ impl SensorFile {
             sensor,
             made_from,
             valid: model.validity().clone(),
+            depth_mm: model.validity().depth_mm,
             left_out: fitted.broken().iter().map(left_out).collect(),
             constant_load: setting.load == ForceKnown::Constant,
             common_offset: setting.common_offset,

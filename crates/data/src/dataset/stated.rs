@@ -15,6 +15,8 @@ pub fn doubted_half_widths(evaluation: &Evaluation) -> Vec<String> {
         ("half95_mm", coverage.location_95, 0.95, TOLERATED[1]),
         ("half68_n", coverage.force_68, 0.68, TOLERATED[0]),
         ("half95_n", coverage.force_95, 0.95, TOLERATED[1]),
+        ("half68_depth_mm", coverage.depth_68, 0.68, TOLERATED[0]),
+        ("half95_depth_mm", coverage.depth_95, 0.95, TOLERATED[1]),
     ];
     let doubt = |(name, share, expected, tolerated): (&str, Option<f64>, f64, f64)| {
         let count = (share? * evaluation.points as f64).round() as usize;
@@ -57,6 +59,10 @@ mod tests {
                 location_95: Some(location_95),
                 force_68: None,
                 force_95: None,
+                depth_1sd: None,
+                depth_2sd: None,
+                depth_68: None,
+                depth_95: None,
             };
             doubted_half_widths(&Evaluation { points, coverage: Some(coverage), ..evaluation })
         };

@@ -1,6 +1,6 @@
 //! Reads external tables: plain CSV.
 //!
-//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, `t_s`, and `flags` (a row is flagged unless its cell
+//! A table has the columns `x_mm`, `y_mm` and `out_1..out_n`, optionally `force_n`, `depth_mm`, `t_s`, and `flags` (a row is flagged unless its cell
 //! is empty or 0). Columns may be in any order; unknown columns are ignored. A byte-order mark, either kind of line end, and
 //! comments (`#`) above the header are accepted. A table that has every column of a run's own `presses.csv` gives the same
 //! presses as the run's journal. A [`Mapping`] reads tables with other names and units. The use of a table without `force_n` is
@@ -145,8 +145,8 @@ impl KnownColumns {
     fn find(header: &Header<'_>, mapping: &Mapping) -> Result<Self, TableError> {
         header.check()?;
         let is_there = |column: &PressColumn| header.optional(column.name).is_some();
-        let is_of_run =
-            !mapping.is_given && COLUMNS.iter().filter(|column| column.presence == Presence::Run).all(is_there);
+        let is_of_run = !mapping.is_given
+            && COLUMNS.iter().filter(|column| matches!(column.presence, Presence::Run | Presence::OfRun)).all(is_there);
         let mut found = Vec::new();
         for column in COLUMNS {
             let given = mapping.name_of(column.name);
@@ -154,8 +154,10 @@ impl KnownColumns {
             let at = match column.presence {
                 _ if column.name == OUTPUTS => Some(header.outputs(mapping.output_names())?),
                 Presence::Needed => Some(vec![header.needed(column.name, name)?]),
-                Presence::Optional if given.is_some() => Some(vec![header.needed(column.name, name)?]),
-                Presence::Optional => header.optional(name).map(|at| vec![at]),
+                Presence::Optional | Presence::OfRun if given.is_some() => {
+                    Some(vec![header.needed(column.name, name)?])
+                }
+                Presence::Optional | Presence::OfRun => header.optional(name).map(|at| vec![at]),
                 Presence::Run | Presence::Sparse | Presence::ByDepth => {
                     header.optional(name).filter(|_| is_of_run).map(|at| vec![at])
                 }

@@ -43,6 +43,9 @@ keys! {
         force_mean_n: Number(FORCE), Allowed, "limit of the mean force error", "0.1";
         force_p95_n: Number(FORCE), Allowed, "limit of the 95th percentile of the force errors", "0.2";
         force_within: Table(&force_within::KEYS), Allowed, "limit of the share of presses with a small force error";
+        depth_mean_mm: Number(LENGTH), Allowed, "limit of the mean depth error", "0.1";
+        depth_p95_mm: Number(LENGTH), Allowed, "limit of the 95th percentile of the depth errors", "0.2";
+        depth_within: Table(&depth_within::KEYS), Allowed, "limit of the share of presses with a small depth error";
         repeatability_percent: Number(PERCENT), Allowed,
             "limit of the loading repeatability of every unit, % of full scale", "4.0";
         hysteresis_percent: Number(PERCENT), Allowed, "limit of the hysteresis of every unit, % of full scale", "6.0";
@@ -70,6 +73,14 @@ keys! {
     /// `force_within` of `[accept]`.
     force_within {
         n: Number(FORCE), Refused, "the force error up to which a press counts", "0.1";
+        share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
+    }
+}
+
+keys! {
+    /// `depth_within` of `[accept]`.
+    depth_within {
+        mm: Number(LENGTH), Refused, "the depth error up to which a press counts", "0.1";
         share: Number(SHARE), Refused, "smallest share of the test presses, 0 to 1", "0.9";
     }
 }
@@ -121,12 +132,15 @@ fn limit(table: &Table, figure: LimitedFigure) -> Option<Limit> {
     match figure {
         LimitedFigure::LocationWithin => within(accept::location_within, [location_within::mm, location_within::share]),
         LimitedFigure::ForceWithin => within(accept::force_within, [force_within::n, force_within::share]),
+        LimitedFigure::DepthWithin => within(accept::depth_within, [depth_within::mm, depth_within::share]),
         LimitedFigure::BrokenChannels => table.whole(&accept::broken_channels_most).map(|most| plain(most as f64)),
         LimitedFigure::FlaggedPresses => table.whole(&accept::flagged_presses_most).map(|most| plain(most as f64)),
         LimitedFigure::LocationMean => table.number(&accept::location_mean_mm).map(plain),
         LimitedFigure::LocationP95 => table.number(&accept::location_p95_mm).map(plain),
         LimitedFigure::ForceMean => table.number(&accept::force_mean_n).map(plain),
         LimitedFigure::ForceP95 => table.number(&accept::force_p95_n).map(plain),
+        LimitedFigure::DepthMean => table.number(&accept::depth_mean_mm).map(plain),
+        LimitedFigure::DepthP95 => table.number(&accept::depth_p95_mm).map(plain),
         LimitedFigure::Repeatability => table.number(&accept::repeatability_percent).map(plain),
         LimitedFigure::Hysteresis => table.number(&accept::hysteresis_percent).map(plain),
         LimitedFigure::HysteresisOfReading => table.number(&accept::hysteresis_of_reading_percent).map(plain),

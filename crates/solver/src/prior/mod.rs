@@ -75,7 +75,7 @@ pub enum PriorError {
     )]
     SameSensor,
     /// The forces of some presses are unknown.
-    #[error("the forces of the presses must be known: without them, a change of the gain can't be seen")]
+    #[error("the forces of the presses must be known, in newtons: without them, a change of the gain can't be seen")]
     NoForces,
     /// The map can't be fitted.
     #[error(transparent)]
@@ -109,7 +109,7 @@ impl Prior {
                 expected: outputs,
             });
         }
-        if !calibrations.iter().all(Calibration::forces_are_known) {
+        if !calibrations.iter().all(Calibration::is_in_newtons) {
             return Err(PriorError::NoForces);
         }
         let units = units_of(layout, outputs);
@@ -208,7 +208,7 @@ impl Prior {
         if new.units() != expected {
             return Err(PriorError::Outputs { sensor: 1, found: new.units(), expected });
         }
-        if !new.forces_are_known() {
+        if !new.is_in_newtons() {
             return Err(PriorError::NoForces);
         }
         Ok(Fit { map: &self.map, new, forces_are_known: true })
