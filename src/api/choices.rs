@@ -3,7 +3,7 @@
 use super::{Failure, sources};
 use clap::ValueEnum;
 use palpate_control::Strategy;
-use palpate_data::dataset::{Durability, characteristics::Repeatability, readings};
+use palpate_data::dataset::{Durability, calibration::Quantity, characteristics::Repeatability, readings};
 use palpate_report::export;
 
 /// Definition of repeatability.
@@ -22,6 +22,24 @@ pub enum RepeatabilityChoice {
     T95,
     /// Three standard deviations at the level with the largest standard deviation.
     WorstLevel,
+}
+
+/// What is solved besides the place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QuantityChoice {
+    /// The force, N.
+    Force,
+    /// The depth below the surface, mm.
+    Depth,
+}
+
+/// Returns the quantity that is asked for.
+pub(crate) fn quantity(choice: Option<QuantityChoice>) -> Quantity {
+    match choice {
+        None => Quantity::Known,
+        Some(QuantityChoice::Force) => Quantity::Force,
+        Some(QuantityChoice::Depth) => Quantity::Depth,
+    }
 }
 
 /// How safely presses are stored.

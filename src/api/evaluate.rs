@@ -1,7 +1,7 @@
 //! Evaluates test presses: of a run, of two tables, or held out of one; and judges them by a rule.
 
 use super::accept::AcceptOptions;
-use super::choices::RepeatabilityChoice;
+use super::choices::{QuantityChoice, RepeatabilityChoice, quantity};
 use super::columns::ColumnsOptions;
 use super::holdout::HoldoutOptions;
 use super::method::{check_solver, load, solvers};
@@ -33,7 +33,7 @@ pub struct EvaluateOptions {
     /// A table of calibration presses
     #[arg(long, value_name = "CSV", requires = "test", conflicts_with = "run")]
     pub calibration: Option<PathBuf>,
-    /// A table of test presses; without force_n, only location is evaluated
+    /// A table of test presses; without force_n or depth_mm, only location is evaluated
     #[arg(long, value_name = "CSV", requires = "calibration", conflicts_with = "run")]
     pub test: Option<PathBuf>,
     /// The method; best selects by cross-validation on the calibration
@@ -42,6 +42,9 @@ pub struct EvaluateOptions {
     /// Assume that every contact has the force of the calibration
     #[arg(long)]
     pub constant_load: bool,
+    /// What to solve besides the place [default: force, or depth if only depths are known]
+    #[arg(long, value_name = "QUANTITY", value_enum)]
+    pub quantity: Option<QuantityChoice>,
     /// Definition of repeatability in the characteristics
     #[arg(long, value_name = "DEFINITION", value_enum, default_value_t)]
     pub repeatability: RepeatabilityChoice,
@@ -64,6 +67,7 @@ impl Default for EvaluateOptions {
             test: None,
             solver: BEST.to_owned(),
             constant_load: false,
+            quantity: None,
             repeatability: RepeatabilityChoice::default(),
             holdout: HoldoutOptions::default(),
             columns: ColumnsOptions::default(),
@@ -92,6 +96,8 @@ pub struct Evaluated {
     pub is_beside_paper: bool,
     /// What is known of the sensor's design, if its prior was used.
     pub design: Option<String>,
+    /// Why depths aren't solved although they are known.
+    pub unsolved_depth: Option<String>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.
@@ -233,7 +239,8 @@ fn cross_validated(
     has_rule: bool,
 ) -> Result<Option<Vec<TriedMethod>>, Failure> {
     let solver = if options.solver == ALL { BEST } else { &options.solver };
-    match evaluate::cross_validated(presses, layout, load(options.constant_load), solver) {
+    let (load, quantity) = (load(options.constant_load), quantity(options.quantity));
+    match evaluate::cross_validated(presses, layout, load, quantity, solver) {
         Err(_) if has_rule => Ok(None),
         found => found.map(Some).map_err(Failure::usage),
     }
@@ -253,7 +260,8 @@ impl Evaluated {
             Err(why) if !self.is_only_characterised && asked.is_none() && self.cross_validated.is_none() => {
                 return Err(Failure::usage(why));
             }
-            trial => trial.map(|trial| trial.with_load(load(options.constant_load))),
+            trial => trial
+                .map(|trial| trial.with_load(load(options.constant_load)).with_quantity(quantity(options.quantity))),
         };
         let model = design.and_then(|design| design.model.as_ref());
         let outcomes = match (&trial, model) {
@@ -269,7 +277,8 @@ impl Evaluated {
             Some(design) => design.judge(&rule, &evidence, &trial, &known),
             None => evidence.judge(&rule, &trial, &known),
         });
-        Ok(Evaluated { outcomes, judgement, design: design.map(ByDesign::note), ..self })
+        let unsolved_depth = trial.as_ref().ok().and_then(Trial::unsolved_depth);
+        Ok(Evaluated { outcomes, judgement, design: design.map(ByDesign::note), unsolved_depth, ..self })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Calibrated sensors: a method fitted to a run or a table, and its sensor file.
 
 use super::method::{FitSource, MethodOptions};
+use super::solutions::Measure;
 use super::{Failure, Note};
 use palpate_data::dataset::Fingerprint;
 use palpate_data::dataset::sensor_file::{Card, SensorFile, SensorFileError, check_replaceable, read_sensor_file};
@@ -78,8 +79,8 @@ pub(crate) fn place(file: &SensorFile, path: &Path) -> Result<(), Failure> {
 /// the calibration are known, or contacts are already assumed to have one load.
 pub(crate) fn constant_load_gain_mm(model: &Model) -> Option<(f64, f64)> {
     let setting = model.setting();
-    if model.forces_are_known() || setting.load == ForceKnown::Constant || model.fitted().at_calibrated_load().is_some()
-    {
+    let is_relative = !(model.forces_are_known() || model.depths_are_known());
+    if !is_relative || setting.load == ForceKnown::Constant || model.fitted().at_calibrated_load().is_some() {
         return None;
     }
     let error_mm = |calibration: Calibration, load: ForceKnown| {
@@ -98,10 +99,12 @@ pub(crate) fn constant_load_gain_mm(model: &Model) -> Option<(f64, f64)> {
     (constant_mm <= LESS * any_mm).then_some((any_mm, constant_mm))
 }
 
-/// Notes that forces are relative.
+/// Notes that forces are relative, or that there are depths instead.
 fn note_forces(model: &Model, note: Note<'_>) {
-    if !model.forces_are_known() && model.setting().load != ForceKnown::Constant {
-        note(FORCES_ARE_RELATIVE);
+    match Measure::of(model) {
+        Measure::RelativeForce if model.setting().load != ForceKnown::Constant => note(FORCES_ARE_RELATIVE),
+        Measure::Depth => note("depth is solved instead of force: the calibration's presses are known by depth"),
+        _ => {}
     }
 }
 

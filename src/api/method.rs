@@ -1,12 +1,13 @@
 //! The method that is asked for, and what it is fitted to: a run or a table.
 
+use super::choices::{QuantityChoice, quantity};
 use super::columns::ColumnsOptions;
 use super::recorded::{read_presses, read_run};
 use super::{Failure, Note, stdin};
 use clap::builder::PossibleValuesParser;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::quantity::ArrayLayout;
-use palpate_data::dataset::calibration::{calibration_of_run, calibration_of_table, check_places};
+use palpate_data::dataset::calibration::{check_places, run_by, table_by};
 use palpate_data::dataset::sensor_file::{is_sensor_file, read_sensor_file};
 use palpate_data::dataset::{Fingerprint, Manifest, Mapping, Status};
 use palpate_data::recipe::Phase;
@@ -43,6 +44,9 @@ pub struct MethodOptions {
     /// Assume that every contact has the force of the calibration
     #[arg(long)]
     pub constant_load: bool,
+    /// What to solve besides the place [default: force, or depth if only depths are known]
+    #[arg(long, value_name = "QUANTITY", value_enum)]
+    pub quantity: Option<QuantityChoice>,
     /// Also solve for an offset that is the same for all outputs
     #[arg(long)]
     pub common_offset: bool,
@@ -83,13 +87,13 @@ impl FitSource {
                 let (name, status, planned) = (path.display(), status.name(), facts.presses_planned);
                 note(&format!("note: {name} is {status}: {presses_done} of {planned} presses"));
             }
-            let calibration = calibration_of_run(&recorded.presses(), load).map_err(Failure::usage)?;
+            let calibration = run_by(&recorded.presses(), load, quantity(method.quantity)).map_err(Failure::usage)?;
             let (layout, sensor) = (bench.placed().cloned(), recorded.manifest.facts.labels.sensor.clone());
             return Ok(FitSource { path, calibration, layout, sensor, is_relative: false });
         }
         let mapping = method.mapping()?;
         let table = read_presses(&path, &mapping, Some(Phase::Calibration), note)?;
-        let calibration = calibration_of_table(&table, load).map_err(Failure::usage)?;
+        let calibration = table_by(&table, load, quantity(method.quantity)).map_err(Failure::usage)?;
         let is_relative = table.presses.iter().any(|press| press.force_n.is_none());
         let layout = mapping.layout_of(table.channels);
         Ok(FitSource { path, calibration, layout, sensor: None, is_relative })
@@ -121,6 +125,7 @@ impl Default for MethodOptions {
         MethodOptions {
             solver: BEST.to_owned(),
             constant_load: false,
+            quantity: None,
             common_offset: false,
             false_alarms: Setting::default().false_alarms,
             forces_n: Vec::new(),

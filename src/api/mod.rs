@@ -36,7 +36,8 @@ pub use accept::AcceptOptions;
 pub use batch::batch_status;
 pub use certificate::{CertificateOptions, Certified, certificate};
 pub use choices::{
-    DurabilityChoice, EvaluateChoice, ExportChoice, ReadingsChoice, RepeatabilityChoice, choice, strategy,
+    DurabilityChoice, EvaluateChoice, ExportChoice, QuantityChoice, ReadingsChoice, RepeatabilityChoice, choice,
+    strategy,
 };
 pub use columns::ColumnsOptions;
 pub use evaluate::{EvaluateOptions, Evaluated, SolverOutcome, evaluate};
@@ -50,7 +51,7 @@ pub use recorded::{read_run, read_table};
 pub use report::{ReportOptions, ReportPage, report};
 pub use results::RunResults;
 pub use run::{MannerOptions, OpenedRun, ResumeOptions, Resumed, RunOptions, begin, resume, run};
-pub use solutions::{NUMBERS, UNSOLVED, numbers};
+pub use solutions::{Measure, NUMBERS, UNSOLVED, numbers};
 pub use solve::{SolveOptions, solve};
 pub use sources::RigOptions;
 pub use which_way::{ConfirmOptions, Confirmed};

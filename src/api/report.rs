@@ -121,9 +121,10 @@ fn one(options: &ReportOptions, runs: Vec<(Recorded, Bench)>, note: Note<'_>) ->
     let verdict = judged.verdict().map_or("no verdict", SensorVerdict::text);
     let decisive = judged.decisive();
     let errors = decisive.map_or(", not evaluated".to_owned(), |evaluation| {
-        let Evaluation { solver, location_error_mm, force_error_n, .. } = evaluation;
+        let Evaluation { solver, location_error_mm, force_error_n, depth_error_mm, .. } = evaluation;
         let force = force_error_n.map(|error| format!(" and {:.4} N", error.mean)).unwrap_or_default();
-        format!(", {:.3} mm{force} by {solver}", location_error_mm.mean)
+        let depth = depth_error_mm.map(|error| format!(" and {:.3} mm of depth", error.mean)).unwrap_or_default();
+        format!(", {:.3} mm{force}{depth} by {solver}", location_error_mm.mean)
     });
     let summary = format!("{}: {verdict}{errors}", subject.title());
     let result = json!({

@@ -2,7 +2,7 @@
 
 use palpate_core::quantity::{Place, round};
 use palpate_data::dataset::readings::Reading;
-use palpate_solver::{ContactVerdict, Covariance, Fitted, HalfWidths, Solution};
+use palpate_solver::{ContactVerdict, Covariance, Fitted, HalfWidths, Model, Solution};
 use serde::Serialize;
 use serde_json::Value;
 use std::error::Error;
@@ -20,9 +20,41 @@ pub(crate) struct Solutions<W: Write> {
     to: To<W>,
     /// Invalid lines are answered too: each answer has its line number, and CSV has a column for the problem.
     keep_going: bool,
-    forces_are_known: bool,
+    measure: Measure,
     /// Whether a second method answers readings with the load of the calibration.
     has_two_methods: bool,
+}
+
+/// What a model solves besides the place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measure {
+    /// The force, N.
+    Force,
+    /// The force, relative to the typical press of the calibration.
+    RelativeForce,
+    /// The depth, mm.
+    Depth,
+}
+
+impl Measure {
+    /// What this model solves.
+    pub fn of(model: &Model) -> Self {
+        match () {
+            () if model.depths_are_known() => Measure::Depth,
+            () if model.forces_are_known() => Measure::Force,
+            () => Measure::RelativeForce,
+        }
+    }
+
+    /// Whether answers have a number of [`NUMBERS`].
+    pub fn has(self, number: &str) -> bool {
+        match number {
+            "force_n" | "sd_force_n" | "half68_n" | "half95_n" => self != Measure::Depth,
+            number if number.contains("relative") => self == Measure::RelativeForce,
+            number if number.contains("depth") => self == Measure::Depth,
+            _ => true,
+        }
+    }
 }
 
 enum To<W: Write> {
@@ -46,14 +78,28 @@ struct SolutionLine<'a> {
     t_s: Option<&'a Value>,
     x_mm: Option<f64>,
     y_mm: Option<f64>,
-    force_n: Option<f64>,
+    /// Force, its error and its half-widths. Not if depths are solved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    force_n: Option<Option<f64>>,
+    /// Depth, its error and its half-widths. Only if depths are solved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    depth_mm: Option<Option<f64>>,
     sd_x_mm: Option<f64>,
     sd_y_mm: Option<f64>,
-    sd_force_n: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sd_force_n: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sd_depth_mm: Option<Option<f64>>,
     half68_mm: Option<f64>,
     half95_mm: Option<f64>,
-    half68_n: Option<f64>,
-    half95_n: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half68_n: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half95_n: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half68_depth_mm: Option<Option<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half95_depth_mm: Option<Option<f64>>,
     /// Another place that explains the reading nearly as well.
     other_x_mm: Option<f64>,
     other_y_mm: Option<f64>,
@@ -76,15 +122,15 @@ struct SolutionLine<'a> {
 }
 
 impl<W: Write> Solutions<W> {
-    /// `forces_are_known` states whether forces are in newtons.
-    pub(crate) fn new(to: W, json: bool, keep_going: bool, forces_are_known: bool) -> Self {
+    /// `measure` states what is solved besides the place.
+    pub(crate) fn new(to: W, json: bool, keep_going: bool, measure: Measure) -> Self {
         let to = if json {
             To::Ndjson(BufWriter::with_capacity(BUFFER_BYTES, to))
         } else {
             let writer = csv::WriterBuilder::new().buffer_capacity(BUFFER_BYTES).from_writer(to);
             To::Csv { writer: Box::new(writer), labels: keep_going.then_some([true, true]) }
         };
-        Solutions { to, keep_going, forces_are_known, has_two_methods: false }
+        Solutions { to, keep_going, measure, has_two_methods: false }
     }
 
     /// Adds a column that shows which of two methods answered, if the model has two.
@@ -93,7 +139,7 @@ impl<W: Write> Solutions<W> {
     }
 
     pub(crate) fn write(&mut self, reading: &Reading, solved: &Result<Solution, impl Error>) -> io::Result<()> {
-        let of = SolutionLine::of(reading, solved, self.forces_are_known);
+        let of = SolutionLine::of(reading, solved, self.measure);
         let load = solved.as_ref().map_or("", Solution::load);
         let load = self.has_two_methods.then_some(load);
         let mut line = SolutionLine { line: self.keep_going.then_some(reading.line), load, ..of };
@@ -121,8 +167,8 @@ impl<W: Write> Solutions<W> {
     }
 }
 
-/// Numbers of an answer, in their order. The last three are columns only if the calibration has no forces.
-pub const NUMBERS: [&str; 16] = [
+/// Numbers of an answer, in their order. Which of them are columns depends on the [`Measure`].
+pub const NUMBERS: [&str; 20] = [
     "x_mm",
     "y_mm",
     "force_n",
@@ -139,17 +185,23 @@ pub const NUMBERS: [&str; 16] = [
     "relative_force",
     "half68_relative_force",
     "half95_relative_force",
+    "depth_mm",
+    "sd_depth_mm",
+    "half68_depth_mm",
+    "half95_depth_mm",
 ];
 
-/// Returns the numbers of an answer as they are printed, in the order of [`NUMBERS`]; NaN if a number is unknown. If the forces of
-/// the calibration are unknown, the solved force is relative.
-pub fn numbers(solution: &Solution, forces_are_known: bool) -> [f64; NUMBERS.len()] {
-    let Solution { place, force_n, covariance, half_widths, other, misfit, .. } = solution;
+/// Returns the numbers of an answer as they are printed, in the order of [`NUMBERS`]; NaN if a number is unknown or isn't
+/// one of the measure's.
+pub fn numbers(solution: &Solution, measure: Measure) -> [f64; NUMBERS.len()] {
+    let Solution { place, force_n, covariance, half_widths, other, misfit, depth, .. } = solution;
     let sd = |of: fn(&Covariance) -> f64| covariance.as_ref().map_or(f64::NAN, of);
     let half = |of: fn(&HalfWidths) -> f64| half_widths.as_ref().map_or(f64::NAN, of);
     let other = |of: fn(&Place) -> f64| other.as_ref().map_or(f64::NAN, of);
-    let in_newtons = |number: f64| if forces_are_known { number } else { f64::NAN };
-    let relative = |number: f64| if forces_are_known { f64::NAN } else { number };
+    let in_newtons = |number: f64| if measure == Measure::Force { number } else { f64::NAN };
+    let relative = |number: f64| if measure == Measure::RelativeForce { number } else { f64::NAN };
+    let depth = depth.filter(|_| measure == Measure::Depth);
+    let [half68_mm, half95_mm] = depth.and_then(|depth| depth.half_widths_mm).unwrap_or([f64::NAN; 2]);
     // the relative force of a method may be the length of the reading itself, which has no error of its own
     let relative_half = |half: f64| relative(if round(half, DECIMALS) > 0.0 { half } else { f64::NAN });
     let (half68_n, half95_n) = (half(|half| half.half68_n), half(|half| half.half95_n));
@@ -170,39 +222,48 @@ pub fn numbers(solution: &Solution, forces_are_known: bool) -> [f64; NUMBERS.len
         relative(*force_n),
         relative_half(half68_n),
         relative_half(half95_n),
+        depth.map_or(f64::NAN, |depth| depth.depth_mm),
+        depth.and_then(|depth| depth.sd_mm).unwrap_or(f64::NAN),
+        half68_mm,
+        half95_mm,
     ];
     numbers.map(|number| round(number, DECIMALS)).map(|number| if number.is_finite() { number } else { f64::NAN })
 }
 
 impl<'a> SolutionLine<'a> {
-    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>, forces_are_known: bool) -> Self {
+    fn of(reading: &'a Reading, solved: &Result<Solution, impl Error>, measure: Measure) -> Self {
         let found = solved.as_ref().ok();
         let unknown = [f64::NAN; NUMBERS.len()];
-        let numbers = found.map_or(unknown, |solution| numbers(solution, forces_are_known));
+        let numbers = found.map_or(unknown, |solution| numbers(solution, measure));
         let known = numbers.map(|number| Some(number).filter(|number| number.is_finite()));
         let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = known;
         let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
-        let column = |number: Option<f64>| (!forces_are_known).then_some(number);
+        let [relative, half68_relative, half95_relative, depth @ ..] = relative;
+        let column = |name: &str, number: Option<f64>| measure.has(name).then_some(number);
         SolutionLine {
             line: None,
             id: reading.id.as_ref(),
             t_s: reading.t_s.as_ref(),
             x_mm,
             y_mm,
-            force_n,
+            force_n: column("force_n", force_n),
+            depth_mm: column("depth_mm", depth[0]),
             sd_x_mm,
             sd_y_mm,
-            sd_force_n,
+            sd_force_n: column("sd_force_n", sd_force_n),
+            sd_depth_mm: column("sd_depth_mm", depth[1]),
             half68_mm,
             half95_mm,
-            half68_n,
-            half95_n,
+            half68_n: column("half68_n", half68_n),
+            half95_n: column("half95_n", half95_n),
+            half68_depth_mm: column("half68_depth_mm", depth[2]),
+            half95_depth_mm: column("half95_depth_mm", depth[3]),
             other_x_mm,
             other_y_mm,
             misfit,
-            relative_force: column(relative[0]),
-            half68_relative_force: column(relative[1]),
-            half95_relative_force: column(relative[2]),
+            relative_force: column("relative_force", relative),
+            half68_relative_force: column("half68_relative_force", half68_relative),
+            half95_relative_force: column("half95_relative_force", half95_relative),
             load: None,
             verdict: found.map_or(UNSOLVED, |s| s.verdict.word()),
             unit: found.and_then(|s| match s.verdict {
@@ -225,23 +286,23 @@ fn io_error(error: csv::Error) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use palpate_solver::SolveError;
+    use palpate_solver::{SolveError, SolvedDepth};
 
     const NO_WIDTHS: &str =
         r#""half68_mm":null,"half95_mm":null,"half68_n":null,"half95_n":null,"other_x_mm":null,"other_y_mm":null,"#;
 
     fn written(json: bool, keep_going: bool, lines: &[(Reading, Result<Solution, SolveError>)]) -> String {
-        written_with(json, keep_going, true, lines)
+        written_with(json, keep_going, Measure::Force, lines)
     }
 
     fn written_with(
         json: bool,
         keep_going: bool,
-        forces_are_known: bool,
+        measure: Measure,
         lines: &[(Reading, Result<Solution, SolveError>)],
     ) -> String {
         let mut bytes = Vec::new();
-        let mut solutions = Solutions::new(&mut bytes, json, keep_going, forces_are_known);
+        let mut solutions = Solutions::new(&mut bytes, json, keep_going, measure);
         lines.iter().for_each(|(reading, solved)| solutions.write(reading, solved).unwrap());
         solutions.flush().unwrap();
         drop(solutions);
@@ -254,6 +315,7 @@ mod tests {
         let sure = Solution {
             place: Place::new(1.25, -2.0000001),
             force_n: 1.0,
+            depth: Some(SolvedDepth { depth_mm: 0.5, sd_mm: Some(0.01), half_widths_mm: Some([0.02, 0.03]) }),
             covariance: Some(covariance),
             half_widths: Some(HalfWidths { half68_mm: 0.4, half95_mm: 0.8, half68_n: 0.1, half95_n: 0.25 }),
             other: Some(Place::new(3.0, 4.0)),
@@ -316,11 +378,22 @@ id,t_s,x_mm,y_mm,force_n,sd_x_mm,sd_y_mm,sd_force_n,half68_mm,half95_mm,half68_n
 ,,1.25,-2.0,,,,,,,,,,,,1.0,,,not-one-contact,
 ,,,,,,,,,,,,,,,,,,unsolved,
 ";
-        assert_eq!(written_with(false, false, false, &lines), expected);
-        let objects = written_with(true, false, false, &lines);
+        assert_eq!(written_with(false, false, Measure::RelativeForce, &lines), expected);
+        let objects = written_with(true, false, Measure::RelativeForce, &lines);
         assert!(objects.starts_with(r#"{"id":"a,b","t_s":0.5,"x_mm":1.25,"y_mm":-2.0,"force_n":null,"#), "{objects}");
         let relative = r#""relative_force":1.0,"half68_relative_force":0.1,"half95_relative_force":null,"#;
         assert!(objects.contains(relative) && objects.matches("relative_force\":null").count() == 6, "{objects}");
+    }
+
+    #[test]
+    fn depths_take_the_columns_of_forces() {
+        let expected = "\
+id,t_s,x_mm,y_mm,depth_mm,sd_x_mm,sd_y_mm,sd_depth_mm,half68_mm,half95_mm,half68_depth_mm,half95_depth_mm,other_x_mm,other_y_mm,misfit,verdict,unit
+\"a,b\",0.5,1.25,-2.0,0.5,0.2,0.3,0.01,0.4,0.8,0.02,0.03,3.0,4.0,0.5,channel-fault,5
+";
+        assert_eq!(written_with(false, false, Measure::Depth, &lines()[..1]), expected);
+        let objects = written_with(true, false, Measure::Depth, &lines());
+        assert!(objects.contains("\"depth_mm\":0.5,") && !objects.contains("force"), "{objects}");
     }
 
     #[test]

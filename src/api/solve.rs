@@ -3,7 +3,7 @@
 use super::choices::ReadingsChoice;
 use super::fit::{Sensor, fit, read_sensor};
 use super::method::MethodOptions;
-use super::solutions::Solutions;
+use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
 use super::{Failure, Note};
 use miette::{IntoDiagnostic, WrapErr};
@@ -43,8 +43,8 @@ pub struct SolveOptions {
 }
 
 /// Options that a sensor file has already fixed.
-const FITTED_BEFORE: [&str; 6] =
-    ["calibration", "solver", "constant_load", "common_offset", "false_alarms", "forces_n"];
+const FITTED_BEFORE: [&str; 7] =
+    ["calibration", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"];
 
 impl SolveOptions {
     /// Reads the sensor file, or fits the method to the calibration.
@@ -79,7 +79,7 @@ pub fn solve(
     let of = Readings::new(SOURCE, model.validity().units, input.map(Into::into), options.method.mapping()?);
     let with_reasons = !(quiet || json || keep_going);
     let stream = AnswerStream { source: SOURCE, keep_going, with_reasons, note, is_refused: |_| false };
-    let solutions = Solutions::new(contacts, json, keep_going, model.forces_are_known());
+    let solutions = Solutions::new(contacts, json, keep_going, Measure::of(&model));
     let mut solutions = solutions.of_methods(model.fitted());
     let mut answers = Answers::new(of, Session::new(model));
     match stream.answer(&mut answers, &mut StreamLines::new(SOURCE, readings), &mut solutions) {

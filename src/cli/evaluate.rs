@@ -22,8 +22,9 @@ Examples:
 
 The files of example/ are written by `palpate init example --from example`.
 
-Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n. If the
-calibration has no force_n, the method uses only the proportions of the
+Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n or
+depth_mm. If the calibration has depth_mm and no force_n, depths are solved
+instead of forces; --quantity depth does so with both. If it has neither, the method uses only the proportions of the
 outputs of each press, and evaluates only the location errors of the test.
 With --constant-load, every press then counts as 1 N.
 
@@ -113,7 +114,8 @@ fn tables(evaluated: &Evaluated, args: &EvaluateArgs) -> String {
         (None, Some(design)) => Some(filled(&format!("{design}\n{NO_RULE}"), "  ")),
         (None, None) => (!evaluated.is_only_characterised).then(|| NO_RULE.to_owned()),
     };
-    [evaluation, characteristics, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
+    let unsolved_depth = evaluated.unsolved_depth.as_ref().map(|why| filled(why, "  "));
+    [evaluation, unsolved_depth, characteristics, verdict].into_iter().flatten().collect::<Vec<String>>().join("\n")
 }
 
 #[cfg(test)]

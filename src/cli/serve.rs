@@ -4,7 +4,7 @@ use super::method::tell_sensor;
 use super::summary::{note, print, tell};
 use crate::api::Failure;
 use crate::api::read_sensor;
-use crate::api::solutions::Solutions;
+use crate::api::solutions::{Measure, Solutions};
 use crate::api::stream::AnswerStream;
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_core::parallel::lock;
@@ -178,7 +178,7 @@ impl Service {
         let how =
             AnswerStream { source: peer, keep_going: true, with_reasons: false, note: &note, is_refused: is_http };
         let model = self.fits.model();
-        let solutions = Solutions::new(stream, self.json, true, model.forces_are_known());
+        let solutions = Solutions::new(stream, self.json, true, Measure::of(model));
         let mut solutions = solutions.of_methods(model.fitted());
         let end = how.answer(&mut answers, &mut StreamLines::new(peer, client), &mut solutions)?;
         if let Err(error) = end {

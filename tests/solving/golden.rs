@@ -78,7 +78,7 @@ fn end_to_end(solver: &str) -> Evaluation {
         .collect();
     let test: Vec<TestPress<'_>> = contacts
         .iter()
-        .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), outputs })
+        .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), depth_mm: None, outputs })
         .collect();
     let solver = fit(solver, &Calibration::new(&points).unwrap(), &Setting::of_layout(Some(&layout))).unwrap();
     evaluate(&solver, &test).unwrap()

@@ -72,7 +72,7 @@ pub fn known(evaluations: &[&Evaluation], most: Detail) -> impl Iterator<Item = 
 }
 
 /// Every number, in the order of a table.
-pub static NUMBERS: [ErrorNumber; 19] = {
+pub static NUMBERS: [ErrorNumber; 25] = {
     use Detail::{All, Means, Shares};
     [
         row(All, "test presses", "points", "", 0, Some(paper::POINTS as f64), |e| Some(e.points as f64)),
@@ -95,6 +95,10 @@ pub static NUMBERS: [ErrorNumber; 19] = {
         row(All, "force error by the load cell, mean", "force_error_load_cell_n.mean", "N", 4, None, |e| {
             Some(e.force_error_load_cell_n?.mean)
         }),
+        row(All, "depth error, mean", "depth_error_mm.mean", "mm", 3, None, |e| Some(e.depth_error_mm?.mean)),
+        row(All, "depth error, median", "depth_error_mm.median", "mm", 3, None, |e| Some(e.depth_error_mm?.median)),
+        row(All, "depth error, 95th percentile", "depth_error_mm.p95", "mm", 3, None, |e| Some(e.depth_error_mm?.p95)),
+        row(All, "depth error, largest", "depth_error_mm.max", "mm", 3, None, |e| Some(e.depth_error_mm?.max)),
         row(Shares, "location error under 1 mm", "within.location_1mm", "%", 1, Some(paper::WITHIN_1MM), |e| {
             Some(e.within.location_1mm)
         }),
@@ -106,6 +110,8 @@ pub static NUMBERS: [ErrorNumber; 19] = {
         row(All, "location inside stated 95 %", "coverage.location_95", "%", 1, None, |e| e.coverage?.location_95),
         row(All, "force inside stated 68 %", "coverage.force_68", "%", 1, None, |e| e.coverage?.force_68),
         row(All, "force inside stated 95 %", "coverage.force_95", "%", 1, None, |e| e.coverage?.force_95),
+        row(All, "depth inside stated 68 %", "coverage.depth_68", "%", 1, None, |e| e.coverage?.depth_68),
+        row(All, "depth inside stated 95 %", "coverage.depth_95", "%", 1, None, |e| e.coverage?.depth_95),
         row(All, "doubted by the method itself", "", "", 0, None, |e| {
             Some(e.verdicts.doubts().map(|(count, _)| count as f64).iter().sum())
         }),

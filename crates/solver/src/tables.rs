@@ -121,9 +121,9 @@ pub struct Splines {
 }
 
 impl Model {
-    /// Returns the tables of `pearson`, `pearson-lsq`, `surrogate` or `physics`; `None` for other methods.
+    /// Returns the tables of `pearson`, `pearson-lsq`, `surrogate` or `physics`; `None` for other methods, and for depths.
     pub fn tables(&self) -> Option<Tables> {
-        let fitted = self.fitted();
+        let fitted = Some(self.fitted()).filter(|fitted| fitted.depth_curve().is_none())?;
         let kept = fitted.kept();
         let (silence, no_contact, kind) = match fitted.answering() {
             Answering::Forward(forward) => {

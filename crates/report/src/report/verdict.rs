@@ -50,6 +50,7 @@ fn without_rule(judged: &SensorResults) -> Markup {
         p { "No acceptance rule was given."
             @if let Some(evaluation) = judged.decisive() {
                 " Mean errors of " (number("", evaluation.location_error_mm.mean, 3, " mm"))
+                @if let Some(error) = evaluation.depth_error_mm { " and " (number("", error.mean, 3, " mm of depth")) }
                 @if let Some(error) = evaluation.force_error_n { " and " (number("", error.mean, 4, " N")) }
                 " by " (evaluation.solver) ", on " (evaluation.points) " test presses."
             }

@@ -86,6 +86,7 @@ mod tests {
         let half_widths = Some(HalfWidths { half68_mm: 0.25, half95_mm: 0.5, half68_n: 0.5, half95_n: 1.0 });
         let (covariance, other, misfit, verdict) = (None, None, None, ContactVerdict::Ok);
         let solution = Solution {
+            depth: None,
             place,
             force_n: 1.0,
             covariance,

@@ -28,6 +28,7 @@ pub struct NoC {
 fn described(fitted: &Fitted) -> String {
     match fitted.at_calibrated_load() {
         Some(second) => format!("`{}` with `{second}` for readings with the load of the calibration", fitted.name()),
+        None if fitted.depth_curve().is_some() => format!("`{}` for depths", fitted.name()),
         None => format!("`{}`", fitted.name()),
     }
 }

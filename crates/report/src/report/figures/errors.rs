@@ -36,6 +36,14 @@ const FORCE: PlottedError = PlottedError {
     widths: [0.002, 0.005, 0.01, 0.02, 0.05, 0.1],
 };
 
+const DEPTH: PlottedError = PlottedError {
+    name: "depth error",
+    label: "depth error, mm",
+    of: |press| press.depth_error_mm,
+    reference: (0.1, "0.1 mm"),
+    widths: [0.002, 0.005, 0.01, 0.02, 0.05, 0.1],
+};
+
 /// Largest number of columns of a histogram. Values beyond are in the last column.
 const MOST_COLUMNS: usize = 24;
 /// Largest number of points that are drawn for a method. If there are more, every nth point is drawn.
@@ -47,7 +55,8 @@ const FEWEST: usize = 3;
 
 /// Draws a histogram of each error, with the cumulative fraction below it.
 pub(crate) fn distributions(judged: &SensorResults) -> Option<Section> {
-    let drawn: Vec<PageFigure> = [LOCATION, FORCE].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
+    let drawn: Vec<PageFigure> =
+        [LOCATION, FORCE, DEPTH].into_iter().filter_map(|kind| distribution(kind, judged)).collect();
     Section::of_figures("Distribution of the errors", &html! {}, drawn)
 }
 
