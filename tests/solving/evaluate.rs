@@ -105,6 +105,35 @@ fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
 }
 
 #[test]
+fn a_calibration_by_depth_is_evaluated_solved_and_judged_in_millimetres() {
+    let rows = |from: usize, count: usize| -> String {
+        let row = |i: usize| {
+            let (x, y, depth_mm) = ((i % 6) as f64, (i / 6 % 6) as f64, 0.2 + 0.1 * (i * 5 % 9) as f64);
+            let of_unit = |(a, b): (f64, f64)| depth_mm.powf(1.5) * (-0.05 * ((x - a).powi(2) + (y - b).powi(2))).exp();
+            let [one, two, three] = [(0.0, 0.0), (5.0, 0.0), (2.0, 5.0)].map(of_unit);
+            format!("{x},{y},{depth_mm},{one},{two},{three}\n")
+        };
+        "x_mm,y_mm,depth_mm,out_1,out_2,out_3\n".to_owned() + &(from..from + count).map(row).collect::<String>()
+    };
+    let (a, b) = (rows(0, 72), rows(77, 30));
+    let rule = "depth_mean_mm = 0.1\ndepth_within = { mm = 0.1, share = 0.9 }\n";
+    let force = "force_mean_n = 0.1\n";
+    let bench = TestFolder::with([("a.csv", a.as_str()), ("b.csv", &b), ("depth.toml", rule), ("force.toml", force)]);
+    let words = "evaluate --calibration a.csv --test b.csv --solver surrogate";
+    let output = bench.palpate_ends(0, &format!("{words} --accept depth.toml"));
+    let depth = output.out.lines().find(|line| line.starts_with("depth error, mean")).unwrap_or_default();
+    assert!(depth.ends_with(" mm") && !output.out.contains(" N\n"), "{}", output.out);
+    let undecided = bench.palpate(&format!("{words} --accept force.toml"));
+    assert!(undecided.out.contains("no true force is known"), "{}", undecided.out);
+    bench.palpate_ends(0, "fit a.csv --solver surrogate --out s.palpate");
+    let readings = "out_1,out_2,out_3\n".to_owned() + a.lines().nth(5).unwrap().splitn(4, ',').nth(3).unwrap();
+    let solved = bench.palpate_reads("solve --model s.palpate", &readings).out;
+    assert!(solved.starts_with("x_mm,y_mm,depth_mm,sd_x_mm,") && !solved.contains("_n"), "{solved}");
+    let refused = bench.palpate("export --model s.palpate --format c --out s.c");
+    assert!(refused.err.contains("for depths can't be exported as C"), "{}", refused.err);
+}
+
+#[test]
 fn wrong_constant_load_increases_errors() {
     let recipe = SMALL.replace("spacing_mm = 4.0", "spacing_mm = 1.0").replace("count = 2", "count = 20");
     let bench = TestFolder::with([("r.toml", recipe.as_str())]);

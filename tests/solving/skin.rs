@@ -56,7 +56,12 @@ fn errors(calibrated: &SkinSpec, tested: &SkinSpec) -> SkinErrors {
             .collect();
         let tests: Vec<_> = contacts
             .iter()
-            .map(|(place, force_n, outputs)| TestPress { place: *place, force_n: Some(*force_n), depth_mm: None, outputs })
+            .map(|(place, force_n, outputs)| TestPress {
+                place: *place,
+                force_n: Some(*force_n),
+                depth_mm: None,
+                outputs,
+            })
             .collect();
         let solver = fit("pearson", &Calibration::new(&points).unwrap(), &Setting::of_layout(Some(&layout))).unwrap();
         let evaluation = evaluate(&solver, &tests).unwrap();
