@@ -106,16 +106,17 @@ fn without_forces_in_the_calibration_only_the_location_is_evaluated() {
 
 #[test]
 fn a_calibration_by_depth_is_evaluated_solved_and_judged_in_millimetres() {
-    let rows = |from: usize, count: usize| -> String {
+    let rows = |count: usize, off_mm: f64| -> String {
         let row = |i: usize| {
-            let (x, y, depth_mm) = ((i % 6) as f64, (i / 6 % 6) as f64, 0.2 + 0.1 * (i * 5 % 9) as f64);
+            let (x, y) = ((i % 6) as f64 + off_mm, (i / 6 % 6) as f64);
+            let depth_mm = 0.2 + 0.1 * off_mm + 0.1 * (i * 5 % 9) as f64;
             let of_unit = |(a, b): (f64, f64)| depth_mm.powf(1.5) * (-0.05 * ((x - a).powi(2) + (y - b).powi(2))).exp();
             let [one, two, three] = [(0.0, 0.0), (5.0, 0.0), (2.0, 5.0)].map(of_unit);
             format!("{x},{y},{depth_mm},{one},{two},{three}\n")
         };
-        "x_mm,y_mm,depth_mm,out_1,out_2,out_3\n".to_owned() + &(from..from + count).map(row).collect::<String>()
+        "x_mm,y_mm,depth_mm,out_1,out_2,out_3\n".to_owned() + &(0..count).map(row).collect::<String>()
     };
-    let (a, b) = (rows(0, 72), rows(77, 30));
+    let (a, b) = (rows(72, 0.0), rows(30, 0.3));
     let rule = "depth_mean_mm = 0.1\ndepth_within = { mm = 0.1, share = 0.9 }\n";
     let force = "force_mean_n = 0.1\n";
     let bench = TestFolder::with([("a.csv", a.as_str()), ("b.csv", &b), ("depth.toml", rule), ("force.toml", force)]);
