@@ -7,7 +7,6 @@ use super::sources::read;
 use super::{Failure, Note};
 use palpate_data::acceptance::SensorVerdict;
 use palpate_report::report::certificate::{Certificate, parse};
-use palpate_solver::Evaluation;
 use std::path::{Path, PathBuf};
 
 /// Runs of a certificate, and where it is written.
@@ -59,11 +58,6 @@ pub fn certificate(options: &CertificateOptions, note: Note<'_>) -> Result<Certi
     let given = parse(&with.display().to_string(), &read(with)?).map_err(Failure::usage)?;
     let runs = options.runs.iter().map(|run| read_run(run, note)).collect::<Result<Vec<_>, Failure>>()?;
     let (subject, judged) = judged(runs, options.same_sensor, &options.accept, note)?;
-    let by_depth = |evaluation: &Evaluation| evaluation.presses.iter().any(|press| press.depth_solved_mm.is_some());
-    if judged.evaluations.iter().any(by_depth) {
-        let help = "press with a load cell: a certificate states errors of forces";
-        return Err(Failure::usage(miette::miette!(help = help, "these presses are known by depth, without forces")));
-    }
     let certificate = Certificate::of(&subject, &judged, &given).map_err(Failure::usage)?;
     // programs read this one first: the page has the same content
     write(&xml, &certificate.xml())?;

@@ -77,6 +77,16 @@ fn run_without_a_load_cell_has_no_certificate_and_its_page_says_so_first() {
 }
 
 #[test]
+fn guarded_rule_decides_nothing_without_a_load_cell() {
+    let rig = rig_without_load_cell();
+    let accept = "rule = \"guarded\"\nmethod = \"surrogate\"\nlocation_mean_mm = 9.0\ncalibration_presses_least = 1\ntest_presses_least = 1\n";
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str()), ("accept.toml", accept)]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out run");
+    let judged = bench.palpate_ends(1, "evaluate run --accept accept.toml");
+    assert!(judged.out.contains("a guarded rule needs a load cell"), "{} {}", judged.out, judged.err);
+}
+
+#[test]
 fn stiffness_is_required_with_how_to_find_it() {
     let rig = rig_without_load_cell().replace("stiffness_n_mm = 2.0", "");
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);

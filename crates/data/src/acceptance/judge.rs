@@ -49,6 +49,8 @@ pub struct Measured {
     pub doubtful: Option<String>,
     /// Whether a known weight for the load cell wasn't used after the run.
     pub cell_unchecked: bool,
+    /// Whether a run had no load cell.
+    pub without_load_cell: bool,
     /// Location errors, mm; `None` if there was no test.
     pub location: Option<TestErrors>,
     /// Absolute force errors, N; `None` if no true force is known.
@@ -199,6 +201,8 @@ fn reasons(rule: &AcceptanceRule, measured: &Measured) -> Vec<String> {
     let all = [
         measured.incomplete.clone(),
         measured.doubtful.clone(),
+        (measured.without_load_cell && rule.decision == Decision::Guarded)
+            .then(|| "a guarded rule needs a load cell, and the run had none".to_owned()),
         (measured.is_held_out && !rule.holdout).then(|| held_out.to_owned()),
         repeats,
         twice,

@@ -58,6 +58,7 @@ impl Evidence<'_> {
         let mut measured = trial.map(Trial::counted).unwrap_or_else(|| self.counted());
         measured.incomplete = self.incomplete();
         measured.doubtful = self.doubtful();
+        measured.without_load_cell = self.runs.iter().any(|run| run.manifest.facts.without_load_cell);
         measured.cell_unchecked = self.runs.iter().any(|run| run.manifest.cell_unchecked);
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();
@@ -67,8 +68,9 @@ impl Evidence<'_> {
             measured.force =
                 forces.filter(|forces| !forces.is_empty()).map(|sizes| TestErrors { sizes, u_truth: u_force_n });
             let depths: Option<Vec<f64>> = evaluation.presses.iter().map(|press| press.depth_error_mm).collect();
+            let u_depth_mm = trial.and_then(Trial::u_depth_mm);
             measured.depth =
-                depths.filter(|depths| !depths.is_empty()).map(|sizes| TestErrors { sizes, u_truth: None });
+                depths.filter(|depths| !depths.is_empty()).map(|sizes| TestErrors { sizes, u_truth: u_depth_mm });
             measured.test_unsolved = evaluation.unsolved.len();
         }
         measured

@@ -226,9 +226,17 @@ impl<'a> Trial<'a> {
     /// possible; `None` if it is unknown for any of them.
     pub fn u_force_n(&self) -> Option<f64> {
         let cell_u_n = |press: &Press| cell_u_n(self.test.cell(), press.force_n.unwrap_or_default());
-        let u_n = |press: &Press| press.u_force_n.map(|u_n| u_n.hypot(cell_u_n(press)));
-        let all: Option<Vec<f64>> = self.test.iter().map(u_n).collect();
-        let all = all.filter(|all| all.iter().all(|u_n| u_n.is_finite() && *u_n >= 0.0));
+        self.mean_u(|press| press.u_force_n.map(|u_n| u_n.hypot(cell_u_n(press))))
+    }
+
+    /// Returns the mean standard uncertainty of the test's depths, mm; `None` if it is unknown for any of them.
+    pub fn u_depth_mm(&self) -> Option<f64> {
+        self.mean_u(|press| press.u_depth_mm)
+    }
+
+    fn mean_u(&self, u: impl Fn(&Press) -> Option<f64>) -> Option<f64> {
+        let all: Option<Vec<f64>> = self.test.iter().map(u).collect();
+        let all = all.filter(|all| all.iter().all(|u| u.is_finite() && *u >= 0.0));
         ErrorSummary::of(&all?).map(|summary| summary.mean)
     }
 

@@ -18,6 +18,7 @@ use palpate_data::acceptance::{Decision, Judgement, LimitCheck};
 use palpate_data::dataset::{DatasetError, Imported, Status, journal_sha256};
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
+use palpate_solver::Evaluation;
 use results::{ResultTable, results};
 use thiserror::Error;
 
@@ -92,6 +93,13 @@ pub enum CertificateError {
         /// Name of the run.
         run: String,
     },
+    /// The presses are known by depth, without forces.
+    #[error("{run} has depths and no forces: a certificate states errors of forces")]
+    #[diagnostic(help("`palpate report` shows the errors of the depths"))]
+    ByDepth {
+        /// Name of the run.
+        run: String,
+    },
     /// The date of an imported measurement is unknown.
     #[error("{run} was imported, and its columns file doesn't state the day of the measurement")]
     #[diagnostic(help("add `measured = \"2026-05-04\"` to the columns file, and import the tables again"))]
@@ -132,6 +140,10 @@ impl<'a> Certificate<'a> {
         }
         if let Some(run) = subject.runs.iter().find(|run| run.manifest.facts.without_load_cell) {
             return Err(CertificateError::NoLoadCell { run: run.name() });
+        }
+        let by_depth = |evaluation: &Evaluation| evaluation.depth_error_mm.is_some();
+        if judged.evaluations.iter().any(by_depth) {
+            return Err(CertificateError::ByDepth { run: first() });
         }
         let results = results(subject, judged);
         if results.iter().all(|results| results.rows.is_empty()) {
