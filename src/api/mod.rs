@@ -17,6 +17,7 @@ pub(crate) mod fit;
 mod holdout;
 pub(crate) mod labels;
 pub(crate) mod method;
+pub(crate) mod protocols;
 pub(crate) mod provenance;
 pub(crate) mod recorded;
 mod removed;

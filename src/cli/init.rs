@@ -3,8 +3,10 @@
 use super::summary::print;
 use super::texts::TextKind;
 use crate::api::Failure;
+use crate::api::protocols::PROTOCOLS;
 use crate::api::shipped::{RECIPES, RIGS, Shipped};
 use clap::ValueEnum;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use miette::{IntoDiagnostic, WrapErr};
 use palpate_data::dataset::files;
 use std::fs;
@@ -16,7 +18,8 @@ Examples:
   palpate init my-sensor
   palpate init my-skin --from magnetic
   palpate init my-bench --from printer
-  palpate init my-data --from tables";
+  palpate init my-data --from tables
+  palpate init strip --from protocol:fkeel-interdigitation";
 
 /// Write a recipe and a rig to begin with, or a columns file, and their schemas for editors
 #[derive(Debug, clap::Args)]
@@ -27,8 +30,8 @@ pub(super) struct InitArgs {
     folder: PathBuf,
 
     /// Template: the sensor most similar to yours, tables, or the example of the book
-    #[arg(long, value_name = "START", default_value = "paper")]
-    from: Start,
+    #[arg(long, value_name = "START", default_value = "paper", value_parser = starts())]
+    from: String,
 }
 
 /// Starting point of a user.
@@ -46,6 +49,25 @@ enum Start {
     Tables,
     /// The example files that the book uses
     Example,
+}
+
+/// Returns the parser of `--from`: the templates, and the published protocols.
+fn starts() -> PossibleValuesParser {
+    let templates = Start::value_variants().iter().filter_map(Start::to_possible_value);
+    let protocols = PROTOCOLS
+        .iter()
+        .map(|protocol| PossibleValue::new(protocol.template).help("A published protocol (`palpate list protocols`)"));
+    PossibleValuesParser::new(templates.chain(protocols).collect::<Vec<_>>())
+}
+
+/// Returns the template of that name.
+fn template(name: &str) -> Option<Template> {
+    if let Some(protocol) = PROTOCOLS.iter().find(|protocol| protocol.template == name) {
+        let mut template = bench(protocol.recipe.to_owned(), protocol.rig, protocol.name, " --simulate");
+        template.next = template.next.replace("runs/liu-2018", "runs/paper"); // a run has the name of its recipe
+        return Some(template);
+    }
+    Start::from_str(name, false).ok().map(Start::template)
 }
 
 /// Files that are written, and advice on their use.
@@ -144,7 +166,10 @@ fn with_schemas<const N: usize>(texts: [(TextKind, &str); N]) -> Vec<(String, St
 
 /// Writes the files, none of which may exist, and prints what to do next.
 pub(super) fn init(args: &InitArgs) -> Result<ExitCode, Failure> {
-    let Template { files, next } = args.from.template();
+    let Template { files, next } = template(&args.from).ok_or_else(|| {
+        let help = "`palpate init --help` names the templates"; // the parser has refused other names
+        Failure::usage(miette::miette!(help = help, "there is no template {}", args.from))
+    })?;
     if let Some((file, _)) = files.iter().find(|(file, _)| args.folder.join(file).symlink_metadata().is_ok()) {
         let there = args.folder.join(file);
         let help = "name another folder: palpate init DIR";

@@ -3,6 +3,7 @@
 use super::output::OutputArgs;
 use super::summary::{beside, print};
 use crate::api::Failure;
+use crate::api::protocols::PROTOCOLS;
 use crate::api::shipped::{BATCHES, RECIPES, RIGS, Shipped, by_name};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -12,6 +13,7 @@ const EXAMPLES: &str = "\
 Examples:
   palpate list
   palpate list rigs/esp301 > my-rig.toml
+  palpate list protocols
   palpate check paper
   palpate run paper --rig bench-fast
 
@@ -22,7 +24,7 @@ the same recipe. If a file exists at that path, it is used instead.";
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct ListArgs {
-    /// The file to print: rigs/esp301, recipes/bench, batches/batch
+    /// The file to print: rigs/esp301, recipes/bench, batches/batch; or protocols
     #[arg(value_name = "FOLDER/NAME", conflicts_with = "json")]
     file: Option<PathBuf>,
     #[command(flatten)]
@@ -34,6 +36,10 @@ const FOLDERS: [(&str, &[Shipped]); 3] = [("recipes", RECIPES), ("rigs", RIGS), 
 
 /// Lists them, a paragraph each, or prints the text of one.
 pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
+    if args.file.as_deref() == Some(Path::new("protocols")) {
+        print(&protocols()?)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     if let Some(file) = &args.file {
         print(text_of(file)?)?;
         return Ok(ExitCode::SUCCESS);
@@ -48,6 +54,21 @@ pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
     let content = json!({ "recipes": objects(RECIPES), "rigs": objects(RIGS), "batches": objects(BATCHES) });
     args.output.print(&text, &content)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Returns the published protocols that run, with their sources.
+fn protocols() -> Result<String, Failure> {
+    let mut text = "protocols: palpate init --from protocol:NAME\n".to_owned();
+    for protocol in PROTOCOLS {
+        let source = protocol.source().map_err(Failure::usage)?;
+        let differs = match source.differs.as_slice() {
+            [] => "whole".to_owned(),
+            differs => format!("differs in {}", differs.join(", ")),
+        };
+        text += &beside(&format!("  {}", protocol.name), PROTOCOL_COLUMNS, &format!("{}; {differs}", source.source));
+    }
+    text += "\n`palpate reference protocols` lists what other published protocols lack.\n";
+    Ok(text)
 }
 
 fn text_of(file: &Path) -> Result<&'static str, Failure> {
@@ -76,6 +97,7 @@ fn listed(shipped: &[Shipped]) -> String {
 
 /// Column where the description of a file begins.
 const COLUMNS: usize = 16;
+const PROTOCOL_COLUMNS: usize = 25;
 
 impl Shipped {
     fn object(&self) -> Value {
@@ -102,7 +124,8 @@ mod tests {
     fn every_shipped_file_is_listed_with_its_description() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         for (folder, shipped) in FOLDERS {
-            let files = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap().file_name());
+            let entries = std::fs::read_dir(root.join(folder)).unwrap().map(|entry| entry.unwrap());
+            let files = entries.filter(|entry| entry.path().is_file()).map(|entry| entry.file_name());
             let files: BTreeSet<String> = files.map(|name| name.into_string().unwrap()).collect();
             assert_eq!(shipped.iter().map(|shipped| format!("{}.toml", shipped.name)).collect::<BTreeSet<_>>(), files);
             for shipped in shipped {

@@ -3,6 +3,7 @@
 use super::commands_page::commands_page;
 use super::summary::print;
 use crate::api::Failure;
+use crate::api::protocols::published;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 use palpate_control::SafetyRule;
@@ -115,17 +116,18 @@ pub(super) fn print_schema(args: &SchemaArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Subject of a reference page: a kind of text file, the safety rules, or the commands.
+/// Subject of a reference page: a kind of text file, the safety rules, the published protocols, or the commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ReferencePage {
     Keys(TextKind),
     SafetyRules,
+    Protocols,
     Commands,
 }
 
 impl ValueEnum for ReferencePage {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [ReferencePage; 10] = [
+        const ALL: [ReferencePage; 11] = [
             ReferencePage::Keys(TextKind::Recipe),
             ReferencePage::Keys(TextKind::Rig),
             ReferencePage::Keys(TextKind::Batch),
@@ -135,6 +137,7 @@ impl ValueEnum for ReferencePage {
             ReferencePage::Keys(TextKind::Columns),
             ReferencePage::Keys(TextKind::Certificate),
             ReferencePage::SafetyRules,
+            ReferencePage::Protocols,
             ReferencePage::Commands,
         ];
         &ALL
@@ -146,6 +149,9 @@ impl ValueEnum for ReferencePage {
             ReferencePage::SafetyRules => {
                 Some(PossibleValue::new("safety-rules").help("What ends a run, and what to check"))
             }
+            ReferencePage::Protocols => {
+                Some(PossibleValue::new("protocols").help("Which published protocols run, and what the others lack"))
+            }
             ReferencePage::Commands => Some(PossibleValue::new("commands").help("All commands and their options")),
         }
     }
@@ -156,6 +162,7 @@ impl ReferencePage {
         match self {
             ReferencePage::Keys(text) => text.page(),
             ReferencePage::SafetyRules => safety_rules(),
+            ReferencePage::Protocols => protocols_page(),
             ReferencePage::Commands => commands_page(),
         }
     }
@@ -184,6 +191,12 @@ fn safety_rules() -> String {
     let row = |rule: &SafetyRule| format!("| `{}` | {} | {} |\n", rule.name(), rule.meaning(), rule.check());
     let rows: String = SafetyRule::ALL.iter().map(row).collect();
     format!("{}| rule | meaning | first check |\n|---|---|---|\n{rows}", include_str!("texts/safety-rules.md"))
+}
+
+/// Returns a page with the published protocols, and what they lack.
+fn protocols_page() -> String {
+    let head = "| number | protocol | runs | lacks |\n|---|---|---|---|\n";
+    format!("{}{head}{}", include_str!("texts/protocols.md"), published())
 }
 
 #[cfg(test)]

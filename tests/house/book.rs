@@ -206,13 +206,14 @@ fn pages() -> Vec<String> {
 }
 
 /// The pages under docs/reference that the program makes.
-const MADE: [&str; 10] = [
+const MADE: [&str; 11] = [
     "acceptance",
     "batch",
     "certificate",
     "columns",
     "commands",
     "line-profile",
+    "protocols",
     "recipe",
     "register-map",
     "rig",

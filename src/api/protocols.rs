@@ -1,0 +1,133 @@
+//! Published calibration protocols: those that come with the program, and what the others lack.
+
+use palpate_document::{Problems, keys};
+
+/// A published protocol that this program executes.
+#[derive(Debug)]
+pub(crate) struct Protocol {
+    /// Its name: the folder in `recipes/protocols`.
+    pub name: &'static str,
+    /// Its name as a template of `palpate init`.
+    pub template: &'static str,
+    /// Text of its recipe.
+    pub recipe: &'static str,
+    /// Text of a rig of its kind, with a scene for a simulated run.
+    pub rig: &'static str,
+    source: &'static str,
+}
+
+/// What the source of a protocol does, and what this program does.
+#[derive(Debug)]
+pub(crate) struct Source {
+    /// Paper or repository.
+    pub source: String,
+    /// Parts in which this program doesn't do the same; empty for a protocol that runs whole.
+    pub differs: Vec<&'static str>,
+}
+
+macro_rules! protocol {
+    ($name:literal, $recipe:literal, $rig:literal) => {
+        Protocol {
+            name: $name,
+            template: concat!("protocol:", $name),
+            recipe: include_str!(concat!("../../", $recipe)),
+            rig: include_str!(concat!("../../", $rig)),
+            source: include_str!(concat!("../../recipes/protocols/", $name, "/source.toml")),
+        }
+    };
+}
+
+/// All protocols.
+pub(crate) const PROTOCOLS: &[Protocol] = &[
+    protocol!("liu-2018", "recipes/paper.toml", "rigs/sim.toml"),
+    protocol!("tue-matrix", "recipes/protocols/tue-matrix/recipe.toml", "rigs/matrix.toml"),
+    protocol!(
+        "shaevitz-barometers",
+        "recipes/protocols/shaevitz-barometers/recipe.toml",
+        "recipes/protocols/shaevitz-barometers/rig.toml"
+    ),
+    protocol!(
+        "fkeel-interdigitation",
+        "recipes/protocols/fkeel-interdigitation/recipe.toml",
+        "recipes/protocols/fkeel-interdigitation/rig.toml"
+    ),
+];
+
+/// Protocols that were read as files: number, name, folder of the library if it runs whole, and what it lacks.
+const PUBLISHED: &str = include_str!("protocols.csv");
+
+keys! {
+    /// `source.toml` of a protocol.
+    source_file {
+        source: Text, Refused, "paper or repository", "\"Sensors 2018, 18, 351\"";
+        places: Table(&part::KEYS), Refused, "where it presses";
+        quantity: Table(&part::KEYS), Refused, "what it presses to: force or depth";
+        repeats: Table(&part::KEYS), Refused, "how often it presses";
+        channels: Table(&part::KEYS), Refused, "which outputs it reads";
+        record: Table(&part::KEYS), Refused, "what it keeps of a press";
+    }
+}
+
+keys! {
+    /// One part of a protocol.
+    part {
+        source: Text, Refused, "what the source does", "\"625 places\"";
+        here: Text, Refused, "what this program does", "\"the same\"";
+        same: Flag, Refused, "whether both are the same", "true";
+    }
+}
+
+impl Protocol {
+    /// Reads its `source.toml`.
+    ///
+    /// # Errors
+    /// The text isn't sound; a test shows that the shipped ones are.
+    pub(crate) fn source(&self) -> Result<Source, Problems> {
+        let parts = [
+            source_file::places,
+            source_file::quantity,
+            source_file::repeats,
+            source_file::channels,
+            source_file::record,
+        ];
+        palpate_document::read("source.toml", self.source, &source_file::KEYS, |table| {
+            let source = table.text(&source_file::source)?.to_owned();
+            let mut differs = Vec::new();
+            for key in parts {
+                let table = table.table(&key)?;
+                let (_, _) = (table.text(&part::source)?, table.text(&part::here)?);
+                if !table.flag(&part::same)? {
+                    differs.push(key.name);
+                }
+            }
+            Some(Source { source, differs })
+        })
+    }
+}
+
+/// Returns the published protocols as the rows of a table in Markdown.
+pub(crate) fn published() -> String {
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(PUBLISHED.as_bytes());
+    let row = |row: csv::StringRecord| {
+        let [number, name, library, lacks] = [0, 1, 2, 3].map(|cell| row.get(cell).unwrap_or_default());
+        let runs = if library.is_empty() { "no".to_owned() } else { format!("whole: `protocol:{library}`") };
+        format!("| {number} | {name} | {runs} | {lacks} |\n")
+    };
+    reader.records().filter_map(Result::ok).map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_that_run_whole_are_those_of_the_library() {
+        let page = published();
+        assert_eq!(page.lines().count(), 41);
+        for protocol in PROTOCOLS {
+            let source = protocol.source().map_err(|problems| problems.lines()).unwrap();
+            assert_eq!(page.contains(&format!("`protocol:{}` |  |", protocol.name)), source.differs.is_empty());
+        }
+        assert_eq!(page.matches("whole: ").count(), PROTOCOLS.len());
+    }
+}
