@@ -156,6 +156,18 @@ class Contact:
     def half95_relative_force(self) -> float:
         """Half-width that contains 95 % of the errors of the relative force."""
     @property
+    def depth_mm(self) -> float:
+        """Depth of the contact, mm; NaN unless the calibration is by depth."""
+    @property
+    def sd_depth_mm(self) -> float:
+        """Standard deviation of the depth, mm."""
+    @property
+    def half68_depth_mm(self) -> float:
+        """Half-width that contains 68 % of the depth errors, mm."""
+    @property
+    def half95_depth_mm(self) -> float:
+        """Half-width that contains 95 % of the depth errors, mm."""
+    @property
     def is_calibrated_load(self) -> bool:
         """Whether the answer assumes the load of the calibration, which the reading has; only if a second method is fitted for it."""
     @property
@@ -213,6 +225,9 @@ class Model:
     @property
     def force_n(self) -> tuple[float, float] | None:
         """Smallest and largest force of the calibration, N; None if forces are relative."""
+    @property
+    def depth_mm(self) -> tuple[float, float] | None:
+        """Smallest and largest depth of the calibration, mm; None unless presses are known by depth."""
 
 @final
 class Session:
@@ -305,13 +320,15 @@ def fit(
     false_alarms: float | None = None,
     forces_n: tuple[float, float] | None = None,
     columns: str | None = None,
+    quantity: Literal["force", "depth"] | None = None,
 ) -> Model:
     """Fits a method to a run or a table of presses, like `palpate fit`.
 
     `solver` is the name of a method; `best` selects by cross-validation. `constant_load`: every contact has the force of the
     calibration. `common_offset`: solve also for an offset that all outputs share. `false_alarms`: accepted share of single
     contacts with a wrong verdict (0.01). `forces_n`: the expected forces (least, most), N, if the calibration has one force.
-    `columns`: what the columns of a table contain. Forces are those of the load cell.
+    `columns`: what the columns of a table contain. `quantity`: what is solved besides the place; without it the force, or the depth
+    if only depths are known. Forces are those of the load cell.
     """
 
 def run(
@@ -368,6 +385,7 @@ def evaluate(
     save: _Path | None = None,
     columns: str | None = None,
     accept: _Path | None = None,
+    quantity: Literal["force", "depth"] | None = None,
 ) -> Evaluation:
     """Solves the test presses of a run, of two tables, or held out of one, and judges them, like `palpate evaluate`.
 

@@ -1,7 +1,7 @@
 //! Solved contacts: one, or a batch as a frame.
 
 use super::frame::{ColumnValues, PyColumn, PyFrame};
-use palpate::api::{NUMBERS, UNSOLVED, numbers};
+use palpate::api::{Measure, NUMBERS, UNSOLVED, numbers};
 use palpate_solver::{ContactVerdict, Solution, Unanswered};
 use pyo3::prelude::*;
 use std::collections::HashMap;
@@ -24,6 +24,10 @@ const ABOUT: [(&str, &str); NUMBERS.len()] = [
     ("", "Force relative to the typical press of a calibration without forces."),
     ("", "Half-width that contains 68 % of the errors of the relative force."),
     ("", "Half-width that contains 95 % of the errors of the relative force."),
+    ("mm", "Depth of the contact, of a calibration by depth."),
+    ("mm", "Standard deviation of the depth."),
+    ("mm", "Half-width that contains 68 % of the depth errors."),
+    ("mm", "Half-width that contains 95 % of the depth errors."),
 ];
 
 /// The contact behind one reading. An unknown number is NaN.
@@ -61,6 +65,14 @@ pub struct PyContact {
     half68_relative_force: f64,
     /// Half-width that contains 95 % of the errors of the relative force.
     half95_relative_force: f64,
+    /// Depth of the contact, mm; NaN unless the calibration is by depth.
+    depth_mm: f64,
+    /// Standard deviation of the depth, mm.
+    sd_depth_mm: f64,
+    /// Half-width that contains 68 % of the depth errors, mm.
+    half68_depth_mm: f64,
+    /// Half-width that contains 95 % of the depth errors, mm.
+    half95_depth_mm: f64,
     /// Whether the answer assumes the load of the calibration, which the reading has; only if a second method is fitted for it.
     is_calibrated_load: bool,
     /// `ok`, `weak-signal`, `outside-area`, `not-one-contact`, `channel-fault`, or `unsolved`.
@@ -73,10 +85,11 @@ pub struct PyContact {
 
 impl PyContact {
     /// Takes the answer to a reading.
-    pub fn of(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> PyContact {
-        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved, forces_are_known);
+    pub fn of(solved: &Result<Solution, Unanswered>, measure: Measure) -> PyContact {
+        let [x_mm, y_mm, force_n, sd_x_mm, sd_y_mm, sd_force_n, rest @ ..] = shown(solved, measure);
         let [half68_mm, half95_mm, half68_n, half95_n, other_x_mm, other_y_mm, misfit, relative @ ..] = rest;
-        let [relative_force, half68_relative_force, half95_relative_force] = relative;
+        let [relative_force, half68_relative_force, half95_relative_force, depth @ ..] = relative;
+        let [depth_mm, sd_depth_mm, half68_depth_mm, half95_depth_mm] = depth;
         PyContact {
             x_mm,
             y_mm,
@@ -94,6 +107,10 @@ impl PyContact {
             relative_force,
             half68_relative_force,
             half95_relative_force,
+            depth_mm,
+            sd_depth_mm,
+            half68_depth_mm,
+            half95_depth_mm,
             is_calibrated_load: solved.as_ref().is_ok_and(|solution| solution.is_calibrated_load),
             verdict: verdict(solved),
             unit: unit(solved),
@@ -105,10 +122,11 @@ impl PyContact {
 #[pymethods]
 impl PyContact {
     fn __repr__(&self) -> String {
-        let PyContact { x_mm, y_mm, force_n, relative_force, verdict, .. } = self;
-        let force = match relative_force.is_nan() {
-            true => format!("{force_n:.3} N"),
-            false => format!("relative force {relative_force:.3}"),
+        let PyContact { x_mm, y_mm, force_n, relative_force, depth_mm, verdict, .. } = self;
+        let force = match () {
+            () if !depth_mm.is_nan() => format!("depth {depth_mm:.3} mm"),
+            () if !relative_force.is_nan() => format!("relative force {relative_force:.3}"),
+            () => format!("{force_n:.3} N"),
         };
         format!("<palpate.Contact x {x_mm:.3} mm, y {y_mm:.3} mm, {force}, {verdict}>")
     }
@@ -153,8 +171,8 @@ impl PyContacts {
     }
 
     /// Adds the answer to the next reading.
-    pub fn add(&mut self, solved: &Result<Solution, Unanswered>, forces_are_known: bool) {
-        self.numbers.iter_mut().zip(shown(solved, forces_are_known)).for_each(|(column, number)| column.push(number));
+    pub fn add(&mut self, solved: &Result<Solution, Unanswered>, measure: Measure) {
+        self.numbers.iter_mut().zip(shown(solved, measure)).for_each(|(column, number)| column.push(number));
         let (verdict, unit) = match solved.as_ref().map(|solution| solution.verdict) {
             Ok(ContactVerdict::Ok) => (0, 0),
             Ok(ContactVerdict::WeakSignal) => (1, 0),
@@ -181,11 +199,14 @@ impl PyContacts {
     }
 
     /// Returns a frame with the columns of `palpate solve`. `has_two_methods` states whether a second method answers readings with the
-    /// load of the calibration.
-    pub fn frame(self, has_two_methods: bool) -> PyFrame {
+    /// load of the calibration. Without depths the frame has all columns of forces, and none of depths.
+    pub fn frame(self, has_two_methods: bool, measure: Measure) -> PyFrame {
         let rows = self.verdicts.len();
         let numbers = NUMBERS.into_iter().zip(ABOUT).zip(self.numbers);
+        let is_column =
+            |name: &str| if measure == Measure::Depth { measure.has(name) } else { !name.contains("depth") };
         let mut columns: Vec<PyColumn> = numbers
+            .filter(|((name, _), _)| is_column(name))
             .map(|((name, (unit, about)), values)| PyColumn::new(name, unit, about, ColumnValues::F64(values.into())))
             .collect();
         if has_two_methods {
@@ -207,8 +228,8 @@ impl PyContacts {
     }
 }
 
-fn shown(solved: &Result<Solution, Unanswered>, forces_are_known: bool) -> [f64; NUMBERS.len()] {
-    solved.as_ref().map_or([f64::NAN; NUMBERS.len()], |solution| numbers(solution, forces_are_known))
+fn shown(solved: &Result<Solution, Unanswered>, measure: Measure) -> [f64; NUMBERS.len()] {
+    solved.as_ref().map_or([f64::NAN; NUMBERS.len()], |solution| numbers(solution, measure))
 }
 
 fn verdict(solved: &Result<Solution, Unanswered>) -> &'static str {

@@ -4,7 +4,7 @@ use super::contact::{PyContact, PyContacts};
 use super::given::{RunPath, noted};
 use super::readings::PyReadings;
 use super::refused::{raised, warn};
-use palpate::api::{self, ColumnsOptions, MethodOptions, Sensor};
+use palpate::api::{self, ColumnsOptions, Measure, MethodOptions, Sensor};
 use palpate_core::parallel::lock;
 use palpate_data::dataset::Fingerprint;
 use palpate_solver::{self as solver, Solver as _};
@@ -40,10 +40,13 @@ pub struct PySession {
 /// share. `false_alarms`: accepted share of single contacts with a wrong verdict (0.01). `forces_n`: the expected forces
 /// (least, most), N, if the calibration has one force. `columns`: what the columns of a table contain.
 ///
+/// `quantity`: what is solved besides the place, `force` or `depth`; without it the force, or the depth if only depths are known.
+///
 /// Forces are those of the load cell. Raises `UsageError` for bad input. Other threads continue meanwhile.
 #[pyfunction]
 #[pyo3(signature = (
-    run, solver="best", *, constant_load=false, common_offset=false, false_alarms=None, forces_n=None, columns=None
+    run, solver="best", *, constant_load=false, common_offset=false, false_alarms=None, forces_n=None, columns=None,
+    quantity=None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub fn fit(
@@ -55,6 +58,7 @@ pub fn fit(
     false_alarms: Option<f64>,
     forces_n: Option<(f64, f64)>,
     columns: Option<String>,
+    quantity: Option<&str>,
 ) -> PyResult<PyModel> {
     let run = RunPath::of(run)?;
     let columns = columns.or_else(|| run.columns().map(str::to_owned));
@@ -62,6 +66,7 @@ pub fn fit(
     let options = MethodOptions {
         solver: solver.to_owned(),
         constant_load,
+        quantity: quantity.map(|word| api::choice("--quantity", word)).transpose().map_err(raised)?,
         common_offset,
         false_alarms: false_alarms.unwrap_or(default.false_alarms),
         forces_n: forces_n.into_iter().flat_map(|(least, most)| [least, most]).collect(),
@@ -155,6 +160,12 @@ impl PyModel {
         self.model.validity().y_mm.into()
     }
 
+    /// Smallest and largest depth of the calibration, mm; None unless presses are known by depth.
+    #[getter]
+    fn depth_mm(&self) -> Option<(f64, f64)> {
+        self.model.validity().depth_mm.map(Into::into)
+    }
+
     /// Smallest and largest force of the calibration, N; None if forces are relative.
     #[getter]
     fn force_n(&self) -> Option<(f64, f64)> {
@@ -207,24 +218,25 @@ fn solved<'py>(
             py.detach(|| {
                 session(&mut |session| {
                     let solved = session.solve(numbers);
-                    contact = Some(PyContact::of(&solved, session.model().forces_are_known()));
+                    contact = Some(PyContact::of(&solved, Measure::of(session.model())));
                 });
             });
             Ok(contact.into_pyobject(py)?.into_any())
         }
         Some(rows) => {
-            let (mut contacts, mut has_two_methods) = (PyContacts::new(rows), false);
+            let (mut contacts, mut has_two_methods, mut measure) = (PyContacts::new(rows), false, Measure::Force);
             py.detach(|| {
                 // a reading without outputs is refused above: no array has none
                 session(&mut |session| {
+                    measure = Measure::of(session.model());
                     has_two_methods = session.model().fitted().at_calibrated_load().is_some();
                     for reading in numbers.chunks_exact(units) {
                         let solved = session.solve(reading);
-                        contacts.add(&solved, session.model().forces_are_known());
+                        contacts.add(&solved, measure);
                     }
                 });
             });
-            Ok(contacts.frame(has_two_methods).into_pyobject(py)?.into_any())
+            Ok(contacts.frame(has_two_methods, measure).into_pyobject(py)?.into_any())
         }
     }
 }

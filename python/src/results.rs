@@ -72,11 +72,13 @@ impl PyEvaluation {
 /// calibration. `holdout` holds out presses as the test: places, press or time, and their share, such as ("places", 0.2). `seed`
 /// selects them, `same_place` (mm) is the largest distance of presses at one place, and `save` is a folder for both parts. `columns`:
 /// what the columns of a table contain. `accept` is a file with the acceptance rule that replaces the recipe's.
+/// `quantity`: what is solved besides the place, `force` or `depth`; without it the force, or the depth if only depths are known.
 ///
 /// Raises `UsageError` for bad input. Other threads continue meanwhile.
 #[pyfunction]
 #[pyo3(signature = (
-    run, test=None, solver="best", *, constant_load=false, holdout=None, seed=1, same_place=None, save=None, columns=None, accept=None
+    run, test=None, solver="best", *, constant_load=false, holdout=None, seed=1, same_place=None, save=None, columns=None, accept=None,
+    quantity=None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
 pub fn evaluate(
@@ -91,6 +93,7 @@ pub fn evaluate(
     save: Option<PathBuf>,
     columns: Option<String>,
     accept: Option<PathBuf>,
+    quantity: Option<&str>,
 ) -> PyResult<PyEvaluation> {
     let run = RunPath::of(run)?;
     let default = HoldoutOptions::default();
@@ -98,6 +101,7 @@ pub fn evaluate(
         run: [run.path().to_owned()].into_iter().chain(test).collect(),
         solver: solver.to_owned(),
         constant_load,
+        quantity: quantity.map(|word| api::choice("--quantity", word)).transpose().map_err(raised)?,
         holdout: HoldoutOptions {
             holdout: holdout.into_iter().flat_map(|(by, share)| [by, share.to_string()]).collect(),
             seed,
