@@ -73,13 +73,17 @@ impl Presses {
     /// Returns the presses as the text of a table with what an evaluation uses. Every number is read back to the last bit.
     pub fn to_csv(&self) -> String {
         let has_forces = self.presses.iter().all(|press| press.force_n.is_some());
+        let has_depths = self.presses.iter().all(|press| press.depth_mm.is_some());
         let is_flagged = self.presses.iter().any(Press::is_flagged);
+        let depth = if has_depths { ",depth_mm" } else { "" };
         let outputs: String = (1..=self.channels).map(|channel| format!(",{}", output_name(channel))).collect();
         let (force, flags) = (if has_forces { ",force_n" } else { "" }, if is_flagged { ",flags" } else { "" });
-        let mut text = format!("x_mm,y_mm{force}{outputs}{flags}\n");
+        let mut text = format!("x_mm,y_mm{force}{depth}{outputs}{flags}\n");
         for press in &self.presses {
             let force_n = press.force_n.filter(|_| has_forces);
-            let numbers = [press.x_mm, press.y_mm].into_iter().chain(force_n).chain(press.outputs.iter().copied());
+            let depth_mm = press.depth_mm.filter(|_| has_depths);
+            let known = [press.x_mm, press.y_mm].into_iter().chain(force_n).chain(depth_mm);
+            let numbers = known.chain(press.outputs.iter().copied());
             text += &numbers.map(|number| number.to_string()).collect::<Vec<_>>().join(",");
             text += if is_flagged { "," } else { "" };
             text += press.flags.first().map_or("", |flag| flag.name());

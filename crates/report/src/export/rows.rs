@@ -119,7 +119,7 @@ pub(crate) fn errors(evaluation: &Evaluation) -> ExportTable {
     let presses = &evaluation.presses;
     let numbers = |of: fn(&palpate_solver::PressError) -> f64| Values::F64(presses.iter().map(of).collect());
     let method = Values::Text(vec![Some(Cow::Owned(evaluation.solver.clone())); presses.len()]);
-    let columns = vec![
+    let mut columns = vec![
         TableColumn::new("method", "Method that found place and force.", method),
         TableColumn::new("x_mm", "True x, specimen frame, mm.", numbers(|press| press.place_true.x_mm)),
         TableColumn::new("y_mm", "True y, specimen frame, mm.", numbers(|press| press.place_true.y_mm)),
@@ -130,13 +130,32 @@ pub(crate) fn errors(evaluation: &Evaluation) -> ExportTable {
             "Distance between true and solved place, mm.",
             numbers(|press| press.location_error_mm),
         ),
-        TableColumn::new("force_solved_n", "Solved force, N.", numbers(|press| press.force_solved_n)),
+        TableColumn::new(
+            "force_solved_n",
+            "Solved force, N.",
+            numbers(|press| if press.depth_solved_mm.is_some() { f64::NAN } else { press.force_solved_n }),
+        ),
         TableColumn::new(
             "force_error_n",
             "Absolute difference from the true force, N.",
             numbers(|press| press.force_error_n.unwrap_or(f64::NAN)),
         ),
     ];
+    let depths = [
+        TableColumn::new(
+            "depth_solved_mm",
+            "Solved depth, mm.",
+            numbers(|press| press.depth_solved_mm.unwrap_or(f64::NAN)),
+        ),
+        TableColumn::new(
+            "depth_error_mm",
+            "Absolute difference from the true depth, mm.",
+            numbers(|press| press.depth_error_mm.unwrap_or(f64::NAN)),
+        ),
+    ];
+    if presses.iter().any(|press| press.depth_solved_mm.is_some()) {
+        columns.extend(depths);
+    }
     ExportTable { name: "errors", rows: presses.len(), columns }
 }
 
