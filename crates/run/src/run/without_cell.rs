@@ -264,10 +264,17 @@ impl DepthRunner<'_> {
         }
     }
 
-    /// Moves to a place in the clear.
+    /// Moves to a place, after z has cleared the highest possible surface here and there.
     pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
         let [here, there] = [self.rig_control.place, place].map(|place| self.map.expect(place).first_mm);
-        self.rig_control.travel_unforced(place, &self.permit, here.min(there)).await
+        let first_mm = here.min(there);
+        let clear_mm = first_mm - TRAVEL_CLEARANCE_MM;
+        if self.rig_control.z_mm > clear_mm {
+            let speed_mm_s = self.rig_control.usage.speed_mm_s;
+            let away = self.permit.retract(self.rig_control.z_mm, clear_mm, speed_mm_s)?;
+            self.rig_control.move_z_unforced(away).await?;
+        }
+        self.rig_control.travel_unforced(place, &self.permit, first_mm).await
     }
 
     async fn pause_if_asked(&mut self) -> Result<(), Halt> {
