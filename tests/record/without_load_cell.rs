@@ -41,6 +41,10 @@ fn touch_is_confirmed_for_a_sensor_in_a_mounting() {
     assert!(bench.palpate_ends(2, begun).err.contains("--mounting NAME"));
     bench.palpate_ends(0, &format!("{begun} --sensor A1 --mounting 1"));
     assert!(bench.read("run/journal.log").contains(r#""by":"person""#));
+    cut_to_lines(&bench, "run", 12);
+    let refused = bench.palpate_ends(2, "resume run").err;
+    assert!(refused.contains("nothing was moved"), "{refused}");
+    bench.palpate_ends(0, "resume run --confirmed touch");
 }
 
 #[test]

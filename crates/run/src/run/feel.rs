@@ -4,7 +4,7 @@ use super::Halt;
 use super::press::TRAVEL_CLEARANCE_MM;
 use super::without_cell::DepthRunner;
 use palpate_control::{Expected, SafetyRule, Trip, depth_without_force_mm};
-use palpate_core::quantity::Place;
+use palpate_core::quantity::{Axis, Place};
 
 /// Step above the earliest surface by the frame, as a part of the depth that the force limit allows. If the frame is wrong, one step
 /// reaches this part of the force limit.
@@ -31,8 +31,7 @@ impl DepthRunner<'_> {
         self.go_to(place).await?;
         let Expected { first_mm, last_mm, .. } = self.map.expect(place);
         let room_mm = depth_without_force_mm(&self.spec.limits);
-        let fine_mm =
-            (FINE_SHARE * room_mm).min(FINE_MOST_MM).max(self.spec.stage.steps.along(palpate_core::quantity::Axis::Z));
+        let fine_mm = (FINE_SHARE * room_mm).min(FINE_MOST_MM).max(self.spec.stage.steps.along(Axis::Z));
         let no_load = self.rig_control.outputs_at_rest().await?;
         let (most, mut free_mm) = (no_load.noise_most(), self.rig_control.z_mm);
         let mut rise: Vec<(f64, f64)> = Vec::new();

@@ -1,5 +1,5 @@
 //! Execution of a plan on a rig without a load cell: presses by depth below a surface that the array felt, or that a person touched and
-//! confirmed. `docs/decisions` states what replaces the rules that need a force.
+//! confirmed. `docs/decisions/control/without-a-load-cell.md` states what replaces the rules that need a force.
 
 use super::clock::RunClock;
 use super::execute::{Ending, RunJob, note_trip};
@@ -17,7 +17,7 @@ use palpate_data::dataset::{
     Flag, Ledger, Left, NoLoad, Peaks, Press, PressTruth, Record, RecordedContact, RecordedSurface, SurfaceFinder,
 };
 use palpate_data::recipe::{Entry, Plan};
-use palpate_link::device::Stage as _;
+use palpate_link::device::{Identity, Stage as _};
 use palpate_link::time::Instant;
 
 /// Assumed time of an exchange with the stage, s. No motion is ended by it: each end point is safe by itself.
@@ -32,6 +32,10 @@ const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
 /// Largest part of the outputs of a press that may remain after the retraction: more shows that the contact continues.
 const REMAINING_SHARE: f64 = 0.25;
 
+/// Reason why a run doesn't continue.
+const CONFIRM_AGAIN: &str = "a person confirmed the surface when this run began: nothing was moved. Check that the sensor is still where it \
+                             was, then add --confirmed touch";
+
 /// Executes the plan. The stage is always parked at the end of z's travel.
 pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener) -> Ending {
     let RunJob { plan, spec, ledger, cancel, shown } = job;
@@ -39,6 +43,9 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         Ok(past) => past,
         Err(error) => return Ending::halted(error),
     };
+    if !spec.is_touched && past.surfaces.iter().any(|surface| surface.by == SurfaceFinder::Person) {
+        return Ending::halted(Halt::Unconfirmed(CONFIRM_AGAIN.to_owned()));
+    }
     let clock = RunClock::going_on_from(past.elapsed_s);
     let (rig_control, devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
         Ok(ready) => ready,
@@ -93,7 +100,7 @@ pub(super) struct DepthRunner<'a> {
 }
 
 impl DepthRunner<'_> {
-    async fn begin(&mut self, past: &Past, devices: Vec<palpate_link::device::Identity>) -> Result<(), Halt> {
+    async fn begin(&mut self, past: &Past, devices: Vec<Identity>) -> Result<(), Halt> {
         self.cancel.prepared();
         self.listener.ready(&devices);
         past.check_devices(&devices)?;
