@@ -64,10 +64,12 @@ impl ErrorNumber {
     }
 }
 
-/// Returns the numbers that at least one of these evaluations has.
+/// Returns the numbers that at least one of these evaluations has. Those of every table are there without a value too, unless depths
+/// are solved: then no force is known.
 pub fn known(evaluations: &[&Evaluation], most: Detail) -> impl Iterator<Item = &'static ErrorNumber> {
     let is_known = |number: &ErrorNumber| evaluations.iter().any(|evaluation| number.value(evaluation).is_some());
-    let is_shown = move |number: &&ErrorNumber| number.detail < Detail::All || is_known(number);
+    let by_depth = evaluations.iter().any(|evaluation| evaluation.depth_error_mm.is_some());
+    let is_shown = move |number: &&ErrorNumber| (number.detail < Detail::All && !by_depth) || is_known(number);
     NUMBERS.iter().filter(move |number| number.detail <= most).filter(is_shown)
 }
 
