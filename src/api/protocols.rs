@@ -78,6 +78,11 @@ keys! {
 }
 
 impl Protocol {
+    /// Whether its rig has a load cell.
+    pub(crate) fn has_load_cell(&self) -> bool {
+        !self.rig.contains("load_cell = \"none\"")
+    }
+
     /// Reads its `source.toml`.
     ///
     /// # Errors

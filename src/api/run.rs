@@ -143,7 +143,8 @@ pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<Opene
         let help = "a touch is confirmed for one sensor in one mounting: add --sensor ID and --mounting NAME";
         return Err(Failure::usage(miette::miette!(help = help, "--confirmed touch needs --sensor and --mounting")));
     }
-    let Sources { recipe, rig, chosen, origins } = Sources::read(&options.recipe, &options.rig)?;
+    let Sources { recipe, mut rig, chosen, origins } = Sources::read(&options.recipe, &options.rig)?;
+    rig.is_touched = options.manner.confirm.is_touched();
     let plan = Plan::new(&recipe, &rig.ground(), options.rig.seed).map_err(Failure::usage)?;
     options.manner.check(&rig)?;
     agree(&chosen, &rig)?;
@@ -181,6 +182,7 @@ pub(crate) fn resume_with(options: &ResumeOptions, agree: Agree<'_>, note: Note<
     let changes = changes(&rig_path, &texts, &rig_text)?;
     let mut sources = Sources::of_run(run, &texts, &rig, ChosenRig::of_run(rig_path, rig_text.clone()), note)?;
     sources.rig.scene.specimen = facts.specimen;
+    sources.rig.is_touched = options.manner.confirm.is_touched();
     let plan = sources.plan(facts.seed)?;
     options.manner.check(&sources.rig)?;
     let mut folder = RunFolder::open(run, &sources.rig.array.layout).map_err(Failure::dataset)?;

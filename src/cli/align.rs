@@ -46,6 +46,13 @@ const LEAST_MM: f64 = 1e-4;
 pub(super) fn align_rig(args: &AlignArgs) -> Result<ExitCode, Failure> {
     let (text, spec, invented) = args.rig.read()?;
     let (file, seed) = (&args.rig.rig, args.rig.seed);
+    if !spec.has_load_cell() {
+        let help = "lower z in steps until the tip touches, and state its position in `frame.surface_mm`";
+        return Err(Failure::usage(miette::miette!(
+            help = help,
+            "`align` presses by force, and this rig has no load cell"
+        )));
+    }
     let plan = align_plan(&spec, seed).map_err(Failure::usage)?;
     let cancel = heed(First::Stop, Some("stopping: the stage is stopped and parked"))?;
     let mut progress = Progress::new(&plan, 0, false, cancel.clone());

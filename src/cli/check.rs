@@ -8,7 +8,7 @@ use crate::api::Failure;
 use crate::api::sources::{RigOptions, Sources};
 use palpate_control::{LEARNED, depth_without_force_mm, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
-use palpate_data::acceptance::{LimitCheck, SensorVerdict};
+use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
 use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
@@ -46,12 +46,18 @@ pub(super) struct CheckArgs {
 
 /// Checks and prints the plan.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
-    check_recipe(&args.recipe, &args.rig, args.output)
+    check_recipe(&args.recipe, &args.rig, false, args.output)
 }
 
-/// The same for `palpate run --dry-run`.
-pub(super) fn check_recipe(recipe: &Path, rig: &RigOptions, output: OutputArgs) -> Result<ExitCode, Failure> {
-    let sources = Sources::read(recipe, rig)?;
+/// The same for `palpate run --dry-run`. `is_touched` states whether a person confirms the surface.
+pub(super) fn check_recipe(
+    recipe: &Path,
+    rig: &RigOptions,
+    is_touched: bool,
+    output: OutputArgs,
+) -> Result<ExitCode, Failure> {
+    let mut sources = Sources::read(recipe, rig)?;
+    sources.rig.is_touched = is_touched;
     let plan = sources.plan(rig.seed)?;
     let warnings = warnings(&sources.recipe, &plan, &sources.rig);
     let notes = notes(&sources.recipe, &plan, &sources.rig);
@@ -113,6 +119,9 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     warnings
 }
 
+/// Ratio of depths from which a calibration shows how outputs grow with the depth.
+const SEVERAL_DEPTHS: f64 = 1.5;
+
 /// Returns notes about results that the plan can't give.
 fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     let of = |phase: Phase| plan.entries.iter().filter(move |entry| entry.phase == phase);
@@ -134,6 +143,20 @@ fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
         u_force_n: rig.load_cell.standard_uncertainty_n(test_n),
     };
     let has_test = test_n > 0.0;
+    let depths = of(Phase::Calibration).map(|entry| entry.task.most_mm()).filter(|depth_mm| *depth_mm > 0.0);
+    let (least_mm, most_mm) =
+        depths.fold((f64::INFINITY, 0.0), |(least, most): (f64, f64), mm| (least.min(mm), most.max(mm)));
+    if !rig.has_load_cell() && most_mm > 0.0 && most_mm < SEVERAL_DEPTHS * least_mm {
+        notes.push(format!(
+            "the calibration has nearly one depth, {most_mm} mm: places will be solved, but no depths. Press to several depths, the \
+             largest at least {SEVERAL_DEPTHS} times the smallest"
+        ));
+    }
+    if !rig.has_load_cell() && recipe.rule().is_some_and(|rule| rule.decision == Decision::Guarded) {
+        notes.push(
+            "this plan can't give a verdict: a guarded rule needs a load cell; `rule = \"simple\"` doesn't".to_owned(),
+        );
+    }
     if let Some(judgement) = recipe.rule().map(|rule| foreseen(rule, plan, &truths)) {
         let is_reported =
             |check: &&LimitCheck| check.verdict != SensorVerdict::Accepted && (has_test || !check.kind.is_of_test());
@@ -240,16 +263,19 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     }
     if plan.most_mm() > 0.0 {
         let most_mm = shown(plan.most_mm());
-        let _ = writeln!(
-            text,
-            "  largest depth {most_mm} mm, limit {} mm{}",
-            limits.depth_mm,
-            match rig.has_load_cell() {
-                true =>
-                    format!("; its force is measured,\n  and a press that needs over {} N ends the run", limits.force_n),
-                false => String::new(),
-            }
-        );
+        let _ = match rig.has_load_cell() {
+            true => writeln!(
+                text,
+                "  largest depth {most_mm} mm, limit {} mm; its force is measured,\n  and a press that needs over {} N ends the run",
+                limits.depth_mm, limits.force_n
+            ),
+            false => writeln!(
+                text,
+                "  largest depth {most_mm} mm, limit {} mm without a load cell,\n  {} mm with --confirmed touch",
+                round(rig.unforced_mm(false), 3),
+                round(rig.unforced_mm(true), 3)
+            ),
+        };
     }
     if !rig.stage.steps.is_fine() {
         let reach_n = round(rig.stage.steps.reach_n(limits.stiffness_n_mm), 4);

@@ -54,9 +54,12 @@ enum Start {
 /// Returns the parser of `--from`: the templates, and the published protocols.
 fn starts() -> PossibleValuesParser {
     let templates = Start::value_variants().iter().filter_map(Start::to_possible_value);
-    let protocols = PROTOCOLS
-        .iter()
-        .map(|protocol| PossibleValue::new(protocol.template).help("A published protocol (`palpate list protocols`)"));
+    let protocols = PROTOCOLS.iter().map(|protocol| {
+        PossibleValue::new(protocol.template).help(match protocol.has_load_cell() {
+            true => "A published protocol, by force",
+            false => "A published protocol, by depth without a load cell",
+        })
+    });
     PossibleValuesParser::new(templates.chain(protocols).collect::<Vec<_>>())
 }
 

@@ -65,7 +65,9 @@ fn protocols() -> Result<String, Failure> {
             [] => "whole".to_owned(),
             differs => format!("differs in {}", differs.join(", ")),
         };
-        text += &beside(&format!("  {}", protocol.name), PROTOCOL_COLUMNS, &format!("{}; {differs}", source.source));
+        let by = if protocol.has_load_cell() { "by force" } else { "by depth, no load cell" };
+        let about = format!("{}; {by}; {differs}", source.source);
+        text += &beside(&format!("  {}", protocol.name), PROTOCOL_COLUMNS, &about);
     }
     text += "\n`palpate reference protocols` lists what other published protocols lack.\n";
     Ok(text)

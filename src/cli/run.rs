@@ -41,7 +41,8 @@ pub(super) struct RunArgs {
 /// Prints the plan, or makes the run's folder and executes the plan.
 pub(super) fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     if args.dry_run {
-        return check_recipe(&args.options.recipe, &args.options.rig, OutputArgs { json: args.session.json });
+        let RunOptions { recipe, rig, manner, .. } = &args.options;
+        return check_recipe(recipe, rig, manner.confirm.is_touched(), OutputArgs { json: args.session.json });
     }
     recorded(args).map(|(_, code)| code)
 }

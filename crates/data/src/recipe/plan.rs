@@ -2,7 +2,7 @@
 
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
-use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy, depth_without_force_mm};
+use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
 use rand::RngExt;
@@ -32,8 +32,8 @@ pub struct Ground<'a> {
     pub limits: &'a Limits,
     /// Positions of the array's units.
     pub layout: &'a ArrayLayout,
-    /// Whether the rig has a load cell. Without one, presses are by depth.
-    pub has_load_cell: bool,
+    /// Largest depth of a press on a rig without a load cell, mm; `None` with a load cell.
+    pub unforced_mm: Option<f64>,
 }
 
 impl Plan {
@@ -67,7 +67,7 @@ impl Plan {
             let mut entries = Vec::with_capacity(steps.iter().map(Vec::len).sum());
             steps.into_iter().for_each(|step| entries.extend(step)); // each step's own are freed on the way
             // a check compares forces
-            let checks = if ground.has_load_cell { recipe.checks } else { Checks::None };
+            let checks = if ground.unforced_mm.is_none() { recipe.checks } else { Checks::None };
             Ok(Plan { name: recipe.name.clone(), seed, entries, checks })
         } else {
             Err(Problems::new(&recipe.file, &recipe.text, problems))
@@ -244,7 +244,7 @@ fn to_grain(value: f64, grain: f64, range: &Range) -> f64 {
 
 fn check_force(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
     let (most_n, limits) = (step.load.most_n(), ground.limits);
-    if most_n > 0.0 && !ground.has_load_cell {
+    if most_n > 0.0 && ground.unforced_mm.is_some() {
         let text = "this step presses by force, but the rig has no load cell (`load_cell = \"none\"`)";
         let help = "press by depth: `depth_mm`, or a range `depth_mm` inside `random`";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
@@ -262,16 +262,16 @@ fn check_force(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
 
 fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
     let limits = ground.limits;
-    let (most_mm, by_force_mm) = (step.load.most_mm(), depth_without_force_mm(limits));
-    if !ground.has_load_cell && most_mm > by_force_mm {
+    let most_mm = step.load.most_mm();
+    if let Some(unforced_mm) = ground.unforced_mm.filter(|unforced_mm| most_mm > *unforced_mm) {
         let text = format!(
-            "this step presses {most_mm} mm deep, over the {} mm that `limits.force_n` of {} N over `limits.stiffness_n_mm` of {} N/mm \
-             allows without a load cell",
-            round(by_force_mm, 3),
+            "this step presses {most_mm} mm deep, over the {} mm that are allowed without a load cell: `limits.force_n` of {} N over \
+             `limits.stiffness_n_mm` of {} N/mm, minus the uncertainty of a surface that a person confirmed",
+            round(unforced_mm, 3),
             limits.force_n,
             limits.stiffness_n_mm
         );
-        let help = "press less deep; the uncertainty of the surface takes a part of this depth too";
+        let help = "press less deep, or find the surface more exactly: a smaller `surface_mm.uncertainty`";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
         return;
     }

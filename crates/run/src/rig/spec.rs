@@ -3,7 +3,7 @@
 use super::emulated::EmulatedDevice;
 use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
-use palpate_control::{SafetyRule, Timing, Trip};
+use palpate_control::{SafetyRule, Timing, Trip, depth_without_force_mm};
 use palpate_core::quantity::{
     ArrayLayout, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate, Steps, Travel,
     WeightCheck,
@@ -216,6 +216,11 @@ impl RigSpec {
         !driver.is::<WithoutLoadCell>()
     }
 
+    /// Returns the largest depth of a press without a load cell, mm. If the surface is confirmed by a person, its uncertainty takes a part.
+    pub fn unforced_mm(&self, is_touched: bool) -> f64 {
+        depth_without_force_mm(&self.limits) - if is_touched { self.frame.uncertainty_mm } else { 0.0 }
+    }
+
     /// Whether this program's emulators are at the far ends. The run then uses virtual time.
     pub fn is_simulated(&self) -> bool {
         self.stage.link == Link::Sim
@@ -286,7 +291,7 @@ impl RigSpec {
             frame: &self.frame,
             limits: &self.limits,
             layout: &self.array.layout,
-            has_load_cell: self.has_load_cell(),
+            unforced_mm: (!self.has_load_cell()).then(|| self.unforced_mm(self.is_touched)),
         }
     }
 }

@@ -48,6 +48,8 @@ pub enum Remaining {
     Force(f64),
     /// The load cell is in doubt, or has no zero: the force can't be known.
     Unknown,
+    /// There is no load cell.
+    NoLoadCell,
 }
 
 impl Remaining {
@@ -57,6 +59,7 @@ impl Remaining {
             Remaining::Nothing => None,
             Remaining::Force(force_n) => Some(format!("{force_n:.2} N remain on the specimen")),
             Remaining::Unknown => Some("the remaining force can't be known from the load cell".to_owned()),
+            Remaining::NoLoadCell => Some("there is no load cell, so the remaining force isn't known".to_owned()),
         }
     }
 }

@@ -49,7 +49,7 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
     let clock = RunClock::going_on_from(past.elapsed_s);
     let (rig_control, devices) = match at_home_without_cell(rig, spec, cancel, shown).await {
         Ok(ready) => ready,
-        Err(halt) => return Ending { t_s: clock.now_s(), remaining: Remaining::Unknown, ..Ending::halted(halt) },
+        Err(halt) => return Ending { t_s: clock.now_s(), remaining: Remaining::NoLoadCell, ..Ending::halted(halt) },
     };
     let acceleration_mm_s2 = rig_control.usage.acceleration_mm_s2;
     let permit = Permit::new(spec.limits, EXCHANGE_S, acceleration_mm_s2, &Zero::with_noise(0.0));
@@ -75,7 +75,7 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
     note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
     ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
     if matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_))) || ending.unparked.is_some() {
-        ending.remaining = Remaining::Unknown;
+        ending.remaining = Remaining::NoLoadCell;
     }
     ending.t_s = clock.now_s();
     ending
