@@ -1,6 +1,10 @@
 //! Published calibration protocols: those that come with the program, and what the others lack.
 
+use super::Failure;
+use palpate_data::recipe::{self, Plan};
 use palpate_document::{Problems, keys};
+use palpate_run::rig;
+use std::io;
 
 /// A published protocol that this program executes.
 #[derive(Debug)]
@@ -21,6 +25,10 @@ pub(crate) struct Protocol {
 pub(crate) struct Source {
     /// Paper or repository.
     pub source: String,
+    /// Its address, if it is known.
+    pub url: Option<String>,
+    /// What a person reads about the difference; none for a protocol that runs whole.
+    pub lacks: Option<String>,
     /// Parts in which this program doesn't do the same; empty for a protocol that runs whole.
     pub differs: Vec<&'static str>,
 }
@@ -39,7 +47,7 @@ macro_rules! protocol {
 
 /// All protocols.
 pub(crate) const PROTOCOLS: &[Protocol] = &[
-    protocol!("liu-2018", "recipes/paper.toml", "rigs/sim.toml"),
+    protocol!("liu-2018", "recipes/paper.toml", "rigs/paper.toml"),
     protocol!("tue-matrix", "recipes/protocols/tue-matrix/recipe.toml", "rigs/matrix.toml"),
     protocol!(
         "shaevitz-barometers",
@@ -60,6 +68,8 @@ keys! {
     /// `source.toml` of a protocol.
     source_file {
         source: Text, Refused, "paper or repository", "\"Sensors 2018, 18, 351\"";
+        url: Text, Allowed, "its address", "\"https://github.com/NAME/REPOSITORY\"";
+        lacks: Text, Allowed, "what differs, for a list", "\"temperatures\"";
         places: Table(&part::KEYS), Refused, "where it presses";
         quantity: Table(&part::KEYS), Refused, "what it presses to: force or depth";
         repeats: Table(&part::KEYS), Refused, "how often it presses";
@@ -97,6 +107,8 @@ impl Protocol {
         ];
         palpate_document::read("source.toml", self.source, &source_file::KEYS, |table| {
             let source = table.text(&source_file::source)?.to_owned();
+            let (url, lacks) =
+                [&source_file::url, &source_file::lacks].map(|key| table.text(key).map(str::to_owned)).into();
             let mut differs = Vec::new();
             for key in parts {
                 let table = table.table(&key)?;
@@ -105,8 +117,28 @@ impl Protocol {
                     differs.push(key.name);
                 }
             }
-            Some(Source { source, differs })
+            Some(Source { source, url, lacks, differs })
         })
+    }
+}
+
+impl Protocol {
+    /// Number of presses in its plan.
+    pub(crate) fn presses(&self) -> Result<usize, Failure> {
+        let beside = |_: &str| Err(io::ErrorKind::NotFound.into());
+        let recipe = recipe::parse(self.name, self.recipe).map_err(Failure::usage)?;
+        let rig = rig::parse(self.name, self.rig, &beside).map_err(Failure::usage)?.simulated();
+        Ok(Plan::new(&recipe, &rig.ground(), 1).map_err(Failure::usage)?.entries.len())
+    }
+}
+
+impl Source {
+    /// What a list states: whole, or in part and what differs.
+    pub(crate) fn runs(&self) -> String {
+        match &self.lacks {
+            None => "whole".to_owned(),
+            Some(lacks) => format!("in part: {lacks}"),
+        }
     }
 }
 
@@ -115,8 +147,15 @@ pub(crate) fn published() -> String {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(PUBLISHED.as_bytes());
     let row = |row: csv::StringRecord| {
         let [number, name, library, lacks] = [0, 1, 2, 3].map(|cell| row.get(cell).unwrap_or_default());
-        let runs = if library.is_empty() { "no".to_owned() } else { format!("whole: `protocol:{library}`") };
-        format!("| {number} | {name} | {runs} | {lacks} |\n")
+        let shipped = PROTOCOLS.iter().find(|protocol| protocol.name == library);
+        match shipped.and_then(|protocol| protocol.source().ok()) {
+            None => format!("| {number} | {name} | no | {lacks} |\n"),
+            Some(source) => {
+                let how = if source.differs.is_empty() { "whole" } else { "in part" };
+                let lacks = source.lacks.unwrap_or_default();
+                format!("| {number} | {name} | {how}: `protocol:{library}` | {lacks} |\n")
+            }
+        }
     };
     reader.records().filter_map(Result::ok).map(row).collect()
 }
@@ -131,8 +170,10 @@ mod tests {
         assert_eq!(page.lines().count(), 41);
         for protocol in PROTOCOLS {
             let source = protocol.source().map_err(|problems| problems.lines()).unwrap();
-            assert_eq!(page.contains(&format!("`protocol:{}` |  |", protocol.name)), source.differs.is_empty());
+            let row = format!("| whole: `protocol:{}` |  |", protocol.name);
+            assert_eq!(page.contains(&row), source.differs.is_empty(), "{}", protocol.name);
+            assert_eq!(source.lacks.is_none(), source.differs.is_empty(), "{}", protocol.name);
+            assert_eq!(page.matches(&format!("`protocol:{}`", protocol.name)).count(), 1);
         }
-        assert_eq!(page.matches("whole: ").count(), PROTOCOLS.len());
     }
 }

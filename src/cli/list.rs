@@ -25,7 +25,7 @@ the same recipe. If a file exists at that path, it is used instead.";
 #[command(after_help = EXAMPLES)]
 pub(super) struct ListArgs {
     /// The file to print: rigs/esp301, recipes/bench, batches/batch; or protocols
-    #[arg(value_name = "FOLDER/NAME", conflicts_with = "json")]
+    #[arg(value_name = "FOLDER/NAME")]
     file: Option<PathBuf>,
     #[command(flatten)]
     output: OutputArgs,
@@ -37,10 +37,13 @@ const FOLDERS: [(&str, &[Shipped]); 3] = [("recipes", RECIPES), ("rigs", RIGS), 
 /// Lists them, a paragraph each, or prints the text of one.
 pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
     if args.file.as_deref() == Some(Path::new("protocols")) {
-        print(&protocols()?)?;
-        return Ok(ExitCode::SUCCESS);
+        return protocols(args.output);
     }
     if let Some(file) = &args.file {
+        if args.output.json {
+            let help = "palpate list --json, or palpate list protocols --json";
+            return Err(Failure::usage(miette::miette!(help = help, "a file is printed as it is, not as JSON")));
+        }
         print(text_of(file)?)?;
         return Ok(ExitCode::SUCCESS);
     }
@@ -56,21 +59,22 @@ pub(super) fn list(args: &ListArgs) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Returns the published protocols that run, with their sources.
-fn protocols() -> Result<String, Failure> {
-    let mut text = "protocols: palpate init --from protocol:NAME\n".to_owned();
+/// Lists the published protocols that run: presses, source, and what differs.
+fn protocols(output: OutputArgs) -> Result<ExitCode, Failure> {
+    let (mut text, mut objects) = ("protocols: palpate init --from protocol:NAME\n".to_owned(), Vec::new());
     for protocol in PROTOCOLS {
-        let source = protocol.source().map_err(Failure::usage)?;
-        let differs = match source.differs.as_slice() {
-            [] => "whole".to_owned(),
-            differs => format!("differs in {}", differs.join(", ")),
-        };
+        let (source, presses) = (protocol.source().map_err(Failure::usage)?, protocol.presses()?);
         let by = if protocol.has_load_cell() { "by force" } else { "by depth, no load cell" };
-        let about = format!("{}; {by}; {differs}", source.source);
+        let about = format!("{}; {presses} presses {by}; {}", source.source, source.runs());
         text += &beside(&format!("  {}", protocol.name), PROTOCOL_COLUMNS, &about);
+        objects.push(json!({
+            "name": protocol.name, "source": source.source, "url": source.url, "presses": presses,
+            "is_whole": source.differs.is_empty(), "differs": source.differs, "lacks": source.lacks,
+        }));
     }
     text += "\n`palpate reference protocols` lists what other published protocols lack.\n";
-    Ok(text)
+    output.print(&text, &json!({ "protocols": objects }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn text_of(file: &Path) -> Result<&'static str, Failure> {

@@ -6,12 +6,32 @@ use palpate_testing::{TestFolder, campaign};
 const PROTOCOLS: [(&str, usize, &str); 4] = [
     ("liu-2018", 770, "paper"),
     ("tue-matrix", 675, "tue-matrix"),
-    ("shaevitz-barometers", 338, "shaevitz-barometers"),
+    ("shaevitz-barometers", 961, "shaevitz-barometers"),
     ("fkeel-interdigitation", 1562, "fkeel-interdigitation"),
 ];
 
 /// Those with a load cell.
 const BY_FORCE: [&str; 2] = ["liu-2018", "tue-matrix"];
+
+/// What `list protocols` prints.
+const LISTED: &str = "\
+protocols: palpate init --from protocol:NAME
+  liu-2018               Sensors 2018, 18, 351; 770 presses by force; whole
+  tue-matrix             HaodongZheng/Tactile-Sensor-Array-Test-Bed-TU-e-
+                         Robotics-Motion-Lab-, commit 3aa972f; 675 presses by
+                         force; in part: places, forces and array aren't
+                         published, and are our own
+  shaevitz-barometers    Shaevitzaiden/Underwater-Tactile-Sensor, commit
+                         1745e63, sensorTestBench-Final.py; 961 presses by
+                         depth, no load cell; in part: presses by a dead weight,
+                         temperatures, each single reading
+  fkeel-interdigitation  fkeel/interdigitation, commit a260f25: 17 designs of
+                         textile strips; 1562 presses by depth, no load cell; in
+                         part: presses to a height of the machine; where the
+                         surface is isn't published
+
+`palpate reference protocols` lists what other published protocols lack.
+";
 
 /// Five places of every protocol.
 const PLACES: &str = "list = { places_mm = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]] }";
@@ -27,8 +47,20 @@ fn every_protocol_is_listed_written_and_checked() {
         let checked = bench.palpate_ends(0, &format!("check {name}/recipe.toml --simulate --json")).json_lines();
         assert_eq!(checked[0]["plan"]["presses"].as_u64().or(checked[0]["presses"].as_u64()), Some(presses as u64));
     }
-    let listed = listed.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert_eq!(listed.matches("; whole").count(), PROTOCOLS.len());
+    assert_eq!(listed, LISTED);
+    let objects = bench.palpate_ends(0, "list protocols --json").json_lines();
+    for (name, presses, _) in PROTOCOLS {
+        let all = objects[0]["protocols"].as_array().unwrap();
+        let object = all.iter().find(|object| object["name"] == name).unwrap();
+        assert_eq!(object["presses"], presses, "{name}");
+        // the page, the list and the source agree; a bench that was never published in full isn't whole
+        assert_eq!(object["is_whole"], name == "liu-2018", "{name}");
+        assert_eq!(object["is_whole"], object["lacks"].is_null(), "{name}");
+    }
+    let page = bench.palpate_ends(0, "reference protocols").out;
+    assert_eq!((page.matches("| whole: ").count(), page.matches("| in part: ").count()), (1, 3));
+    let refused = bench.palpate_ends(2, "list rigs/esp301 --json").err;
+    assert!(refused.contains("a file is printed as it is"), "{refused}");
     let refused = bench.palpate_ends(2, "init other --from protocol:liu-2019").err;
     assert!(refused.contains("protocol:liu-2018"), "{refused}");
 }
