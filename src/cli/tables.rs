@@ -42,7 +42,10 @@ pub(super) fn evaluation_rows(
 
 /// The results of every solver on the same test, or why it has none, a line each; the paper's above them or not.
 pub(super) fn solvers_table(outcomes: &[SolverOutcome], is_beside_paper: bool) -> String {
-    let mut table = TextTable::new(1, ["", "mean", "median", "p95", "largest", "N", "1 mm", "both", "us"]);
+    let evaluations: Vec<&Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.as_ref().ok()).collect();
+    let by_depth = evaluations.iter().any(|evaluation| evaluation.depth_error_mm.is_some());
+    let (load, load_error) = if by_depth { ("depth", "depth error in mm") } else { ("N", "force error in N") };
+    let mut table = TextTable::new(1, ["", "mean", "median", "p95", "largest", load, "1 mm", "both", "us"]);
     let percent = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{:.1}", 100.0 * share));
     let number = |value: Option<f64>| value.map_or("-".to_owned(), figures);
     if is_beside_paper {
@@ -62,14 +65,12 @@ pub(super) fn solvers_table(outcomes: &[SolverOutcome], is_beside_paper: bool) -
         let name = if *name == BEST { format!("{BEST}: {}", evaluation.solver) } else { (*name).to_owned() };
         let ErrorSummary { mean, median, p95, max } = evaluation.location_error_mm;
         let [mean, median, p95, max] = [mean, median, p95, max].map(figures);
-        let force = number(evaluation.force_error_n.map(|error| error.mean));
+        let load = number(evaluation.depth_error_mm.or(evaluation.force_error_n).map(|error| error.mean));
         let within_1mm = percent(Some(evaluation.within.location_1mm));
         let us = number(evaluation.ns_per_solve.map(|ns| ns / 1000.0));
-        table.row(cells![name, mean, median, p95, max, force, within_1mm, percent(evaluation.within.both), us]);
+        table.row(cells![name, mean, median, p95, max, load, within_1mm, percent(evaluation.within.both), us]);
     }
-    let evaluations: Vec<&Evaluation> = outcomes.iter().filter_map(|(_, outcome)| outcome.as_ref().ok()).collect();
-    "location error in mm, mean force error in N, within limits in %, solve in us\n".to_owned()
-        + &table.to_string()
+    format!("location error in mm, mean {load_error}, within limits in %, solve in us\n{table}")
         + &footnotes(&evaluations)
 }
 

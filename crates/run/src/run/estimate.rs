@@ -14,6 +14,11 @@ fn press_s(strategy: Strategy) -> f64 {
     }
 }
 
+/// Time of a press without a load cell beyond its travel, its way down, dwell and window, s: two readings without load, and three motions
+/// that are read back. z moves down from this height above the surface, mm.
+const UNFORCED_S: f64 = 0.9;
+const UNFORCED_ABOVE_MM: f64 = 0.2;
+
 /// Time of each further level of a staircase beyond its dwell and window, s.
 const LEVEL_S: f64 = 0.4;
 
@@ -32,6 +37,11 @@ pub fn first_descent(spec: &RigSpec) -> (f64, f64) {
     (steps, way_mm / speed_mm_s + steps * LOOK_S)
 }
 
+/// Time of a press without a load cell beyond its travel, dwell and window, s.
+fn unforced_s(entry: &Entry, spec: &RigSpec) -> f64 {
+    UNFORCED_S + (entry.task.most_mm() + UNFORCED_ABOVE_MM) / spec.stage.approach_mm_s
+}
+
 /// Estimates the duration of some entries of a plan on a rig that is ready, s. The error is about a third.
 pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
     let mut total_s = 0.0;
@@ -40,7 +50,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
         let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
         let levels = entry.task.levels.len() as f64;
         total_s += MotionProfile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()
-            + press_s(entry.task.strategy)
+            + if spec.has_load_cell() { press_s(entry.task.strategy) } else { unforced_s(entry, spec) }
             + LEVEL_S * (levels - 1.0)
             + levels * (entry.task.hold_s + entry.task.sample_s)
             + entry.rest_after_s;
