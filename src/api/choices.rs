@@ -3,7 +3,7 @@
 use super::{Failure, sources};
 use clap::ValueEnum;
 use palpate_control::Strategy;
-use palpate_data::dataset::{Durability, calibration::Quantity, characteristics::Repeatability, readings};
+use palpate_data::dataset::{Durability, calibration::SolvedQuantity, characteristics::Repeatability, readings};
 use palpate_report::export;
 
 /// Definition of repeatability.
@@ -34,11 +34,11 @@ pub enum QuantityChoice {
 }
 
 /// Returns the quantity that is asked for.
-pub(crate) fn quantity(choice: Option<QuantityChoice>) -> Quantity {
+pub(crate) fn quantity(choice: Option<QuantityChoice>) -> SolvedQuantity {
     match choice {
-        None => Quantity::Known,
-        Some(QuantityChoice::Force) => Quantity::Force,
-        Some(QuantityChoice::Depth) => Quantity::Depth,
+        None => SolvedQuantity::Known,
+        Some(QuantityChoice::Force) => SolvedQuantity::Force,
+        Some(QuantityChoice::Depth) => SolvedQuantity::Depth,
     }
 }
 

@@ -120,9 +120,7 @@ impl Protocol {
             Some(Source { source, url, lacks, differs })
         })
     }
-}
 
-impl Protocol {
     /// Number of presses in its plan.
     pub(crate) fn presses(&self) -> Result<usize, Failure> {
         let beside = |_: &str| Err(io::ErrorKind::NotFound.into());

@@ -13,6 +13,7 @@ use palpate_data::dataset::{Truths, foreseen};
 use palpate_data::recipe::{Entry, Phase, Plan, Recipe};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{estimated_s, expected_checks, first_descent};
+use palpate_solver::SEVERAL_DEPTHS;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -118,9 +119,6 @@ fn warnings(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {
     warnings.extend(of_steps(plan, rig));
     warnings
 }
-
-/// Ratio of depths from which a calibration shows how outputs grow with the depth.
-const SEVERAL_DEPTHS: f64 = 1.5;
 
 /// Returns notes about results that the plan can't give.
 fn notes(recipe: &Recipe, plan: &Plan, rig: &RigSpec) -> Vec<String> {

@@ -5,7 +5,7 @@
 //! without them. The expected errors are those of an independent program.
 
 use palpate_core::quantity::Place;
-use palpate_data::dataset::calibration::Quantity;
+use palpate_data::dataset::calibration::SolvedQuantity;
 use palpate_data::dataset::evaluate::Trial;
 use palpate_data::dataset::{Mapping, Press, Presses, read_table};
 use palpate_solver::Evaluation;
@@ -97,7 +97,7 @@ fn depths_are_solved_at_other_places_without_a_loss_of_location() {
         let trial = Trial::of_tables(&calibration, &test).unwrap().with_quantity(quantity);
         trial.evaluate("best").unwrap()
     };
-    let (by_depth, relative) = (solved(Quantity::Known), solved(Quantity::Force));
+    let (by_depth, relative) = (solved(SolvedQuantity::Known), solved(SolvedQuantity::Force));
     let [depth_mm, relative_mm] = [&by_depth, &relative].map(|evaluation| evaluation.location_error_mm.mean);
     let (depth, coverage) = (by_depth.depth_error_mm.unwrap(), by_depth.coverage.unwrap());
     println!("z {low_mm} to {high_mm} mm; depth error {depth:?}; {coverage:?}");

@@ -168,17 +168,11 @@ impl Permit {
     /// A trip if the end point of the motion isn't safe or the force used isn't recent (I4). Nothing moves then.
     pub fn advance(&self, context: &MotionContext, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         // written as the positive condition, so NaN fails
-        let fastest = self.approach_speed_mm_s(self.limits.force_n);
         let is_fresh = context.age_s <= FRESH_S;
         if !is_fresh {
             return Err(Trip::new(SafetyRule::Stale, context.age_s, FRESH_S, "s"));
         }
-        let deepest_mm = self.deepest_mm(context);
-        let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;
-        if !is_safe {
-            return Err(Trip::new(SafetyRule::NotPermitted, z_mm, deepest_mm, "mm"));
-        }
-        Ok(Permitted { z_mm, speed_mm_s: speed_mm_s.min(fastest) })
+        self.no_deeper_than(self.deepest_mm(context), z_mm, speed_mm_s)
     }
 
     /// Permits a motion toward the specimen on a rig without a load cell. Its end point is at most the force limit over the declared stiffness,
@@ -187,7 +181,11 @@ impl Permit {
     /// # Errors
     /// A trip if the end point of the motion isn't safe. Nothing moves then.
     pub fn advance_without_force(&self, first_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
-        let deepest_mm = self.deepest_without_force_mm(first_mm);
+        self.no_deeper_than(self.deepest_without_force_mm(first_mm), z_mm, speed_mm_s)
+    }
+
+    /// Permits a motion whose end point is at most this deep, no faster than the force limit allows (I3).
+    fn no_deeper_than(&self, deepest_mm: f64, z_mm: f64, speed_mm_s: f64) -> Result<Permitted, Trip> {
         let fastest = self.approach_speed_mm_s(self.limits.force_n);
         // written as the positive condition, so NaN fails
         let is_safe = z_mm <= deepest_mm + ROUNDING_MM && speed_mm_s >= SPEED_LEAST_MM_S && fastest >= SPEED_LEAST_MM_S;

@@ -1,7 +1,7 @@
 //! Enums over all drivers of a role, because a rig file selects the driver at run time. A driver has one line in the list of each
 //! of its roles. The identity that a device reports is prepared for display here.
 
-use super::{NoLoadCell, daqmx, esp301, grbl, lines, modbus, process, xps};
+use super::{MissingLoadCell, daqmx, esp301, grbl, lines, modbus, process, xps};
 use palpate_core::quantity::{Axis, ForceReading};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage, StageUse};
 use std::time::Duration;
@@ -125,7 +125,7 @@ load_cells! {
     Xps(xps::XpsAnalog),
     Daqmx(daqmx::DaqmxLoadCell),
     Process(process::ProcessLoadCell),
-    Missing(NoLoadCell),
+    Missing(MissingLoadCell),
 }
 
 arrays! {

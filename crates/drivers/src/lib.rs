@@ -16,7 +16,7 @@ pub mod xps;
 
 pub use any::{AnyArray, AnyLoadCell, AnyStage};
 pub use esp301::Esp301;
-pub use no_load_cell::NoLoadCell;
+pub use no_load_cell::MissingLoadCell;
 
 use std::time::Duration;
 

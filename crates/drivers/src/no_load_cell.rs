@@ -6,12 +6,12 @@ use std::time::Duration;
 
 /// Absence of a load cell. Code that asks for a force fails with an error that states why.
 #[derive(Debug)]
-pub struct NoLoadCell;
+pub struct MissingLoadCell;
 
 /// Interval at which code asks again that waits for a force.
 const ASKED_EVERY: Duration = Duration::from_millis(10);
 
-impl LoadCell for NoLoadCell {
+impl LoadCell for MissingLoadCell {
     async fn prepare(&mut self) -> Result<Identity, DeviceError> {
         Err(missing("preparing it"))
     }

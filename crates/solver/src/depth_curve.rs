@@ -31,7 +31,7 @@ pub(super) struct DepthPress {
 }
 
 /// Least ratio of the largest to the smallest depth from which the curve can be learned.
-const SEVERAL_DEPTHS: f64 = 1.5;
+pub const SEVERAL_DEPTHS: f64 = 1.5;
 /// Least part of the variance of the log-depths that the places don't explain.
 const LEAST_SHARE: f64 = 0.01;
 /// Bounds of the exponent of the curve, everywhere. Outputs that hardly grow with the depth don't show it.

@@ -106,7 +106,7 @@ pub use adapted::{Adapted, MeanErrors, NewPressErrors};
 pub use broken::{Broken, OutputFault, broken};
 pub use by_load::LoadGain;
 pub use calibration::{Calibration, CalibrationError, CalibrationPoint};
-pub use depth_curve::DepthCurve;
+pub use depth_curve::{DepthCurve, SEVERAL_DEPTHS};
 pub use evaluation::{
     Coverage, ErrorSummary, Evaluation, EvaluationError, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, LeftOut, PressError,
     TestPress, UnsolvedPress, Verdicts, Within, evaluate,

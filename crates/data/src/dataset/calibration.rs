@@ -69,11 +69,11 @@ pub(crate) const PLACES_LEAST: usize = 2;
 
 /// Returns the calibration presses of a run, with the load cell's forces.
 pub fn calibration_of_run(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
-    run_by(presses, load, Quantity::Known)
+    run_by(presses, load, SolvedQuantity::Known)
 }
 
 /// Returns the calibration presses of a run, with their forces or depths.
-pub fn run_by(presses: &Presses, load: ForceKnown, quantity: Quantity) -> Result<Calibration, CalibrateError> {
+pub fn run_by(presses: &Presses, load: ForceKnown, quantity: SolvedQuantity) -> Result<Calibration, CalibrateError> {
     let selection = Selection::of_phase(presses, Phase::Calibration)?;
     selection.calibration(quantity.of(&selection, &LOAD_CELL), load)
 }
@@ -81,11 +81,11 @@ pub fn run_by(presses: &Presses, load: ForceKnown, quantity: Quantity) -> Result
 /// Returns every press of a table. Without `force_n` the presses are known by `depth_mm`; without both the forces are relative, see
 /// [`Calibration::without_forces`].
 pub fn calibration_of_table(presses: &Presses, load: ForceKnown) -> Result<Calibration, CalibrateError> {
-    table_by(presses, load, Quantity::Known)
+    table_by(presses, load, SolvedQuantity::Known)
 }
 
 /// Returns every press of a table, with their forces or depths.
-pub fn table_by(presses: &Presses, load: ForceKnown, quantity: Quantity) -> Result<Calibration, CalibrateError> {
+pub fn table_by(presses: &Presses, load: ForceKnown, quantity: SolvedQuantity) -> Result<Calibration, CalibrateError> {
     let selection = Selection::of_all(presses, Phase::Calibration)?;
     selection.calibration(quantity.of(&selection, &LOAD_CELL), load)
 }
@@ -129,7 +129,7 @@ impl ForceSource {
 
 /// What is solved besides the place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Quantity {
+pub enum SolvedQuantity {
     /// The force, or the depth if no press has a force and every press has a depth.
     #[default]
     Known,
@@ -139,14 +139,14 @@ pub enum Quantity {
     Depth,
 }
 
-impl Quantity {
+impl SolvedQuantity {
     /// Returns the source for some presses: the depth if it is wanted, otherwise this source of forces.
     pub(crate) fn of(self, presses: &Selection<'_>, force: &'static ForceSource) -> &'static ForceSource {
         let is_only_depth = || presses.knows(&DEPTH) && !presses.iter().any(|press| press.force_n.is_some());
         match self {
-            Quantity::Depth => &DEPTH,
-            Quantity::Known if is_only_depth() => &DEPTH,
-            Quantity::Known | Quantity::Force => force,
+            SolvedQuantity::Depth => &DEPTH,
+            SolvedQuantity::Known if is_only_depth() => &DEPTH,
+            SolvedQuantity::Known | SolvedQuantity::Force => force,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Makes an evaluation from presses: selects the test presses and the source of the true forces.
 
-use super::calibration::{COMMANDED, CalibrateError, ForceSource, LOAD_CELL, Quantity, Selection, check_places};
+use super::calibration::{COMMANDED, CalibrateError, ForceSource, LOAD_CELL, Selection, SolvedQuantity, check_places};
 use super::check::cell_u_n;
 use super::places::{SAME_PLACE_MM, same_places};
 use super::{Press, Presses, Split};
@@ -87,7 +87,7 @@ impl<'a> Trial<'a> {
         let calibration = Selection::of_phase(presses, Phase::Calibration)?;
         let test = Selection::of_phase(presses, Phase::Test)?;
         let is_run = calibration.knows(&COMMANDED) && test.knows(&COMMANDED);
-        let force = Quantity::Known.of(&calibration, if is_run { &COMMANDED } else { &LOAD_CELL });
+        let force = SolvedQuantity::Known.of(&calibration, if is_run { &COMMANDED } else { &LOAD_CELL });
         let (load, is_held_out, prepared) = (ForceKnown::default(), false, OnceLock::new());
         let is_run = is_run && !force.is_depth();
         Ok(Trial { calibration, test, layout, load, force, is_run, is_held_out, prepared })
@@ -98,7 +98,7 @@ impl<'a> Trial<'a> {
         check_channels(calibration, test)?;
         let calibration = Selection::of_all(calibration, Phase::Calibration)?;
         let test = Selection::of_all(test, Phase::Test)?;
-        let (force, prepared) = (Quantity::Known.of(&calibration, &LOAD_CELL), OnceLock::new());
+        let (force, prepared) = (SolvedQuantity::Known.of(&calibration, &LOAD_CELL), OnceLock::new());
         Ok(Trial {
             calibration,
             test,
@@ -130,14 +130,12 @@ impl<'a> Trial<'a> {
 
     /// Sets what is solved besides the place.
     #[must_use]
-    pub fn with_quantity(self, quantity: Quantity) -> Self {
+    pub fn with_quantity(self, quantity: SolvedQuantity) -> Self {
         let force = match quantity {
-            Quantity::Known => self.force,
+            SolvedQuantity::Known => self.force,
+            SolvedQuantity::Force if !self.force.is_depth() => self.force,
             // a run is then compared with the load cell's forces alone, if it was to be solved by depth
-            Quantity::Force | Quantity::Depth if self.force.is_depth() || quantity == Quantity::Depth => {
-                quantity.of(&self.calibration, &LOAD_CELL)
-            }
-            Quantity::Force | Quantity::Depth => self.force,
+            SolvedQuantity::Force | SolvedQuantity::Depth => quantity.of(&self.calibration, &LOAD_CELL),
         };
         let is_run = self.is_run && !force.is_depth();
         Trial { force, is_run, prepared: OnceLock::new(), ..self }
@@ -313,7 +311,7 @@ pub fn cross_validated(
     presses: &Presses,
     layout: Option<&ArrayLayout>,
     load: ForceKnown,
-    quantity: Quantity,
+    quantity: SolvedQuantity,
     solver: &str,
 ) -> Result<Vec<TriedMethod>, EvaluateError> {
     let selection = match presses.presses.iter().any(|press| press.phase.is_some()) {
@@ -452,10 +450,10 @@ press,level,phase,x_mm,y_mm,force_set_n,force_n,out_1,out_2,flags
             let evaluation = trial.evaluate("surrogate").unwrap();
             (evaluation.depth_error_mm.map(|error| error.mean < 0.05), evaluation.force_error_n.is_some())
         };
-        assert_eq!(solved(&silent, Quantity::Known), (Some(true), false));
-        assert_eq!(solved(&loaded, Quantity::Known), (None, true));
-        assert_eq!(solved(&loaded, Quantity::Depth), (Some(true), false));
-        assert_eq!(solved(&silent, Quantity::Force), (None, false));
+        assert_eq!(solved(&silent, SolvedQuantity::Known), (Some(true), false));
+        assert_eq!(solved(&loaded, SolvedQuantity::Known), (None, true));
+        assert_eq!(solved(&loaded, SolvedQuantity::Depth), (Some(true), false));
+        assert_eq!(solved(&silent, SolvedQuantity::Force), (None, false));
         let mut alike = silent.clone();
         alike.presses.iter_mut().for_each(|press| press.depth_mm = Some(0.5));
         let trial = Trial::of_tables(&alike, &alike).unwrap();

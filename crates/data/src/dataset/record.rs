@@ -210,6 +210,12 @@ pub struct Peaks {
 }
 
 impl PressTruth {
+    /// Returns its peaks, rounded.
+    pub fn peaks(self) -> Peaks {
+        let PressTruth { force_peak_n, depth_peak_mm, .. } = self.rounded();
+        Peaks { force_peak_n, depth_peak_mm }
+    }
+
     /// Returns the values rounded to 0.1 uN and 10 nm.
     #[must_use]
     pub fn rounded(self) -> PressTruth {

@@ -3,7 +3,7 @@
 use super::Subject;
 use palpate_core::parallel::in_parallel;
 use palpate_data::acceptance::{AcceptanceRule, Judgement, SensorVerdict};
-use palpate_data::dataset::calibration::Quantity;
+use palpate_data::dataset::calibration::SolvedQuantity;
 use palpate_data::dataset::evaluate::{EvaluateError, Trial, cross_validated};
 use palpate_data::recipe::Phase;
 use palpate_run::batch::ByDesign;
@@ -48,8 +48,10 @@ impl SensorResults {
             None => subject.evidence().judge(rule, &trial, &evaluations),
         });
         let is_untested = !subject.presses.presses.iter().any(|press| press.is_of(Phase::Test));
-        let cross_validated =
-            || cross_validated(&subject.presses, subject.placed(), ForceKnown::default(), Quantity::Known, second).ok();
+        let cross_validated = || {
+            cross_validated(&subject.presses, subject.placed(), ForceKnown::default(), SolvedQuantity::Known, second)
+                .ok()
+        };
         let cross_validated = is_untested.then(cross_validated).flatten().unwrap_or_default();
         let u_force_n = trial.as_ref().ok().and_then(Trial::u_force_n);
         let of_design = design.and_then(|design| design.model).filter(|_| trial.is_ok()).map(Model::into_fitted);

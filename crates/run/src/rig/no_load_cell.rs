@@ -2,7 +2,7 @@
 
 use super::emulated::{EmulatedDevice, FarEnd};
 use super::spec::{Dial, Driver, LoadCellDriver, LoadCellSpec, RigSpec, RigWiring};
-use palpate_drivers::{AnyLoadCell, NoLoadCell};
+use palpate_drivers::{AnyLoadCell, MissingLoadCell};
 use palpate_link::device::DeviceError;
 use palpate_link::wire::{ClaimError, Claims, Link};
 use std::sync::Arc;
@@ -38,7 +38,7 @@ impl Driver for WithoutLoadCell {
 
 impl LoadCellDriver for WithoutLoadCell {
     fn open(&self, _: Dial, _: &RigWiring) -> Result<AnyLoadCell, DeviceError> {
-        Ok(AnyLoadCell::Missing(NoLoadCell))
+        Ok(AnyLoadCell::Missing(MissingLoadCell))
     }
 
     fn emulated(&self, _: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {

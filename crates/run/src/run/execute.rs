@@ -139,10 +139,7 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
             };
             ending.halt = runner.begin(past, devices, &zero).await.err();
             // the stage was stopped before a trip was reported; a program that is killed while it parks has tripped all the same
-            let peaks = runner.truth().map(|truth| {
-                let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
-                Peaks { force_peak_n, depth_peak_mm }
-            });
+            let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
             note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
             ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
             if ending.halt.is_some() || ending.unparked.is_some() {

@@ -64,9 +64,7 @@ impl DepthRunner<'_> {
                 false => free_mm = self.rig_control.z_mm,
             }
         }
-        let away_mm = (first_mm - TRAVEL_CLEARANCE_MM).min(self.rig_control.z_mm);
-        let away = self.permit.retract(self.rig_control.z_mm, away_mm, self.rig_control.usage.speed_mm_s)?;
-        self.rig_control.move_z_unforced(away).await?;
+        self.clear(first_mm).await?;
         Ok(begins_mm(&rise).max(free_mm))
     }
 }

@@ -195,7 +195,7 @@ impl Runner<'_> {
                     let window = self.rig_control.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
                     let (place, z_mm) = (self.rig_control.pressed, self.rig_control.z_mm);
-                    levels.push(MeasuredLevel { window, place, z_mm, truth: self.truth() });
+                    levels.push(MeasuredLevel { window, place, z_mm, truth: self.rig_control.press_truth() });
                     LoopEvent::Sampled { force_n }
                 }
                 LoopCommand::Done => break,
@@ -203,7 +203,8 @@ impl Runner<'_> {
             };
         }
         self.rig_control.stage.guard(None).await?;
-        if let (Some(last), Some(after)) = (levels.last_mut().and_then(|held| held.truth.as_mut()), self.truth()) {
+        let last = levels.last_mut().and_then(|held| held.truth.as_mut());
+        if let (Some(last), Some(after)) = (last, self.rig_control.press_truth()) {
             last.force_peak_n = last.force_peak_n.max(after.force_peak_n);
             last.depth_peak_mm = last.depth_peak_mm.max(after.depth_peak_mm);
         }
@@ -330,15 +331,5 @@ impl Runner<'_> {
         let all =
             [(Flag::OutOfTolerance, missed), (Flag::Saturated, window.saturated), (Flag::Stale, window.late || frozen)];
         all.into_iter().filter(|(_, is_so)| *is_so).map(|(flag, _)| flag).collect()
-    }
-
-    /// Returns the true events since the last call, in a simulated run.
-    pub(super) fn truth(&self) -> Option<PressTruth> {
-        let truth = self.rig_control.truth.take()?;
-        Some(PressTruth {
-            force_true_n: truth.force_true_n,
-            force_peak_n: truth.force_peak_n,
-            depth_peak_mm: truth.depth_peak_mm,
-        })
     }
 }

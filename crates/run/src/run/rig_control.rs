@@ -6,7 +6,7 @@ use super::{Cancel, Halt};
 use crate::rig::{AdjustedCell, ArraySpec, GroundTruth};
 use palpate_control::{Mean, NO_LOAD_READINGS, NoLoadReadings, SafetyRule, Timing, Trip, Watch, check_sound, mean_of};
 use palpate_core::quantity::{ForceReading, Frame, Place};
-use palpate_data::dataset::NoLoad;
+use palpate_data::dataset::{NoLoad, PressTruth};
 use palpate_drivers::{AnyArray, AnyStage};
 use palpate_link::device::{Instruments, LoadCell, SensorArray, Stage, StageUse};
 use palpate_link::time::{Instant, sleep, sleep_until};
@@ -388,6 +388,16 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
     /// Standard deviation of one output over a window, in the array's unit, by the noise without load.
     pub(super) fn output_sigma(&self) -> f64 {
         common(&self.no_load_sigmas) / f64::from(NO_LOAD_OUTPUTS).sqrt()
+    }
+
+    /// Returns the true events since the last call, in a simulated run.
+    pub(super) fn press_truth(&self) -> Option<PressTruth> {
+        let truth = self.truth.take()?;
+        Some(PressTruth {
+            force_true_n: truth.force_true_n,
+            force_peak_n: truth.force_peak_n,
+            depth_peak_mm: truth.depth_peak_mm,
+        })
     }
 
     /// Makes forces and outputs relative to this air.

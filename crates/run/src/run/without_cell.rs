@@ -14,7 +14,7 @@ use crate::rig::{OpenRig, RigSpec};
 use palpate_control::{ContactMap, Expected, LearnedContact, Permit, SafetyRule, SetPoint, Trip, Zero};
 use palpate_core::quantity::{Place, seconds};
 use palpate_data::dataset::{
-    Flag, Ledger, Left, NoLoad, Peaks, Press, PressTruth, Record, RecordedContact, RecordedSurface, SurfaceFinder,
+    Flag, Ledger, Left, NoLoad, Press, PressTruth, Record, RecordedContact, RecordedSurface, SurfaceFinder,
 };
 use palpate_data::recipe::{Entry, Plan};
 use palpate_link::device::{Identity, Stage as _};
@@ -66,12 +66,9 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         pressing: None,
         before: None,
     };
-    let mut ending = Ending { t_s: 0.0, ..Ending::parked() };
+    let mut ending = Ending::parked();
     ending.halt = runner.begin(&past, devices).await.err();
-    let peaks = runner.truth().map(|truth| {
-        let PressTruth { force_peak_n, depth_peak_mm, .. } = truth.rounded();
-        Peaks { force_peak_n, depth_peak_mm }
-    });
+    let peaks = runner.rig_control.press_truth().map(PressTruth::peaks);
     note_trip(runner.ledger, &ending, runner.pressing, peaks, clock.now_s());
     ending.unparked = runner.leave(ending.halt.as_ref()).await.err();
     if matches!(ending.halt, Some(Halt::Tripped(_) | Halt::Device(_))) || ending.unparked.is_some() {
@@ -191,13 +188,11 @@ impl DepthRunner<'_> {
             self.cancel.sleep(seconds(entry.task.hold_s)).await;
             self.cancel.check()?;
             let (row, pressed) = self.level(entry, level, &surface, &no_load_before).await?;
-            truth.extend(self.truth().map(PressTruth::rounded));
+            truth.extend(self.rig_control.press_truth().map(PressTruth::rounded));
             self.before = Some(pressed);
             levels.push(row.rounded());
         }
-        let clear_mm = first_mm - TRAVEL_CLEARANCE_MM;
-        let away = self.permit.retract(self.rig_control.z_mm, clear_mm, self.rig_control.usage.speed_mm_s)?;
-        self.rig_control.move_z_unforced(away).await?;
+        self.clear(first_mm).await?;
         let no_load_after = self.rig_control.outputs_at_rest().await?;
         self.check_contact_ended(&no_load_before, &no_load_after, levels.last())?;
         if let Some(next) = next {
@@ -275,13 +270,18 @@ impl DepthRunner<'_> {
     pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
         let [here, there] = [self.rig_control.place, place].map(|place| self.map.expect(place).first_mm);
         let first_mm = here.min(there);
-        let clear_mm = first_mm - TRAVEL_CLEARANCE_MM;
-        if self.rig_control.z_mm > clear_mm {
-            let speed_mm_s = self.rig_control.usage.speed_mm_s;
-            let away = self.permit.retract(self.rig_control.z_mm, clear_mm, speed_mm_s)?;
+        self.clear(first_mm).await?;
+        self.rig_control.travel_unforced(place, &self.permit, first_mm).await
+    }
+
+    /// Moves z away until it clears a surface that is no earlier than this, mm.
+    pub(super) async fn clear(&mut self, first_mm: f64) -> Result<(), Halt> {
+        let (z_mm, clear_mm) = (self.rig_control.z_mm, first_mm - TRAVEL_CLEARANCE_MM);
+        if z_mm > clear_mm {
+            let away = self.permit.retract(z_mm, clear_mm, self.rig_control.usage.speed_mm_s)?;
             self.rig_control.move_z_unforced(away).await?;
         }
-        self.rig_control.travel_unforced(place, &self.permit, first_mm).await
+        Ok(())
     }
 
     async fn pause_if_asked(&mut self) -> Result<(), Halt> {
@@ -303,15 +303,6 @@ impl DepthRunner<'_> {
             self.rig_control.stop_and_see().await?;
         }
         self.rig_control.retract(self.spec.top_mm()).await
-    }
-
-    fn truth(&self) -> Option<PressTruth> {
-        let truth = self.rig_control.truth.take()?;
-        Some(PressTruth {
-            force_true_n: truth.force_true_n,
-            force_peak_n: truth.force_peak_n,
-            depth_peak_mm: truth.depth_peak_mm,
-        })
     }
 }
 
