@@ -5,6 +5,11 @@ use palpate_testing::twins::{RECIPE_TWINS, RIG_TWINS, RefusedBy, Twin};
 use palpate_testing::{SMALL, TestFolder, exchanged, shipped, shipped_text};
 use std::path::PathBuf;
 
+/// The files and folders in a shipped folder.
+fn entries(folder: &str) -> impl Iterator<Item = PathBuf> {
+    std::fs::read_dir(shipped(folder)).unwrap().map(|entry| entry.unwrap().path())
+}
+
 /// The validator's result for each text, in their order.
 fn judged(python: &Python, bench: &TestFolder, kind: &str, texts: &[PathBuf]) -> Vec<String> {
     bench.write("schema.json", &bench.palpate_ends(0, &format!("schema {kind}")).out);
@@ -22,8 +27,9 @@ fn schemas_accept_shipped_files_and_refuse_wrong_ones() {
     for (kind, folder, whole, twins) in
         [("recipe", "recipes", SMALL, &RECIPE_TWINS[..]), ("rig", "rigs", &sim, &RIG_TWINS[..])]
     {
-        let files = std::fs::read_dir(shipped(folder)).unwrap().map(|entry| entry.unwrap().path());
-        let mut texts: Vec<PathBuf> = files.collect();
+        let mut texts: Vec<PathBuf> = entries(folder).filter(|path| path.is_file()).collect();
+        let of_protocols = entries("recipes/protocols").map(|protocol| protocol.join(format!("{kind}.toml")));
+        texts.extend(of_protocols.filter(|path| path.exists()));
         let shipped = texts.len();
         for (index, Twin { from, to, .. }) in twins.iter().enumerate() {
             let name = format!("{kind}-{index}.toml");
