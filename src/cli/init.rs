@@ -18,6 +18,7 @@ Examples:
   palpate init my-sensor
   palpate init my-skin --from magnetic
   palpate init my-bench --from printer
+  palpate init my-pad --from depth
   palpate init my-data --from tables
   palpate init strip --from protocol:fkeel-interdigitation";
 
@@ -43,6 +44,8 @@ enum Start {
     Magnetic,
     /// 4 x 4 barometers
     Barometer,
+    /// 4 x 4 sensors on a stage without a load cell, pressed by depth
+    Depth,
     /// A 3D printer as the stage, behind a program of yours
     Printer,
     /// Tables of presses that another program recorded
@@ -93,6 +96,10 @@ impl Start {
             }
             Start::Barometer => {
                 bench(skin("barometer"), include_str!("init/barometer-rig.toml"), "barometer", " --simulate")
+            }
+            Start::Depth => {
+                let recipe = include_str!("init/depth-recipe.toml").to_owned();
+                bench(recipe, include_str!("init/depth-rig.toml"), "depth", " --simulate")
             }
             Start::Printer => {
                 let rig = shipped(RIGS, "printer").replace("examples/printer.py", "stage.py").replace("examples/", "");

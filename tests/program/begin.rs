@@ -29,8 +29,13 @@ fn demo_overwrites_nothing() {
     assert!(output.running().contains("mine already exists"), "{}", output.err);
 }
 
-const SENSORS: [(&str, &str); 4] =
-    [("paper", ""), ("magnetic", " --simulate"), ("barometer", " --simulate"), ("printer", " --simulate")];
+const SENSORS: [(&str, &str); 5] = [
+    ("paper", ""),
+    ("magnetic", " --simulate"),
+    ("barometer", " --simulate"),
+    ("depth", " --simulate"),
+    ("printer", " --simulate"),
+];
 
 #[test]
 fn each_template_of_init_can_be_checked() {
@@ -64,7 +69,10 @@ fn the_commands_that_init_prints_work_to_their_end() {
         let recipe = bench.read("recipe.toml");
         bench.write(
             "recipe.toml",
-            &recipe.replace("spacing_mm = 0.5", "spacing_mm = 3.0").replace("count = 50", "count = 5"),
+            &recipe
+                .replace("spacing_mm = 0.5", "spacing_mm = 3.0")
+                .replace("spacing_mm = 1.0", "spacing_mm = 3.0")
+                .replace("count = 50", "count = 5"),
         );
         for command in output.lines().filter_map(|line| line.strip_prefix("  palpate ")) {
             let output = bench.palpate(command);
