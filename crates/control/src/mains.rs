@@ -116,7 +116,7 @@ mod tests {
             let at_s = i as f64 / conversions_hz;
             let noise: f64 = StandardNormal.sample(&mut rng);
             let force_n = 0.2 + 0.001 * at_s + hum_n * (TAU * hum_hz * at_s + 0.7).sin() + 0.003 * noise;
-            ForceReading { at_s, force_n, health: Health::default() }
+            ForceReading { at_s, force_n, side_n: None, health: Health::default() }
         };
         (0..(conversions_hz / 2.0) as usize).map(reading).collect()
     }

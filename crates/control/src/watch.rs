@@ -199,7 +199,7 @@ mod tests {
     fn broken(forces: impl IntoIterator<Item = f64>) -> Option<SafetyRule> {
         let mut watch = watch();
         let reading =
-            |(i, n): (usize, f64)| ForceReading { at_s: i as f64 * 0.005, force_n: n + 0.5, health: Health::default() };
+            |(i, n): (usize, f64)| ForceReading { at_s: i as f64 * 0.005, force_n: n + 0.5, side_n: None, health: Health::default() };
         forces.into_iter().enumerate().map(reading).find_map(|r| watch.force_n(&r).err()).map(|trip| trip.rule)
     }
 
@@ -212,7 +212,7 @@ mod tests {
         assert_eq!(broken([0.7; 19]), None);
         assert_eq!(broken([0.7; 20]), Some(SafetyRule::Frozen));
         assert_eq!(broken([f64::NAN]), Some(SafetyRule::NotFinite));
-        let ill = ForceReading { at_s: 0.0, force_n: 0.5, health: Health { saturated: true, fault: false } };
+        let ill = ForceReading { at_s: 0.0, force_n: 0.5, side_n: None, health: Health { saturated: true, fault: false } };
         assert_eq!(watch().force_n(&ill).unwrap_err().rule, SafetyRule::Unhealthy);
     }
 
@@ -222,7 +222,7 @@ mod tests {
         let still = Zero { offset_n: 1.5, ..Zero::with_noise(0.003) };
         let rule = |n: f64| {
             let mut watch = Watch::before_zero(&limits, still, Range { min: -2.0, max: 2.0 }, 100.0);
-            let reading = |i: u32| ForceReading { at_s: 0.005 * f64::from(i), force_n: n, health: Health::default() };
+            let reading = |i: u32| ForceReading { at_s: 0.005 * f64::from(i), force_n: n, side_n: None, health: Health::default() };
             (0..3).find_map(|i| watch.force_n(&reading(i)).err()).map(|trip| trip.rule)
         };
         // 0.1 N, 6 sd, and a tool of 0.2 kg stopped with twice 0.1 m/s^2: 0.159 N
@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn gap_between_readings_trips_unless_announced() {
-        let reading = |at_s, n| ForceReading { at_s, force_n: n, health: Health::default() };
+        let reading = |at_s, n| ForceReading { at_s, force_n: n, side_n: None, health: Health::default() };
         let mut watched = watch();
         watched.force_n(&reading(0.0, 0.5)).unwrap();
         assert_eq!(watched.force_n(&reading(0.3, 0.51)).unwrap_err().rule, SafetyRule::Stale);

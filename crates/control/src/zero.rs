@@ -168,7 +168,7 @@ mod tests {
     fn readings(sigma_n: f64) -> Vec<ForceReading> {
         let mut rng = stream(1, 0, "test");
         let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
-        let reading = |n: f64| ForceReading { at_s: 0.0, force_n: n, health: Health::default() };
+        let reading = |n: f64| ForceReading { at_s: 0.0, force_n: n, side_n: None, health: Health::default() };
         (0..100).map(|_| reading(((0.25 + sigma_n * draw()) * 1000.0).round() / 1000.0)).collect()
     }
 

@@ -16,6 +16,9 @@ pub struct ForceReading {
     pub at_s: f64,
     /// Force as the cell reports it, N, pressing positive, relative to the cell's own zero.
     pub force_n: f64,
+    /// Forces along x and y of the specimen frame, N, as the tip exerts them on the specimen, relative to the cell's own zero;
+    /// `None` if the cell has one axis.
+    pub side_n: Option<[f64; 2]>,
     /// Status of the cell.
     pub health: Health,
 }

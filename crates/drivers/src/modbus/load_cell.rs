@@ -140,7 +140,7 @@ impl LoadCell for ModbusLoadCell {
         self.until_status -= 1;
         let force_n = self.read_force().await?;
         let at_s = self.origin.elapsed().as_secs_f64();
-        Ok(ForceReading { at_s, force_n, health: self.health })
+        Ok(ForceReading { at_s, force_n, side_n: None, health: self.health })
     }
 
     fn conversion(&self) -> Duration {

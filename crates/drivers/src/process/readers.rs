@@ -59,7 +59,7 @@ impl ProcessLoadCell {
             |value: &Value| value.as_bool().unwrap_or_else(|| value.as_f64().is_some_and(|number| number != 0.0));
         let says = |key: &str| said.get(key).is_some_and(is_true);
         let health = Health { saturated: says("saturated"), fault: says("fault") };
-        Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n, health })
+        Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n, side_n: None, health })
     }
 }
 

@@ -70,7 +70,7 @@ impl LoadCell for XpsAnalog {
             self.socket.error(doing, DeviceProblem::Misfit { answer: values.join(","), expected })
         })?;
         let health = Health { saturated: volts.abs() >= FULL_SCALE_V, fault: false };
-        Ok(ForceReading { at_s, force_n: volts * self.newton_per_volt, health })
+        Ok(ForceReading { at_s, force_n: volts * self.newton_per_volt, side_n: None, health })
     }
 
     fn conversion(&self) -> Duration {

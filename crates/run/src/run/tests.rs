@@ -71,7 +71,7 @@ impl LoadCell for StrawCell {
         sleep(Duration::from_millis(1)).await;
         let at_s = self.began.elapsed().as_secs_f64();
         let force_n = if at_s < self.until_s { self.early_n } else { self.late_n };
-        Ok(ForceReading { at_s, force_n, health: Health::default() })
+        Ok(ForceReading { at_s, force_n, side_n: None, health: Health::default() })
     }
     fn conversion(&self) -> Duration {
         Duration::from_millis(5)

@@ -32,6 +32,9 @@ pub(super) struct LoadCellState {
     /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
+    /// Conversion whose forces sideways were read last, these forces, N, and their noise.
+    side: Option<(u64, [f64; 2])>,
+    side_rng: RandomStream,
     /// Conversion that was read last, and the part of its noise that passed the low-pass, N.
     filtered: Option<(u64, f64)>,
 }
@@ -49,6 +52,8 @@ impl LoadCellState {
             passed_n: unloaded_n,
             held: VecDeque::from([(0, unloaded_n)]),
             read: None,
+            side: None,
+            side_rng: palpate_core::quantity::stream(0, 0, "load cell noise sideways"),
             filtered: None,
         }
     }
@@ -60,12 +65,13 @@ impl LoadCellState {
 
     /// Begins another press, with its own noise. The press begins with a conversion, because the phase of the cell's free-running
     /// clock relative to the press is random anyway. Conversions on their way to the reader get the force of this moment.
-    pub(super) fn begin(&mut self, rng: RandomStream, now_s: f64) {
-        self.rng = rng;
+    pub(super) fn begin(&mut self, [rng, side_rng]: [RandomStream; 2], now_s: f64) {
+        (self.rng, self.side_rng) = (rng, side_rng);
         let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
         self.began_s = now_s - under_way as f64 / self.conversions_hz;
         self.held = (0..=under_way).map(|conversion| (conversion, self.passed_n)).collect();
         self.read = None;
+        self.side = None;
         self.filtered = None;
     }
 
@@ -125,6 +131,25 @@ impl LoadCellState {
         };
         self.read = Some((conversion, read_n));
         read_n
+    }
+
+    /// Returns the readings sideways of the conversion that was read last, N, for forces sideways per force along z. Each axis has
+    /// the cell's noise; one conversion is one draw.
+    pub(super) fn side(&mut self, per_force: [f64; 2]) -> [f64; 2] {
+        let (conversion, held_n) = self.held[0];
+        if let Some((last, side_n)) = self.side
+            && last == conversion
+        {
+            return side_n;
+        }
+        let cell = self.spec.unwrap_or_default();
+        let pressed_n = held_n - cell.tool_n(0.0);
+        let side_n = per_force.map(|per_force| {
+            let noise: f64 = StandardNormal.sample(&mut self.side_rng);
+            cell.gain * per_force * pressed_n + cell.noise_n * noise
+        });
+        self.side = Some((conversion, side_n));
+        side_n
     }
 
     fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {

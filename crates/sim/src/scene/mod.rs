@@ -177,6 +177,14 @@ impl Scene {
         self.load_cell.read(now_s, &self.faults)
     }
 
+    /// Returns the readings of a load cell with three axes at `now_s`, N: forces of the tip on the specimen along x and y of the
+    /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
+    pub(crate) fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
+        let force_n = self.load_cell_n(now_s);
+        let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force());
+        [x_n, y_n, force_n]
+    }
+
     /// Writes the outputs of all taxels at `now_s` to `outputs`, in units of the reading for 1 N straight above.
     ///
     /// # Panics
@@ -264,7 +272,8 @@ impl Scene {
 
     fn reseed(&mut self, press: u64, now_s: f64) {
         self.latency = SceneDevice::ALL.map(|device| stream(self.seed, press, device.name()));
-        self.load_cell.begin(stream(self.seed, press, "load cell noise"), now_s);
+        let noise = ["load cell noise", "load cell noise sideways"].map(|name| stream(self.seed, press, name));
+        self.load_cell.begin(noise, now_s);
         self.taxels.reseed(stream(self.seed, press, "taxel noise"));
     }
 

@@ -46,6 +46,12 @@ impl Surface {
         self.cosine
     }
 
+    /// Forces along x and y per force along z, without friction: the tip presses along the normal.
+    pub(super) fn side_per_force(&self) -> [f64; 2] {
+        let [_, per_x, per_y] = self.plane;
+        [-per_x, -per_y]
+    }
+
     /// Returns the depth below the surface, along z, from the axes' (position, speed, acceleration) in the stage frame.
     pub(super) fn depth(&self, x: (f64, f64, f64), y: (f64, f64, f64), z: (f64, f64, f64)) -> Depth {
         let [height, per_x, per_y] = self.plane;
