@@ -78,7 +78,13 @@ fn contact(press: u64) -> RecordedContact {
     let path = (0..6).map(|n| (wave(n) / 3.0, wave(n + 1) / 7.0)).collect();
     let truth = PressTruth { force_true_n: wave(4), force_peak_n: wave(5), depth_peak_mm: wave(6) };
     let no_load = |n| {
-        let force = NoLoadReadings { mean_n: wave(n) / 900.0, sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+        let force = NoLoadReadings {
+            mean_n: wave(n) / 900.0,
+            sigma_n: 0.002_917_3,
+            readings: 83,
+            age_s: 0.0415,
+            side_mean_n: None,
+        };
         NoLoad { force, outputs: (0..9).map(|unit| wave(n + unit) / 50.0).collect() }
     };
     RecordedContact {

@@ -294,7 +294,7 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
     let mut output = MachineTranscript::at(start_mm);
     let mut event = LoopEvent::Begin {
         z_mm: start_mm,
-        no_load: NoLoadReadings { mean_n: 0.0, sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0 },
+        no_load: NoLoadReadings { mean_n: 0.0, sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0, side_mean_n: None },
     };
     let (mut steps, mut deepest) = (0, f64::NEG_INFINITY);
     let mut broken = Vec::new();
@@ -373,7 +373,13 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
         let z_mm = if sound { draw.context.clear_mm } else { garbage(rng) };
         LoopEvent::Begin {
             z_mm,
-            no_load: NoLoadReadings { mean_n, sigma_n, readings: if sound { NO_LOAD_READINGS } else { 0 }, age_s: 0.0 },
+            no_load: NoLoadReadings {
+                mean_n,
+                sigma_n,
+                readings: if sound { NO_LOAD_READINGS } else { 0 },
+                age_s: 0.0,
+                side_mean_n: None,
+            },
         }
     };
     let mut before: Option<LoopCommand> = None;
@@ -506,8 +512,13 @@ fn finished_press_requests_no_motion() {
     for seed in 0..steps_wanted() / 1000 {
         let (_, mut draw, output, _) = drive_with_garbage(seed);
         let (z_mm, force_n) = (draw.context.clear_mm, 0.3 * draw.context.limits.force_n);
-        let no_load =
-            NoLoadReadings { mean_n: 0.0, sigma_n: draw.context.zero.sigma_n, readings: NO_LOAD_READINGS, age_s: 0.0 };
+        let no_load = NoLoadReadings {
+            mean_n: 0.0,
+            sigma_n: draw.context.zero.sigma_n,
+            readings: NO_LOAD_READINGS,
+            age_s: 0.0,
+            side_mean_n: None,
+        };
         for event in [
             LoopEvent::Averaged { force_n },
             LoopEvent::Moved { z_mm },

@@ -44,7 +44,13 @@ pub(crate) fn recorded(run: &Path, presses: u64) {
     for number in 0..presses {
         let wave = |n: u64| ((number * 7919 + n * 104_729) % 1_000_003) as f64 / 3e6;
         let no_load = |n: u64| {
-            let force = NoLoadReadings { mean_n: wave(n), sigma_n: 0.002_917_3, readings: 83, age_s: 0.0415 };
+            let force = NoLoadReadings {
+                mean_n: wave(n),
+                sigma_n: 0.002_917_3,
+                readings: 83,
+                age_s: 0.0415,
+                side_mean_n: None,
+            };
             NoLoad { force, outputs: (0..OUTPUTS as u64).map(|output| wave(n + output)).collect() }
         };
         let path = (0..6).map(|n| (wave(n), wave(n + 1))).collect();

@@ -93,7 +93,7 @@ mod tests {
     use crate::MainsInterference;
 
     fn averaged(after_n: f64) -> Averaged {
-        let no_load = |mean_n| NoLoadReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05 };
+        let no_load = |mean_n| NoLoadReadings { mean_n, sigma_n: 0.003, readings: 100, age_s: 0.05, side_mean_n: None };
         Averaged { readings: 225, seconds: 0.2, no_loads: [no_load(0.0), no_load(after_n)], share: 0.5 }
     }
 

@@ -22,6 +22,7 @@ mod plane;
 mod press;
 mod profile;
 mod response;
+mod side;
 mod speed;
 mod surface;
 mod task;
@@ -42,6 +43,7 @@ pub use press::{
 };
 pub use profile::MotionProfile;
 pub use response::{Changed, LearnedOutputs, MeasuredContact};
+pub use side::SideZero;
 pub use speed::{Reaction, Timing, safe_speed_mm_s};
 pub use surface::{Expected, TOUCH_SIGMA_MM};
 pub use task::{Branch, PressLevel, PressTask, SetPoint, Strategy};

@@ -1,6 +1,7 @@
 //! Checks that every reading must pass.
 
 use super::press::NoLoadReadings;
+use super::side::SideWatch;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
 use palpate_core::quantity::{ForceReading, GRAVITY_M_S2, Limits, Range};
@@ -38,6 +39,9 @@ pub struct Watch {
     rise_most_n: f64,
     zero: Zero,
     recent: std::collections::VecDeque<(f64, f64)>,
+    side: SideWatch,
+    /// Largest allowed length of the whole force, N.
+    length_most_n: f64,
     last_code: Option<f64>,
     equal: u32,
     last_s: Option<f64>,
@@ -76,6 +80,9 @@ impl Watch {
             rise_most_n,
             zero,
             recent: std::collections::VecDeque::new(),
+            side: SideWatch::default(),
+            // before there is a zero, a contact within the limit may have caused the forces at rest
+            length_most_n: within_n.max.max(-within_n.min),
             last_code: None,
             equal: 0,
             last_s: None,
@@ -96,12 +103,14 @@ impl Watch {
     pub fn count_from(&mut self, no_load: &NoLoadReadings) {
         self.zero = self.zero.counted_from(no_load);
         self.recent.clear();
+        self.side.clear();
     }
 
     /// States that no reading is expected for a while (the stage rests without load).
     pub fn pause(&mut self) {
         self.last_s = None;
         self.recent.clear();
+        self.side.clear();
     }
 
     /// Mean that is compared with the limits, N; `None` before two readings.
@@ -137,6 +146,11 @@ impl Watch {
         self.check_frozen(reading.force_n)?;
         let force_n = reading.force_n - self.zero.offset_n;
         self.check_mean(reading.at_s, force_n, within_n)?;
+        if let (Some(side_n), Some(zero)) = (reading.side_n, &self.zero.side) {
+            let count = self.recent.len();
+            let mean_n = self.recent.iter().map(|(_, n)| n).sum::<f64>() / count as f64;
+            self.side.check(zero, side_n, (count, mean_n), self.length_most_n)?;
+        }
         Ok(force_n)
     }
 
@@ -198,8 +212,12 @@ mod tests {
     /// The rule that a series of readings, 5 ms apart, breaks at last.
     fn broken(forces: impl IntoIterator<Item = f64>) -> Option<SafetyRule> {
         let mut watch = watch();
-        let reading =
-            |(i, n): (usize, f64)| ForceReading { at_s: i as f64 * 0.005, force_n: n + 0.5, side_n: None, health: Health::default() };
+        let reading = |(i, n): (usize, f64)| ForceReading {
+            at_s: i as f64 * 0.005,
+            force_n: n + 0.5,
+            side_n: None,
+            health: Health::default(),
+        };
         forces.into_iter().enumerate().map(reading).find_map(|r| watch.force_n(&r).err()).map(|trip| trip.rule)
     }
 
@@ -212,7 +230,8 @@ mod tests {
         assert_eq!(broken([0.7; 19]), None);
         assert_eq!(broken([0.7; 20]), Some(SafetyRule::Frozen));
         assert_eq!(broken([f64::NAN]), Some(SafetyRule::NotFinite));
-        let ill = ForceReading { at_s: 0.0, force_n: 0.5, side_n: None, health: Health { saturated: true, fault: false } };
+        let ill =
+            ForceReading { at_s: 0.0, force_n: 0.5, side_n: None, health: Health { saturated: true, fault: false } };
         assert_eq!(watch().force_n(&ill).unwrap_err().rule, SafetyRule::Unhealthy);
     }
 
@@ -222,7 +241,12 @@ mod tests {
         let still = Zero { offset_n: 1.5, ..Zero::with_noise(0.003) };
         let rule = |n: f64| {
             let mut watch = Watch::before_zero(&limits, still, Range { min: -2.0, max: 2.0 }, 100.0);
-            let reading = |i: u32| ForceReading { at_s: 0.005 * f64::from(i), force_n: n, side_n: None, health: Health::default() };
+            let reading = |i: u32| ForceReading {
+                at_s: 0.005 * f64::from(i),
+                force_n: n,
+                side_n: None,
+                health: Health::default(),
+            };
             (0..3).find_map(|i| watch.force_n(&reading(i)).err()).map(|trip| trip.rule)
         };
         // 0.1 N, 6 sd, and a tool of 0.2 kg stopped with twice 0.1 m/s^2: 0.159 N

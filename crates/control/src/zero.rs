@@ -2,6 +2,7 @@
 
 use super::mains::MainsInterference;
 use super::press::NoLoadReadings;
+use super::side::SideZero;
 use palpate_core::quantity::ForceReading;
 
 /// Probability of a false alarm, per run of readings, at which repeated equal codes count as frozen.
@@ -45,6 +46,8 @@ pub struct Zero {
     pub mains: Option<MainsInterference>,
     /// Number of equal readings in a row that means a frozen cell; `None` if a healthy cell repeats its readings too.
     pub frozen_after: Option<u32>,
+    /// Zero of the forces sideways; `None` for a cell with one axis.
+    pub side: Option<SideZero>,
 }
 
 impl Zero {
@@ -59,6 +62,7 @@ impl Zero {
             offset_sigma_n: 0.0,
             mains: None,
             frozen_after: None,
+            side: None,
         }
     }
 
@@ -84,13 +88,16 @@ impl Zero {
             offset_sigma_n: noise_n / n.sqrt(),
             mains,
             frozen_after: frozen_after(&codes),
+            side: SideZero::of(readings),
         }
     }
 
     /// Returns the zero of the same cell relative to newer air.
     #[must_use]
     pub(crate) fn counted_from(&self, no_load: &NoLoadReadings) -> Zero {
-        Zero { offset_n: no_load.mean_n, offset_sigma_n: self.sigma_own_n(no_load.readings), ..*self }
+        let moved = |side: SideZero| SideZero { offset_n: no_load.side_mean_n.unwrap_or(side.offset_n), ..side };
+        let (offset_n, offset_sigma_n) = (no_load.mean_n, self.sigma_own_n(no_load.readings));
+        Zero { offset_n, offset_sigma_n, side: self.side.map(moved), ..*self }
     }
 
     /// Standard deviation of the mean of some readings by their own noise, N, with the readings treated as independent.
@@ -148,7 +155,7 @@ fn step_n(codes: &[f64]) -> f64 {
 
 /// Number of equal codes in a row that is less likely than [`FROZEN_ODDS`]. It depends on how often two codes without load agree. It is
 /// doubled, because a reading can be read twice between two conversions. `codes` are sorted.
-fn frozen_after(codes: &[f64]) -> Option<u32> {
+pub(crate) fn frozen_after(codes: &[f64]) -> Option<u32> {
     let n = codes.len() as f64;
     let runs = codes.chunk_by(|a, b| a == b).map(|run| (run.len() as f64 / n).powi(2));
     let agree: f64 = runs.sum();

@@ -112,6 +112,9 @@ pub struct NoLoadReadings {
     pub readings: u32,
     /// Time from the middle of the readings to their end, s.
     pub age_s: f64,
+    /// Mean of the readings along x and y, N, as the cell reads them; `None` for a cell with one axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub side_mean_n: Option<[f64; 2]>,
 }
 
 /// Time at which an event is passed.

@@ -196,6 +196,12 @@ impl ForceLoop {
         let moved_n = no_load.mean_n - self.context.zero.offset_n;
         let sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
         self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
+        if let (Some(side), Some(mean_n)) = (self.context.zero.side, no_load.side_mean_n) {
+            for (moved_n, axis_sigma_n) in side.from_zero(mean_n).into_iter().zip(side.sigma_n) {
+                let sigma_n = axis_sigma_n / f64::from(no_load.readings).sqrt();
+                self.context.permit.zero_holds(moved_n, sigma_n, self.context.zero_age_s)?;
+            }
+        }
         self.context.zero = self.context.zero.counted_from(&no_load);
         self.sigma_n = self.context.zero.sigma_mean_n(no_load.readings);
         self.force_n = 0.0;

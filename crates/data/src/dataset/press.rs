@@ -24,6 +24,8 @@ pub enum Presence {
     Sparse,
     /// The same, in a run with presses by depth.
     ByDepth,
+    /// The same, in a run on a rig whose load cell has three axes.
+    ThreeAxes,
 }
 
 /// One column of a table of presses.
@@ -91,6 +93,12 @@ columns! {
     force_n: Option<f64>, Optional, 6;
     /// Standard uncertainty of that force, N; `None` if neither a certificate nor a check weight gives the load cell's error.
     u_force_n: Option<f64>, Sparse, 6;
+    /// Mean force of the tip on the specimen along x in the window, N; only of a load cell with three axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    force_x_n: Option<f64>, ThreeAxes, 6;
+    /// Mean force of the tip on the specimen along y in the window, N; only of a load cell with three axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    force_y_n: Option<f64>, ThreeAxes, 6;
     /// Depth below the surface touched in this press, mm; 0 without load.
     depth_mm: Option<f64>, OfRun, 5;
     /// Standard uncertainty of that depth, mm; `None` if the stage has no certificate or the load cell's stiffness isn't stated.
@@ -171,9 +179,11 @@ impl Press {
         self
     }
 
-    /// Returns the columns of the press outside a table. Only a press by depth has a set depth.
+    /// Returns the columns of the press outside a table. Only a press by depth has a set depth, and only three axes have
+    /// forces sideways.
     pub fn columns(&self) -> impl Iterator<Item = &'static PressColumn> {
-        RunColumns { by_depth: self.depth_set_mm.is_some(), has_load_cell: true }.all()
+        let three_axes = self.force_x_n.is_some();
+        RunColumns { by_depth: self.depth_set_mm.is_some(), has_load_cell: true, three_axes }.all()
     }
 
     /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
@@ -189,6 +199,8 @@ pub struct RunColumns {
     pub by_depth: bool,
     /// Whether the rig has a load cell.
     pub has_load_cell: bool,
+    /// Whether the load cell has three axes.
+    pub three_axes: bool,
 }
 
 /// Columns that only a rig with a load cell has.
@@ -199,6 +211,7 @@ impl RunColumns {
     pub fn all(self) -> impl Iterator<Item = &'static PressColumn> {
         let is_there = move |column: &&PressColumn| match column.presence {
             Presence::ByDepth => self.by_depth,
+            Presence::ThreeAxes => self.three_axes,
             _ => self.has_load_cell || !OF_LOAD_CELL.contains(&column.name),
         };
         COLUMNS.iter().filter(is_there)
@@ -245,7 +258,7 @@ impl Serialize for Flat<'_> {
 }
 
 #[cfg(test)]
-pub(super) const BY_FORCE: RunColumns = RunColumns { by_depth: false, has_load_cell: true };
+pub(super) const BY_FORCE: RunColumns = RunColumns { by_depth: false, has_load_cell: true, three_axes: false };
 
 #[cfg(test)]
 pub(super) fn example(press: u64, level: u64) -> Press {
@@ -259,6 +272,8 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         depth_set_mm: None,
         force_n: Some(0.996_234_567),
         u_force_n: Some(0.001_234_567),
+        force_x_n: None,
+        force_y_n: None,
         depth_mm: Some(0.812_345_6),
         u_depth_mm: None,
         t_s: Some(12.345_67),
@@ -274,7 +289,8 @@ pub(super) fn example(press: u64, level: u64) -> Press {
 mod tests {
     use super::*;
 
-    const BY_DEPTH: RunColumns = RunColumns { by_depth: true, has_load_cell: true };
+    const BY_DEPTH: RunColumns = RunColumns { by_depth: true, ..BY_FORCE };
+    const THREE_AXES: RunColumns = RunColumns { three_axes: true, ..BY_FORCE };
 
     #[test]
     fn header_line_and_json_follow_from_the_columns() {
@@ -305,9 +321,18 @@ mod tests {
     }
 
     #[test]
+    fn press_on_three_axes_has_its_forces_sideways() {
+        let press = Press { force_x_n: Some(0.1), force_y_n: Some(-0.05), ..example(3, 0) }.rounded();
+        assert!(csv_header(2, THREE_AXES).contains(",force_n,u_force_n,force_x_n,force_y_n,depth_mm,"));
+        assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.81235,"));
+        assert!(press.to_json().contains("\"force_x_n\":0.1,\"force_y_n\":-0.05,\"depth_mm\""));
+    }
+
+    #[test]
     fn the_journals_fields_are_the_columns() {
         let by_depth = Press { depth_set_mm: Some(0.5), u_depth_mm: Some(0.01), ..example(3, 0) };
-        let fields = serde_json::to_value(by_depth).unwrap();
+        let all = Press { force_x_n: Some(0.1), force_y_n: Some(0.2), ..by_depth };
+        let fields = serde_json::to_value(all).unwrap();
         let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
         let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();
         names.sort();

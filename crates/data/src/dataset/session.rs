@@ -39,6 +39,9 @@ pub struct RunFacts {
     /// Whether the rig has no load cell, so that no force is known.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub without_load_cell: bool,
+    /// Whether the rig's load cell has three axes.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub three_axes: bool,
     /// Whether this program's emulators were at the other ends of the links.
     pub simulated: bool,
     /// Tables from which the presses were imported; `None` for a run that this program made.
@@ -133,6 +136,7 @@ impl Default for RunFacts {
             presses_max: None,
             by_depth: false,
             without_load_cell: false,
+            three_axes: false,
             simulated: false,
             imported: None,
         }
@@ -179,7 +183,8 @@ impl RunFacts {
 
     /// Returns which columns its table has.
     pub fn columns(&self) -> RunColumns {
-        RunColumns { by_depth: self.by_depth, has_load_cell: !self.without_load_cell }
+        let RunFacts { by_depth, without_load_cell, three_axes, .. } = *self;
+        RunColumns { by_depth, has_load_cell: !without_load_cell, three_axes }
     }
 
     /// Returns the facts of a plan.

@@ -158,7 +158,7 @@ impl KnownColumns {
                     Some(vec![header.needed(column.name, name)?])
                 }
                 Presence::Optional | Presence::OfRun => header.optional(name).map(|at| vec![at]),
-                Presence::Run | Presence::Sparse | Presence::ByDepth => {
+                Presence::Run | Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes => {
                     header.optional(name).filter(|_| is_of_run).map(|at| vec![at])
                 }
             };
@@ -175,7 +175,7 @@ impl KnownColumns {
         for (column, places) in &self.found {
             texts.clear();
             texts.extend(places.iter().map(|place| cells.text(*place)));
-            let may_be_empty = matches!(column.presence, Presence::Sparse | Presence::ByDepth);
+            let may_be_empty = matches!(column.presence, Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes);
             if may_be_empty && texts.iter().all(|text| text.is_empty()) {
                 continue;
             }

@@ -68,7 +68,12 @@ impl LoadCell for DaqmxLoadCell {
         self.seen = scan;
         let volts = volts.get(self.at).copied().unwrap_or(f64::NAN);
         let health = Health { saturated: volts.abs() >= FULL_SCALE * self.range_v, fault: false };
-        Ok(ForceReading { at_s: self.origin.elapsed().as_secs_f64(), force_n: volts * self.newton_per_volt, side_n: None, health })
+        Ok(ForceReading {
+            at_s: self.origin.elapsed().as_secs_f64(),
+            force_n: volts * self.newton_per_volt,
+            side_n: None,
+            health,
+        })
     }
 
     fn conversion(&self) -> Duration {

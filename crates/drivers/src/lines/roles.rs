@@ -43,7 +43,12 @@ impl LineLoadCell {
         let number = received.numbers[self.force.column];
         let saturated = self.force.saturated_at.is_some_and(|ends| number <= ends.min || number >= ends.max);
         let at_s = received.at.duration_since(self.origin).as_secs_f64();
-        ForceReading { at_s, force_n: self.force.newton(number), side_n: None, health: Health { saturated, fault: false } }
+        ForceReading {
+            at_s,
+            force_n: self.force.newton(number),
+            side_n: None,
+            health: Health { saturated, fault: false },
+        }
     }
 }
 

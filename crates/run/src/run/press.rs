@@ -62,12 +62,23 @@ struct ZeroMoved {
     from_s: f64,
     to_s: f64,
     by_n: f64,
+    /// Move of the zeros along x and y.
+    side_by_n: Option<[f64; 2]>,
 }
 
 impl ZeroMoved {
     /// Move of the zero up to a time, N, proportional to the time.
     fn at_n(&self, at_s: f64) -> f64 {
         self.by_n * self.share(at_s)
+    }
+
+    /// Removes the move of the zero from the forces of a window.
+    fn correct(&self, window: &mut MeasuredWindow) {
+        window.force_n -= self.at_n(window.middle_s);
+        let share = self.share(window.middle_s);
+        if let (Some(side_n), Some(by_n)) = (&mut window.side_n, self.side_by_n) {
+            *side_n = [side_n[0] - by_n[0] * share, side_n[1] - by_n[1] * share];
+        }
     }
 
     /// Fraction of the time that has passed at `at_s`.
@@ -90,8 +101,13 @@ impl Runner<'_> {
             from_s: no_load_s,
             to_s: self.rig_control.cell.now_s() - after.force.age_s,
             by_n: after.force.mean_n - before.force.mean_n,
+            side_by_n: after
+                .force
+                .side_mean_n
+                .zip(before.force.side_mean_n)
+                .map(|(to, from)| [to[0] - from[0], to[1] - from[1]]),
         };
-        held.iter_mut().for_each(|held| held.window.force_n -= moved.at_n(held.window.middle_s));
+        held.iter_mut().for_each(|held| moved.correct(&mut held.window));
         let along_normal = 1.0 / self.rig_control.frame.tilt.cosine();
         let budget = |held: &MeasuredLevel| self.budget(held, [&before, &after], &moved).times(along_normal);
         let budgets: Vec<UncertaintyBudget> = held.iter().map(budget).collect();
@@ -304,6 +320,8 @@ impl Runner<'_> {
             force_set_n: set.force_n(),
             depth_set_mm: set.depth_mm(),
             force_n: Some(tilt.normal_n(window.force_n)),
+            force_x_n: window.side_n.map(|side_n| side_n[0]),
+            force_y_n: window.side_n.map(|side_n| side_n[1]),
             depth_mm: Some(tilt.normal_mm(along_z_mm)),
             u_depth_mm: set.depth_mm().and_then(|_| self.conditions.spec.u_depth_mm(TOUCH_SIGMA_MM, window.force_n)),
             t_s: Some(self.conditions.clock.at_s(window.began)),

@@ -74,6 +74,8 @@ pub(super) struct WatchedLoadCell<'a, C> {
     began: Instant,
     next: Instant,
     last: Option<Instant>,
+    /// Last forces sideways, N from the zero; `None` for a cell with one axis.
+    pub side_n: Option<[f64; 2]>,
     /// Time at which the stage is at rest. No earlier force belongs to a stage at rest.
     pub settled: Instant,
     no_load: NoLoadForces,
@@ -84,15 +86,26 @@ pub(super) struct WatchedLoadCell<'a, C> {
 struct NoLoadForces {
     /// Whether the current readings are readings without load.
     open: bool,
-    /// Times of the readings, and the cell's readings, N.
-    readings: VecDeque<(Instant, f64)>,
+    /// Times of the readings, and the cell's readings, N: the force, and those sideways.
+    readings: VecDeque<(Instant, f64, Option<[f64; 2]>)>,
 }
 
 impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
     pub(super) fn new(cell: C, watch: Watch, cancel: &'a Cancel, shown: &'a dyn Fn(f64)) -> Self {
         let now = Instant::now();
         let no_load = NoLoadForces::default();
-        WatchedLoadCell { cell, watch, cancel, shown, began: now, next: now, last: None, settled: now, no_load }
+        WatchedLoadCell {
+            cell,
+            watch,
+            cancel,
+            shown,
+            began: now,
+            next: now,
+            last: None,
+            side_n: None,
+            settled: now,
+            no_load,
+        }
     }
 
     /// Waits until the cell's next conversion is due.
@@ -151,7 +164,8 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         (self.shown)(force_n);
         let now = Instant::now();
         self.last = Some(now);
-        self.no_load.take(now, reading.force_n);
+        self.side_n = self.watch.zero().side.zip(reading.side_n).map(|(zero, side_n)| zero.from_zero(side_n));
+        self.no_load.take(now, reading);
     }
 
     /// Returns the real cause of a broken rule: without load, noise that has grown breaks the other rules first.
@@ -175,7 +189,7 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         let mut still = NoLoadForces { open: true, ..NoLoadForces::default() };
         for _ in 0..LIGHT_READINGS {
             let Ok(reading) = self.sound_reading().await else { return trip };
-            still.take(Instant::now(), reading.force_n);
+            still.take(Instant::now(), &reading);
         }
         let (sigma_n, most_n) = (still.sigma_n(), self.watch.zero().noise_most_n());
         if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
@@ -211,12 +225,13 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         }
         self.no_load.open = false;
         let sigma_n = self.no_load.sigma_n();
-        let newest = self.no_load.readings.back().map_or(self.began, |(at, _)| *at);
+        let newest = self.no_load.readings.back().map_or(self.began, |(at, ..)| *at);
         let before = |at: Instant| -(newest - at).as_secs_f64();
-        let readings: Vec<(f64, f64)> = self.no_load.readings.iter().map(|&(at, n)| (before(at), n)).collect();
+        let readings: Vec<(f64, f64)> = self.no_load.readings.iter().map(|&(at, n, _)| (before(at), n)).collect();
         let mean =
             mean_of(&readings, self.watch.zero()).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 0.0, "readings"))?;
-        Ok(NoLoadReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s })
+        let side_mean_n = side_mean(self.no_load.readings.iter().map(|(.., side_n)| *side_n));
+        Ok(NoLoadReadings { mean_n: mean.value, sigma_n, readings: mean.readings, age_s: -mean.middle_s, side_mean_n })
     }
 
     /// Age of the last good reading, s.
@@ -274,27 +289,27 @@ impl NoLoadForces {
 
     fn span_s(&self) -> f64 {
         let ends = self.readings.front().zip(self.readings.back());
-        ends.map_or(0.0, |((first, _), (last, _))| (*last - *first).as_secs_f64())
+        ends.map_or(0.0, |((first, ..), (last, ..))| (*last - *first).as_secs_f64())
     }
 
     /// Noise of one reading, from the differences of successive readings. An increasing force or a drifting zero isn't noise.
     fn sigma_n(&self) -> f64 {
         let following = self.readings.iter().skip(1);
-        let squares: f64 = self.readings.iter().zip(following).map(|((_, a), (_, b))| (b - a).powi(2)).sum();
+        let squares: f64 = self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2)).sum();
         (squares / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
     }
 
-    fn take(&mut self, now: Instant, read_n: f64) {
+    fn take(&mut self, now: Instant, reading: &ForceReading) {
         if !self.open {
             return;
         }
-        let is_old = |&(at, _): &(Instant, f64)| (now - at).as_secs_f64() > NO_LOAD_S;
+        let is_old = |&(at, ..): &(Instant, f64, Option<[f64; 2]>)| (now - at).as_secs_f64() > NO_LOAD_S;
         while self.readings.len() >= NO_LOAD_MAX
             || (self.count() > NO_LOAD_READINGS && self.readings.front().is_some_and(is_old))
         {
             self.readings.pop_front();
         }
-        self.readings.push_back((now, read_n));
+        self.readings.push_back((now, reading.force_n, reading.side_n));
     }
 }
 
@@ -405,6 +420,13 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
         self.cell.watch.count_from(&no_load.force);
         self.no_load.clone_from(&no_load.outputs);
     }
+}
+
+/// Returns the mean forces sideways, N; `None` if a reading has none, or there are no readings.
+pub(super) fn side_mean(readings: impl Iterator<Item = Option<[f64; 2]>>) -> Option<[f64; 2]> {
+    let sides: Vec<[f64; 2]> = readings.collect::<Option<_>>()?;
+    let mean = |axis: usize| sides.iter().map(|side_n| side_n[axis]).sum::<f64>() / sides.len() as f64;
+    (!sides.is_empty()).then(|| [mean(0), mean(1)])
 }
 
 /// Returns the noise of one output in the mean over all outputs.

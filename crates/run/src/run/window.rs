@@ -1,7 +1,7 @@
 //! Readings averaged over a window.
 
 use super::Halt;
-use super::rig_control::RigControl;
+use super::rig_control::{RigControl, side_mean};
 use palpate_control::{Mean, STALE_S, mean_of};
 use palpate_link::device::{DeviceError, DeviceProblem, LoadCell, SensorArray, Stage};
 use palpate_link::time::{Instant, sleep_until};
@@ -79,6 +79,8 @@ pub(super) struct MeasuredWindow {
     pub began: Instant,
     /// Mean force, N relative to the reading without load before.
     pub force_n: f64,
+    /// Mean forces along x and y, N relative to the readings without load before; `None` for a cell with one axis.
+    pub side_n: Option<[f64; 2]>,
     /// Middle of the forces, s by the press' clock.
     pub middle_s: f64,
     /// Number of forces, and their duration, s.
@@ -120,9 +122,13 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let over = Notify::new();
         let forces = async {
             let mut read: Vec<(f64, f64)> = Vec::new();
+            let mut sides: Vec<Option<[f64; 2]>> = Vec::new();
             while Instant::now() < until + lag || read.len() < READINGS_LEAST as usize {
                 match watched_cell.force_n().await {
-                    Ok(force_n) if Instant::now() > began + lag => read.push((watched_cell.now_s(), force_n)),
+                    Ok(force_n) if Instant::now() > began + lag => {
+                        read.push((watched_cell.now_s(), force_n));
+                        sides.push(watched_cell.side_n);
+                    }
                     Ok(_) => {}
                     Err(halt) => {
                         over.notify_one(); // a lost window isn't completed
@@ -130,7 +136,7 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
                     }
                 }
             }
-            Ok::<Option<Mean>, Halt>(mean_of(&read, watched_cell.watch.zero()))
+            Ok::<_, Halt>((mean_of(&read, watched_cell.watch.zero()), side_mean(sides.into_iter())))
         };
         let goes_on = |readings| Instant::now() < until || readings < READINGS_LEAST;
         let check = |now: &[f64], took: Duration| {
@@ -145,12 +151,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             outputs
         };
         let (force, outputs) = tokio::join!(forces, outputs);
-        let force = force?;
+        let (force, side_n) = force?;
         outputs?;
         let Mean { value: force_n, middle_s, readings: forces } =
             force.unwrap_or(Mean { value: f64::NAN, middle_s: 0.0, readings: 0 });
         let outputs = means.means.iter().zip(&self.no_load).map(|(mean, no_load)| mean - no_load).collect();
-        Ok(MeasuredWindow { began, force_n, middle_s, forces, seconds, outputs, saturated, late })
+        Ok(MeasuredWindow { began, force_n, side_n, middle_s, forces, seconds, outputs, saturated, late })
     }
 }
 
@@ -185,6 +191,7 @@ mod tests {
             MeasuredWindow {
                 began: Instant::now(),
                 force_n,
+                side_n: None,
                 middle_s,
                 forces: 40,
                 seconds: 0.2,
