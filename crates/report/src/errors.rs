@@ -69,7 +69,8 @@ impl ErrorNumber {
 pub fn known(evaluations: &[&Evaluation], most: Detail) -> impl Iterator<Item = &'static ErrorNumber> {
     let is_known = |number: &ErrorNumber| evaluations.iter().any(|evaluation| number.value(evaluation).is_some());
     let by_depth = evaluations.iter().any(|evaluation| evaluation.depth_error_mm.is_some());
-    let is_shown = move |number: &&ErrorNumber| (number.detail < Detail::All && !by_depth) || is_known(number);
+    let is_always_shown = |number: &ErrorNumber| number.detail < Detail::All && !number.key.starts_with("depth");
+    let is_shown = move |number: &&ErrorNumber| (is_always_shown(number) && !by_depth) || is_known(number);
     NUMBERS.iter().filter(move |number| number.detail <= most).filter(is_shown)
 }
 
@@ -97,7 +98,7 @@ pub static NUMBERS: [ErrorNumber; 25] = {
         row(All, "force error by the load cell, mean", "force_error_load_cell_n.mean", "N", 4, None, |e| {
             Some(e.force_error_load_cell_n?.mean)
         }),
-        row(All, "depth error, mean", "depth_error_mm.mean", "mm", 3, None, |e| Some(e.depth_error_mm?.mean)),
+        row(Means, "depth error, mean", "depth_error_mm.mean", "mm", 3, None, |e| Some(e.depth_error_mm?.mean)),
         row(All, "depth error, median", "depth_error_mm.median", "mm", 3, None, |e| Some(e.depth_error_mm?.median)),
         row(All, "depth error, 95th percentile", "depth_error_mm.p95", "mm", 3, None, |e| Some(e.depth_error_mm?.p95)),
         row(All, "depth error, largest", "depth_error_mm.max", "mm", 3, None, |e| Some(e.depth_error_mm?.max)),
