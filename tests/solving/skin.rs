@@ -130,6 +130,7 @@ const OFFSET: Taxels = Taxels {
     place_spread_mm: 0.0,
     depth_spread_percent: 0.0,
     baseline: 0.02,
+    shear: false,
 };
 
 #[test]

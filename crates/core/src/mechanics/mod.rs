@@ -18,6 +18,16 @@ pub fn lambda(k: f64) -> f64 {
     1.0 / (base * base * base.sqrt())
 }
 
+/// Traction on a plane below a point load, relative to the normal traction straight below 1 N: `[i][j]` along i (x, y, z) for a force
+/// along j, with z into the material. `from_load` is the position of the point relative to the load, x, y and depth, in the unit of
+/// the depth. Boussinesq's and Cerruti's solutions give t = 3 z r (r . F) / (2 pi R^5), for any Poisson's ratio.
+pub fn traction(from_load: [f64; 3]) -> [[f64; 3]; 3] {
+    let [x, y, depth] = from_load;
+    let along = [x / depth, y / depth, 1.0];
+    let normal = lambda(along[0].hypot(along[1]));
+    along.map(|i| along.map(|j| normal * i * j))
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -42,6 +52,43 @@ pub(crate) mod tests {
             (3.0, 0.0031622776601683794),
         ] {
             assert!((lambda(k) - golden).abs() < 1e-12, "k = {k}");
+        }
+    }
+
+    #[test]
+    fn traction_has_its_golden_values() {
+        let t = traction([4.5, 0.0, 5.0]);
+        let golden =
+            [(t[2][0], 0.204_195_46), (t[2][2], 0.226_883_84), (t[0][0], 0.183_775_91), (t[0][2], 0.204_195_46)];
+        assert!(golden.iter().all(|(value, golden)| (value - golden).abs() < 5e-9), "{golden:?}");
+        assert_eq!((t[1], t[2][1]), ([0.0; 3], 0.0), "nothing along y");
+        assert!((t[2][2] - lambda(0.9)).abs() < 1e-15);
+    }
+
+    /// A plane below a load carries the load: the traction, in MPa for 1 N, has the identity as its integral.
+    #[test]
+    fn a_plane_carries_the_load() {
+        let (depth_mm, most_mm, steps) = (5.0, 2000.0, 4000);
+        let mut sums = [[0.0; 3]; 3];
+        // rings whose radii grow geometrically, and 16 directions
+        let ratio = (most_mm / 1e-3f64).ln() / f64::from(steps);
+        for step in 0..steps {
+            let (inner, outer) = (1e-3 * (ratio * f64::from(step)).exp(), 1e-3 * (ratio * f64::from(step + 1)).exp());
+            let (radius, area) = ((inner * outer).sqrt(), PI * (outer * outer - inner * inner) / 16.0);
+            for direction in 0..16 {
+                let (sin, cos) = (PI * f64::from(direction) / 8.0).sin_cos();
+                let t = traction([radius * cos, radius * sin, depth_mm]);
+                let peak_mpa = 3.0 / (2.0 * PI * depth_mm * depth_mm);
+                for (row, t) in sums.iter_mut().zip(t) {
+                    row.iter_mut().zip(t).for_each(|(sum, t)| *sum += peak_mpa * t * area);
+                }
+            }
+        }
+        for (i, row) in sums.iter().enumerate() {
+            for (j, sum) in row.iter().enumerate() {
+                let expected = f64::from(u8::from(i == j));
+                assert!((sum - expected).abs() < 5e-3, "[{i}][{j}]: {sum}");
+            }
         }
     }
 

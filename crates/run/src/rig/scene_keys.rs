@@ -84,6 +84,7 @@ keys! {
         place_spread_mm: Number(within(0.0, 10.0, "mm")), or(0.0), "standard deviation of positions along x and y", "0.1";
         depth_spread_percent: Number(within(0.0, 30.0, "%")), or(0.0), "standard deviation of depths", "5.0";
         baseline: Number(READING), or(0.0), "output of every unit without a load", "0.02";
+        shear: Flag, or_flag(false), "outputs 2 and 3 of a unit are shear stresses along x and y; only for a point load on a half-space", "true";
     }
 }
 

@@ -20,7 +20,8 @@ pub(super) fn read_skin(table: &Table, units: Option<usize>) -> Option<SkinSpec>
         Some(inner)
     };
     let radius_mm = under(&scene::indenter).map(|table| read_radius(&table, &indenter::radius_mm, elastomer));
-    let taxels = under(&scene::taxels).map(|table| read_taxels(&table, elastomer));
+    let indenter_radius_mm = radius_mm.map_or(Some(0.0), |radius_mm| radius_mm);
+    let taxels = under(&scene::taxels).map(|table| read_taxels(&table, elastomer, indenter_radius_mm));
     let noise = table.table(&scene::taxel_noise).map(|table| read_noise(&table, units));
     let hysteresis_percent =
         table.table(&scene::hysteresis).map(|table| read_percents(&table, &hysteresis::hysteresis_percent, units));
@@ -48,7 +49,7 @@ fn read_elastomer(table: &Table) -> Option<Elastomer> {
     Some(Elastomer { depth_mm: depth_mm?, medium })
 }
 
-fn read_taxels(table: &Table, elastomer: Option<Elastomer>) -> Option<Taxels> {
+fn read_taxels(table: &Table, elastomer: Option<Elastomer>, indenter_radius_mm: Option<f64>) -> Option<Taxels> {
     let radius_mm = read_radius(table, &taxels::radius_mm, elastomer);
     let [gain_spread_percent, place_spread_mm, depth_spread_percent, baseline] = table.numbers([
         taxels::gain_spread_percent,
@@ -56,7 +57,14 @@ fn read_taxels(table: &Table, elastomer: Option<Elastomer>) -> Option<Taxels> {
         taxels::depth_spread_percent,
         taxels::baseline,
     ])?;
-    Some(Taxels { radius_mm: radius_mm?, gain_spread_percent, place_spread_mm, depth_spread_percent, baseline })
+    let shear = table.flag(&taxels::shear)?;
+    let is_layer = elastomer.is_some_and(|elastomer| elastomer.medium != Medium::HalfSpace);
+    if shear && (radius_mm != Some(0.0) || indenter_radius_mm != Some(0.0) || is_layer) {
+        let text = "`shear` is modelled for a point load on points in a half-space";
+        let help = "remove `shear`, or `radius_mm` of taxels and indenter and `bonded_poisson_ratio`";
+        table.complain(Problem::new(table.span_of(&taxels::shear), text).help(help));
+    }
+    Some(Taxels { radius_mm: radius_mm?, gain_spread_percent, place_spread_mm, depth_spread_percent, baseline, shear })
 }
 
 /// Reads the radius of an indenter or a taxel, mm.
@@ -135,6 +143,17 @@ mod tests {
     }
 
     #[test]
+    fn shear_is_read_and_refused_where_it_is_not_modelled() {
+        assert!(with("taxels = { shear = true }").unwrap().taxels.shear);
+        for more in
+            ["taxels = { shear = true, radius_mm = 0.5 }", "taxels = { shear = true }\nindenter = { radius_mm = 1.0 }"]
+        {
+            let lines = with(more).unwrap_err();
+            assert!(lines[0].contains("`shear` is modelled for a point load on points in a half-space"), "{lines:?}");
+        }
+    }
+
+    #[test]
     fn unnamed_scene_term_is_absent() {
         let shipped = changed("[scene]", "[scene]").unwrap();
         let SkinSpec { elastomer, indenter_radius_mm, taxels, noise, faults, converter, .. } = shipped;
@@ -159,6 +178,7 @@ mod tests {
             place_spread_mm: 0.1,
             depth_spread_percent: 5.0,
             baseline: 0.02,
+            shear: false,
         };
         assert_eq!(with(taxels).unwrap().taxels, read);
         let noise =

@@ -4,14 +4,14 @@ mod spec;
 
 pub use spec::{Converter, Elastomer, NoiseOf, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels};
 
-use palpate_core::mechanics::{Passage, TaxelResponse};
+use palpate_core::mechanics::{Passage, TaxelResponse, traction};
 use palpate_core::quantity::{ArrayLayout, Place, RandomStream, stream};
 use rand::RngExt;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
 use std::ops::Range;
 
-/// Largest number of channels of a unit that read a signal: the normal stress, and its slopes along x and y.
+/// Largest number of channels of a unit that read a signal: the normal stress, and its slopes or the shear stresses along x and y.
 pub const SKIN_CHANNELS_MAX: usize = 3;
 
 /// Taxels of a specimen: the stress at each taxel, and the resulting reading.
@@ -60,6 +60,8 @@ enum Reads {
     SlopeX,
     /// Slope of the response along y times the unit's depth, on the third channel.
     SlopeY,
+    /// Traction along x, y or z, numbered from 0, by a point load on a half-space.
+    Traction(usize),
     /// No signal.
     Nothing,
 }
@@ -103,7 +105,10 @@ impl Skin {
                 error_of_reading: 0.0,
                 error: 0.0,
             };
-            let reads = [Reads::Normal, Reads::SlopeX, Reads::SlopeY];
+            let reads = match spec.taxels.shear {
+                true => [2, 0, 1].map(Reads::Traction),
+                false => [Reads::Normal, Reads::SlopeX, Reads::SlopeY],
+            };
             let reads = reads.into_iter().chain(std::iter::repeat(Reads::Nothing)).take(outputs.len());
             reads.map(|reads| TaxelChannel { reads, ..first.clone() }).collect::<Vec<_>>()
         });
@@ -164,10 +169,18 @@ impl Skin {
     /// # Panics
     /// If the length of `outputs` isn't the number of outputs.
     pub fn add_load(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
+        self.add_force([0.0, 0.0, force_n], place, outputs);
+    }
+
+    /// Adds the effect of a force along x, y and into the specimen, N. Only taxels that read tractions respond to the force sideways.
+    ///
+    /// # Panics
+    /// If the length of `outputs` isn't the number of outputs.
+    pub fn add_force(&self, force_n: [f64; 3], place: Place, outputs: &mut [f64]) {
         assert_eq!(outputs.len(), self.len(), "one place an output");
         for (channel, output) in self.channels.iter().zip(outputs) {
             if let Some(response) = &channel.response {
-                *output += force_n * channel.reads.of(response, channel.place, place) * channel.gain;
+                *output += channel.reads.of_force(force_n, response, channel.place, place) * channel.gain;
             }
         }
     }
@@ -179,7 +192,7 @@ impl Skin {
             let straight = *output;
             let u = straight / self.full_scale;
             let loop_width = match channel.reads {
-                Reads::Normal => channel.hysteresis * (4.0 * u * (1.0 - u)).max(0.0),
+                Reads::Normal | Reads::Traction(2) => channel.hysteresis * (4.0 * u * (1.0 - u)).max(0.0),
                 // a slope lags in either direction
                 _ => (channel.hysteresis * (4.0 * u.abs() * (1.0 - u.abs())).max(0.0)).copysign(u),
             };
@@ -214,6 +227,15 @@ impl Skin {
 }
 
 impl Reads {
+    /// Response of a unit's channel to a force along x, y and into the specimen, N, at another place.
+    #[inline]
+    fn of_force(self, force_n: [f64; 3], response: &TaxelResponse, unit: Place, load: Place) -> f64 {
+        let Reads::Traction(along) = self else { return force_n[2] * self.of(response, unit, load) };
+        let depth_mm = response.passage().depth_mm;
+        let t = traction([unit.x_mm - load.x_mm, unit.y_mm - load.y_mm, depth_mm]);
+        response.at(0.0) * t[along].iter().zip(force_n).map(|(t, force_n)| t * force_n).sum::<f64>()
+    }
+
     /// Response of a unit's channel to 1 N at another place.
     #[inline]
     fn of(self, response: &TaxelResponse, unit: Place, load: Place) -> f64 {
@@ -222,7 +244,7 @@ impl Reads {
             Reads::Normal => return response.at(distance_mm),
             Reads::SlopeX => load.x_mm - unit.x_mm,
             Reads::SlopeY => load.y_mm - unit.y_mm,
-            Reads::Nothing => return 0.0,
+            Reads::Nothing | Reads::Traction(_) => return 0.0,
         };
         if distance_mm == 0.0 {
             return 0.0; // straight above it has no direction

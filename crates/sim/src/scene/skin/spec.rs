@@ -52,6 +52,8 @@ pub struct Taxels {
     pub depth_spread_percent: f64,
     /// Reading of all taxels without load, reading units.
     pub baseline: f64,
+    /// Whether the second and third channels of a unit read shear stresses, and all channels the force sideways too.
+    pub shear: bool,
 }
 
 /// Repeatability of a contact: one normal draw for each unit and contact.

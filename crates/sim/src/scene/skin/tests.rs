@@ -26,6 +26,7 @@ fn rich() -> SkinSpec {
             place_spread_mm: 0.1,
             depth_spread_percent: 5.0,
             baseline: 0.0,
+            shear: false,
         },
         ..SkinSpec::default()
     }
@@ -278,4 +279,21 @@ fn a_units_fault_hysteresis_and_noise_are_those_of_all_its_channels() {
     skin.read_out(0.0, &mut loading);
     let errors: Vec<f64> = (12..15).map(|channel| loading[channel] - still[channel]).collect();
     assert!(errors.iter().all(|error| *error != 0.0) && errors[0] != errors[1], "{errors:?}");
+}
+
+#[test]
+fn taxels_with_shear_read_the_traction_of_any_force() {
+    let spec = SkinSpec { taxels: Taxels { shear: true, ..Taxels::default() }, ..plain() };
+    let layout = ArrayLayout::from_places(vec![Place::new(4.5, 0.0)]).with_channels(3);
+    let skin = Skin::new(&spec, &layout, FULL_SCALE_N, 1);
+    let read = |force_n: [f64; 3]| {
+        let mut outputs = [0.0; 3];
+        skin.add_force(force_n, Place::default(), &mut outputs);
+        outputs
+    };
+    // normal, along x, along y: golden values of Boussinesq and Cerruti at a distance of 4.5 mm and a depth of 5 mm
+    let near = |read: [f64; 3], golden: [f64; 3]| read.iter().zip(golden).all(|(a, b)| (a - b).abs() < 1e-8);
+    assert!(near(read([0.0, 0.0, 1.0]), [0.226_883_84, 0.204_195_46, 0.0]), "{:?}", read([0.0, 0.0, 1.0]));
+    assert!(near(read([1.0, 0.0, 0.0]), [0.204_195_46, 0.183_775_91, 0.0]), "{:?}", read([1.0, 0.0, 0.0]));
+    assert!(near(read([0.0, 1.0, 0.0]), [0.0; 3]), "a unit beside a force along y");
 }
