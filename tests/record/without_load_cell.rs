@@ -47,6 +47,30 @@ fn touch_is_confirmed_for_a_sensor_in_a_mounting() {
     bench.palpate_ends(0, "resume run --confirmed touch");
 }
 
+/// The surface is 0.2 mm deeper than the frame states, which is inside its uncertainty, or so deep that nothing is touched.
+#[test]
+fn confirmed_surface_is_named_in_the_verdict_and_presses_in_air_end_the_run() {
+    let accept = "\n[accept]\nlocation_mean_mm = 3.0\ndepth_mean_mm = 0.5\n";
+    let deeper = |mm: &str| {
+        let rig = rig_without_load_cell();
+        format!("{rig}\n[scene.mounting]\nz_mm = {mm}\n")
+    };
+    let (recipe, rig, far) = (format!("{RECIPE}{accept}"), deeper("0.2"), deeper("0.9"));
+    let bench = TestFolder::with([("deep.toml", recipe.as_str()), ("rig.toml", &rig), ("far.toml", &far)]);
+    let words = |rig: &str| {
+        format!("run deep.toml --rig {rig}.toml --simulate --out {rig} --confirmed touch --sensor A1 --mounting 1")
+    };
+    bench.palpate_ends(0, &words("rig"));
+    let note = "depths count from a surface that a person confirmed: its uncertainty, 0.3 mm, isn't in their errors";
+    let judged = bench.palpate_ends(0, "evaluate rig").out;
+    let judged = judged.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(judged.contains(note), "{judged}");
+    assert!(bench.read("rig/manifest.json").contains("\"confirmed_within_mm\": 0.3"));
+    let tripped = bench.palpate_ends(4, &words("far")).running();
+    assert!(tripped.contains("no-contact"), "{tripped}");
+    assert!(bench.column("far/presses.csv", "press").len() < 10, "it ends after a few presses");
+}
+
 #[test]
 fn force_is_refused_without_a_load_cell() {
     let (rig, by_force) = (rig_without_load_cell(), RECIPE.replace("depth_mm = [0.3, 0.6]", "force_n = 0.5"));

@@ -51,6 +51,8 @@ pub struct Measured {
     pub cell_unchecked: bool,
     /// Whether a run had no load cell.
     pub without_load_cell: bool,
+    /// Uncertainty of a surface that a person confirmed, mm.
+    pub confirmed_within_mm: Option<f64>,
     /// Location errors, mm; `None` if there was no test.
     pub location: Option<TestErrors>,
     /// Absolute force errors, N; `None` if no true force is known.
@@ -178,6 +180,11 @@ fn notes(measured: &Measured) -> Vec<String> {
     let all = [
         (*at > 0).then(|| format!("{at} of {test_presses} test presses are at places of the calibration")),
         (*flagged > 0).then(|| format!("{flagged} flagged presses are excluded")),
+        measured.confirmed_within_mm.map(|mm| {
+            format!(
+                "depths count from a surface that a person confirmed: its uncertainty, {mm} mm, isn't in their errors"
+            )
+        }),
         measured.cell_unchecked.then(|| "the load cell was not checked after the run".to_owned()),
         measured.is_held_out.then(|| "the test presses were held out of the calibration's own presses".to_owned()),
         measured.constant_load.then(|| "every contact was assumed to have the force of the calibration".to_owned()),

@@ -59,6 +59,8 @@ impl Evidence<'_> {
         measured.incomplete = self.incomplete();
         measured.doubtful = self.doubtful();
         measured.without_load_cell = self.runs.iter().any(|run| run.manifest.facts.without_load_cell);
+        let confirmed = self.runs.iter().filter_map(|run| run.manifest.facts.confirmed_within_mm);
+        measured.confirmed_within_mm = confirmed.reduce(f64::max);
         measured.cell_unchecked = self.runs.iter().any(|run| run.manifest.cell_unchecked);
         if let Some(evaluation) = evaluation {
             let sizes = evaluation.presses.iter().map(|press| press.location_error_mm).collect();

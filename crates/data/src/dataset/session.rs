@@ -39,6 +39,9 @@ pub struct RunFacts {
     /// Whether the rig has no load cell, so that no force is known.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub without_load_cell: bool,
+    /// Uncertainty of the surface that a person confirmed, mm; `None` if load cell or array found it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confirmed_within_mm: Option<f64>,
     /// Whether the rig's load cell has three axes.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub three_axes: bool,
@@ -136,6 +139,7 @@ impl Default for RunFacts {
             presses_max: None,
             by_depth: false,
             without_load_cell: false,
+            confirmed_within_mm: None,
             three_axes: false,
             simulated: false,
             imported: None,

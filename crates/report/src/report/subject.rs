@@ -221,8 +221,14 @@ impl Subject {
                 " There was no load cell: no force is known, and nothing but the declared stiffness limited the force."
             }
         };
+        let confirmed = self.runs.iter().filter_map(|run| run.manifest.facts.confirmed_within_mm).reduce(f64::max);
+        let surface = confirmed.map_or_else(String::new, |mm| {
+            format!(
+                " Depths count from a surface that a person confirmed. Its uncertainty, {mm} mm, isn't in the depth errors."
+            )
+        });
         let (presses, units) = (counted(done as usize, "press"), counted(self.layout().units().len(), "unit"));
-        format!("{presses} of {}, {units}{simulated}.{forces}", recipes.join(", "))
+        format!("{presses} of {}, {units}{simulated}.{forces}", recipes.join(", ")) + &surface
     }
 
     /// Whether every run had a load cell.

@@ -32,6 +32,9 @@ const MOVED_MOST_MM: f64 = TRAVEL_CLEARANCE_MM / 2.0;
 /// Largest part of the outputs of a press that may remain after the retraction: more shows that the contact continues.
 const REMAINING_SHARE: f64 = 0.25;
 
+/// Number of presses at the beginning of a run, none of which changes the outputs, after which the surface counts as not met.
+const UNFELT_MOST: u32 = 5;
+
 /// Reason why a run doesn't continue.
 const CONFIRM_AGAIN: &str = "a person confirmed the surface when this run began: nothing was moved. Check that the sensor is still where it \
                              was, then add --confirmed touch";
@@ -65,6 +68,7 @@ pub(super) async fn execute_without_cell(rig: OpenRig, job: RunJob<'_>, listener
         clock,
         pressing: None,
         before: None,
+        unfelt: Some(0),
     };
     let mut ending = Ending::parked();
     ending.halt = runner.begin(&past, devices).await.err();
@@ -94,6 +98,8 @@ pub(super) struct DepthRunner<'a> {
     pressing: Option<u64>,
     /// Outputs of the last press.
     before: Option<Vec<f64>>,
+    /// Presses so far if none changed the outputs; `None` after one did.
+    unfelt: Option<u32>,
 }
 
 impl DepthRunner<'_> {
@@ -195,6 +201,7 @@ impl DepthRunner<'_> {
         self.clear(first_mm).await?;
         let no_load_after = self.rig_control.outputs_at_rest().await?;
         self.check_contact_ended(&no_load_before, &no_load_after, levels.last())?;
+        self.check_felt(&no_load_before, &levels)?;
         if let Some(next) = next {
             self.go_to(next).await?;
         }
@@ -263,6 +270,22 @@ impl DepthRunner<'_> {
         match remaining <= most {
             true => Ok(()),
             false => Err(Trip::new(SafetyRule::StillTouching, remaining, most, &self.spec.array.unit)),
+        }
+    }
+
+    /// Checks that the first presses met the surface: presses in air would all be recorded, and none evaluated.
+    fn check_felt(&mut self, before: &OutputsAtRest, levels: &[Press]) -> Result<(), Trip> {
+        let Some(unfelt) = &mut self.unfelt else { return Ok(()) };
+        let is_felt = |press: &Press| length(press.outputs.iter().copied()) > before.noise_most();
+        if levels.iter().any(is_felt) {
+            self.unfelt = None;
+            return Ok(());
+        }
+        *unfelt += 1;
+        let deepest_mm = levels.iter().filter_map(|press| press.depth_mm).fold(0.0, f64::max);
+        match *unfelt < UNFELT_MOST {
+            true => Ok(()),
+            false => Err(Trip::new(SafetyRule::NoContact, deepest_mm, self.spec.frame.uncertainty_mm, "mm")),
         }
     }
 
