@@ -55,6 +55,7 @@ fn roles_and_link(family: &DeviceFamily) -> (Vec<&'static str>, &'static str) {
     let (names, links): (Vec<&str>, Vec<Links>) = roles.into_iter().flatten().unzip();
     let link = links.first().map_or("", |links| match links {
         Links::Stream => "serial port or TCP",
+        Links::StreamOrDatagrams => "serial port, TCP or UDP",
         Links::Daqmx => "NI's library",
         Links::Program => "the program itself",
     });

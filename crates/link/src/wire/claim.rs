@@ -105,17 +105,19 @@ fn identity(link: &Link) -> Option<String> {
     match link {
         Link::Sim | Link::Daqmx(_) => None,
         Link::Serial { port, .. } => Some(format!("serial {}", serial_identity(port))),
-        Link::Tcp { host, port } => {
-            // an address may be written in several ways
-            let host = host.parse::<IpAddr>().map_or_else(|_| host.to_lowercase(), |address| address.to_string());
-            Some(format!("tcp {host} {port}"))
-        }
+        Link::Tcp { host, port } => Some(format!("tcp {} {port}", host_identity(host))),
+        Link::Udp { host, port } => Some(format!("udp {} {port}", host_identity(host))),
         // a script in this folder isn't the script of the same name in another one
         Link::Process(command) => {
             let words = command.iter().map(|word| real_path(word).unwrap_or_else(|| word.clone()));
             Some(format!("process {:?}", words.collect::<Vec<_>>()))
         }
     }
+}
+
+/// An address may be written in several ways.
+fn host_identity(host: &str) -> String {
+    host.parse::<IpAddr>().map_or_else(|_| host.to_lowercase(), |address| address.to_string())
 }
 
 fn serial_identity(port: &str) -> String {
@@ -302,6 +304,8 @@ mod tests {
         let same = |one: &Link, other: &Link| identity(one) == identity(other);
         assert!(same(&tcp("Stage.Local", 1), &tcp("stage.local", 1)) && !same(&tcp("a", 1), &tcp("a", 2)));
         assert!(same(&tcp("::1", 1), &tcp("0:0:0:0:0:0:0:1", 1)));
+        let udp = |host: &str| Link::Udp { host: host.to_owned(), port: 1 };
+        assert!(same(&udp("Cell"), &udp("cell")) && !same(&udp("cell"), &tcp("cell", 1)));
         assert!(same(&serial("COM3"), &Link::parse("serial://COM3?baud=1200&parity=even").unwrap()));
         assert!(!same(&process(&["a b"]), &process(&["a", "b"])));
         assert_eq!(ni_devices("Dev1/ai0:3, /cDAQ1Mod2/ai1").collect::<Vec<_>>(), ["Dev1", "cDAQ1Mod2"]);

@@ -1,5 +1,6 @@
 //! Opening of links.
 
+use super::datagram::DatagramStream;
 use super::{Link, Parity, program};
 use crate::time::timeout;
 use std::io;
@@ -8,7 +9,7 @@ use tokio::io::{AsyncRead, AsyncWrite, DuplexStream};
 use tokio::net::TcpStream;
 use tokio_serial::{FlowControl, SerialPortBuilderExt, StopBits};
 
-/// Longest wait until a TCP server accepts.
+/// Longest wait until a TCP server accepts, or the name of a host is found.
 const CONNECT_DEADLINE: Duration = Duration::from_secs(5);
 
 /// Anything that bytes can be written to and read from.
@@ -41,6 +42,11 @@ impl Connector {
                     .map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "no answer to the connection request"))??;
                 stream.set_nodelay(true)?;
                 Ok(Box::new(stream))
+            }
+            Connector::Real(Link::Udp { host, port }) => {
+                let dialled = timeout(CONNECT_DEADLINE, DatagramStream::connect(host, *port)).await;
+                let no_address = |_| io::Error::new(io::ErrorKind::TimedOut, "no address of this name was found");
+                Ok(Box::new(dialled.map_err(no_address)??))
             }
             Connector::Real(Link::Serial { port, baud, parity, stop_bits, rts_cts }) => {
                 let parity = match parity {

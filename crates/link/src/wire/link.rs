@@ -28,6 +28,13 @@ pub enum Link {
         /// Port.
         port: u16,
     },
+    /// A device that sends datagrams after it got one.
+    Udp {
+        /// Host name or address.
+        host: String,
+        /// Port.
+        port: u16,
+    },
     /// A program of the user, given as the command and its arguments. Its standard input and output are the link.
     Process(Vec<String>),
     /// NI's DAQmx library on this machine: the system's own, or the file of this path.
@@ -50,7 +57,7 @@ const PARITIES: [(&str, Parity); 3] = [("none", Parity::None), ("even", Parity::
 
 impl Link {
     /// Parses `sim`, `serial:///dev/ttyUSB0?baud=921600` (`serial://COM3?baud=...`; `&parity=even`, `&stop_bits=2` and
-    /// `&flow=rts-cts` may follow), `tcp://host:port`, `daqmx` or `daqmx:///path/to/library`.
+    /// `&flow=rts-cts` may follow), `tcp://host:port`, `udp://host:port`, `daqmx` or `daqmx:///path/to/library`.
     ///
     /// # Errors
     /// The mistake, and the expected form.
@@ -65,14 +72,12 @@ impl Link {
             return serial(port, query).ok_or_else(|| form.to_owned());
         }
         if let Some(rest) = text.strip_prefix("tcp://") {
-            let is_number = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
-            return match rest.rsplit_once(':').map(|(host, port)| (host, port, port.parse())) {
-                Some((host, _, Ok(port))) if !host.is_empty() => Ok(Link::Tcp { host: host.to_owned(), port }),
-                Some((host, port, Err(_))) if !host.is_empty() && is_number(port) => {
-                    Err(format!("but a port is at most {}: correct {port}", u16::MAX))
-                }
-                _ => Err("expected tcp://HOST:PORT, such as tcp://192.168.1.10:502".to_owned()),
-            };
+            let form = "expected tcp://HOST:PORT, such as tcp://192.168.1.10:502";
+            return host_and_port(rest, form).map(|(host, port)| Link::Tcp { host, port });
+        }
+        if let Some(rest) = text.strip_prefix("udp://") {
+            let form = "expected udp://HOST:PORT, such as udp://192.168.1.1:49152";
+            return host_and_port(rest, form).map(|(host, port)| Link::Udp { host, port });
         }
         if text == "daqmx" {
             return Ok(Link::Daqmx(None));
@@ -81,7 +86,19 @@ impl Link {
             let form = "expected daqmx, or daqmx:///PATH/OF/THE/LIBRARY";
             return if path.is_empty() { Err(form.to_owned()) } else { Ok(Link::Daqmx(Some(path.to_owned()))) };
         }
-        Err("expected an address: sim, serial://, tcp:// or daqmx".to_owned())
+        Err("expected an address: sim, serial://, tcp://, udp:// or daqmx".to_owned())
+    }
+}
+
+/// Reads `HOST:PORT`.
+fn host_and_port(text: &str, form: &str) -> Result<(String, u16), String> {
+    let is_number = |port: &str| !port.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit());
+    match text.rsplit_once(':').map(|(host, port)| (host, port, port.parse())) {
+        Some((host, _, Ok(port))) if !host.is_empty() => Ok((host.to_owned(), port)),
+        Some((host, port, Err(_))) if !host.is_empty() && is_number(port) => {
+            Err(format!("but a port is at most {}: correct {port}", u16::MAX))
+        }
+        _ => Err(form.to_owned()),
     }
 }
 
@@ -114,6 +131,7 @@ impl std::fmt::Display for Link {
                 if *rts_cts { f.write_str("&flow=rts-cts") } else { Ok(()) }
             }
             Link::Tcp { host, port } => write!(f, "tcp://{host}:{port}"),
+            Link::Udp { host, port } => write!(f, "udp://{host}:{port}"),
             Link::Process(command) => write!(f, "process {}", command.join(" ")),
             Link::Daqmx(None) => f.write_str("daqmx"),
             Link::Daqmx(Some(path)) => write!(f, "daqmx://{path}"),
@@ -134,6 +152,7 @@ mod tests {
             "serial://COM3?baud=9600&parity=even&stop_bits=2",
             "serial:///dev/ttyS0?baud=19200&flow=rts-cts",
             "tcp://192.168.1.10:502",
+            "udp://192.168.1.1:49152",
             "daqmx",
             "daqmx:///usr/lib/libnidaqmx.so",
         ] {
@@ -153,11 +172,14 @@ mod tests {
             "serial://a?baud=1&flow=xon-xoff",
             "tcp://host",
             "tcp://:1",
+            "udp://:1",
             "usb",
             "daqmx://",
         ] {
             assert!(Link::parse(text).unwrap_err().contains("expected"), "{text}");
         }
-        assert_eq!(Link::parse("tcp://a:70000").unwrap_err(), "but a port is at most 65535: correct 70000");
+        for text in ["tcp://a:70000", "udp://a:70000"] {
+            assert_eq!(Link::parse(text).unwrap_err(), "but a port is at most 65535: correct 70000");
+        }
     }
 }

@@ -8,6 +8,7 @@
 mod claim;
 mod connect;
 pub mod daqmx;
+mod datagram;
 mod line;
 mod lines;
 mod link;

@@ -68,6 +68,7 @@ fn read<D: Driver + ?Sized + 'static>(
 fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Option<Link> {
     let expected = match links {
         Links::Stream => "sim, serial://PORT?baud=RATE or tcp://HOST:PORT",
+        Links::StreamOrDatagrams => "sim, serial://PORT?baud=RATE, tcp://HOST:PORT or udp://HOST:PORT",
         Links::Daqmx => "sim, daqmx, or daqmx:///PATH/OF/THE/LIBRARY",
         Links::Program => "sim, or no link",
     };
@@ -78,13 +79,15 @@ fn read_link(table: &Table, key: &Key, own: Option<Link>, links: Links) -> Optio
         return None;
     }
     let text = table.text(key)?;
+    let is_stream = matches!(links, Links::Stream | Links::StreamOrDatagrams);
     let fits = |link: &Link| match link {
         Link::Sim => true,
-        Link::Serial { .. } | Link::Tcp { .. } => links == Links::Stream,
+        Link::Serial { .. } | Link::Tcp { .. } => is_stream,
+        Link::Udp { .. } => links == Links::StreamOrDatagrams,
         Link::Daqmx(_) => links == Links::Daqmx,
         Link::Process(_) => false,
     };
-    let is_port = links == Links::Stream && (text.starts_with("COM") || text.starts_with("/dev/"));
+    let is_port = is_stream && (text.starts_with("COM") || text.starts_with("/dev/"));
     let words = match Link::parse(text) {
         Ok(link) if fits(&link) => return Some(link),
         Err(words) if text.contains("://") => format!("`link` is \"{text}\", {words}"),

@@ -55,6 +55,8 @@ pub struct Role<D: ?Sized> {
 pub enum Links {
     /// A serial port or a TCP server.
     Stream,
+    /// A serial port, a TCP server, or a device that sends datagrams.
+    StreamOrDatagrams,
     /// NI's library.
     Daqmx,
     /// No link, because the driver names a program, which is the link.
