@@ -38,6 +38,8 @@ pub struct ByteFrame {
     pub tail: Vec<u8>,
     /// Check sum over the numbers.
     pub checksum: Option<Checksum>,
+    /// Whether each piece that arrives has complete frames.
+    pub packet: bool,
 }
 
 /// Type of a number in a frame.
@@ -73,6 +75,8 @@ pub enum Checksum {
     Xor8,
     /// CRC-16 as in Modbus RTU (polynomial A001 reflected, start FFFF), low byte first.
     Crc16Modbus,
+    /// CRC-16/X-25 (polynomial 1021 reflected, start and final exclusive or FFFF), low byte first.
+    Crc16X25,
     /// CRC-32 as in Ethernet, low byte first.
     Crc32,
 }
@@ -93,17 +97,25 @@ pub struct Finder {
     inbox: Vec<u8>,
     /// Whether the inbox begins at the beginning of a line or a frame.
     in_step: bool,
+    /// A packet that isn't a number of complete frames.
+    misfit: Option<Rejected>,
 }
 
 impl Finder {
     /// Creates a finder. `in_step`: the first byte begins a line or a frame, as the answer to a question does.
     pub fn new(framing: LineFraming, in_step: bool) -> Finder {
-        Finder { framing, inbox: Vec::new(), in_step }
+        Finder { framing, inbox: Vec::new(), in_step, misfit: None }
     }
 
-    /// Takes received bytes.
+    /// Takes received bytes: those of one packet, if the device sends packets.
     pub fn take(&mut self, bytes: &[u8]) {
-        self.inbox.extend_from_slice(bytes);
+        match &self.framing {
+            // it isn't kept: the next packet begins with a frame again
+            LineFraming::Frame(frame) if frame.packet && bytes.len() % frame.length() != 0 => {
+                self.misfit = Some(frame.rejected(bytes));
+            }
+            _ => self.inbox.extend_from_slice(bytes),
+        }
     }
 
     /// Returns the next reading or what was rejected; `None` if more bytes are needed. At most one incomplete line or frame stays.
@@ -112,6 +124,9 @@ impl Finder {
             LineFraming::Text(line) => {
                 let found = next_line(&mut self.inbox, &mut self.in_step)?;
                 Some(line.parse(&found))
+            }
+            LineFraming::Frame(frame) if frame.packet => {
+                self.misfit.take().map(Err).or_else(|| frame.next_of_packet(&mut self.inbox))
             }
             LineFraming::Frame(frame) => frame.next(&mut self.inbox, &mut self.in_step),
         }
@@ -133,6 +148,15 @@ fn next_line(inbox: &mut Vec<u8>, in_step: &mut bool) -> Option<Vec<u8>> {
         if std::mem::replace(in_step, true) {
             return Some(line);
         }
+    }
+}
+
+impl LineFraming {
+    /// Returns the number of counts after which a counter in this column begins again; `None` if it doesn't.
+    pub(super) fn period(&self, column: usize) -> Option<f64> {
+        let LineFraming::Frame(frame) = self else { return None };
+        let mut columns = frame.numbers.iter().filter(|number| **number != FrameNumber::Skip);
+        columns.nth(column)?.period()
     }
 }
 
@@ -182,6 +206,15 @@ impl ByteFrame {
 
     fn payload(&self) -> usize {
         self.numbers.iter().map(|number| number.length()).sum()
+    }
+
+    /// Returns the next frame of a packet.
+    fn next_of_packet(&self, inbox: &mut Vec<u8>) -> Option<Result<Vec<f64>, Rejected>> {
+        if inbox.len() < self.length() {
+            return None;
+        }
+        let frame: Vec<u8> = inbox.drain(..self.length()).collect();
+        Some(if self.has_marks(&frame) { self.read(&frame) } else { Err(self.rejected(&frame)) })
     }
 
     /// Returns the next frame. A frame that isn't in step with the one before counts only if a check sum, or the marks on both
@@ -243,7 +276,13 @@ impl ByteFrame {
 
     fn rejected(&self, bytes: &[u8]) -> Rejected {
         let received: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-        Rejected { expected: format!("a frame of {} bytes", self.length()), received: received.join(" ") }
+        let length = self.length();
+        let expected = if self.packet {
+            format!("packets of frames of {length} bytes")
+        } else {
+            format!("a frame of {length} bytes")
+        };
+        Rejected { expected, received: received.join(" ") }
     }
 }
 
@@ -255,6 +294,17 @@ impl FrameNumber {
             FrameNumber::U32 | FrameNumber::I32 | FrameNumber::F32 => 4,
             FrameNumber::F64 => 8,
         }
+    }
+
+    /// Number of counts after which a counter of this type begins again; `None` if it doesn't.
+    pub(super) fn period(self) -> Option<f64> {
+        let bits = match self {
+            FrameNumber::U8 | FrameNumber::I8 => 8,
+            FrameNumber::U16 | FrameNumber::I16 => 16,
+            FrameNumber::U32 | FrameNumber::I32 => 32,
+            FrameNumber::F32 | FrameNumber::F64 | FrameNumber::Skip => return None,
+        };
+        Some(2f64.powi(bits))
     }
 
     /// Returns the value of a number's bytes; `None` for bytes without meaning.
@@ -283,7 +333,7 @@ impl Checksum {
     fn length(self) -> usize {
         match self {
             Checksum::Sum8 | Checksum::Xor8 => 1,
-            Checksum::Crc16Modbus => 2,
+            Checksum::Crc16Modbus | Checksum::Crc16X25 => 2,
             Checksum::Crc32 => 4,
         }
     }
@@ -293,14 +343,16 @@ impl Checksum {
         match self {
             Checksum::Sum8 => vec![bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte))],
             Checksum::Xor8 => vec![bytes.iter().fold(0, |sum, byte| sum ^ byte)],
-            Checksum::Crc16Modbus => crc16_modbus(bytes).to_le_bytes().to_vec(),
+            Checksum::Crc16Modbus => crc16(bytes, 0xA001).to_le_bytes().to_vec(),
+            Checksum::Crc16X25 => (!crc16(bytes, 0x8408)).to_le_bytes().to_vec(),
             Checksum::Crc32 => crc32fast::hash(bytes).to_le_bytes().to_vec(),
         }
     }
 }
 
-fn crc16_modbus(bytes: &[u8]) -> u16 {
+/// CRC-16 that starts with FFFF, by a reflected polynomial.
+fn crc16(bytes: &[u8], polynomial: u16) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ 0xA001 } else { crc >> 1 })
+        (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ polynomial } else { crc >> 1 })
     })
 }

@@ -6,6 +6,7 @@
 //! one port.
 
 mod columns;
+mod count;
 mod framing;
 mod hex;
 mod keys;
@@ -15,10 +16,13 @@ mod profile;
 mod roles;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_of_axes;
 
+pub use count::CounterColumn;
 pub use framing::Rejected;
 pub use framing::{Finder, LineFraming};
 pub use keys::KEYS;
 pub use port::{LinePort, Received};
-pub use profile::{LineProfile, SHIPPED};
+pub use profile::{ForceColumns, LineProfile, SHIPPED};
 pub use roles::{LineArray, LineLoadCell};

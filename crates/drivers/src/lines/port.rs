@@ -1,5 +1,6 @@
 //! Port that receives lines or frames continuously, also when no driver waits for one.
 
+use super::count::Counted;
 use super::framing::{Finder, Rejected};
 use super::moment::DeviceClock;
 use super::profile::LineProfile;
@@ -13,6 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::sync::Notify;
+use tokio::task::coop::unconstrained;
 
 /// Number of bytes that are received at once. A full piece comes from a queue, so its readings may be old.
 const PIECE_BYTES: usize = 4096;
@@ -20,6 +22,9 @@ const PIECE_BYTES: usize = 4096;
 /// Silence after the port was opened, before a command is sent to a device that sends nothing by itself. An Uno restarts then, and
 /// its bootloader takes 1.5 to 2 s.
 const BOOT: Duration = Duration::from_millis(2500);
+
+/// Largest number of packets that are taken from the queue at once. A full queue of Linux has some 300.
+const QUEUE_MOST: usize = 1000;
 
 /// Longest wait until a command is sent.
 const SEND_DEADLINE: Duration = Duration::from_secs(1);
@@ -61,12 +66,21 @@ struct Mailbox {
     asked: Notify,
 }
 
+/// What came on a port so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PortCounts {
+    /// Readings.
+    pub good: u64,
+    /// Lines, frames or packets that aren't readings.
+    pub rejected: u64,
+    /// Readings that the device counted, but that didn't arrive.
+    pub lost: u64,
+}
+
 #[derive(Default)]
 struct PortState {
     newest: Option<Received>,
-    /// Numbers of readings and of rejected lines or frames.
-    good: u64,
-    rejected: u64,
+    counts: PortCounts,
     last_rejected: Option<Rejected>,
     /// Why the link failed.
     failed: Option<String>,
@@ -97,7 +111,7 @@ impl LinePort {
     /// What went wrong, in words.
     pub async fn start(&self) -> Result<Received, String> {
         let is_sent = self.profile.ask.is_some() || self.profile.on_start.is_some();
-        let boot = if is_sent { BOOT } else { Duration::ZERO };
+        let boot = if is_sent { boot(&self.profile) } else { Duration::ZERO };
         self.newer_than(0, Instant::now() + boot + seconds(self.profile.start_s)).await
     }
 
@@ -123,10 +137,9 @@ impl LinePort {
         }
     }
 
-    /// Numbers of readings and of rejected lines or frames so far.
-    pub fn counts(&self) -> (u64, u64) {
-        let state = self.state();
-        (state.good, state.rejected)
+    /// Numbers of readings and of what isn't one so far.
+    pub fn counts(&self) -> PortCounts {
+        self.state().counts
     }
 
     fn found(&self, nth: u64) -> Result<Option<Received>, String> {
@@ -144,12 +157,18 @@ impl LinePort {
     fn silence(&self, waited: Duration) -> String {
         let state = self.state();
         let waited_ms = waited.as_millis();
+        let PortCounts { good, rejected, lost } = state.counts;
         match &state.last_rejected {
-            Some(Rejected { expected, received }) if state.good == 0 => format!(
-                "no reading within {waited_ms} ms, but {} other lines or frames: expected {expected}, and the last was {:?}",
-                state.rejected,
+            Some(Rejected { expected, received }) if good == 0 => format!(
+                "no reading within {waited_ms} ms, but {rejected} other lines or frames: expected {expected}, and the last was {:?}",
                 shown(received)
             ),
+            _ if lost > 0 => {
+                format!(
+                    "no reading within {waited_ms} ms; before, {lost} of {} readings were lost on their way",
+                    good + lost
+                )
+            }
             _ => format!("no reading within {waited_ms} ms"),
         }
     }
@@ -185,42 +204,69 @@ struct Receiver<'a> {
     clock: DeviceClock,
     /// The device's count at the last reading.
     count: Option<f64>,
+    /// Newest reading that isn't in the mailbox yet.
+    fresh: Option<Received>,
     opened: Instant,
 }
 
 impl<'a> Receiver<'a> {
     fn new(profile: &'a LineProfile) -> Self {
         let finder = Finder::new(profile.framing.clone(), profile.ask.is_some());
-        Receiver { profile, finder, clock: DeviceClock::default(), count: None, opened: Instant::now() }
+        Receiver { profile, finder, clock: DeviceClock::default(), count: None, fresh: None, opened: Instant::now() }
     }
 
     /// Receives until the link fails.
     async fn receive(&mut self, mut stream: ByteStream, mailbox: &Mailbox) -> io::Result<()> {
         let mut piece = [0; PIECE_BYTES];
-        let boots_until = self.opened + BOOT;
+        let boots_until = self.opened + boot(self.profile);
         let mut is_ready = false;
         loop {
             tokio::select! {
                 biased;
-                read = stream.read(&mut piece) => match read? {
-                    0 => return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed it")),
-                    length => {
-                        self.take(&piece[..length], &mut lock(&mailbox.state));
-                        mailbox.came.notify_waiters();
+                read = stream.read(&mut piece) => {
+                    self.take(&piece[..read?], &mut lock(&mailbox.state))?;
+                    if self.profile.is_packets() {
+                        self.take_queue(&mut stream, &mut piece, mailbox).await?;
                     }
-                },
+                    self.publish(&mut lock(&mailbox.state));
+                    mailbox.came.notify_waiters();
+                }
                 // no bootloader reads any more
                 () = sleep_until(boots_until), if !is_ready => {
                     is_ready = true;
                     send(&mut stream, self.profile.on_start.as_deref()).await?;
                 }
-                () = mailbox.asked.notified(), if is_ready => send(&mut stream, self.profile.ask.as_deref()).await?,
+                () = mailbox.asked.notified(), if is_ready => send(&mut stream, self.profile.ask.as_deref().map(str::as_bytes)).await?,
             }
         }
     }
 
+    /// Takes the packets that wait already. If this program was slow, the first of them are old, and only the last counts.
+    async fn take_queue(&mut self, stream: &mut ByteStream, piece: &mut [u8], mailbox: &Mailbox) -> io::Result<()> {
+        for _ in 0..QUEUE_MOST {
+            // tokio would let other tasks run in between, which looks like the end of the queue
+            let next = unconstrained(stream.read(piece));
+            let Ok(read) = timeout_at(Instant::now(), next).await else { break };
+            self.take(&piece[..read?], &mut lock(&mailbox.state))?;
+        }
+        Ok(())
+    }
+
+    /// Puts the newest reading into the mailbox.
+    fn publish(&mut self, state: &mut PortState) {
+        if let Some(fresh) = self.fresh.take() {
+            state.newest = Some(fresh);
+        }
+    }
+
     /// Takes bytes that arrived now.
-    fn take(&mut self, bytes: &[u8], state: &mut PortState) {
+    ///
+    /// # Errors
+    /// The end of the link, or a count that jumped.
+    fn take(&mut self, bytes: &[u8], state: &mut PortState) -> io::Result<()> {
+        if bytes.is_empty() {
+            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed it"));
+        }
         let arrived = Instant::now();
         self.finder.take(bytes);
         while let Some(found) = self.finder.find() {
@@ -234,22 +280,31 @@ impl<'a> Receiver<'a> {
             let numbers = match possible {
                 Ok(numbers) => numbers,
                 Err(rejected) => {
-                    state.rejected += 1;
+                    state.counts.rejected += 1;
                     state.last_rejected = Some(rejected);
                     continue;
                 }
             };
-            let count = self.profile.counter.map(|column| numbers[column]);
-            if count.is_some() && std::mem::replace(&mut self.count, count) == count {
-                continue; // the same reading again
+            if let Some(counter) = &self.profile.counter {
+                let count = numbers[counter.column];
+                match counter.compare(self.count, count) {
+                    Counted::New { lost } => state.counts.lost += lost,
+                    Counted::Old => continue,
+                    Counted::Jumped { from } => {
+                        let cause = "the device restarted, or another program took its readings";
+                        return Err(io::Error::other(format!("its count jumped from {from} to {count}: {cause}")));
+                    }
+                }
+                self.count = Some(count);
             }
             let at = self.taken(&numbers, arrived);
-            state.good += 1;
+            state.counts.good += 1;
             // a full piece comes from a queue: how old its readings are isn't known
             if bytes.len() < PIECE_BYTES || self.profile.time.is_some() {
-                state.newest = Some(Received { numbers, at, nth: state.good });
+                self.fresh = Some(Received { numbers, at, nth: state.counts.good });
             }
         }
+        Ok(())
     }
 
     /// Returns the time of a reading that arrived at this time.
@@ -261,10 +316,15 @@ impl<'a> Receiver<'a> {
     }
 }
 
-async fn send(stream: &mut ByteStream, command: Option<&str>) -> io::Result<()> {
+/// Silence after the link is opened, before a command is sent. A device that sends packets has no bootloader.
+fn boot(profile: &LineProfile) -> Duration {
+    if profile.is_packets() { Duration::ZERO } else { BOOT }
+}
+
+async fn send(stream: &mut ByteStream, command: Option<&[u8]>) -> io::Result<()> {
     let Some(command) = command else { return Ok(()) };
     let sent = timeout_at(Instant::now() + SEND_DEADLINE, async {
-        stream.write_all(command.as_bytes()).await?;
+        stream.write_all(command).await?;
         stream.flush().await
     });
     sent.await.map_err(|_| io::Error::new(io::ErrorKind::TimedOut, "it takes no command"))?

@@ -1,16 +1,19 @@
 //! Line profile: how a device's readings look, and what their numbers mean.
 
 use super::columns::columns;
+use super::count::CounterColumn;
 use super::framing::{ByteFrame, FrameNumber, LineFraming, TextLine};
 use super::hex;
-use super::keys::{self, COLUMNS_MAX, counter, force, frame, outputs, root, text, time};
-use palpate_core::quantity::Range;
+use super::keys::{self, COLUMNS_MAX, counter, force, frame, outputs, root, status, text, time};
+use palpate_core::quantity::{Health, Range};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Profiles included with the program: name and text.
-pub const SHIPPED: [(&str, &str); 5] = [
+pub const SHIPPED: [(&str, &str); 7] = [
     ("hx711", include_str!("../../../../profiles/lines/hx711.toml")),
     ("mark-10", include_str!("../../../../profiles/lines/mark-10.toml")),
+    ("ati-netft", include_str!("../../../../profiles/lines/ati-netft.toml")),
+    ("bota-serial", include_str!("../../../../profiles/lines/bota-serial.toml")),
     ("reskin", include_str!("../../../../profiles/lines/reskin.toml")),
     ("mlx90393-text", include_str!("../../../../profiles/lines/mlx90393-text.toml")),
     ("velostat-16", include_str!("../../../../profiles/lines/velostat-16.toml")),
@@ -24,7 +27,7 @@ pub struct LineProfile {
     /// Longest wait for the first reading after the port is opened, s.
     pub start_s: f64,
     /// Command that is sent when the device is ready.
-    pub on_start: Option<String>,
+    pub on_start: Option<Vec<u8>>,
     /// Command that asks for one reading; `None` if the device sends by itself.
     pub ask: Option<String>,
     /// How readings are marked.
@@ -35,15 +38,17 @@ pub struct LineProfile {
     pub outputs: Option<OutputColumns>,
     /// The device's own time.
     pub time: Option<TimeColumn>,
-    /// Column of the device's own count of readings.
-    pub counter: Option<usize>,
+    /// The device's own count of readings.
+    pub counter: Option<CounterColumn>,
+    /// Bits that report the state of a load cell.
+    pub status: Option<StatusColumn>,
 }
 
 /// The force of a load cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceField {
-    /// Its column.
-    pub column: usize,
+    /// Its columns.
+    pub columns: ForceColumns,
     /// Newtons per unit of the device; `None` if the rig states it.
     pub newton_per_unit: Option<f64>,
     /// Number at zero force.
@@ -52,6 +57,26 @@ pub struct ForceField {
     pub range_n: Option<f64>,
     /// Ends of the device's range, in its units.
     pub saturated_at: Option<Range>,
+}
+
+/// Columns of a load cell's force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ForceColumns {
+    /// The force of a cell with one axis.
+    One([usize; 1]),
+    /// The forces along the device's x, y and z.
+    Axes([usize; 3]),
+}
+
+/// Number whose bits report the state of a load cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StatusColumn {
+    /// Its column.
+    pub column: usize,
+    /// Bits that report a fault of the cell.
+    pub fault_mask: u64,
+    /// Bits that report a force beyond its range.
+    pub saturated_mask: u64,
 }
 
 /// The outputs of an array.
@@ -86,7 +111,7 @@ impl LineProfile {
             let name = table.text(&root::name);
             let start_s = table.number(&root::start_s);
             let command = |key: &Key| table.text(key).map(str::to_owned);
-            let (on_start, ask) = (command(&root::on_start), command(&root::ask));
+            let (on_start, ask) = (read_on_start(table), command(&root::ask));
             let framing = read_framing(table);
             let force = document::optional(table.table(&root::force), read_force);
             let outputs = document::optional(table.table(&root::outputs), read_outputs);
@@ -94,17 +119,24 @@ impl LineProfile {
                 let (column, unit_s) = (read_column(table, &time::column), table.number(&time::unit_s));
                 Some(TimeColumn { column: column?, unit_s: unit_s? })
             });
-            let counter = document::optional(table.table(&root::counter), |table| read_column(table, &counter::column));
+            let counter = document::optional(table.table(&root::counter), |table| {
+                let (column, step) = (read_column(table, &counter::column), table.whole(&counter::step));
+                let column = column?;
+                let period = framing.as_ref().and_then(|framing| framing.period(column));
+                Some(CounterColumn { column, step: step.map(|step| step as f64), period })
+            });
+            let status = document::optional(table.table(&root::status), read_status);
             let profile = LineProfile {
                 name: name?.to_owned(),
                 start_s: start_s?,
-                on_start,
+                on_start: on_start?,
                 ask,
                 framing: framing?,
                 force: force?,
                 outputs: outputs?,
                 time: time?,
                 counter: counter?,
+                status: status?,
             };
             profile.check_columns(table);
             Some(profile)
@@ -124,10 +156,17 @@ impl LineProfile {
         let mut outputs = outputs.map(|(own, column)| (&own.possible, numbers.get(column)));
         let are_outputs = outputs.all(|(possible, number)| number.is_some_and(|&number| within(possible, number)));
         let is_force = self.force.as_ref().is_none_or(|own| {
-            let force_n = numbers.get(own.column).map(|number| own.newton(*number));
-            force_n.is_some_and(|force_n| own.range_n.is_none_or(|range_n| force_n.abs() <= range_n))
+            own.columns.all().iter().all(|column| {
+                let force_n = numbers.get(*column).map(|number| own.newton(*number));
+                force_n.is_some_and(|force_n| own.range_n.is_none_or(|range_n| force_n.abs() <= range_n))
+            })
         });
         are_outputs && is_force
+    }
+
+    /// Whether the device sends packets of complete frames.
+    pub fn is_packets(&self) -> bool {
+        matches!(&self.framing, LineFraming::Frame(frame) if frame.packet)
     }
 
     /// Number of columns of a reading.
@@ -141,15 +180,35 @@ impl LineProfile {
     /// Checks that every named column is there.
     fn check_columns(&self, table: &Table) {
         let most = self.columns();
-        let force = self.force.iter().map(|own| (own.column, &root::force));
+        let force = self.force.iter().flat_map(|own| own.columns.all().iter().map(|&column| (column, &root::force)));
         let outputs = self.outputs.iter().flat_map(|own| own.columns.iter().map(|&column| (column, &root::outputs)));
         let time = self.time.iter().map(|own| (own.column, &root::time));
-        let counter = self.counter.iter().map(|&column| (column, &root::counter));
-        let missing = force.chain(outputs).chain(time).chain(counter).find(|(column, _)| *column >= most);
+        let counter = self.counter.iter().map(|own| (own.column, &root::counter));
+        let status = self.status.iter().map(|own| (own.column, &root::status));
+        let missing = force.chain(outputs).chain(time).chain(counter).chain(status).find(|(column, _)| *column >= most);
         if let Some((column, key)) = missing {
             let text = format!("[{}] names column {}, but a reading has {most} numbers", key.name, column + 1);
             table.complain(Problem::new(table.span_of(key), text));
         }
+    }
+}
+
+impl ForceColumns {
+    /// Returns all of them.
+    pub fn all(&self) -> &[usize] {
+        match self {
+            ForceColumns::One(columns) => columns,
+            ForceColumns::Axes(columns) => columns,
+        }
+    }
+}
+
+impl StatusColumn {
+    /// Returns what the bits of a number report.
+    pub fn health(&self, number: f64) -> Health {
+        // a signed number has the same bits
+        let bits = number as i64 as u64;
+        Health { saturated: bits & self.saturated_mask != 0, fault: bits & self.fault_mask != 0 }
     }
 }
 
@@ -158,6 +217,41 @@ impl ForceField {
     pub fn newton(&self, number: f64) -> f64 {
         (number - self.offset) * self.newton_per_unit.unwrap_or(1.0)
     }
+}
+
+/// Reads the command at the start, as text or as bytes.
+fn read_on_start(table: &Table) -> Option<Option<Vec<u8>>> {
+    let text = table.text(&root::on_start).map(|text| text.as_bytes().to_vec());
+    let is_hex = table.has(&root::on_start_hex);
+    let bytes = read_hex(table, &root::on_start_hex);
+    if text.is_some() && is_hex {
+        let words = "the command at the start is `on_start` or `on_start_hex`, not both";
+        table.complain(Problem::new(table.span_of(&root::on_start_hex), words));
+        return None;
+    }
+    if is_hex { bytes.map(Some) } else { Some(text) }
+}
+
+/// Reads bytes; without the key there are none.
+fn read_hex(table: &Table, key: &Key) -> Option<Vec<u8>> {
+    let read = hex::bytes(table.text(key).unwrap_or_default());
+    if read.is_none() {
+        let words = format!("`{}` is pairs of hexadecimal digits, such as \"AA 55\"", key.name);
+        table.complain(Problem::new(table.span_of(key), words));
+    }
+    read
+}
+
+fn read_status(table: &Table) -> Option<StatusColumn> {
+    let column = read_column(table, &status::column);
+    let masks = [&status::fault_mask, &status::saturated_mask].map(|key| (table.has(key), table.whole(key)));
+    if masks.iter().all(|(is_stated, _)| !is_stated) {
+        let problem = Problem::new(table.span(), "[status] has neither `fault_mask` nor `saturated_mask`");
+        table.complain(problem.help("state the bits that mean a fault, or remove [status]"));
+        return None;
+    }
+    let [fault_mask, saturated_mask] = masks.map(|(_, mask)| mask.unwrap_or_default());
+    Some(StatusColumn { column: column?, fault_mask, saturated_mask })
 }
 
 fn read_framing(table: &Table) -> Option<LineFraming> {
@@ -208,25 +302,20 @@ fn read_frame(table: &Table) -> Option<ByteFrame> {
         Some(numbers)
     });
     let order = table.word(&frame::order, &keys::ORDERS);
-    let mark = |key: &Key| {
-        let read = hex::bytes(table.text(key).unwrap_or_default());
-        if read.is_none() {
-            let words = format!("`{}` is pairs of hexadecimal digits, such as \"AA 55\"", key.name);
-            table.complain(Problem::new(table.span_of(key), words));
-        }
-        read
-    };
-    let (head, tail) = (mark(&frame::head), mark(&frame::tail));
+    let (head, tail) = (read_hex(table, &frame::head), read_hex(table, &frame::tail));
+    let packet = table.flag(&frame::packet);
     let checksum = if table.has(&frame::checksum) {
         Some(Some(table.word(&frame::checksum, &keys::CHECKSUMS)?))
     } else {
         Some(None)
     };
-    let frame = ByteFrame { numbers: numbers?, order: order?, head: head?, tail: tail?, checksum: checksum? };
-    if frame.head.is_empty() && frame.tail.is_empty() && frame.checksum.is_none() {
+    let frame =
+        ByteFrame { numbers: numbers?, order: order?, head: head?, tail: tail?, checksum: checksum?, packet: packet? };
+    if !frame.packet && frame.head.is_empty() && frame.tail.is_empty() && frame.checksum.is_none() {
         let problem =
             Problem::new(table.span(), "a frame without a head, a tail or a check sum can't be found in the bytes");
-        table.complain(problem.help("state the mark that the device sends"));
+        let help = "state the mark that the device sends, or `packet = true` if it sends packets over UDP";
+        table.complain(problem.help(help));
         return None;
     }
     Some(frame)
@@ -242,7 +331,7 @@ fn numbers_of(part: &str) -> Option<Vec<FrameNumber>> {
 }
 
 fn read_force(table: &Table) -> Option<ForceField> {
-    let column = read_column(table, &force::column);
+    let columns = read_force_columns(table);
     let newton_per_unit = table.number(&force::newton_per_unit);
     if newton_per_unit == Some(0.0) {
         let text = "`newton_per_unit` is 0, so every force would read 0 N";
@@ -250,18 +339,45 @@ fn read_force(table: &Table) -> Option<ForceField> {
     }
     let offset = table.number(&force::offset);
     let (range_n, saturated_at) = (table.number(&force::range_n), table.range(&force::saturated_at));
-    Some(ForceField { column: column?, newton_per_unit, offset: offset?, range_n, saturated_at })
+    Some(ForceField { columns: columns?, newton_per_unit, offset: offset?, range_n, saturated_at })
+}
+
+/// Reads the one column of a force, or the three of a cell with three axes.
+fn read_force_columns(table: &Table) -> Option<ForceColumns> {
+    let one = read_column(table, &force::column);
+    let listed = read_columns(table, &force::columns);
+    if !table.has(&force::columns) {
+        return Some(ForceColumns::One([one?]));
+    }
+    let span = table.span_of(&force::columns);
+    if table.has(&force::column) {
+        table.complain(Problem::new(span, "the force has `column` or `columns`, not both"));
+        return None;
+    }
+    let listed = listed?;
+    match listed[..] {
+        [x, y, z] if x != y && y != z && z != x => Some(ForceColumns::Axes([x, y, z])),
+        _ => {
+            let words = "`columns` of [force] are three different numbers: the cell's x, y and z";
+            table.complain(Problem::new(span, words).help("a cell with one axis has `column`"));
+            None
+        }
+    }
+}
+
+/// Reads a list of columns; `None` without the key.
+fn read_columns(table: &Table, key: &Key) -> Option<Vec<usize>> {
+    let text = table.text(key)?;
+    let listed = columns(text);
+    if listed.is_none() {
+        let words = format!("`columns` is \"{text}\", expected numbers from 1 and ranges, such as \"2-4, 6-8\"");
+        table.complain(Problem::new(table.span_of(key), words));
+    }
+    listed
 }
 
 fn read_outputs(table: &Table) -> Option<OutputColumns> {
-    let listed = table.text(&outputs::columns).and_then(|text| {
-        let listed = columns(text);
-        if listed.is_none() {
-            let words = format!("`columns` is \"{text}\", expected numbers from 1 and ranges, such as \"2-4, 6-8\"");
-            table.complain(Problem::new(table.span_of(&outputs::columns), words));
-        }
-        listed
-    });
+    let listed = read_columns(table, &outputs::columns);
     let possible = table.range(&outputs::possible);
     let [scale, offset] = table.numbers([outputs::scale, outputs::offset])?;
     Some(OutputColumns { columns: listed?, scale, offset, possible })

@@ -1,7 +1,7 @@
 //! Load cell and array behind a line port.
 
-use super::port::{LinePort, Received};
-use super::profile::{ForceField, OutputColumns};
+use super::port::{LinePort, PortCounts, Received};
+use super::profile::{ForceColumns, ForceField, OutputColumns};
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::Instant;
@@ -13,10 +13,15 @@ const READING_DEADLINE: Duration = Duration::from_millis(500);
 /// Longest wait for the outputs. A pressure matrix at 9600 baud takes 0.1 s for a line, a large one some more.
 const OUTPUTS_DEADLINE: Duration = Duration::from_secs(2);
 
+/// Mounting of a cell whose axes are those of the specimen, with its z into it.
+const AS_THE_SPECIMEN: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
 /// A load cell whose readings are lines or frames.
 pub struct LineLoadCell {
     port: LinePort,
     force: ForceField,
+    /// From the forces along the device's axes to those along x and y of the specimen and the press.
+    mounting: [[f64; 3]; 3],
     conversion: Duration,
     origin: Instant,
     link: String,
@@ -36,19 +41,35 @@ impl LineLoadCell {
     /// Creates a load cell that sends `conversions_hz` readings per second; the times of readings are relative to `origin`.
     pub fn new(port: LinePort, force: ForceField, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        LineLoadCell { port, force, conversion, origin, link, nth: 0 }
+        LineLoadCell { port, force, mounting: AS_THE_SPECIMEN, conversion, origin, link, nth: 0 }
+    }
+
+    /// States how a cell with three axes is mounted: the matrix from the forces along its axes to those of the tip on the specimen along
+    /// x, y and the press.
+    #[must_use]
+    pub fn mounted(self, mounting: [[f64; 3]; 3]) -> Self {
+        LineLoadCell { mounting, ..self }
     }
 
     fn reading(&self, received: &Received) -> ForceReading {
-        let number = received.numbers[self.force.column];
-        let saturated = self.force.saturated_at.is_some_and(|ends| number <= ends.min || number >= ends.max);
+        let columns = self.force.columns;
+        let is_at_end =
+            |number: f64| self.force.saturated_at.is_some_and(|ends| number <= ends.min || number >= ends.max);
+        let status = self.port.profile().status;
+        let health = status.map_or(Health::default(), |status| status.health(received.numbers[status.column]));
+        let saturated = health.saturated || columns.all().iter().any(|&column| is_at_end(received.numbers[column]));
+        let newton = |column: usize| self.force.newton(received.numbers[column]);
+        let (side_n, force_n) = match columns {
+            ForceColumns::One([column]) => (None, newton(column)),
+            ForceColumns::Axes(axes) => {
+                let device_n = axes.map(newton);
+                let along = |row: [f64; 3]| row.iter().zip(device_n).map(|(factor, force_n)| factor * force_n).sum();
+                let [x_n, y_n, force_n] = self.mounting.map(along);
+                (Some([x_n, y_n]), force_n)
+            }
+        };
         let at_s = received.at.duration_since(self.origin).as_secs_f64();
-        ForceReading {
-            at_s,
-            force_n: self.force.newton(number),
-            side_n: None,
-            health: Health { saturated, fault: false },
-        }
+        ForceReading { at_s, force_n, side_n, health: Health { saturated, ..health } }
     }
 }
 
@@ -108,16 +129,21 @@ impl SensorArray for LineArray {
 /// Fraction of lines or frames that may be rejected without a warning.
 const REJECTED_SHARE: f64 = 0.01;
 
+/// Fraction of readings that may be lost without a warning. A rare loss is normal for datagrams, and a reading has its own time.
+const LOST_SHARE: f64 = 0.001;
+
 fn identity(port: &LinePort, role: &str, link: &str, more: String) -> Identity {
-    let (good, rejected) = port.counts();
+    let PortCounts { good, rejected, lost } = port.counts();
     // the first may be part of a greeting, or lack its beginning
     let is_noisy = rejected > 3 && rejected as f64 > REJECTED_SHARE * (good + rejected) as f64;
-    let text = || format!("{rejected} of {} lines or frames aren't readings", good + rejected);
+    let noisy = || format!("{rejected} of {} lines or frames aren't readings", good + rejected);
+    let is_lossy = lost as f64 > LOST_SHARE * (good + lost) as f64;
+    let lossy = || format!("{lost} of {} readings were lost on their way", good + lost);
     Identity {
         role: role.to_owned(),
         identity: format!("{}{more}", port.profile().name),
         link: link.to_owned(),
-        warnings: is_noisy.then(text).into_iter().collect(),
+        warnings: is_noisy.then(noisy).into_iter().chain(is_lossy.then(lossy)).collect(),
     }
 }
 

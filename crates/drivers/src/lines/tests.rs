@@ -54,7 +54,14 @@ fn a_line_without_an_end_is_forgotten_and_the_next_whole_one_is_read() {
 /// Frames with one u16 and two i8.
 fn frame(head: &[u8], tail: &[u8], checksum: Option<Checksum>) -> LineFraming {
     let numbers = vec![FrameNumber::U16, FrameNumber::Skip, FrameNumber::I8, FrameNumber::I8];
-    LineFraming::Frame(ByteFrame { numbers, order: ByteOrder::Big, head: head.to_vec(), tail: tail.to_vec(), checksum })
+    LineFraming::Frame(ByteFrame {
+        numbers,
+        order: ByteOrder::Big,
+        head: head.to_vec(),
+        tail: tail.to_vec(),
+        checksum,
+        packet: false,
+    })
 }
 
 #[test]
@@ -71,6 +78,7 @@ fn frames_are_found_by_their_marks() {
         (Checksum::Sum8, vec![0xDD]),
         (Checksum::Xor8, vec![0x31]),
         (Checksum::Crc16Modbus, vec![0x37, 0x4B]),
+        (Checksum::Crc16X25, vec![0x6E, 0x90]),
         (Checksum::Crc32, vec![0x26, 0x39, 0xF4, 0xCB]),
     ] {
         assert_eq!(checksum.of(b"123456789"), listed, "{checksum:?}");
@@ -100,13 +108,13 @@ fn a_frame_with_a_tail_alone_is_found_again_after_a_lost_byte() {
 }
 
 /// A link whose far end the test writes to.
-fn link() -> (Connector, DuplexStream) {
+pub(super) fn link() -> (Connector, DuplexStream) {
     let (near, far) = duplex(1 << 16);
     let near = Mutex::new(Some(near));
     (Connector::Memory(Box::new(move || near.lock().unwrap().take().expect("the link is opened once"))), far)
 }
 
-fn profile(text: &str) -> LineProfile {
+pub(super) fn profile(text: &str) -> LineProfile {
     LineProfile::parse("test.toml", text).unwrap()
 }
 
@@ -203,6 +211,28 @@ fn every_shipped_profile_can_be_read() {
 #[test]
 fn mistakes_of_a_profile_are_reported_at_their_lines() {
     let words = |text: &str| LineProfile::parse("p.toml", text).unwrap_err().lines();
+    let cell = |text: &str| words(&format!("name = \"x\"\n[frame]\nnumbers = [\"7 i16\"]\npacket = true\n{text}"));
+    for (text, problem) in [
+        (
+            "[force]\ncolumns = \"2-3\"\n",
+            "6:11: `columns` of [force] are three different numbers: the cell's x, y and z",
+        ),
+        (
+            "[force]\ncolumns = \"2,3,2\"\n",
+            "6:11: `columns` of [force] are three different numbers: the cell's x, y and z",
+        ),
+        ("[force]\ncolumns = \"6-8\"\n", "5:1: [force] names column 8, but a reading has 7 numbers"),
+        ("[force]\ncolumns = \"2-4\"\ncolumn = 1\n", "6:11: the force has `column` or `columns`, not both"),
+        ("[status]\ncolumn = 1\n", "5:1: [status] has neither `fault_mask` nor `saturated_mask`"),
+        ("[status]\ncolumn = 9\nfault_mask = 1\n", "5:1: [status] names column 9, but a reading has 7 numbers"),
+        ("[counter]\ncolumn = 1\nstep = 0\n", "7:8: `step` is 0, must be 1 to 1000000"),
+    ] {
+        assert_eq!(cell(text), [format!("p.toml:{problem}")], "{text}");
+    }
+    let start = "name = \"x\"\non_start = \"S\"\non_start_hex = \"53\"\n[text]\ncolumns = 1\n";
+    assert_eq!(words(start), ["p.toml:3:16: the command at the start is `on_start` or `on_start_hex`, not both"]);
+    let start = "name = \"x\"\non_start_hex = \"5\"\n[text]\ncolumns = 1\n";
+    assert_eq!(words(start), ["p.toml:2:16: `on_start_hex` is pairs of hexadecimal digits, such as \"AA 55\""]);
     assert_eq!(words("name = \"x\"\n"), ["p.toml:1:1: it isn't stated how a reading looks"]);
     assert_eq!(
         words("name = \"x\"\n[text]\ncolumns = 2\n[force]\ncolumn = 3\n"),

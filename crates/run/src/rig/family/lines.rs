@@ -18,7 +18,12 @@ pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
     simulated: "hx711 and mark-10 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
     stage: None,
-    load_cell: Some(Role { words: &[], keys: load_cell::KEYS.always, links: Links::StreamOrDatagrams, read: read_load_cell }),
+    load_cell: Some(Role {
+        words: &[],
+        keys: load_cell::KEYS.always,
+        links: Links::StreamOrDatagrams,
+        read: read_load_cell,
+    }),
     array: Some(Role { words: &[], keys: array::KEYS.always, links: Links::StreamOrDatagrams, read: read_array }),
 };
 
