@@ -1,11 +1,12 @@
-//! Emulated instruments for other programs, on the real clock: a pseudo-terminal, or a TCP port of this machine.
+//! Emulated instruments for other programs, on the real clock: a pseudo-terminal, or a TCP or UDP port of this machine.
 
+use super::datagrams::DatagramServer;
 use super::{Instrument, Shared, serve};
 use crate::scene::Scene;
 use palpate_link::time::{Instant, sleep};
 use std::net::SocketAddr;
 use std::time::Duration;
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, UdpSocket};
 use tokio::task::{JoinHandle, JoinSet};
 
 /// Largest number of clients at once on one TCP port. A further client is accepted and closed at once, so that it sees a refusal
@@ -18,7 +19,7 @@ const AFTER_A_FAILED_ACCEPT: Duration = Duration::from_millis(100);
 /// Reason why an instrument can't be offered.
 #[derive(Debug, thiserror::Error)]
 pub enum ListenError {
-    /// The TCP port isn't available.
+    /// The port isn't available.
     #[error("can't listen on {at}; port 0 selects a free port")]
     Port {
         /// Requested address and port.
@@ -130,8 +131,30 @@ pub async fn tcp<I: Instrument + ?Sized + 'static>(
     Ok(Listening { address, task })
 }
 
+/// Offers an instrument at a UDP address (port 0: any free port). It sends to the client that asked last. Clients aren't authenticated, so
+/// the caller is responsible for any address other than that of this machine.
+///
+/// # Errors
+/// The port isn't available.
+pub async fn udp<I: Instrument + ?Sized + 'static>(
+    at: SocketAddr,
+    instrument: Shared<I>,
+    scene: Shared<Scene>,
+    origin: Instant,
+) -> Result<Listening, ListenError> {
+    let unavailable = |source| ListenError::Port { at, source };
+    let socket = UdpSocket::bind(at).await.map_err(unavailable)?;
+    let address = socket.local_addr().map_err(unavailable)?.to_string();
+    let task = tokio::spawn(async move {
+        // Its only error is one of the socket, which then can't serve anybody.
+        let _ = serve(DatagramServer::new(socket), instrument, scene, origin).await;
+    });
+    Ok(Listening { address, task })
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::lines::{NetFt, STRAIGHT, SerialBoard};
     use super::super::tests::{scene, shared};
     use super::*;
     use crate::scene::SceneDevice;
@@ -193,6 +216,33 @@ mod tests {
         }
         let mut one_too_many = TcpStream::connect(listening.address()).await.expect("connects");
         assert_eq!(one_too_many.read(&mut [0]).await.expect("an orderly end"), 0);
+    }
+
+    #[tokio::test]
+    async fn the_client_that_asked_last_gets_the_stream_record_by_record() {
+        let device = SerialBoard::new(NetFt::new(500.0, 2.0, STRAIGHT));
+        let listening = udp(local(0), shared(device), shared(scene()), Instant::now()).await.expect("a port");
+        let mut clients = Vec::new();
+        for _ in 0..2 {
+            let client = UdpSocket::bind(local(0)).await.expect("a port");
+            client.connect(listening.address()).await.expect("an address");
+            client.send(&[]).await.expect("sends");
+            client.send(&[0x12, 0x34, 0, 2, 0, 0, 0, 0]).await.expect("sends");
+            for sequence in 1..=20u32 {
+                let mut record = [0; 64];
+                assert_eq!(client.recv(&mut record).await.expect("receives"), 36);
+                assert_eq!(record[..4], sequence.to_be_bytes());
+            }
+            clients.push(client);
+        }
+        // what the first still has in its queue was sent before the second asked
+        let mut rest = 0;
+        while clients[0].try_recv(&mut [0; 64]).is_ok() {
+            rest += 1;
+        }
+        sleep(Duration::from_millis(50)).await;
+        assert!(clients[0].try_recv(&mut [0; 64]).is_err(), "{rest} records were left");
+        assert!(clients[1].try_recv(&mut [0; 64]).is_ok());
     }
 
     #[tokio::test]

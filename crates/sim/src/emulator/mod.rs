@@ -12,11 +12,12 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
 //!   or [`LabJackT7`] (load cell or array).
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
-//! - [`lines`]: boards that push lines or frames: an HX711 or a Mark-10 gauge (load cells), ReSkin, a text board or a Velostat matrix
+//! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T or a Bota sensor (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
 //! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
 
 mod daqmx;
+mod datagrams;
 mod esp301;
 mod grbl;
 pub mod lines;

@@ -10,13 +10,18 @@
 //!
 //! - [`Hx711`]: an Arduino with the HX711 amplifier of a load cell.
 //! - [`Mark10`]: a Mark-10 force gauge, which also answers requests.
+//! - [`NetFt`]: an ATI Net F/T, a load cell with six axes that sends datagrams.
+//! - [`Bota`]: a load cell with six axes that sends frames on a serial line.
 //! - [`ReSkin`]: binary frames of magnetometers, ReSkin and AnySkin.
 //! - [`Velostat`]: a pressure matrix at the converter of an Arduino.
 
+mod axes;
+mod bota;
 mod fault;
 mod hx711;
 mod mark10;
 mod mlx90393;
+mod net_ft;
 mod port;
 mod print;
 mod reskin;
@@ -24,10 +29,13 @@ mod reskin;
 mod tests;
 mod velostat;
 
+pub use axes::STRAIGHT;
+pub use bota::Bota;
 pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
 pub use hx711::{Hx711, Hx711Sketch};
 pub use mark10::Mark10;
 pub use mlx90393::REST_MICROTESLA;
+pub use net_ft::NetFt;
 pub use port::Port;
 pub use reskin::ReSkin;
 pub use velostat::Velostat;
@@ -146,7 +154,7 @@ impl<F: BoardFirmware> SerialBoard<F> {
             state: BoardState::Off,
             opened: false,
             joined: false,
-            uart: Uart::new(port.baud),
+            uart: Uart::new(port),
             damage: None,
             faults: LineFaults::default(),
             rng: stream(0, 0, "line damage"),
@@ -159,7 +167,7 @@ impl<F: BoardFirmware> SerialBoard<F> {
     #[must_use]
     pub fn on(mut self, port: Port) -> Self {
         self.port = port;
-        self.uart = Uart::new(port.baud);
+        self.uart = Uart::new(port);
         self
     }
 
@@ -215,6 +223,10 @@ impl<F: BoardFirmware> SerialBoard<F> {
             (Some(boot_s), _) => {
                 self.uart.clear(now_s);
                 self.state = BoardState::Booting { until_s: now_s + boot_s };
+            }
+            (None, _) if self.port.packets => {
+                self.uart.clear(now_s);
+                self.state = BoardState::Booting { until_s: now_s + self.port.setup_s };
             }
             (None, BoardState::Off) => self.state = BoardState::Booting { until_s: now_s + self.port.setup_s },
             (None, _) => {

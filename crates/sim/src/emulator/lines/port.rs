@@ -25,22 +25,29 @@ pub struct Port {
     pub boot_s: Option<f64>,
     /// Time that a board that isn't reset needs when its first link is opened, s.
     pub setup_s: f64,
+    /// Whether each frame is a datagram of its own.
+    pub packets: bool,
 }
 
 impl Port {
     /// A board behind a USB adapter whose DTR line resets it when a link is opened: Uno, Nano, Mega.
     pub fn uno(baud: f64) -> Self {
-        Port { baud: Some(baud), boot_s: Some(BOOTLOADER_S), setup_s: 0.0 }
+        Port { baud: Some(baud), boot_s: Some(BOOTLOADER_S), setup_s: 0.0, packets: false }
     }
 
     /// A board with native USB, which isn't reset when a link is opened: Zero, Trinket M0, QT Py, Leonardo.
     pub fn native_usb(setup_s: f64) -> Self {
-        Port { baud: None, boot_s: None, setup_s }
+        Port { baud: None, boot_s: None, setup_s, packets: false }
     }
 
     /// A serial line without a reset.
     pub fn serial(baud: f64) -> Self {
-        Port { baud: Some(baud), boot_s: None, setup_s: 0.0 }
+        Port { baud: Some(baud), boot_s: None, setup_s: 0.0, packets: false }
+    }
+
+    /// A network over which each frame is a datagram. A new client gets nothing until it asks.
+    pub fn datagrams() -> Self {
+        Port { baud: None, boot_s: None, setup_s: 0.0, packets: true }
     }
 }
 
@@ -48,6 +55,8 @@ impl Port {
 pub(super) struct Uart {
     /// Time for each byte, s.
     byte_s: f64,
+    /// Whether what is sent arrives frame by frame.
+    packets: bool,
     under_way: VecDeque<Transmission>,
     /// Number of bytes under way.
     waiting: usize,
@@ -62,9 +71,9 @@ struct Transmission {
 }
 
 impl Uart {
-    pub(super) fn new(baud: Option<f64>) -> Self {
-        let byte_s = baud.map_or(0.0, |baud| BITS_PER_BYTE / baud);
-        Uart { byte_s, under_way: VecDeque::new(), waiting: 0, free_s: 0.0 }
+    pub(super) fn new(port: Port) -> Self {
+        let byte_s = port.baud.map_or(0.0, |baud| BITS_PER_BYTE / baud);
+        Uart { byte_s, packets: port.packets, under_way: VecDeque::new(), waiting: 0, free_s: 0.0 }
     }
 
     /// Sends bytes from `at_s` on, after those under way. Returns the time at which the last byte is sent, s.
@@ -83,7 +92,7 @@ impl Uart {
         self.free_s - PRINTED_AHEAD * self.byte_s
     }
 
-    /// Takes the bytes that have arrived at `now_s`.
+    /// Takes the bytes that have arrived at `now_s`; of packets the first.
     pub(super) fn arrived(&mut self, now_s: f64) -> Vec<u8> {
         let mut arrived = Vec::new();
         while let Some(first) = self.under_way.front_mut() {
@@ -94,6 +103,9 @@ impl Uart {
                 break;
             }
             self.under_way.pop_front();
+            if self.packets {
+                break;
+            }
         }
         self.waiting -= arrived.len();
         arrived

@@ -335,6 +335,8 @@ proptest! {
     fn board_survives_arbitrary_bytes(chunks in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20)) {
         upset(Hx711::new(Hx711Sketch::Demo, 80.0), &chunks);
         upset(Mark10::new(10.0), &chunks);
+        upset(NetFt::new(400.0, 2.0, STRAIGHT), &chunks);
+        upset(Bota::new(400.0, 2.0, STRAIGHT), &chunks);
         upset(ReSkin::new(400.0), &chunks);
         upset(ReSkin::text(400.0), &chunks);
         upset(Velostat::new(b'\t', 9600.0), &chunks);
