@@ -35,7 +35,7 @@ pub(super) struct EmulateArgs {
     /// Print one JSON object per device: device, protocol, listen
     #[arg(long)]
     json: bool,
-    /// Put a device (stage, load_cell, array) on this TCP port; 0 selects a free port
+    /// Put a device (stage, load_cell, array) on this port, TCP or UDP as it uses; 0 selects a free port
     #[arg(long = "port", value_name = "NAME=PORT", value_parser = port)]
     ports: Vec<(String, u16)>,
     /// Listen at this address, also for other machines: anyone who can reach it can use the emulators
@@ -125,6 +125,10 @@ async fn offer(
         }
         (FarEnd::Serial(instrument) | FarEnd::Pipe(instrument), Some(port)) => (instrument, port),
         (FarEnd::Network(instrument), port) => (instrument, port.unwrap_or(0)),
+        (FarEnd::Datagrams(instrument), port) => {
+            let at = (at, port.unwrap_or(0)).into();
+            return Some(listen::udp(at, instrument.clone(), scene.clone(), origin).await);
+        }
     };
     Some(listen::tcp((at, port).into(), instrument.clone(), scene.clone(), origin).await)
 }

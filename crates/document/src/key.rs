@@ -87,6 +87,8 @@ pub enum ValueKind {
     PerUnit(Bounds),
     /// A list of places `[x, y]`.
     Places(Bounds),
+    /// A matrix of three rows with three numbers each.
+    Matrix(Bounds),
     /// An integer from the first to the second number.
     Whole(u64, u64),
     /// A list of such integers.
@@ -189,7 +191,8 @@ impl ValueKind {
             | ValueKind::Range(bounds)
             | ValueKind::Numbers(bounds)
             | ValueKind::PerUnit(bounds)
-            | ValueKind::Places(bounds) => Some(bounds.unit()),
+            | ValueKind::Places(bounds)
+            | ValueKind::Matrix(bounds) => Some(bounds.unit()),
             _ => None,
         };
         self.pick(of).unwrap_or_default()

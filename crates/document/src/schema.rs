@@ -66,6 +66,7 @@ fn property(key: &Key) -> Json {
 fn kind(kind: &ValueKind) -> Json {
     let list = |item: Json| json!({ "type": "array", "items": item });
     let pair = |item: Json| json!({ "type": "array", "items": item, "minItems": 2, "maxItems": 2 });
+    let triple = |item: Json| json!({ "type": "array", "items": item, "minItems": 3, "maxItems": 3 });
     let whole = |min: u64, max: u64| json!({ "type": "integer", "minimum": min, "maximum": max });
     match kind {
         ValueKind::Number(bounds) => number(bounds),
@@ -73,6 +74,7 @@ fn kind(kind: &ValueKind) -> Json {
         ValueKind::Numbers(bounds) => json!({ "anyOf": [number(bounds), list(number(bounds))] }),
         ValueKind::PerUnit(bounds) => list(number(bounds)),
         ValueKind::Places(bounds) => list(pair(number(bounds))),
+        ValueKind::Matrix(bounds) => triple(triple(number(bounds))),
         ValueKind::Whole(min, max) => whole(*min, *max),
         ValueKind::Wholes(min, max) => list(whole(*min, *max)),
         ValueKind::Flag => json!({ "type": "boolean" }),

@@ -268,6 +268,17 @@ impl<'d> Table<'d> {
         }))
     }
 
+    /// Reads a matrix of three rows with three numbers each.
+    pub fn matrix(&self, key: &Key) -> Option<[[f64; 3]; 3]> {
+        let value = self.get(key)?;
+        let rows = all(self.list(key, value, "three lists of three numbers")?.map(|row| self.numbers_of(key, row)))?;
+        let rows: Option<Vec<[f64; 3]>> = rows.into_iter().map(|row| row.try_into().ok()).collect();
+        match rows.and_then(|rows| rows.try_into().ok()) {
+            Some(matrix) => Some(matrix),
+            None => self.fail(value, format!("`{}` must have three lists of three numbers", key.name)),
+        }
+    }
+
     /// Reads a table inside this one.
     pub fn table(&self, key: &Key) -> Option<Table<'d>> {
         let value = self.get(key)?;
@@ -455,6 +466,7 @@ fn expected(key: &Key) -> String {
         ValueKind::Numbers(bounds) => Some(format!("a number or a list{}", bounds.in_unit())),
         ValueKind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
         ValueKind::Places(_) => Some("[[x, y], ...]".to_owned()),
+        ValueKind::Matrix(_) => Some("three lists of three numbers".to_owned()),
         ValueKind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         ValueKind::Word(words) => Some(format!("one of {}", listed(words))),
         ValueKind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
@@ -491,7 +503,8 @@ fn bounds(key: &Key) -> Bounds {
         | ValueKind::Range(bounds)
         | ValueKind::Numbers(bounds)
         | ValueKind::PerUnit(bounds)
-        | ValueKind::Places(bounds) => Some(*bounds),
+        | ValueKind::Places(bounds)
+        | ValueKind::Matrix(bounds) => Some(*bounds),
         _ => None,
     });
     bounds.unwrap_or_else(|| unreachable!("`{}` isn't a number", key.name))

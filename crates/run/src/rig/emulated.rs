@@ -19,6 +19,8 @@ pub enum FarEnd {
     Serial(Shared<dyn Instrument>),
     /// An instrument on a network.
     Network(Shared<dyn Instrument>),
+    /// An instrument that sends datagrams.
+    Datagrams(Shared<dyn Instrument>),
     /// A program, on its standard input and output.
     Pipe(Shared<dyn Instrument>),
     /// NI's library: a table of functions, not a stream of bytes.
@@ -36,6 +38,11 @@ impl EmulatedDevice {
         EmulatedDevice { far_end: FarEnd::Network(Arc::new(Mutex::new(instrument))), protocol }
     }
 
+    /// Returns the emulator of an instrument that sends datagrams.
+    pub(super) fn datagrams<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
+        EmulatedDevice { far_end: FarEnd::Datagrams(Arc::new(Mutex::new(instrument))), protocol }
+    }
+
     /// Returns the emulator of a program.
     pub(super) fn pipe<I: Instrument + 'static>(instrument: I, protocol: &'static str) -> Self {
         EmulatedDevice { far_end: FarEnd::Pipe(Arc::new(Mutex::new(instrument))), protocol }
@@ -44,7 +51,10 @@ impl EmulatedDevice {
     /// Returns the instrument at the far end; `None` for a library.
     pub fn instrument(&self) -> Option<&Shared<dyn Instrument>> {
         match &self.far_end {
-            FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => Some(instrument),
+            FarEnd::Serial(instrument)
+            | FarEnd::Network(instrument)
+            | FarEnd::Datagrams(instrument)
+            | FarEnd::Pipe(instrument) => Some(instrument),
             FarEnd::Library => None,
         }
     }
@@ -57,7 +67,10 @@ impl EmulatedDevice {
     /// Replaces the instrument by another.
     pub fn replace(&mut self, other: Shared<dyn Instrument>) {
         match &mut self.far_end {
-            FarEnd::Serial(instrument) | FarEnd::Network(instrument) | FarEnd::Pipe(instrument) => *instrument = other,
+            FarEnd::Serial(instrument)
+            | FarEnd::Network(instrument)
+            | FarEnd::Datagrams(instrument)
+            | FarEnd::Pipe(instrument) => *instrument = other,
             FarEnd::Library => {}
         }
     }

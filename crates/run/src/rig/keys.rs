@@ -1,5 +1,6 @@
 //! Keys of a rig, except those of its scene, table by table.
 
+use super::axes::DEVICE_AXES;
 use super::family::choices;
 use super::scene_keys::{ROTATION, scene};
 use super::spec::{Home, HomeSide};
@@ -23,6 +24,8 @@ const LATER: Bounds = Bounds::within(0.0, 1000.0, "ms");
 const NO_LOAD: Bounds = Bounds::within(-10_000.0, 10_000.0, "N");
 /// Limits of forces in certificates and of weights.
 const FORCE: Bounds = Bounds::above(0.0, 10_000.0, "N");
+/// Limits of the entries of a calibration matrix.
+const CROSSTALK: Bounds = Bounds::within(-1e6, 1e6, "");
 const PERCENT: Bounds = Bounds::above(0.0, 100.0, "%");
 const DATE: &str = "date, as year-month-day";
 /// Limits of the largest output of an array.
@@ -115,8 +118,22 @@ keys! {
             "[-0.1, 0.4]";
         stiffness_n_mm: Number(above(0.0, 1e6, "N/mm")), Allowed,
             "stiffness of the cell itself, from its datasheet: its deflection is a part of `u_depth_mm`", "400.0";
+        axes: Table(&axes::KEYS), Allowed, "how a cell with three axes is mounted; required for such a cell";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
         check: Table(&check::KEYS), Allowed, "its gain as measured by `palpate doctor --check-weight-n`";
+    }
+}
+
+keys! {
+    /// `axes` of `[load_cell]`.
+    axes {
+        x: Word(&words(&DEVICE_AXES)), Refused, "axis of the cell whose reading grows with a force of the tip along x of the specimen", "\"x\"";
+        y: Word(&words(&DEVICE_AXES)), Refused, "axis of the cell whose reading grows with a force of the tip along y of the specimen", "\"-y\"";
+        press: Word(&words(&DEVICE_AXES)), Refused, "axis of the cell whose reading grows with a press", "\"-z\"";
+        matrix: Matrix(CROSSTALK), Allowed,
+            "matrix from its calibration, by which its forces along its x, y and z are multiplied first; requires `serial`",
+            "[[1.0, 0.01, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]";
+        serial: Text, Allowed, "serial number of the cell that `matrix` belongs to, 1 to 64 characters", "\"FT12345\"";
     }
 }
 

@@ -3,6 +3,7 @@
 //! A [`RigSpec`] is a parsed rig file. [`RigSpec::open`] is the only place that chooses between a real link and an emulator in
 //! memory. After this choice, the driver, the framing and the time-outs are the same.
 
+mod axes;
 mod bench;
 mod cell;
 mod certificate;
@@ -21,6 +22,7 @@ mod skin;
 mod spec;
 mod which_way;
 
+pub use axes::{CellAxes, CellMatrix, DeviceAxis};
 pub use bench::Bench;
 pub use cell::AdjustedCell;
 pub use cell::GAIN_UNKNOWN;

@@ -24,6 +24,7 @@ impl LoadCellSpec {
             lag_s: 0.0,
             air_n: None,
             stiffness_n_mm: None,
+            axes: None,
             certificate: None,
             check: None,
         }

@@ -1,5 +1,6 @@
 //! Reads a rig's text into a [`RigSpec`].
 
+use super::axes::{check_axes, read_axes};
 use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
@@ -125,13 +126,17 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let numbers = table.numbers([load_cell::conversions_hz, load_cell::lag_ms]);
     let certificate = document::optional(table.table(&load_cell::certificate), read_certificate);
     let check = document::optional(table.table(&load_cell::check), read_check);
+    let axes = document::optional(table.table(&load_cell::axes), read_axes);
     let (driver, link) = driver?;
+    let axes = axes?;
+    let span = table.span_of(if axes.is_some() { &load_cell::axes } else { &load_cell::driver });
+    check_axes(&*driver, axes.as_ref(), table, span);
     let (certificate, check) = (certificate?, check?);
     let air_n = table.range(&load_cell::air_n);
     let [conversions_hz, lag_ms] = numbers?;
     let stiffness_n_mm = table.number(&load_cell::stiffness_n_mm);
     let lag_s = lag_ms / 1000.0;
-    Some(LoadCellSpec { driver, link, conversions_hz, lag_s, air_n, stiffness_n_mm, certificate, check })
+    Some(LoadCellSpec { driver, link, conversions_hz, lag_s, air_n, stiffness_n_mm, axes, certificate, check })
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {

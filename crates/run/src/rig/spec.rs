@@ -1,5 +1,6 @@
 //! A parsed rig file, and the capabilities of each of its drivers.
 
+use super::axes::CellAxes;
 use super::emulated::EmulatedDevice;
 use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
@@ -125,6 +126,8 @@ pub struct LoadCellSpec {
     pub air_n: Option<Range>,
     /// Stiffness of the cell itself, N/mm; `None` if not stated.
     pub stiffness_n_mm: Option<f64>,
+    /// Mounting of a cell with three axes; `None` for a cell with one.
+    pub axes: Option<CellAxes>,
     /// Calibration certificate of the load cell.
     pub certificate: Option<LoadCellCertificate>,
     /// Gain measured with a known weight.
@@ -389,6 +392,11 @@ pub trait LoadCellDriver: Driver {
     /// # Errors
     /// Returns an error if there is no emulator.
     fn emulated(&self, rig: &RigSpec, stage: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError>;
+
+    /// Whether its readings have forces along three axes. The rig states then how it is mounted.
+    fn has_axes(&self) -> bool {
+        false
+    }
 }
 
 /// Driver of an array.

@@ -1,22 +1,25 @@
 //! Devices that send lines or frames. A line profile states how a reading looks.
 
 use super::{Beside, DeviceFamily, Links, Role, counted, own_file};
+use crate::rig::axes::CellAxes;
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
 use palpate_document::{Bounds, Problem, Table, keys};
-use palpate_drivers::lines::{LineArray, LineLoadCell, LineProfile, SHIPPED};
+use palpate_drivers::lines::{ForceColumns, LineArray, LineLoadCell, LineProfile, SHIPPED};
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::wire::Link;
-use palpate_sim::emulator::lines::{BoardFirmware, Hx711, Hx711Sketch, Mark10, ReSkin, SerialBoard, Velostat};
+use palpate_sim::emulator::lines::{
+    BoardFirmware, Bota, Hx711, Hx711Sketch, Mark10, NetFt, ReSkin, STRAIGHT, SerialBoard, Velostat,
+};
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
 
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
-    simulated: "hx711 and mark-10 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
+    simulated: "hx711, mark-10, ati-netft and bota-serial as load cells, reskin, mlx90393-text and velostat-16 as arrays",
     stage: None,
     load_cell: Some(Role {
         words: &[],
@@ -118,9 +121,16 @@ impl Driver for LineLoadCellSpec {
         Some(&self.0.file)
     }
 
-    /// Two roles on one link are one device.
     fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
-        let Some(LineArraySpec(array)) = super::as_a::<LineArraySpec>(&*rig.array.driver) else { return Vec::new() };
+        let unpacked = self.0.unpacked(&rig.load_cell.link, SceneDevice::LoadCell);
+        unpacked.into_iter().chain(self.differs(rig)).collect()
+    }
+}
+
+impl LineLoadCellSpec {
+    /// Two roles on one link are one device.
+    fn differs(&self, rig: &RigSpec) -> Option<Misfit> {
+        let LineArraySpec(array) = super::as_a::<LineArraySpec>(&*rig.array.driver)?;
         let is_shared = rig.load_cell.link == rig.array.link && rig.array.link != Link::Sim;
         let differ = is_shared && array.file != self.0.file;
         let text = format!(
@@ -128,13 +138,17 @@ impl Driver for LineLoadCellSpec {
             self.0.file.name, array.file.name
         );
         let help = Some("one port sends one kind of line: use one profile with [force] and [outputs] for both");
-        differ.then_some(Misfit { role: SceneDevice::Array, text, help }).into_iter().collect()
+        differ.then_some(Misfit { role: SceneDevice::Array, text, help })
     }
 }
 
 impl Driver for LineArraySpec {
     fn shares_port(&self) -> bool {
         true
+    }
+
+    fn misfits(&self, rig: &RigSpec) -> Vec<Misfit> {
+        self.0.unpacked(&rig.array.link, SceneDevice::Array).into_iter().collect()
     }
 
     fn own_file(&self) -> Option<&OwnFile> {
@@ -148,14 +162,29 @@ impl LoadCellDriver for LineLoadCellSpec {
         let force = self.0.profile.force.clone().ok_or_else(|| super::unfit("load cell", &self.0.file.name))?;
         let port = wiring.line_port(&cell.link, &self.0.profile, dial);
         let (link, hz) = (cell.link.to_string(), cell.conversions_hz);
-        Ok(AnyLoadCell::Lines(LineLoadCell::new(port, force, link, hz, wiring.origin)))
+        let driver = LineLoadCell::new(port, force, link, hz, wiring.origin);
+        Ok(AnyLoadCell::Lines(match &cell.axes {
+            Some(axes) => driver.mounted(axes.mounting()),
+            None => driver,
+        }))
+    }
+
+    fn has_axes(&self) -> bool {
+        self.0.profile.force.as_ref().is_some_and(|force| matches!(force.columns, ForceColumns::Axes(_)))
     }
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         let hz = rig.load_cell.conversions_hz;
+        let range_n = 2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n);
+        let mounting = rig.load_cell.axes.as_ref().map_or(STRAIGHT, CellAxes::to_device);
         match self.0.file.name.as_str() {
             "hx711" => Ok(board(Hx711::new(Hx711Sketch::Bare, hz))),
-            "mark-10" => Ok(board(Mark10::new(2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n)))),
+            "mark-10" => Ok(board(Mark10::new(range_n))),
+            "ati-netft" => {
+                let device = SerialBoard::new(NetFt::new(hz, range_n, mounting));
+                Ok(EmulatedDevice::datagrams(device, "rdt"))
+            }
+            "bota-serial" => Ok(board(Bota::new(hz, range_n, mounting))),
             _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
         }
     }
@@ -187,12 +216,20 @@ impl ArrayDriver for LineArraySpec {
 }
 
 impl Sender {
+    /// Returns what is wrong with the link of a device that sends packets.
+    fn unpacked(&self, link: &Link, role: SceneDevice) -> Option<Misfit> {
+        let is_stream = matches!(link, Link::Serial { .. } | Link::Tcp { .. });
+        let text = format!("the line profile \"{}\" is for packets, but {link} has none", self.file.name);
+        let help = Some("use link = \"udp://ADDRESS:PORT\", or a profile without `packet`");
+        (is_stream && self.profile.is_packets()).then_some(Misfit { role, text, help })
+    }
+
     fn not_emulated(&self, role: SceneDevice) -> DeviceError {
         let section = if role == SceneDevice::LoadCell { "load_cell" } else { "array" };
         let text = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
              write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
-             read.py needn't exist. Or use one of the profiles hx711 and mark-10 (load cell), reskin, mlx90393-text and velostat-16 (array)",
+             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft and bota-serial (load cell), reskin, mlx90393-text and velostat-16 (array)",
             self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());

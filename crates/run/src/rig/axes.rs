@@ -1,0 +1,142 @@
+//! How a load cell with three axes is mounted: `axes` of `[load_cell]`.
+
+use super::keys::axes;
+use super::spec::LoadCellDriver;
+use palpate_core::algebra::{Matrix, Vector};
+use palpate_document::{Problem, Table};
+
+/// Longest serial number, characters.
+const SERIAL_MAX: usize = 64;
+
+/// Least determinant of a calibration matrix over the product of the lengths of its rows. A smaller one loses a direction.
+const LEAST_DETERMINANT: f64 = 1e-6;
+
+/// One axis of the cell, in one of its two directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeviceAxis {
+    /// 0 for its x, 1 for its y, 2 for its z.
+    pub index: usize,
+    /// Whether its reading has the other sign.
+    pub reversed: bool,
+}
+
+const fn axis(index: usize, reversed: bool) -> DeviceAxis {
+    DeviceAxis { index, reversed }
+}
+
+pub(super) const DEVICE_AXES: [(&str, DeviceAxis); 6] = [
+    ("x", axis(0, false)),
+    ("-x", axis(0, true)),
+    ("y", axis(1, false)),
+    ("-y", axis(1, true)),
+    ("z", axis(2, false)),
+    ("-z", axis(2, true)),
+];
+
+/// Mounting of a cell with three axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellAxes {
+    /// Axes whose readings grow with a force of the tip along x of the specimen, along y, and with a press.
+    pub axes: [DeviceAxis; 3],
+    /// Matrix from the cell's calibration, in the cell's own axes; `None` if its readings need none.
+    pub matrix: Option<CellMatrix>,
+}
+
+/// Calibration matrix of a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellMatrix {
+    /// Its rows.
+    pub rows: [[f64; 3]; 3],
+    /// Serial number of the cell that it belongs to.
+    pub serial: String,
+}
+
+impl CellAxes {
+    /// Returns the matrix from the forces along the cell's x, y and z to those of the tip on the specimen along x, y and the press.
+    pub fn mounting(&self) -> [[f64; 3]; 3] {
+        *self.from_device().rows()
+    }
+
+    /// Returns the matrix from the forces of the tip to those along the axes of the cell, as its emulator reads them.
+    pub(super) fn to_device(&self) -> [[f64; 3]; 3] {
+        let inverse = self.from_device().inverse(); // a matrix without one is refused
+        *inverse.unwrap_or_else(Matrix::identity).rows()
+    }
+
+    fn from_device(&self) -> Matrix<3, 3> {
+        let row = |axis: DeviceAxis| {
+            let mut row = [0.0; 3];
+            row[axis.index] = if axis.reversed { -1.0 } else { 1.0 };
+            row
+        };
+        let matrix = self.matrix.as_ref().map_or_else(Matrix::identity, |matrix| Matrix::of(matrix.rows));
+        Matrix::of(self.axes.map(row)) * matrix
+    }
+}
+
+/// Reads `axes`.
+pub(super) fn read_axes(table: &Table) -> Option<CellAxes> {
+    let axes = [&axes::x, &axes::y, &axes::press].map(|key| table.word(key, &DEVICE_AXES));
+    let matrix = read_matrix(table);
+    let [Some(x), Some(y), Some(press)] = axes else { return None };
+    let axes = [x, y, press];
+    if (0..3).any(|index| axes.iter().all(|axis| axis.index != index)) {
+        let problem = Problem::new(table.span(), "`axes` must name each of the cell's axes x, y and z once");
+        table.complain(problem.help("such as axes = { x = \"x\", y = \"-y\", press = \"-z\" }"));
+        return None;
+    }
+    Some(CellAxes { axes, matrix: matrix? })
+}
+
+/// Reads `matrix` and `serial`. The outer value is `None` if they are invalid.
+fn read_matrix(table: &Table) -> Option<Option<CellMatrix>> {
+    let (rows, serial) = (table.matrix(&axes::matrix), table.text(&axes::serial));
+    match (table.has(&axes::matrix), table.has(&axes::serial)) {
+        (false, false) => return Some(None),
+        (false, true) => {
+            table.complain(Problem::new(table.span_of(&axes::serial), "`serial` requires `matrix`"));
+            return None;
+        }
+        (true, false) => {
+            let problem = Problem::new(table.span_of(&axes::matrix), "`matrix` requires `serial`");
+            table.complain(problem.help("state the serial number of the cell: a matrix is wrong for any other cell"));
+            return None;
+        }
+        (true, true) => {}
+    }
+    let (rows, serial) = (rows?, serial?);
+    if !(1..=SERIAL_MAX).contains(&serial.chars().count()) || serial.contains(char::is_control) {
+        let text = format!("`serial` is {serial:?}, expected 1 to {SERIAL_MAX} printable characters");
+        table.complain(Problem::new(table.span_of(&axes::serial), text));
+        return None;
+    }
+    let length = |row: [f64; 3]| Vector::column(row).dot(&Vector::column(row)).sqrt();
+    let lengths: f64 = rows.map(length).iter().product();
+    let determinant = Matrix::of(rows).determinant().abs();
+    if !determinant.is_finite() || determinant <= LEAST_DETERMINANT * lengths {
+        let problem =
+            Problem::new(table.span_of(&axes::matrix), "`matrix` is singular: it loses a direction of the force");
+        table.complain(problem.help("copy its three rows from the cell's calibration"));
+        return None;
+    }
+    Some(Some(CellMatrix { rows, serial: serial.to_owned() }))
+}
+
+/// Checks that the axes are stated for a cell with three axes, and only for such a cell.
+pub(super) fn check_axes(
+    driver: &dyn LoadCellDriver,
+    axes: Option<&CellAxes>,
+    table: &Table,
+    span: std::ops::Range<usize>,
+) {
+    let (text, help) = match (driver.has_axes(), axes) {
+        (true, None) => (
+            "`axes` is missing: the cell has three axes, and which way it is mounted isn't guessed",
+            "add axes = { x = \"x\", y = \"y\", press = \"-z\" } to [load_cell]: the axes of the cell whose readings grow with a force \
+             of the tip along x and y of the specimen, and with a press",
+        ),
+        (false, Some(_)) => ("`axes` is for a cell with three axes, but this one has one", "remove `axes`"),
+        _ => return,
+    };
+    table.complain(Problem::new(span, text).help(help));
+}
