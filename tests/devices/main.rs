@@ -1,6 +1,7 @@
 //! Drivers with failing lines and devices, and rigs of every kind.
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
+mod axes;
 mod bad_line;
 mod check_weight;
 mod driver_safety;

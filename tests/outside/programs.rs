@@ -1,4 +1,5 @@
-//! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer.
+//! Programs of others use our emulators: PyMeasure, newportxps, Newport's own driver, pymodbus, mbpoll, grbl-streamer,
+//! NetFT, pynetft.
 //!
 //! Each test needs `PALPATE_PYTHON`, an interpreter with the packages of `tests/outside/requirements.txt`, or the program itself.
 #![cfg(unix)]
@@ -67,6 +68,24 @@ fn pymodbus_asks_every_transmitter_over_a_serial_line() {
     {
         let served = ServedProgram::new(&with_cell(map), "");
         said(python.script("modbus_client.py", [script, served.address("load_cell")]));
+    }
+}
+
+#[test]
+#[ignore = "needs PALPATE_PYTHON (tests/outside/requirements.txt)"]
+fn netft_and_pynetft_read_the_net_ft() {
+    let python = Python::with("import NetFT, pynetft");
+    let cell = "{ lines = \"ati-netft\" }\naxes = { x = \"y\", y = \"-x\", press = \"-z\" }\n#";
+    let rig = exchanged(&shipped_text("rigs/sim.toml"), "{ modbus = \"generic-rs485\" }", cell);
+    let rig = exchanged(&rig, "noise_n = 0.003", "noise_n = 0.003, offset_n = 0.3");
+    // NetFT has the port 49152 fixed: hence an address of its own
+    let served = ServedProgram::new(&rig, "--listen 127.0.0.3 --port load_cell=49152");
+    for package in ["NetFT", "pynetft"] {
+        let [host, port] = served.host_and_port("load_cell");
+        let output = said(python.script("net_ft.py", [package, host, port]));
+        let means: Vec<f64> = output.split_whitespace().filter_map(|mean| mean.parse().ok()).collect();
+        let is_near = means.iter().zip([0.0, 0.0, -0.3]).all(|(mean, force_n)| (mean - force_n).abs() < 0.002);
+        assert!(means.len() == 3 && is_near, "{package}: {output}");
     }
 }
 

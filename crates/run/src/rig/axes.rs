@@ -140,3 +140,99 @@ pub(super) fn check_axes(
     };
     table.complain(Problem::new(span, text).help(help));
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::rig::{RigSpec, SIM_RIG, parse};
+
+    /// The shipped rig with a Net F/T, and these keys in `[load_cell]`.
+    fn read(driver: &str, axes: &str) -> Result<RigSpec, Vec<String>> {
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        let text = SIM_RIG.replacen("{ modbus = \"generic-rs485\" }", &format!("{driver}\n{axes}"), 1);
+        assert_ne!(text, SIM_RIG);
+        let wrong = |problem: &String| problem.split_once(": ").unwrap().1.to_owned();
+        parse("rig.toml", &text, &none).map_err(|problems| problems.lines().iter().map(wrong).collect())
+    }
+
+    const NET_FT: &str = "{ lines = \"ati-netft\" }";
+
+    #[test]
+    fn mounting_permutes_after_the_matrix_and_the_emulator_inverts_both() {
+        let axes = |more: &str| read(NET_FT, &format!("axes = {{ x = \"y\", y = \"-x\", press = \"-z\"{more} }}"));
+        let plain = axes("").unwrap().load_cell.axes.unwrap();
+        assert_eq!(plain.mounting(), [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+        assert_eq!(plain.to_device(), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+        let matrix = ", serial = \"FT1\", matrix = [[2.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 4.0]]";
+        let corrected = axes(matrix).unwrap().load_cell.axes.unwrap();
+        assert_eq!(corrected.mounting(), [[0.5, 1.0, 0.0], [-2.0, 0.0, 0.0], [0.0, 0.0, -4.0]]);
+        assert_eq!(corrected.to_device(), [[0.0, -0.5, 0.0], [1.0, 0.25, 0.0], [0.0, 0.0, -0.25]]);
+    }
+
+    #[test]
+    fn wrong_mountings_are_refused() {
+        let straight = "x = \"x\", y = \"y\", press = \"-z\"";
+        for (driver, axes, text) in [
+            (
+                NET_FT,
+                String::new(),
+                "`axes` is missing: the cell has three axes, and which way it is mounted isn't guessed",
+            ),
+            (
+                "{ lines = \"mark-10\" }",
+                format!("axes = {{ {straight} }}"),
+                "`axes` is for a cell with three axes, but this one has one",
+            ),
+            (
+                NET_FT,
+                "axes = { x = \"x\", y = \"-x\", press = \"z\" }".to_owned(),
+                "`axes` must name each of the cell's axes x, y and z once",
+            ),
+            (
+                NET_FT,
+                "axes = { x = \"x\", y = \"y\", press = \"down\" }".to_owned(),
+                "`press` is \"down\", expected one of x, -x, y, -y, z, -z",
+            ),
+            (NET_FT, format!("axes = {{ {straight}, serial = \"FT1\" }}"), "`serial` requires `matrix`"),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }}"),
+                "`matrix` requires `serial`",
+            ),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, serial = \"FT1\", matrix = [[1, 2, 3], [2, 4, 6], [0, 0, 1]] }}"),
+                "`matrix` is singular: it loses a direction of the force",
+            ),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, serial = \"FT1\", matrix = [[1, 0], [0, 1], [0, 0]] }}"),
+                "`matrix` must have three lists of three numbers",
+            ),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, serial = \"FT1\", matrix = [[nan, 0, 0], [0, 1, 0], [0, 0, 1]] }}"),
+                "`matrix` is not a finite number",
+            ),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, serial = \"\", matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }}"),
+                "`serial` is \"\", expected 1 to 64 printable characters",
+            ),
+        ] {
+            assert_eq!(read(driver, &axes).map(|_| ()).unwrap_err(), [text], "{axes}");
+        }
+    }
+
+    #[test]
+    fn packets_need_a_link_that_has_them() {
+        let text = include_str!("../../../../rigs/esp301.toml");
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        let axes = "{ lines = \"ati-netft\" }\naxes = { x = \"x\", y = \"y\", press = \"-z\" }";
+        let text = text.replacen("{ modbus = \"generic-rs485\" }", axes, 1);
+        let words = parse("rig.toml", &text, &none).unwrap_err().lines();
+        let expected = "the line profile \"ati-netft\" is for packets, but serial:///dev/ttyUSB1?baud=115200 has none";
+        assert!(words.len() == 1 && words[0].ends_with(expected), "{words:?}");
+        let text = text.replacen("serial:///dev/ttyUSB1?baud=115200", "udp://192.168.1.1:49152", 1);
+        assert_eq!(parse("rig.toml", &text, &none).unwrap().load_cell.link.to_string(), "udp://192.168.1.1:49152");
+    }
+}
