@@ -18,7 +18,7 @@ const BIAS: u8 = 0x42;
 /// Counts per newton of the usual calibration.
 const COUNTS_PER_NEWTON: f64 = 1e6;
 
-/// Rate at which the device converts and counts, whatever rate it sends, 1/s.
+/// Rate at which the device converts and counts; it may send fewer records, 1/s.
 const INTERNAL_HZ: f64 = 7000.0;
 
 /// State of a transducer beyond its range: that bit, and the bit of any error.
