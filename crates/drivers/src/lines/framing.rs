@@ -111,7 +111,7 @@ impl Finder {
     pub fn take(&mut self, bytes: &[u8]) {
         match &self.framing {
             // it isn't kept: the next packet begins with a frame again
-            LineFraming::Frame(frame) if frame.packet && bytes.len() % frame.length() != 0 => {
+            LineFraming::Frame(frame) if frame.packet && !bytes.len().is_multiple_of(frame.length()) => {
                 self.misfit = Some(frame.rejected(bytes));
             }
             _ => self.inbox.extend_from_slice(bytes),

@@ -54,16 +54,16 @@ pub struct CellMatrix {
 impl CellAxes {
     /// Returns the matrix from the forces along the cell's x, y and z to those of the tip on the specimen along x, y and the press.
     pub fn mounting(&self) -> [[f64; 3]; 3] {
-        *self.from_device().rows()
+        *self.specimen_from_device().rows()
     }
 
     /// Returns the matrix from the forces of the tip to those along the axes of the cell, as its emulator reads them.
     pub(super) fn to_device(&self) -> [[f64; 3]; 3] {
-        let inverse = self.from_device().inverse(); // a matrix without one is refused
+        let inverse = self.specimen_from_device().inverse(); // a matrix without one is refused
         *inverse.unwrap_or_else(Matrix::identity).rows()
     }
 
-    fn from_device(&self) -> Matrix<3, 3> {
+    fn specimen_from_device(&self) -> Matrix<3, 3> {
         let row = |axis: DeviceAxis| {
             let mut row = [0.0; 3];
             row[axis.index] = if axis.reversed { -1.0 } else { 1.0 };
