@@ -153,6 +153,7 @@ pub(crate) fn begin_with(options: &RunOptions, agree: Agree<'_>) -> Result<Opene
         strategy: options.rig.strategy,
         presses_max: options.rig.presses_max,
         without_load_cell: !rig.has_load_cell(),
+        three_axes: rig.has_three_axes(),
         confirmed_within_mm: rig.is_touched.then_some(rig.frame.uncertainty_mm),
         ..RunFacts::new(&plan, rig.is_simulated())
     };

@@ -13,4 +13,5 @@ mod provenance;
 mod replaced;
 mod rerun;
 mod signals;
+mod three_axes;
 mod without_load_cell;

@@ -234,8 +234,9 @@ impl Desk {
         };
         let spec = &sensor.rig.spec;
         let specimen = if spec.is_simulated() { spec.scene.specimen } else { None };
-        let without_load_cell = !spec.has_load_cell();
-        let facts = RunFacts { labels, specimen, without_load_cell, ..RunFacts::new(plan, spec.is_simulated()) };
+        let (without_load_cell, three_axes) = (!spec.has_load_cell(), spec.has_three_axes());
+        let begun = RunFacts::new(plan, spec.is_simulated());
+        let facts = RunFacts { labels, specimen, without_load_cell, three_axes, ..begun };
         let origins = self.material.origins(recipe, &sensor.rig);
         let path = self.folder.path().join(name);
         RunFolder::create(Some(&path), &origins, facts, session(manner.durability.into()), &spec.array.layout)

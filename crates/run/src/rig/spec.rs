@@ -287,6 +287,11 @@ impl RigSpec {
         }
     }
 
+    /// Whether the load cell has three axes.
+    pub fn has_three_axes(&self) -> bool {
+        self.load_cell.axes.is_some()
+    }
+
     /// Returns the limits against which a plan is checked.
     pub fn ground(&self) -> Ground<'_> {
         Ground {
