@@ -29,7 +29,7 @@ pub use table::{all, misspelt, optional, with_nearest};
 
 use problem::Collector;
 use toml::Spanned;
-use toml::de::DeTable;
+use toml::de::{DeTable, DeValue};
 use toml_parser::Source;
 use toml_parser::lexer::TokenKind;
 
@@ -70,6 +70,43 @@ pub fn has_key(text: &str, name: &str) -> bool {
     parsed("", text).is_ok_and(|root| root.get_ref().keys().any(|key| key.get_ref() == name))
 }
 
+/// Returns the positions of the values at a path of keys. In a list of tables, each table is searched. Empty if the text isn't TOML.
+pub fn positions(text: &str, path: &[&str]) -> Vec<Span> {
+    let mut found = Vec::new();
+    if let Ok(root) = parsed("", text) {
+        add_positions(root.get_ref(), path, &mut found);
+    }
+    found
+}
+
+fn add_positions(table: &DeTable<'_>, path: &[&str], found: &mut Vec<Span>) {
+    let Some((name, rest)) = path.split_first() else { return };
+    let Some((_, value)) = table.iter().find(|(key, _)| key.get_ref() == name) else { return };
+    if rest.is_empty() {
+        found.push(value.span());
+        return;
+    }
+    let listed = value.get_ref().as_array().into_iter().flat_map(|items| items.iter().map(Spanned::get_ref));
+    let tables = std::iter::once(value.get_ref()).chain(listed).filter_map(DeValue::as_table);
+    tables.for_each(|table| add_positions(table, rest, found));
+}
+
+/// Returns the name of a table of the root that has a string of this name, and the position of the string's key. `None` if the
+/// root itself has a key of this name, or if the text isn't TOML.
+pub fn text_in_table(text: &str, name: &str) -> Option<(String, Span)> {
+    let root = parsed("", text).ok()?;
+    let root = root.get_ref();
+    if root.keys().any(|key| key.get_ref() == name) {
+        return None;
+    }
+    root.iter().find_map(|(table, value)| {
+        let is_it =
+            |(key, value): &(&Spanned<_>, &Spanned<DeValue<'_>>)| *key.get_ref() == name && value.get_ref().is_str();
+        let (key, _) = value.get_ref().as_table()?.iter().find(is_it)?;
+        Some((table.get_ref().to_string(), key.span()))
+    })
+}
+
 /// Parses a text as TOML.
 fn parsed<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
     parsed_as(name, text, None)
@@ -92,6 +129,7 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
     }
     let collector = Collector::default();
     let mut seen: Vec<&str> = Vec::new();
+    let mut commas: Vec<Span> = Vec::new();
     let mut is_broken = false;
     for error in &errors {
         let place = error.span().unwrap_or(0..0);
@@ -99,7 +137,10 @@ fn parsed_as<'t>(name: &str, text: &'t str, keys: Option<&Keys>) -> Result<Spann
         let heading = is_twice.then(|| heading_at(text, place.start)).flatten();
         let unit = value_with_unit(text, place.start);
         let problem = match (decimal_comma(text, place.start), heading) {
+            // one comma can cause several errors
+            (Some((number, _)), _) if commas.contains(&number) => continue,
             (Some((number, decimal)), _) => {
+                commas.push(number.clone());
                 Problem::new(number, "a number has a decimal point, not a comma").help(format!("write {decimal}"))
             }
             (None, Some((_, heading))) if seen.contains(&heading) => continue,
@@ -160,12 +201,22 @@ fn heading_twice(text: &str, place: Span, heading: &str, is_double: bool, keys: 
             start += line.len();
         }
     }
+    if let Some(line) = line_of_value(text, heading) {
+        let words = format!("[{heading}] is a table here, but line {line} gives `{heading}` a value");
+        return Problem::new(place, words).help(format!("delete line {line}, or the table [{heading}]"));
+    }
     let problem = Problem::new(place, format!("[{heading}] is here a second time"));
     let key = keys.and_then(|keys| keys.all().find(|key| key.name == heading));
     match key.map(|key| key.kind.pick(|kind| matches!(kind, ValueKind::Tables(_)).then_some(())).is_some()) {
         Some(false) => problem.help(format!("put all its keys under one [{heading}]")),
         _ => problem.help(list),
     }
+}
+
+/// Returns the number of the line above all headings that gives this key a value.
+fn line_of_value(text: &str, key: &str) -> Option<usize> {
+    let mut lines = text.lines().take_while(|line| heading_of(line).is_none());
+    lines.position(|line| line.split_once('=').is_some_and(|(name, _)| name.trim() == key)).map(|index| index + 1)
 }
 
 /// Returns the value of the line with this byte if it is a number and a unit, such as `2.0 N`, and the number alone.
@@ -190,15 +241,21 @@ fn key_twice(text: &str, place: Span) -> Problem {
     Problem::new(place, words).help("delete one of the two lines")
 }
 
-/// Returns the number with a decimal comma at this byte, such as `0,5`, and the same number with a point.
+/// Returns the first number with a decimal comma in the line with this byte, such as `0,5`, and the same number with a point.
 fn decimal_comma(text: &str, at: usize) -> Option<(Span, String)> {
-    let (before, after) = (text.get(..at)?, text.get(at..)?.strip_prefix(',')?);
-    let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
-    let start = before.trim_end_matches(is_in_number).len();
-    let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
-    let is_value = before[..start].trim_end_matches([' ', '\t']).ends_with('=');
-    let number = start..at + 1 + digits;
-    (is_value && start < at && digits > 0).then(|| (number.clone(), text[number].replace(',', ".")))
+    let line_start = text.get(..at)?.rfind('\n').map_or(0, |newline| newline + 1);
+    // a comma in a string or a comment is none of a number
+    let line = text[line_start..].lines().next()?.split(['#', '"', '\'']).next()?;
+    line.match_indices(',').find_map(|(comma, _)| {
+        let (before, after) = (&line[..comma], &line[comma + 1..]);
+        let is_in_number = |c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '_');
+        let start = before.trim_end_matches(is_in_number).len();
+        let digits = after.len() - after.trim_start_matches(|c: char| c.is_ascii_digit()).len();
+        let is_value = before[..start].trim_end_matches([' ', '\t']).ends_with('=');
+        let is_end = after[digits..].trim_start().starts_with([',', '}']) || after[digits..].trim().is_empty();
+        let number = line_start + start..line_start + comma + 1 + digits;
+        (is_value && is_end && start < comma && digits > 0).then(|| (number.clone(), text[number].replace(',', ".")))
+    })
 }
 
 /// Returns the position of the first bracket that is nested too deep. A bracket of the other kind closes nothing.
@@ -345,6 +402,12 @@ mod tests {
     fn invalid_toml_is_reported_with_its_probable_meaning() {
         let words = |text: &str| read("t.toml", text, &outer::KEYS, |_| Some(())).unwrap_err().lines();
         assert_eq!(words("name = \"a\"\nx = 0,5\n"), ["t.toml:2:5: a number has a decimal point, not a comma"]);
+        let both = words("a = { z = -12.5, u = 0,3 }\nb = { u = 0,3, z = 1 } # 0,5\n");
+        assert_eq!(both[0], "t.toml:1:22: a number has a decimal point, not a comma");
+        assert_eq!(both[1..], ["t.toml:2:11: a number has a decimal point, not a comma"]);
+        for text in ["a = \"x = 0,5\" y\n", "a = [1,5\n", "a = { b = 1,2 = }\n", "a = x # y = 0,5\n"] {
+            assert!(words(text)[0].contains("not valid TOML"), "{text}");
+        }
         // a character of several bytes right before the number
         for text in ["x = {\u{fffd}2, y = 3\n", "x = \u{2003}2,5\n"] {
             assert!(words(text)[0].contains("not valid TOML"), "{text}");
@@ -373,6 +436,10 @@ mod tests {
             once,
             [("t.toml:3:2: [a] is here a second time".to_owned(), "put all its keys under one [a]".to_owned())]
         );
+        // a value, then a table
+        let value = words("a = \"none\"\n[a]\nx = 0.5\n");
+        assert_eq!(value.len(), 1, "{value:?}");
+        assert_eq!(value[0].0, "t.toml:2:2: [a] is a table here, but line 1 gives `a` a value");
         // single brackets first
         let single = words("[step] # one\na = 1\n[[step]]\na = 2\n[[step]]\na = 3\n");
         assert_eq!(single.len(), 1, "{single:?}");
@@ -398,6 +465,21 @@ mod tests {
         assert_eq!(help("hold_ms"), "did you mean `hold_s`? Convert the number: the unit is in the key's name");
         assert_eq!(help("hodl_s"), "did you mean `hold_s`?");
         assert_eq!(help("hold_x"), "did you mean `hold_s`?");
+    }
+
+    #[test]
+    fn positions_are_those_of_each_table_of_a_list() {
+        let text = "x = 1\n[a]\nx = 2\n[[b]]\nx = 3\n[[b]]\nx = 4\n[[b]]\ny = 5\n";
+        let values = |path: &[&str]| positions(text, path).into_iter().map(|span| &text[span]).collect::<Vec<_>>();
+        assert_eq!((values(&["x"]), values(&["a", "x"]), values(&["b", "x"])), (vec!["1"], vec!["2"], vec!["3", "4"]));
+        assert!(values(&["a", "y"]).is_empty() && positions("x", &["x"]).is_empty());
+    }
+
+    #[test]
+    fn a_string_is_found_in_the_table_that_it_slipped_into() {
+        let text = "[a]\ny = 1\n[b]\nx = \"none\"\n";
+        assert_eq!(text_in_table(text, "x"), Some(("b".to_owned(), 14..15)));
+        assert_eq!((text_in_table(text, "y"), text_in_table("x = 1\n[b]\nx = \"none\"\n", "x")), (None, None));
     }
 
     #[test]
