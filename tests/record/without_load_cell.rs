@@ -80,6 +80,25 @@ fn force_is_refused_without_a_load_cell() {
 }
 
 #[test]
+fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
+    let rig = rig_without_load_cell();
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out run");
+    bench.palpate_ends(0, "report run --figures figures");
+    let page = bench.read("run/report.html");
+    for part in ["Errors against the depth", "Output of each unit, by depth and by place"] {
+        assert!(page.contains(part), "{part}");
+    }
+    for part in ["Errors against the force", "by load and by place", "zero without load"] {
+        assert!(!page.contains(part), "{part}");
+    }
+    let depths = bench.column("figures/errors-against-depth.csv", "depth_mm");
+    let depths: Vec<f64> = depths.iter().filter_map(|depth| depth.parse().ok()).collect();
+    assert!(!depths.is_empty() && depths.iter().all(|depth| (0.2..=0.6).contains(depth)), "{depths:?}");
+    assert!(!bench.path("figures/errors-against-force.csv").exists());
+}
+
+#[test]
 fn run_that_was_cut_feels_the_surface_again_and_goes_on() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);

@@ -50,7 +50,7 @@ fn of_run(run: &Recorded) -> Markup {
     }
     rows.extend(manifest.ended.iter().map(|ended| ("ended", clock(ended))));
     rows.push(("flagged rows", flags(run)));
-    if facts.imported.is_none() {
+    if facts.imported.is_none() && !facts.without_load_cell {
         rows.push(("zero without load", zeros(run)));
     }
     let trips = run.trips.iter().map(|(t_s, press, trip)| ("safety trip", trip_text(*t_s, *press, trip)));

@@ -6,6 +6,7 @@ use crate::report::frame::{PageFigure, Section, capital};
 use crate::report::{SensorResults, Subject};
 use maud::html;
 use palpate_core::quantity::Place;
+use palpate_data::dataset::Press;
 use palpate_data::recipe::Phase;
 use palpate_solver::{Evaluation, FORCE_REFERENCE_N, LOCATION_REFERENCE_MM, PressError};
 
@@ -122,23 +123,28 @@ fn distribution(kind: PlottedError, judged: &SensorResults) -> Option<PageFigure
     Some(PageFigure::plain(figure).named(&format!("{}s", kind.name)))
 }
 
-/// Draws both errors as functions of the force, and of the distance from the edge.
+/// Draws the errors as functions of the force, or of the depth if depths are solved, and of the distance from the edge.
 pub(crate) fn dependences(subject: &Subject, judged: &SensorResults) -> Option<Section> {
     let (least, most) = subject.area()?;
     let edge_mm = |place: Place| {
         let x = (place.x_mm - least.x_mm).min(most.x_mm - place.x_mm);
         x.min((place.y_mm - least.y_mm).min(most.y_mm - place.y_mm))
     };
-    let sound = subject.presses.sound(Phase::Test);
-    let forces: Vec<f64> = sound.map(|press| press.force_set_n.or(press.force_n).unwrap_or_default()).collect();
-    let force_n = |press: &PressError| forces.get(press.index).copied().unwrap_or(0.0);
+    let by_depth = judged.evaluations.iter().any(|evaluation| evaluation.depth_error_mm.is_some());
+    let load = |press: &Press| match by_depth {
+        true => press.depth_set_mm.or(press.depth_mm),
+        false => press.force_set_n.or(press.force_n),
+    };
+    let loads: Vec<f64> = subject.presses.sound(Phase::Test).map(|press| load(press).unwrap_or_default()).collect();
+    let load_of = |press: &PressError| loads.get(press.index).copied().unwrap_or(0.0);
+    let (load, unit) = if by_depth { ("depth", "mm") } else { ("force", "N") };
     let to_edge = |press: &PressError| edge_mm(press.place_true);
     let dependence = |title: &str, stem: &str, label: &str, of: &dyn Fn(&PressError) -> f64| {
         let is_negative =
             judged.evaluations.iter().flat_map(|evaluation| &evaluation.presses).any(|press| of(press) < 0.0);
         let outside = if is_negative { "; negative: outside it" } else { "" };
         let panels: Vec<Panel> =
-            [LOCATION, FORCE].into_iter().filter_map(|kind| panel(kind, label, of, judged)).collect();
+            [LOCATION, FORCE, DEPTH].into_iter().filter_map(|kind| panel(kind, label, of, judged)).collect();
         let legend =
             methods(&judged.evaluations).map(|(look, e)| vec![(Look { line: LineStyle::Solid, ..look }, name(e))]);
         let figure = Figure {
@@ -153,7 +159,12 @@ pub(crate) fn dependences(subject: &Subject, judged: &SensorResults) -> Option<S
         (!figure.panels.is_empty()).then(|| PageFigure::plain(figure).named(stem))
     };
     let drawn: Vec<PageFigure> = [
-        dependence("Errors against the force", "errors-against-force", "force, N", &force_n),
+        dependence(
+            &format!("Errors against the {load}"),
+            &format!("errors-against-{load}"),
+            &format!("{load}, {unit}"),
+            &load_of,
+        ),
         dependence(
             "Errors against the distance from the edge",
             "errors-against-edge",
@@ -164,7 +175,8 @@ pub(crate) fn dependences(subject: &Subject, judged: &SensorResults) -> Option<S
     .into_iter()
     .flatten()
     .collect();
-    Section::of_figures("Errors against the force and against the distance from the edge", &html! {}, drawn)
+    let title = format!("Errors against the {load} and against the distance from the edge");
+    Section::of_figures(&title, &html! {}, drawn)
 }
 
 fn panel(kind: PlottedError, label: &str, of: &dyn Fn(&PressError) -> f64, judged: &SensorResults) -> Option<Panel> {

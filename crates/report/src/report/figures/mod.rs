@@ -28,7 +28,11 @@ use std::ops::Range;
 pub(super) fn units(subject: &Subject) -> Option<Section> {
     let of_load = characteristics::characteristics(subject).map(|drawn| drawn.named("output-against-load"));
     let drawn = [layout::layout(subject), of_load].into_iter().flatten().chain(map::matrices(subject)).collect();
-    Section::of_figures("Output of each unit, by load and by place", &html! {}, drawn)
+    let title = match subject.has_load_cell() {
+        true => "Output of each unit, by load and by place",
+        false => "Output of each unit, by depth and by place",
+    };
+    Section::of_figures(title, &html! {}, drawn)
 }
 
 /// Arranges units, given by their outputs, like the array.
