@@ -80,6 +80,14 @@ fn force_is_refused_without_a_load_cell() {
 }
 
 #[test]
+fn interval_of_forces_is_refused_with_the_depth_as_the_other_way() {
+    let (rig, by_force) = (rig_without_load_cell(), RECIPE.replace("depth_mm = [0.3, 0.6]", "force_n = [0.3, 0.5]"));
+    let bench = TestFolder::with([("force.toml", by_force.as_str()), ("rig.toml", rig.as_str())]);
+    let refused = bench.palpate_ends(2, "check force.toml --rig rig.toml").running();
+    assert!(refused.contains("On a rig without a load cell, use `depth_mm`"), "{refused}");
+}
+
+#[test]
 fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);

@@ -132,7 +132,8 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
     let inner = [&random::force_n, &random::depth_mm].map(|key| is_random && table.inner_has(&step::random, key));
     if table.is_list(&step::force_n) {
         let text = "`force_n` is an interval, expected one force in N";
-        let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }";
+        let help = "an interval is a key of `random`: random = { count = 40, ..., force_n = [0.3, 2.0] }. \
+                    On a rig without a load cell, use `depth_mm`";
         table.complain(Problem::new(table.span_of(&step::force_n), text).help(help));
         return None;
     }
