@@ -148,7 +148,7 @@ pub(crate) fn parse_recipe(
         Failure::usage(miette::miette!(help = help, "{}: `accept` names {file}, {why}", path.display()))
     })?;
     let rule = recipe::parse_rule(&file, &rule_text).map_err(Failure::usage)?;
-    Ok(ReadRecipe { recipe: recipe.with_rule(rule), text, rule: Some((name, rule_text)) })
+    Ok(ReadRecipe { recipe: recipe.with_rule(rule, &file, &rule_text), text, rule: Some((name, rule_text)) })
 }
 
 /// The recipe of a run, as its journal keeps it.

@@ -88,6 +88,35 @@ fn interval_of_forces_is_refused_with_the_depth_as_the_other_way() {
 }
 
 #[test]
+fn limits_of_a_force_error_are_refused_at_their_lines_before_anything_moves() {
+    let rig = rig_without_load_cell();
+    let limits = "location_mean_mm = 0.5\nforce_mean_n = 0.1\nforce_within = { n = 0.1, share = 0.9 }\n";
+    let (own, named) =
+        (format!("{RECIPE}\n[accept]\n{limits}"), RECIPE.replacen('\n', "\naccept = \"accept.toml\"\n", 1));
+    let bench = TestFolder::with([
+        ("own.toml", own.as_str()),
+        ("named.toml", named.as_str()),
+        ("accept.toml", limits),
+        ("rig.toml", rig.as_str()),
+    ]);
+    for (recipe, places) in
+        [("own", ["own.toml:14:16", "own.toml:15:16"]), ("named", ["accept.toml:2:16", "accept.toml:3:16"])]
+    {
+        for command in ["check", "run"] {
+            let refused =
+                bench.palpate_ends(2, &format!("{command} {recipe}.toml --rig rig.toml --simulate")).running();
+            for part in
+                places.into_iter().chain(["so no force error is known", "use `depth_mean_mm`", "use `depth_within`"])
+            {
+                assert!(refused.contains(part), "{part}: {refused}");
+            }
+        }
+        assert!(!bench.path("runs").exists());
+    }
+    bench.palpate_ends(0, "check own.toml --rig sim");
+}
+
+#[test]
 fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);

@@ -3,7 +3,7 @@
 use super::PRESSES_CEILING;
 use super::keys::CHOOSABLE;
 use crate::acceptance::{AcceptanceRule, Decision, Limit, LimitedFigure};
-use palpate_document::{self as document, Bounds, Key, Keys, Problem, Problems, Table, keys, words};
+use palpate_document::{self as document, Bounds, Key, Keys, Problem, Problems, Table, keys, positions, words};
 use palpate_solver::BEST;
 
 const LENGTH: Bounds = Bounds::above(0.0, 1000.0, "mm");
@@ -121,6 +121,24 @@ pub(super) fn read_rule(table: &Table) -> Option<AcceptanceRule> {
         limits,
         afterwards_by: None,
     })
+}
+
+/// Returns a problem for each limit of a force error in a text, whose rule is in the table of this name; `None`: outside tables.
+/// They can't be met on a rig without a load cell.
+pub(super) fn force_limits(text: &str, table: Option<&str>) -> Vec<Problem> {
+    /// Limits of the force error, and those of the depth error that replace them.
+    const REPLACED: [(Key, Key); 3] = [
+        (accept::force_mean_n, accept::depth_mean_mm),
+        (accept::force_p95_n, accept::depth_p95_mm),
+        (accept::force_within, accept::depth_within),
+    ];
+    let problems = REPLACED.iter().flat_map(|(force, depth)| {
+        let path: Vec<&str> = table.into_iter().chain([force.name]).collect();
+        let words = format!("the rig has no load cell, so no force error is known: `{}` can't be met", force.name);
+        let help = format!("use `{}`", depth.name);
+        positions(text, &path).into_iter().map(move |place| Problem::new(place, words.clone()).help(help.clone()))
+    });
+    problems.collect()
 }
 
 fn limit(table: &Table, figure: LimitedFigure) -> Option<Limit> {

@@ -53,6 +53,8 @@ pub struct Recipe {
     pub presses_max: usize,
     pub(super) file: String,
     pub(super) text: String,
+    /// Name and text of the file that contains the acceptance rule, if `accept` names one.
+    pub(super) rule_file: Option<(String, String)>,
 }
 
 impl Recipe {
@@ -61,7 +63,18 @@ impl Recipe {
         let name = name.to_owned();
         let (file, text) = (name.clone(), name.clone()); // the text that a problem shows
         let (solvers, checks) = (Vec::new(), Checks::None);
-        Recipe { name, steps, solvers, rig: None, checks, accept: None, presses_max: PRESSES_MAX, file, text }
+        Recipe {
+            name,
+            steps,
+            solvers,
+            rig: None,
+            checks,
+            accept: None,
+            presses_max: PRESSES_MAX,
+            file,
+            text,
+            rule_file: None,
+        }
     }
 
     /// Returns the acceptance rule, once a file named in the recipe has been read.
@@ -72,10 +85,10 @@ impl Recipe {
         }
     }
 
-    /// Returns the recipe with an acceptance rule.
+    /// Returns the recipe with an acceptance rule that was read from a file of this name and text.
     #[must_use]
-    pub fn with_rule(self, rule: AcceptanceRule) -> Recipe {
-        Recipe { accept: Some(Accept::Rule(rule)), ..self }
+    pub fn with_rule(self, rule: AcceptanceRule, file: &str, text: &str) -> Recipe {
+        Recipe { accept: Some(Accept::Rule(rule)), rule_file: Some((file.to_owned(), text.to_owned())), ..self }
     }
 
     /// Returns the recipe with one strategy for every press instead of the strategies of its steps.

@@ -59,7 +59,7 @@ pub fn parse(file: &str, text: &str) -> Result<Recipe, Problems> {
         }
         let (name, file, text) = (name?.to_owned(), file.to_owned(), text.to_owned());
         let (checks, accept, presses_max) = (checks?, accept?, PRESSES_MAX);
-        Some(Recipe { name, steps: steps?, solvers, rig, checks, accept, presses_max, file, text })
+        Some(Recipe { name, steps: steps?, solvers, rig, checks, accept, presses_max, file, text, rule_file: None })
     })
 }
 

@@ -1,5 +1,7 @@
 //! The presses of a recipe.
 
+use super::accept::force_limits;
+use super::keys::root;
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
@@ -42,11 +44,18 @@ impl Plan {
     ///
     /// # Errors
     /// Every step that leaves the stage's travel, exceeds the specimen's force limit, names a unit that doesn't exist, or makes
-    /// the plan too long, with its line.
+    /// the plan too long, with its line. Without a load cell, also every limit of a force error.
     pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
         let mut problems = Vec::new();
         let mut steps: Vec<Vec<Entry>> = Vec::new();
         let mut presses = 0;
+        let mut of_rule = Vec::new();
+        if ground.unforced_mm.is_some() {
+            match &recipe.rule_file {
+                Some((_, text)) => of_rule = force_limits(text, None),
+                None => problems.extend(force_limits(&recipe.text, Some(root::accept.name))),
+            }
+        }
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
@@ -61,6 +70,9 @@ impl Plan {
             entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
             presses += entries.len();
             steps.push(step.visited(entries));
+        }
+        if let (Some((file, text)), true, false) = (&recipe.rule_file, problems.is_empty(), of_rule.is_empty()) {
+            return Err(Problems::new(file, text, of_rule));
         }
         if problems.is_empty() {
             training(&mut steps, presses, ground.limits);
