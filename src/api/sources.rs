@@ -71,7 +71,15 @@ impl Sources {
         let recipe = if rig.rig.is_some() { recipe } else { Ok(recipe?) };
         let key = recipe.as_ref().ok().and_then(|read| read.recipe.rig.clone());
         let chosen = ChosenRig::of(path, &text, key.as_deref(), rig.rig.as_deref());
-        Sources::of(recipe, chosen.and_then(|chosen| Ok((chosen.read()?, chosen))), rig)
+        let sources = Sources::of(recipe, chosen.and_then(|chosen| Ok((chosen.read()?, chosen))), rig)?;
+        match rig.strategy.filter(|_| !sources.rig.has_load_cell()) {
+            Some(strategy) => Err(Failure::option(
+                "--strategy",
+                strategy.name(),
+                "a rig without a load cell has no strategy: remove it",
+            )),
+            None => Ok(sources),
+        }
     }
 
     /// A run's recipe, as its journal keeps it, on a rig of that text. Register maps are those of the journal too.

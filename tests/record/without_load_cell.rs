@@ -117,6 +117,33 @@ fn limits_of_a_force_error_are_refused_at_their_lines_before_anything_moves() {
 }
 
 #[test]
+fn strategy_is_refused_where_it_is_written() {
+    let rig = rig_without_load_cell();
+    let of_all = RECIPE.replacen('\n', "\n[press]\nstrategy = \"guarded\"\n", 1);
+    let of_step = format!("{RECIPE}strategy = \"map\"\n");
+    let bench = TestFolder::with([
+        ("deep.toml", RECIPE),
+        ("all.toml", of_all.as_str()),
+        ("step.toml", of_step.as_str()),
+        ("rig.toml", rig.as_str()),
+    ]);
+    for (words, place) in [
+        ("all.toml", "all.toml:3:12"),
+        ("step.toml", "step.toml:11:12"),
+        ("deep.toml --strategy velocity", "'velocity' for '--strategy'"),
+    ] {
+        for command in ["check", "run"] {
+            let refused = bench.palpate_ends(2, &format!("{command} {words} --rig rig.toml --simulate")).running();
+            for part in [place, "a rig without a load cell has no strategy"] {
+                assert!(refused.contains(part), "{part}: {refused}");
+            }
+        }
+    }
+    bench.palpate_ends(0, "check deep.toml --rig rig.toml");
+    bench.palpate_ends(0, "check deep.toml --rig sim --strategy velocity");
+}
+
+#[test]
 fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);

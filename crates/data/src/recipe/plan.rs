@@ -1,12 +1,12 @@
 //! The presses of a recipe.
 
 use super::accept::force_limits;
-use super::keys::root;
+use super::keys::{press, root};
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
 use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
-use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span};
+use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span, positions};
 use rand::RngExt;
 use std::sync::Arc;
 
@@ -44,13 +44,14 @@ impl Plan {
     ///
     /// # Errors
     /// Every step that leaves the stage's travel, exceeds the specimen's force limit, names a unit that doesn't exist, or makes
-    /// the plan too long, with its line. Without a load cell, also every limit of a force error.
+    /// the plan too long, with its line. Without a load cell, also every strategy and every limit of a force error.
     pub fn new(recipe: &Recipe, ground: &Ground, seed: u64) -> Result<Plan, Problems> {
         let mut problems = Vec::new();
         let mut steps: Vec<Vec<Entry>> = Vec::new();
         let mut presses = 0;
         let mut of_rule = Vec::new();
         if ground.unforced_mm.is_some() {
+            problems.extend(recipe.strategies());
             match &recipe.rule_file {
                 Some((_, text)) => of_rule = force_limits(text, None),
                 None => problems.extend(force_limits(&recipe.text, Some(root::accept.name))),
@@ -108,6 +109,13 @@ impl Plan {
 }
 
 impl Recipe {
+    /// Returns a problem for each strategy that the text states. Only a rig with a load cell follows a force.
+    fn strategies(&self) -> impl Iterator<Item = Problem> {
+        let places = [root::press, root::step].map(|table| positions(&self.text, &[table.name, press::strategy.name]));
+        let text = "a rig without a load cell has no strategy: no force is followed";
+        places.into_iter().flatten().map(move |place| Problem::new(place, text).help("remove `strategy`"))
+    }
+
     /// Returns the problem of too many presses. This step is the first one above the limit.
     fn too_long(&self, step: &Step, layout: &ArrayLayout) -> Problem {
         let presses = self.steps.iter().map(|step| step.count(layout)).fold(0, usize::saturating_add);
