@@ -31,10 +31,21 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             problem.help("give a rig file: `palpate init` writes one, and `palpate list` names the shipped ones");
         return Err(Problems::new(file, text, vec![problem]));
     }
+    if let Some((table, place)) = document::text_in_table(text, root::load_cell.name) {
+        let words = format!("`{}` is in the table [{table}], so the rig doesn't have it", root::load_cell.name);
+        let problem = Problem::new(place, words).help("move it above the first table");
+        return Err(Problems::new(file, text, vec![problem]));
+    }
     document::read(file, text, &root::KEYS, |table| {
         let stage = table.table(&root::stage).and_then(|table| read_stage(&table, beside));
         let load_cell = match table.is_text(&root::load_cell) {
             true => table.word(&root::load_cell, &keys::NO_LOAD_CELL).map(|()| LoadCellSpec::none()),
+            false if table.has(&root::load_cell) && !table.is_table(&root::load_cell) => {
+                let text = "`load_cell` is neither a table nor \"none\"";
+                let help = "a rig without a load cell has load_cell = \"none\" above its first table";
+                table.complain(Problem::new(table.span_of(&root::load_cell), text).help(help));
+                None
+            }
             false => table.table(&root::load_cell).and_then(|table| read_load_cell(&table, beside)),
         };
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
@@ -356,6 +367,32 @@ mod tests {
         let words = parse("rig.toml", &text.replace("ttyUSB1", "ttyUSB0"), &none).unwrap_err().lines();
         assert_eq!(words.len(), 1, "{words:?}");
         assert!(words[0].contains("[stage] and [load_cell] have the same serial port /dev/ttyUSB0"), "{words:?}");
+    }
+
+    #[test]
+    fn a_load_cell_in_a_wrong_place_or_of_a_wrong_kind_is_one_problem() {
+        let (before, cell) = SIM_RIG.split_once("[load_cell]").unwrap();
+        let after = &cell[cell.find("\n[").unwrap()..];
+        let none = |_: &str| Err(std::io::Error::from(std::io::ErrorKind::NotFound));
+        let problems = |text: &str| {
+            let problems = parse("rig.toml", text, &none).unwrap_err();
+            problems.text().map(|(line, help)| (line, help.unwrap_or_default().to_owned())).collect::<Vec<_>>()
+        };
+        let line = "load_cell = \"none\"\n";
+        // the shipped scene has a table of this name
+        let scene: String = after.split_inclusive('\n').filter(|line| !line.starts_with("load_cell")).collect();
+        let last = problems(&format!("{before}{scene}{line}"));
+        assert_eq!(last.len(), 1, "{last:?}");
+        assert!(last[0].0.contains("`load_cell` is in the table [scene], so the rig doesn't have it"), "{last:?}");
+        assert_eq!(last[0].1, "move it above the first table");
+        let first = problems(&format!("{before}{after}").replacen("[stage]\n", &format!("[stage]\n{line}"), 1));
+        assert!(first.len() == 1 && first[0].0.contains("in the table [stage]"), "{first:?}");
+        let wrong = problems(&format!("load_cell = false\n{before}{after}"));
+        assert_eq!(wrong.len(), 1, "{wrong:?}");
+        assert!(wrong[0].0.ends_with("1:13: `load_cell` is neither a table nor \"none\""), "{wrong:?}");
+        assert!(wrong[0].1.contains("load_cell = \"none\""), "{wrong:?}");
+        let both = problems(&format!("{line}{SIM_RIG}"));
+        assert!(both[0].0.contains("[load_cell] is a table here, but line 1 gives `load_cell` a value"), "{both:?}");
     }
 
     #[test]
