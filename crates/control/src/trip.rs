@@ -110,7 +110,7 @@ rules! {
         "the stage still reports that it moves, so long after its motion was due to end: check whether its link is slow or broken";
     /// There is no contact where the surface must be.
     NoContact, "no-contact", doubts_load_cell: false,
-        "check that `frame.surface_mm` is right; with a larger `uncertainty`, `palpate align` finds the surface";
+        "correct `frame.surface_mm`; with a load cell and a larger `uncertainty`, `palpate align` measures it";
     /// The contact continues after the indenter was retracted.
     StillTouching, "still-touching", doubts_load_cell: false,
         "check whether the indenter sticks, or the surface is higher than measured before";
@@ -128,7 +128,7 @@ rules! {
         "bring the stage to its zero again, more exactly, and check that the array is where it was; then `palpate resume`";
     /// The first touch came earlier than the frame allows.
     SurfaceElsewhere, "surface-elsewhere", doubts_load_cell: false,
-        "the specimen is nearer than `frame.surface_mm`; with a larger `uncertainty`, `palpate align` finds the surface";
+        "the specimen is nearer than `frame.surface_mm`: correct it; with a load cell and a larger `uncertainty`, `palpate align` measures it";
     /// The force rose while z moved away, before there was a zero.
     ForceRose, "force-rose", doubts_load_cell: true,
         "the stage has stopped and wasn't parked: free the indenter by hand, then check `frame.down` and the way of z";
@@ -175,5 +175,18 @@ impl std::fmt::Display for Trip {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Trip { rule, measured, limit, unit } = self;
         write!(f, "{}: {measured:.4} {unit}, limit {limit:.4} {unit}; {}", rule.name(), rule.check())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_to_align_is_for_a_rig_with_a_load_cell() {
+        let advised: Vec<&str> =
+            SafetyRule::ALL.iter().map(|rule| rule.check()).filter(|check| check.contains("palpate align")).collect();
+        assert_eq!(advised.len(), 2, "{advised:?}");
+        assert!(advised.iter().all(|check| check.contains("with a load cell")), "{advised:?}");
     }
 }
