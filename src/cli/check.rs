@@ -4,8 +4,8 @@ use super::output::OutputArgs;
 use super::summary::{duration, tell};
 use super::tables::filled;
 use super::text_table::{TextTable, cells};
-use crate::api::Failure;
 use crate::api::sources::{RigOptions, Sources};
+use crate::api::{ConfirmOptions, Failure};
 use palpate_control::{LEARNED, depth_without_force_mm, safe_speed_mm_s};
 use palpate_core::quantity::{Axis, COVERAGE, Limits, Tilt, round};
 use palpate_data::acceptance::{Decision, LimitCheck, SensorVerdict};
@@ -42,12 +42,14 @@ pub(super) struct CheckArgs {
     #[command(flatten)]
     rig: RigOptions,
     #[command(flatten)]
+    confirm: ConfirmOptions,
+    #[command(flatten)]
     output: OutputArgs,
 }
 
 /// Checks and prints the plan.
 pub(super) fn check(args: &CheckArgs) -> Result<ExitCode, Failure> {
-    check_recipe(&args.recipe, &args.rig, false, args.output)
+    check_recipe(&args.recipe, &args.rig, args.confirm.is_touched(), args.output)
 }
 
 /// The same for `palpate run --dry-run`. `is_touched` states whether a person confirms the surface.
@@ -261,13 +263,18 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
     }
     if plan.most_mm() > 0.0 {
         let most_mm = shown(plan.most_mm());
-        let _ = match rig.has_load_cell() {
-            true => writeln!(
+        let _ = match (rig.has_load_cell(), rig.is_touched) {
+            (true, _) => writeln!(
                 text,
                 "  largest depth {most_mm} mm, limit {} mm; its force is measured,\n  and a press that needs over {} N ends the run",
                 limits.depth_mm, limits.force_n
             ),
-            false => writeln!(
+            (false, true) => writeln!(
+                text,
+                "  largest depth {most_mm} mm, limit {} mm with --confirmed touch",
+                round(rig.unforced_mm(true), 3)
+            ),
+            (false, false) => writeln!(
                 text,
                 "  largest depth {most_mm} mm, limit {} mm without a load cell,\n  {} mm with --confirmed touch",
                 round(rig.unforced_mm(false), 3),

@@ -144,6 +144,16 @@ fn strategy_is_refused_where_it_is_written() {
 }
 
 #[test]
+fn check_prints_the_depth_limit_of_a_confirmed_touch() {
+    let rig = rig_without_load_cell();
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    let both = bench.palpate_ends(0, "check deep.toml --rig rig.toml").out;
+    assert!(both.contains("mm without a load cell,\n") && both.contains("mm with --confirmed touch"), "{both}");
+    let one = bench.palpate_ends(0, "check deep.toml --rig rig.toml --confirmed touch").out;
+    assert!(one.contains("mm with --confirmed touch") && !one.contains("mm without a load cell"), "{one}");
+}
+
+#[test]
 fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
