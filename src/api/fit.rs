@@ -13,6 +13,10 @@ use std::path::Path;
 /// Largest ratio of two errors whose gain is worth a note.
 const LESS: f64 = 0.9;
 
+/// What is noted about a calibration by depth.
+pub(crate) const DEPTH_IS_SOLVED: &str =
+    "depth is solved instead of force: the calibration's presses are known by depth";
+
 /// What the forces of a calibration without forces are.
 pub(crate) const FORCES_ARE_RELATIVE: &str =
     "no force_n in the calibration: relative_force is relative to its typical press";
@@ -103,7 +107,7 @@ pub(crate) fn constant_load_gain_mm(model: &Model) -> Option<(f64, f64)> {
 fn note_forces(model: &Model, note: Note<'_>) {
     match Measure::of(model) {
         Measure::RelativeForce if model.setting().load != ForceKnown::Constant => note(FORCES_ARE_RELATIVE),
-        Measure::Depth => note("depth is solved instead of force: the calibration's presses are known by depth"),
+        Measure::Depth => note(DEPTH_IS_SOLVED),
         _ => {}
     }
 }

@@ -1,7 +1,7 @@
 //! Solves readings of an array: a contact for each.
 
 use super::choices::ReadingsChoice;
-use super::fit::{Sensor, fit, read_sensor};
+use super::fit::{DEPTH_IS_SOLVED, Sensor, fit, read_sensor};
 use super::method::MethodOptions;
 use super::solutions::{Measure, Solutions};
 use super::stream::AnswerStream;
@@ -52,6 +52,12 @@ impl SolveOptions {
     /// # Errors
     /// Bad input, or neither is named.
     pub fn sensor(&self, note: Note<'_>) -> Result<Sensor, Failure> {
+        let note: Note<'_> = &|text| {
+            // an output that is excluded is noted all the same
+            if !(self.quiet && text == DEPTH_IS_SOLVED) {
+                note(text);
+            }
+        };
         match (&self.model, &self.calibration) {
             (Some(file), _) => read_sensor(file, note),
             (None, Some(calibration)) => fit(calibration, &self.method, note),

@@ -25,9 +25,11 @@ outside-area, not-one-contact, channel-fault (unit: which output), or unsolved
 if the reading has no answer. With a table without force_n, only proportions are
 calibrated: force_n and its errors are then blank. relative_force is relative to
 the typical press of the table, with half68_relative_force and
-half95_relative_force, which are blank if the method has none. If a second
-method is fitted, load shows which one answered: calibrated (it assumes the
-load of the calibration, which the reading has), or any.
+half95_relative_force, which are blank if the method has none. With a
+calibration by depth, an answer has depth_mm, sd_depth_mm, half68_depth_mm and
+half95_depth_mm instead of those of the force. If a second method is fitted,
+load shows which one answered: calibrated (it assumes the load of the
+calibration, which the reading has), or any.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are

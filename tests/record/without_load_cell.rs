@@ -173,6 +173,20 @@ fn page_of_a_run_by_depth_has_depths_in_place_of_forces() {
 }
 
 #[test]
+fn quiet_solve_prints_nothing_but_contacts() {
+    let rig = rig_without_load_cell();
+    let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    bench.palpate_ends(0, "run deep.toml --rig rig.toml --simulate --out run");
+    let table = bench.read("run/presses.csv");
+    let noted = bench.palpate_reads("solve --calibration run", &table);
+    assert!(noted.running().contains("depth is solved instead of force"), "{}", noted.err);
+    let quiet = bench.palpate_reads("solve --calibration run --quiet", &table);
+    assert_eq!(quiet.err, "");
+    assert_eq!(quiet.out, noted.out);
+    assert!(bench.palpate_ends(0, "solve --help").out.contains("half95_depth_mm"));
+}
+
+#[test]
 fn run_that_was_cut_feels_the_surface_again_and_goes_on() {
     let rig = rig_without_load_cell();
     let bench = TestFolder::with([("deep.toml", RECIPE), ("rig.toml", rig.as_str())]);
