@@ -130,8 +130,13 @@ impl Start {
 
 /// Returns a recipe and a rig. The run has the recipe's name. `simulate` is the option with which the rig runs without hardware.
 fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
+    let mut files = with_schemas([(TextKind::Recipe, recipe.as_str()), (TextKind::Rig, rig)]);
+    // a certificate is about forces
+    if !is_without_load_cell(rig) {
+        files.extend(with_schemas([CERTIFICATE]));
+    }
     Template {
-        files: with_schemas([(TextKind::Recipe, recipe.as_str()), (TextKind::Rig, rig), CERTIFICATE]),
+        files,
         next: format!(
             "  palpate check recipe.toml{simulate}\n  \
              palpate run recipe.toml{simulate}\n  \
@@ -140,6 +145,10 @@ fn bench(recipe: String, rig: &str, name: &str, simulate: &str) -> Template {
              `palpate reference rig` print every key.\n"
         ),
     }
+}
+
+fn is_without_load_cell(rig: &str) -> bool {
+    rig.lines().any(|line| line.starts_with("load_cell = \"none\""))
 }
 
 const CERTIFICATE: (TextKind, &str) = (TextKind::Certificate, include_str!("init/certificate.toml"));

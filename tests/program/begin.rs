@@ -62,6 +62,16 @@ fn each_template_of_init_can_be_checked() {
 }
 
 #[test]
+fn a_template_without_a_load_cell_has_no_certificate() {
+    for (start, has_it) in [("depth", false), ("protocol:fkeel-interdigitation", false), ("magnetic", true)] {
+        let bench = TestFolder::new();
+        let output = bench.palpate_ends(0, &format!("init mine --from {start}")).out;
+        assert_eq!(output.contains("certificate"), has_it, "{output}");
+        assert_eq!(bench.path("mine/certificate.toml").exists(), has_it, "{start}");
+    }
+}
+
+#[test]
 fn the_commands_that_init_prints_work_to_their_end() {
     for (sensor, _) in SENSORS.into_iter().filter(|(sensor, _)| *sensor != "paper") {
         let bench = TestFolder::new();
