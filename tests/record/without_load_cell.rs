@@ -184,6 +184,8 @@ fn quiet_solve_prints_nothing_but_contacts() {
     assert_eq!(quiet.err, "");
     assert_eq!(quiet.out, noted.out);
     assert!(bench.palpate_ends(0, "solve --help").out.contains("half95_depth_mm"));
+    let matrix = bench.palpate_reads("solve --calibration run", &bench.read("run/test_matrix.csv")).running();
+    assert!(matrix.contains("has a row for each output: use its `presses.csv`"), "{matrix}");
 }
 
 #[test]

@@ -77,7 +77,10 @@ pub enum ReadingError {
     OpenQuote { file: String, line: u64 },
     /// The reading is from another array.
     #[error("{file}, line {line}: {} where the calibration has {expected}", outputs(*found))]
-    #[diagnostic(help("a reading has one number for each output of the calibrated array, separated by commas"))]
+    #[diagnostic(help(
+        "a reading has one number for each output of the calibrated array, separated by commas. A run's `test_matrix.csv` has a \
+         row for each output: use its `presses.csv`"
+    ))]
     Units { file: String, line: u64, found: usize, expected: usize },
     /// The line contains words although the other lines contain numbers.
     #[error("{file}, line {line}: expected {expected} numbers, found `{found}`")]
