@@ -14,7 +14,7 @@ force_n = 1.0
 const SLOPES: [f64; 2] = [0.05, -0.03];
 
 /// The shipped rig with a cell of three axes on a tilted surface.
-pub fn rig() -> String {
+fn rig() -> String {
     let sim = shipped_text("rigs/sim.toml");
     let (before, after) = sim.split_once("[load_cell]").expect("it has one");
     let rest = after.find("\n[").map_or("", |at| &after[at..]);

@@ -25,10 +25,7 @@ impl Validation {
             ("{last}", (seed + outcomes.len().saturating_sub(1) as u64).to_string()),
             ("{presses}", outcomes.first().map_or(0, |outcome| outcome.presses).to_string()),
             ("{hours}", format!("{:.1}", outcomes.iter().map(|outcome| outcome.hours).mean())),
-            (
-                "{numbers}",
-                NUMBERS.iter().filter(|number| number.detail < Detail::All).map(|number| self.number(number)).collect(),
-            ),
+            ("{numbers}", numbers().map(|number| self.number(number)).collect()),
             ("{best}", counted(&best)),
             ("{table_1}", self.table_1()),
             ("{claims}", claims),
@@ -77,4 +74,9 @@ fn counted(names: &[&str]) -> String {
     }
     let times = |count: usize| if count == 1 { "once".to_owned() } else { format!("{count} times") };
     counts.iter().map(|(name, count)| format!("`{name}` {}", times(*count))).collect::<Vec<_>>().join(", ")
+}
+
+/// Returns the numbers that the paper reports too.
+fn numbers() -> impl Iterator<Item = &'static ErrorNumber> {
+    NUMBERS.iter().filter(|number| number.detail < Detail::All && number.paper.is_some())
 }
