@@ -6,8 +6,10 @@ use super::*;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::LoadCell;
 use palpate_link::time::{Instant, sleep, spawn};
+use palpate_link::wire::{Connector, Link};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
+use tokio::net::UdpSocket;
 
 /// x as the device's x, y against its y, and a press against its z.
 const MOUNTED: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]];
@@ -168,4 +170,29 @@ async fn one_axis_at_its_end_saturates_the_cell_and_an_impossible_one_is_rejecte
     far.write_all(b"10,10,300\n").await.unwrap();
     cell.read().await.unwrap_err();
     assert_eq!(port.counts().rejected, 1);
+}
+
+#[tokio::test]
+async fn the_last_packet_of_a_queue_counts() {
+    let device = UdpSocket::bind("127.0.0.1:0").await.unwrap();
+    let link = Link::parse(&format!("udp://{}", device.local_addr().unwrap())).unwrap();
+    let port = LinePort::new(Connector::Real(link), LineProfile::shipped("ati-netft").unwrap());
+    let force = port.profile().force.clone().unwrap();
+    let mut cell = LineLoadCell::new(port.clone(), force, "here".into(), 1000.0, Instant::now());
+    let (client, prepared) = tokio::join!(
+        async {
+            let (_, client) = device.recv_from(&mut [0; 8]).await.unwrap();
+            device.send_to(&record(1, 0), client).await.unwrap();
+            client
+        },
+        cell.prepare()
+    );
+    prepared.unwrap();
+    // without an await no task reads in between; the first ones are saturated
+    for sequence in 2..=150 {
+        let status = if sequence < 150 { 0x0002_0000 } else { 0 };
+        device.try_send_to(&record(sequence, status), client).unwrap();
+    }
+    assert!(!cell.read().await.unwrap().health.saturated);
+    assert_eq!(port.counts().good, 150);
 }
