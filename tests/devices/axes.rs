@@ -26,7 +26,7 @@ fn rig(profile: &str, axes: &str) -> String {
 
 #[test]
 fn forces_sideways_are_those_of_the_tilted_surface_in_every_mounting() {
-    for profile in ["ati-netft", "bota-serial"] {
+    for profile in ["ati-netft", "bota-serial", "me-gsv8"] {
         for axes in AXES {
             let spec = parse("rig.toml", &rig(profile, axes), &|_| unreachable!()).expect("a rig");
             let (before, pressed) = run_virtually(async move {
@@ -55,7 +55,7 @@ fn forces_sideways_are_those_of_the_tilted_surface_in_every_mounting() {
 #[test]
 fn a_run_with_a_cell_with_three_axes_is_complete() {
     let recipe = "name = \"few\"\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nlist = { places_mm = [[0, 0], [3, 2]] }\n";
-    for profile in ["ati-netft", "bota-serial"] {
+    for profile in ["ati-netft", "bota-serial", "me-gsv8"] {
         let bench = TestFolder::with([("rig.toml", &*rig(profile, AXES[2])), ("r.toml", recipe)]);
         bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
         let forces = bench.column("run/presses.csv", "force_n");

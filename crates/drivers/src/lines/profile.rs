@@ -9,11 +9,12 @@ use palpate_core::quantity::{Health, Range};
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Profiles included with the program: name and text.
-pub const SHIPPED: [(&str, &str); 7] = [
+pub const SHIPPED: [(&str, &str); 8] = [
     ("hx711", include_str!("../../../../profiles/lines/hx711.toml")),
     ("mark-10", include_str!("../../../../profiles/lines/mark-10.toml")),
     ("ati-netft", include_str!("../../../../profiles/lines/ati-netft.toml")),
     ("bota-serial", include_str!("../../../../profiles/lines/bota-serial.toml")),
+    ("me-gsv8", include_str!("../../../../profiles/lines/me-gsv8.toml")),
     ("reskin", include_str!("../../../../profiles/lines/reskin.toml")),
     ("mlx90393-text", include_str!("../../../../profiles/lines/mlx90393-text.toml")),
     ("velostat-16", include_str!("../../../../profiles/lines/velostat-16.toml")),

@@ -149,6 +149,39 @@ async fn bota_frames_are_checked_and_their_state_is_read() {
     assert_eq!(port.counts().good, 3);
 }
 
+/// A measurement of a GSV-8: 0.5, -0.25 and 1.5 N, with this status.
+fn measurement(status: u8) -> Vec<u8> {
+    let forces = [0x3F, 0x00, 0x00, 0x00, 0xBE, 0x80, 0x00, 0x00, 0x3F, 0xC0, 0x00, 0x00];
+    [&[0xAA, 0x17, status], &forces[..], &[0; 20], &[0x85]].concat()
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_gsv8_is_started_and_its_measurements_are_read() {
+    let (connector, mut far) = link();
+    let port = LinePort::new(connector, LineProfile::shipped("me-gsv8").unwrap());
+    let force = port.profile().force.clone().unwrap();
+    let mut cell = LineLoadCell::new(port, force, "here".into(), 100.0, Instant::now());
+    let device = spawn(async move {
+        let mut command = [0; 4];
+        far.read_exact(&mut command).await.unwrap();
+        assert_eq!(command, [0xAA, 0x90, 0x24, 0x85]);
+        far.write_all(&[0xAA, 0x50, 0x00, 0x85]).await.unwrap();
+        for status in [0xB0, 0xB0, 0xB0, 0xB1, 0xB2] {
+            far.write_all(&measurement(status)).await.unwrap();
+            sleep(Duration::from_millis(10)).await;
+        }
+        sleep(Duration::from_secs(60)).await;
+    });
+    cell.prepare().await.unwrap();
+    let mut seen = Vec::new();
+    while let Ok(reading) = cell.read().await {
+        assert!(is_near(&reading, [0.5, -0.25], 1.5), "{reading:?}");
+        seen.push((reading.health.saturated, reading.health.fault));
+    }
+    assert!(seen.ends_with(&[(false, false), (true, false), (false, true)]), "{seen:?}");
+    device.abort();
+}
+
 #[tokio::test(start_paused = true)]
 async fn one_axis_at_its_end_saturates_the_cell_and_an_impossible_one_is_rejected() {
     let (connector, mut far) = link();

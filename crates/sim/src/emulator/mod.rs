@@ -12,7 +12,7 @@
 //! - [`Modbus`]: a Modbus device, RTU or TCP, over a register map: [`Transmitter`], [`LaumasTlb`] or [`SenecaZsg`] (load cells),
 //!   or [`LabJackT7`] (load cell or array).
 //! - [`GrblEmulator`]: GRBL 1.1h on a frame of three axes.
-//! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T or a Bota sensor (load cells), ReSkin, a text board or a Velostat matrix
+//! - [`lines`]: boards that push lines or frames: an HX711, a Mark-10 gauge, a Net F/T, a Bota sensor or a GSV-8 (load cells), ReSkin, a text board or a Velostat matrix
 //!   (arrays).
 //! - [`ProcessStageEmulator`], [`ProcessLoadCellEmulator`], [`ProcessArrayEmulator`]: devices of the process protocol (docs/reference/process.md).
 

@@ -11,7 +11,7 @@ use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{DeviceError, DeviceProblem};
 use palpate_link::wire::Link;
 use palpate_sim::emulator::lines::{
-    BoardFirmware, Bota, Hx711, Hx711Sketch, Mark10, NetFt, ReSkin, STRAIGHT, SerialBoard, Velostat,
+    BoardFirmware, Bota, Gsv8, Hx711, Hx711Sketch, Mark10, NetFt, ReSkin, STRAIGHT, SerialBoard, Velostat,
 };
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use std::sync::Arc;
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "lines",
     meaning: "any device that sends lines of numbers or frames of bytes, with a line profile",
-    simulated: "hx711, mark-10, ati-netft and bota-serial as load cells, reskin, mlx90393-text and velostat-16 as arrays",
+    simulated: "hx711, mark-10, ati-netft, bota-serial and me-gsv8 as load cells, reskin, mlx90393-text and velostat-16 as arrays",
     stage: None,
     load_cell: Some(Role {
         words: &[],
@@ -184,6 +184,7 @@ impl LoadCellDriver for LineLoadCellSpec {
                 let device = SerialBoard::new(NetFt::new(hz, range_n, mounting));
                 Ok(EmulatedDevice::datagrams(device, "rdt"))
             }
+            "me-gsv8" => Ok(board(Gsv8::new(hz, range_n, mounting))),
             "bota-serial" => Ok(board(Bota::new(hz, range_n, mounting))),
             _ => Err(self.0.not_emulated(SceneDevice::LoadCell)),
         }
@@ -229,7 +230,7 @@ impl Sender {
         let text = format!(
             "a line profile of your own can't be simulated, because nothing else knows the device \"{}\": for a simulated run \
              write driver = {{ process = [\"python3\", \"read.py\"] }} in [{}] and no `link`: its emulator has any array and any force, and \
-             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft and bota-serial (load cell), reskin, mlx90393-text and velostat-16 (array)",
+             read.py needn't exist. Or use one of the profiles hx711, mark-10, ati-netft, bota-serial and me-gsv8 (load cell), reskin, mlx90393-text and velostat-16 (array)",
             self.file.name, section
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());

@@ -11,13 +11,14 @@
 //! - [`Hx711`]: an Arduino with the HX711 amplifier of a load cell.
 //! - [`Mark10`]: a Mark-10 force gauge, which also answers requests.
 //! - [`NetFt`]: an ATI Net F/T, a load cell with six axes that sends datagrams.
-//! - [`Bota`]: a load cell with six axes that sends frames on a serial line.
+//! - [`Bota`], [`Gsv8`]: load cells with six axes that send frames on a serial line.
 //! - [`ReSkin`]: binary frames of magnetometers, ReSkin and AnySkin.
 //! - [`Velostat`]: a pressure matrix at the converter of an Arduino.
 
 mod axes;
 mod bota;
 mod fault;
+mod gsv8;
 mod hx711;
 mod mark10;
 mod mlx90393;
@@ -32,6 +33,7 @@ mod velostat;
 pub use axes::STRAIGHT;
 pub use bota::Bota;
 pub use fault::{Damage, DamageKind, LineFault, LineFaultKind};
+pub use gsv8::Gsv8;
 pub use hx711::{Hx711, Hx711Sketch};
 pub use mark10::Mark10;
 pub use mlx90393::REST_MICROTESLA;

@@ -336,6 +336,7 @@ proptest! {
         upset(Hx711::new(Hx711Sketch::Demo, 80.0), &chunks);
         upset(Mark10::new(10.0), &chunks);
         upset(NetFt::new(400.0, 2.0, STRAIGHT), &chunks);
+        upset(Gsv8::new(400.0, 2.0, STRAIGHT), &chunks);
         upset(Bota::new(400.0, 2.0, STRAIGHT), &chunks);
         upset(ReSkin::new(400.0), &chunks);
         upset(ReSkin::text(400.0), &chunks);
