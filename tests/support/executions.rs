@@ -69,6 +69,16 @@ pub fn rig_without_load_cell() -> String {
     format!("load_cell = \"none\"\n{before}{after}")
 }
 
+/// The text of the simulated rig, with a load cell of three axes.
+pub fn rig_with_three_axes() -> String {
+    let text = include_str!("../../rigs/sim.toml");
+    let (before, cell) = text.split_once("[load_cell]").expect("it has one");
+    let after = cell.find("\n[").map_or("", |at| &cell[at..]);
+    let cell = "[load_cell]\ndriver = { lines = \"ati-netft\" }\nlink = \"sim\"\nconversions_hz = 1000.0\n\
+        axes = { x = \"x\", y = \"-y\", press = \"-z\" }\n";
+    format!("{before}{cell}{after}")
+}
+
 /// The plan of a recipe's text on a rig.
 pub fn plan(spec: &RigSpec, recipe_text: &str, seed: u64) -> Plan {
     let recipe = recipe::parse("recipe.toml", recipe_text).unwrap_or_else(|p| panic!("{:?}", p.lines()));
@@ -99,17 +109,24 @@ pub struct WorstTruth {
     pub force_n: f64,
     pub depth_mm: f64,
     pub slid_mm: f64,
+    /// Force sideways, and length of the whole force.
+    pub shear_n: f64,
+    pub length_n: f64,
 }
 
 impl WorstTruth {
     pub fn take(&mut self, truth: Truth) {
-        self.join(WorstTruth { force_n: truth.force_peak_n, depth_mm: truth.depth_peak_mm, slid_mm: truth.slid_mm });
+        let Truth { force_peak_n, depth_peak_mm, slid_mm, shear_peak_n, length_peak_n, .. } = truth;
+        let (force_n, depth_mm) = (force_peak_n, depth_peak_mm);
+        self.join(WorstTruth { force_n, depth_mm, slid_mm, shear_n: shear_peak_n, length_n: length_peak_n });
     }
 
     pub fn join(&mut self, other: WorstTruth) {
         self.force_n = self.force_n.max(other.force_n);
         self.depth_mm = self.depth_mm.max(other.depth_mm);
         self.slid_mm = self.slid_mm.max(other.slid_mm);
+        self.shear_n = self.shear_n.max(other.shear_n);
+        self.length_n = self.length_n.max(other.length_n);
     }
 
     /// Whether force, depth and sideways motion stayed within the rig's limits.

@@ -2,15 +2,16 @@
 
 use super::parse::read_tilt;
 use super::scene_keys::{
-    contact, fault, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness, surface,
+    SIDEWAYS, contact, fault, friction, latency_ms, load_cell, mounting, relaxation, scene, spikes, stage, stiffness,
+    surface,
 };
 use super::skin::read_skin;
 use super::{KEYS, SIM_RIG, keys};
 use palpate_core::quantity::{Place, Range, Tilt};
 use palpate_document::{self as document, DefaultValue, Key, Problem, Problems, Table};
 use palpate_sim::scene::{
-    ContactLaw, FaultKind, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneFault, SceneSpec, Servo,
-    Sine, Spikes, Stiffness,
+    ContactLaw, FaultKind, Friction, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneFault,
+    SceneSpec, Servo, Sine, Spikes, Stiffness,
 };
 
 /// Returns the scene of the paper's rig, with which a rig without a `[scene]` is simulated. An array with another number than
@@ -59,9 +60,11 @@ pub(super) fn read_scene(table: &Table, units: Option<usize>) -> Option<SceneSpe
     });
     let load_cell = table.table(&scene::load_cell).and_then(|table| read_load_cell(&table));
     let latencies = read_latencies(table.table(&scene::latency_ms).as_ref());
+    let friction = document::optional(table.table(&scene::friction), read_friction);
     let faults = document::all(table.tables(&scene::fault).iter().map(read_fault));
     Some(SceneSpec {
         relaxation: relaxation?,
+        friction: friction?,
         mounting,
         surface_tilt_mm,
         surface_tilt: surface_tilt?,
@@ -96,6 +99,16 @@ fn read_surface(table: &Table) -> Option<(f64, Option<Sine>, Option<Relief>)> {
     Some((tilt_mm, wave(wave_mm, wave_s), relief))
 }
 
+fn read_friction(table: &Table) -> Option<Friction> {
+    let [sticking, sliding, stiffness_n_mm] =
+        table.numbers([friction::sticking, friction::sliding, friction::stiffness_n_mm])?;
+    if sliding > sticking {
+        let text = format!("`sliding` is {sliding}, over `sticking` of {sticking}: a tip that slips holds less");
+        table.complain(Problem::new(table.span_of(&friction::sliding), text).help("use at most `sticking`"));
+    }
+    Some(Friction { sticking, sliding, stiffness_n_mm })
+}
+
 fn read_fault(table: &Table) -> Option<SceneFault> {
     let kind = table.word(&fault::kind, &FaultKind::ALL);
     let from_s = table.number(&fault::from_s);
@@ -121,6 +134,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
     let noise = table.numbers([key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min]);
     let waves = table.numbers([key::wander_n, key::wander_s, key::hum_n, key::hum_hz]);
     let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg]);
+    let side_axes = table.word(&key::sideways, &SIDEWAYS);
     let [noise_n, noise_ahead_n, offset_n, drift_n_min] = noise?;
     let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg]) = (waves?, others?);
     Some(LoadCellScene {
@@ -135,6 +149,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
         low_pass_hz,
         stiffness_n_mm,
         tool_kg,
+        side_axes: side_axes?,
     })
 }
 

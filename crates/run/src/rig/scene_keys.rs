@@ -3,7 +3,7 @@
 use super::keys::tilt_mm_per_mm;
 use palpate_core::mechanics::MOST_POISSON_RATIO;
 use palpate_document::{Bounds, keys, words};
-use palpate_sim::scene::{FaultKind, NoiseOf};
+use palpate_sim::scene::{FaultKind, NoiseOf, SideAxes};
 
 pub(super) const ROTATION: Bounds = Bounds::within(-180.0, 180.0, "degrees");
 const STIFFNESS: Bounds = Bounds::above(0.0, 100_000.0, "N/mm");
@@ -50,6 +50,7 @@ keys! {
         converter: Table(&converter::KEYS), Allowed, "resolution and range of the converter";
         contact: Table(&contact::KEYS), Refused, "relaxed force as a function of depth";
         relaxation: Tables(&relaxation::KEYS), Allowed, "additional force after a sudden load, and its decay";
+        friction: Table(&friction::KEYS), Allowed, "friction between tip and specimen; without it none";
         mounting: Table(&mounting::KEYS), Allowed, "true position of the specimen relative to the rig's [frame]";
         surface: Table(&surface::KEYS), Allowed, "shape of the surface; without it flat and level";
         stiffness: Table(&stiffness::KEYS), Allowed, "variation of the stiffness over the surface";
@@ -141,6 +142,19 @@ keys! {
     }
 }
 
+/// Differences of the axes x and y of a cell with three axes.
+pub(super) const SIDEWAYS: [(&str, SideAxes); 3] =
+    [("as stated", SideAxes::AsStated), ("swapped", SideAxes::Swapped), ("mirrored", SideAxes::Mirrored)];
+
+keys! {
+    /// `friction` of the scene.
+    friction {
+        sticking: Number(within(0.0, 10.0, "")), Refused, "largest force sideways per force along z while the tip sticks", "0.8";
+        sliding: Number(within(0.0, 10.0, "")), Refused, "the same after a slip; at most `sticking`", "0.6";
+        stiffness_n_mm: Number(STIFFNESS), Refused, "force sideways per distance while the tip sticks", "1.0";
+    }
+}
+
 keys! {
     /// One entry of `relaxation` of the scene.
     relaxation {
@@ -207,6 +221,7 @@ keys! {
             "100.0";
         stiffness_n_mm: Number(STIFFNESS), Allowed, "stiffness of the cell with the indenter; without it, rigid", "10.0";
         tool_kg: Number(within(0.0, 100.0, "kg")), or(0.0), "mass that hangs from it and moves with the stage", "0.2";
+        sideways: Word(&words(&SIDEWAYS)), or_word("as stated"), "how x and y of three axes differ from what the rig states", "\"swapped\"";
     }
 }
 

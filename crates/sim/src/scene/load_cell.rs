@@ -1,7 +1,7 @@
 //! Load cell reading of the true force.
 
 use super::faults::{FaultKind, SceneFaults};
-use super::spec::LoadCellScene;
+use super::spec::{LoadCellScene, SideAxes};
 use palpate_core::quantity::RandomStream;
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -32,7 +32,10 @@ pub(super) struct LoadCellState {
     /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
-    /// Conversion whose forces sideways were read last, these forces, N, and their noise.
+    /// Force sideways now, and at the conversions that are held, N.
+    side_n: [f64; 2],
+    side_held: VecDeque<[f64; 2]>,
+    /// Conversion whose forces sideways were read last, and these readings, N.
     side: Option<(u64, [f64; 2])>,
     side_rng: RandomStream,
     /// Conversion that was read last, and the part of its noise that passed the low-pass, N.
@@ -52,6 +55,8 @@ impl LoadCellState {
             passed_n: unloaded_n,
             held: VecDeque::from([(0, unloaded_n)]),
             read: None,
+            side_n: [0.0; 2],
+            side_held: VecDeque::from([[0.0; 2]]),
             side: None,
             side_rng: palpate_core::quantity::stream(0, 0, "load cell noise sideways"),
             filtered: None,
@@ -70,6 +75,7 @@ impl LoadCellState {
         let under_way = (self.transport_s * self.conversions_hz).ceil() as u64;
         self.began_s = now_s - under_way as f64 / self.conversions_hz;
         self.held = (0..=under_way).map(|conversion| (conversion, self.passed_n)).collect();
+        self.side_held = (0..=under_way).map(|_| self.side_n).collect();
         self.read = None;
         self.side = None;
         self.filtered = None;
@@ -110,10 +116,12 @@ impl LoadCellState {
         let conversion = self.conversion_at(now_s);
         if conversion > self.newest() {
             self.held.push_back((conversion, self.passed_n));
+            self.side_held.push_back(self.side_n);
         }
         let readable = self.conversion_at(now_s - self.transport_s);
         while self.held.get(1).is_some_and(|(next, _)| *next <= readable) {
             self.held.pop_front();
+            self.side_held.pop_front();
         }
     }
 
@@ -133,23 +141,34 @@ impl LoadCellState {
         read_n
     }
 
-    /// Returns the readings sideways of the conversion that was read last, N, for forces sideways per force along z. Each axis has
-    /// the cell's noise; one conversion is one draw.
-    pub(super) fn side(&mut self, per_force: [f64; 2]) -> [f64; 2] {
-        let (conversion, held_n) = self.held[0];
+    /// Takes the true force sideways, N.
+    pub(super) fn press_sideways(&mut self, side_n: [f64; 2]) {
+        self.side_n = side_n;
+    }
+
+    /// Returns the readings sideways of the conversion that is read now, N. Each axis has the cell's noise; one conversion is one
+    /// draw. The low-pass of the cell isn't modelled sideways.
+    pub(super) fn side(&mut self, faults: &SceneFaults, now_s: f64) -> [f64; 2] {
+        let (conversion, _) = self.held[0];
         if let Some((last, side_n)) = self.side
-            && last == conversion
+            && (last == conversion || faults.any(FaultKind::Stuck, now_s))
         {
             return side_n;
         }
         let cell = self.spec.unwrap_or_default();
-        let pressed_n = held_n - cell.tool_n(0.0);
-        let side_n = per_force.map(|per_force| {
+        let is_dead = faults.any(FaultKind::NoSensor, now_s);
+        let [x_n, y_n] = self.side_held[0];
+        let felt = match cell.side_axes {
+            SideAxes::AsStated => [x_n, y_n],
+            SideAxes::Swapped => [y_n, x_n],
+            SideAxes::Mirrored => [-x_n, y_n],
+        };
+        let read_n = felt.map(|true_n| {
             let noise: f64 = StandardNormal.sample(&mut self.side_rng);
-            cell.gain * per_force * pressed_n + cell.noise_n * noise
+            if is_dead { cell.noise_n * noise } else { cell.gain * true_n + cell.noise_n * noise }
         });
-        self.side = Some((conversion, side_n));
-        side_n
+        self.side = Some((conversion, read_n));
+        read_n
     }
 
     fn sound(&mut self, conversion: u64, held_n: f64) -> f64 {

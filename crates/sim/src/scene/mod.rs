@@ -7,6 +7,7 @@
 mod backlash;
 mod contact;
 mod faults;
+mod friction;
 mod load_cell;
 mod motion;
 mod skin;
@@ -18,19 +19,21 @@ mod truth;
 mod weight;
 
 pub use faults::{FaultKind, SceneFault};
+pub use friction::Friction;
 pub use motion::Trajectory;
 pub use skin::{
     Converter, Elastomer, NoiseOf, SKIN_CHANNELS_MAX, Skin, SkinSpec, TaxelFault, TaxelFaultKind, TaxelNoise, Taxels,
 };
 pub use spec::{
     ContactLaw, Edges, Latencies, LoadCellScene, Mounting, RelaxationBranch, Relief, SceneDevice, SceneSpec, Servo,
-    Sine, Spikes, Stiffness, Surroundings,
+    SideAxes, Sine, Spikes, Stiffness, Surroundings,
 };
 pub use truth::Truth;
 
 use backlash::Backlash;
 use contact::ContactState;
 use faults::SceneFaults;
+use friction::FrictionState;
 use load_cell::LoadCellState;
 use palpate_core::quantity::{Axis, Place, RandomStream, stream};
 use rand::RngExt;
@@ -71,6 +74,7 @@ pub struct Scene {
     contact: ContactState,
     load_cell: LoadCellState,
     weight: Weight,
+    friction: Option<(Friction, FrictionState)>,
     taxels: TaxelState,
     latency: [RandomStream; 3],
     faults: SceneFaults,
@@ -120,6 +124,7 @@ impl Scene {
             ),
             load_cell: LoadCellState::new(spec.load_cell, setting.conversions_hz),
             weight: Weight::default(),
+            friction: spec.friction.map(|friction| (friction, FrictionState::default())),
             taxels: TaxelState::new(Skin::new(&spec.skin, &setting.layout, setting.full_scale_n, specimen)),
             latency: SceneDevice::ALL.map(|device| stream(seed, 0, device.name())),
             setting: Surroundings { latencies: spec.latencies, ..setting },
@@ -181,7 +186,7 @@ impl Scene {
     /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
     pub(crate) fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
         let force_n = self.load_cell_n(now_s);
-        let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force());
+        let [x_n, y_n] = self.load_cell.side(&self.faults, now_s);
         [x_n, y_n, force_n]
     }
 
@@ -191,7 +196,8 @@ impl Scene {
     /// If the length of `outputs` isn't the number of outputs.
     pub fn outputs(&mut self, now_s: f64, outputs: &mut [f64]) {
         self.advance(now_s);
-        self.taxels.outputs(self.contact.force_n(), self.place(now_s), outputs);
+        let [x_n, y_n] = self.friction_n();
+        self.taxels.outputs([x_n, y_n, self.contact.force_n()], self.place(now_s), outputs);
     }
 
     /// Number of outputs of the array: one for each channel of each taxel.
@@ -289,6 +295,18 @@ impl Scene {
         }
     }
 
+    /// Force of the tip on the specimen by friction along x and y, N.
+    fn friction_n(&self) -> [f64; 2] {
+        self.friction.as_ref().map_or([0.0; 2], |(_, state)| state.force_n())
+    }
+
+    /// True force of the tip on the specimen along x and y, N: by the tilt of the surface, and by friction.
+    fn side_n(&self) -> [f64; 2] {
+        let force_n = self.contact.force_n() * self.surface.cosine();
+        let (per_force, friction_n) = (self.surface.side_per_force(), self.friction_n());
+        [per_force[0] * force_n + friction_n[0], per_force[1] * force_n + friction_n[1]]
+    }
+
     /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
     /// the force. It is at most `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
@@ -307,7 +325,7 @@ impl Scene {
     }
 
     /// Advances over one stretch in which all axes keep their accelerations, so the depth is a quadratic function of time. Local
-    /// properties of the specimen are those at the place where the stretch begins; x and y move without load.
+    /// properties of the specimen are those at the place where the stretch begins, also in a drag.
     fn advance_smooth(&mut self, until_s: f64) {
         let dt_s = until_s - self.now_s;
         let [x, y, z] = self.axes.each_ref().map(|axis| axis.state(self.now_s));
@@ -339,6 +357,13 @@ impl Scene {
         let hung_n =
             self.weight.force_n() + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
         self.load_cell.follow(dt_s, before_n * cosine + hung_n, after_n * cosine + hung_n);
+        if let Some((friction, state)) = &mut self.friction {
+            let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(until_s));
+            state.follow(friction, self.setting.frame.place_from_stage(x, y), after_n);
+        }
+        let side_n = self.side_n();
+        self.load_cell.press_sideways(side_n);
+        self.witness.press(side_n, after_n * cosine);
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
         if sideways && (touching || was_touching) {

@@ -1,6 +1,7 @@
 //! Physical terms of a scene, and its surroundings.
 
 use super::faults::SceneFault;
+use super::friction::Friction;
 use super::skin::SkinSpec;
 use palpate_core::quantity::{ArrayLayout, Frame, GRAVITY_M_S2, Place, Position, Tilt};
 use std::f64::consts::TAU;
@@ -19,6 +20,8 @@ pub struct SceneSpec {
     /// Largest distance of the surface plane from the nominal plane, anywhere in the loading area, mm; 0: flat.
     /// It is small, so its cosine isn't modelled.
     pub surface_tilt_mm: f64,
+    /// Friction of the tip; `None`: no force sideways but that of a tilt.
+    pub friction: Option<Friction>,
     /// Further tilt of the surface plane, whose cosine is modelled: the tip indents along the normal, without friction.
     pub surface_tilt: Tilt,
     /// Rise and fall of the surface over time, mm; `None`: the surface doesn't move.
@@ -50,6 +53,7 @@ impl SceneSpec {
             relaxation: Vec::new(),
             mounting: None,
             surface_tilt_mm: 0.0,
+            friction: None,
             surface_tilt: Tilt::LEVEL,
             surface_wave: None,
             relief: None,
@@ -167,6 +171,20 @@ pub struct LoadCellScene {
     pub stiffness_n_mm: Option<f64>,
     /// Mass that hangs from the cell and moves with the stage, kg. The cell reads its weight and the force of its acceleration.
     pub tool_kg: f64,
+    /// How the axes x and y of a cell with three axes differ from what the rig states.
+    pub side_axes: SideAxes,
+}
+
+/// Difference of the axes x and y from what the rig states.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SideAxes {
+    /// None.
+    #[default]
+    AsStated,
+    /// x reads the force along y, and y that along x.
+    Swapped,
+    /// x reads with the wrong sign.
+    Mirrored,
 }
 
 impl LoadCellScene {
@@ -188,6 +206,7 @@ impl LoadCellScene {
         low_pass_hz: None,
         stiffness_n_mm: None,
         tool_kg: 0.0,
+        side_axes: SideAxes::AsStated,
     };
 }
 

@@ -41,10 +41,11 @@ impl TaxelState {
         }
     }
 
-    /// Writes the readings of the taxels under `force_n` at `place`, reading units (1 = 1 N straight above).
-    pub(super) fn outputs(&self, force_n: f64, place: Place, outputs: &mut [f64]) {
+    /// Writes the readings of the taxels under a force along x, y and into the specimen at `place`, reading units (1 = 1 N straight
+    /// above).
+    pub(super) fn outputs(&self, force_n: [f64; 3], place: Place, outputs: &mut [f64]) {
         outputs.fill(0.0);
-        self.skin.add_load(force_n, place, outputs);
+        self.skin.add_force(force_n, place, outputs);
         let unloading = self.reversal * self.reversal * (3.0 - 2.0 * self.reversal);
         self.skin.read_out(unloading, outputs);
     }

@@ -15,6 +15,10 @@ pub struct Truth {
     pub depth_peak_mm: f64,
     /// Sideways distance in contact since the truth was last read, mm; 0 if there is no error.
     pub slid_mm: f64,
+    /// Largest true force sideways since the truth was last read, N.
+    pub shear_peak_n: f64,
+    /// Largest length of the whole true force since the truth was last read, N.
+    pub length_peak_n: f64,
 }
 
 /// Records the true force for a window's mean, and the distance slid.
@@ -23,6 +27,8 @@ pub(super) struct Witness {
     window: Option<TrueWindow>,
     window_mean_n: f64,
     slid_mm: f64,
+    /// Squares of the largest force sideways and of the largest length of the whole force, N^2.
+    peaks_n2: [f64; 2],
 }
 
 #[derive(Clone, Copy, Default)]
@@ -45,6 +51,13 @@ impl Witness {
         }
     }
 
+    /// Takes a force sideways and a force along z, N.
+    pub(super) fn press(&mut self, side_n: [f64; 2], force_n: f64) {
+        let shear_n2 = side_n[0] * side_n[0] + side_n[1] * side_n[1];
+        let [shear_most_n2, length_most_n2] = self.peaks_n2;
+        self.peaks_n2 = [shear_most_n2.max(shear_n2), length_most_n2.max(shear_n2 + force_n * force_n)];
+    }
+
     pub(super) fn slide(&mut self, way_mm: f64) {
         self.slid_mm += way_mm;
     }
@@ -63,6 +76,7 @@ impl Witness {
     /// Returns the truth, with the contact's peaks: N and mm.
     pub(super) fn take(&mut self, (force_peak_n, depth_peak_mm): (f64, f64)) -> Truth {
         let slid_mm = std::mem::take(&mut self.slid_mm);
-        Truth { force_true_n: self.window_mean_n, force_peak_n, depth_peak_mm, slid_mm }
+        let [shear_peak_n, length_peak_n] = std::mem::take(&mut self.peaks_n2).map(f64::sqrt);
+        Truth { force_true_n: self.window_mean_n, force_peak_n, depth_peak_mm, slid_mm, shear_peak_n, length_peak_n }
     }
 }
