@@ -12,6 +12,7 @@
 
 mod budget;
 mod curve;
+mod drag;
 mod learned_curve;
 mod mains;
 mod map;
@@ -31,6 +32,7 @@ mod watch;
 mod zero;
 
 pub use budget::{Averaged, UncertaintyBudget};
+pub use drag::{Drag, DragContext, DragLimits, DragWatch, PermittedDrag, check_direction};
 pub use learned_curve::{LearnedCurve, Sunk};
 pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};

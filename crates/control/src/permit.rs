@@ -1,5 +1,6 @@
 //! Permitted motions.
 
+use super::drag::DragLimits;
 use super::speed::safe_speed_mm_s;
 use super::trip::{SafetyRule, Trip};
 use super::zero::Zero;
@@ -92,10 +93,12 @@ pub struct MotionContext {
 /// | I4 a recent force, and a zero that moves no faster than a drift, checked before each press | [`advance`](Self::advance), [`zero_holds`](Self::zero_holds) |
 /// | I5 contact no stiffer than declared | [`most_n`](Self::most_n) |
 /// | I6 motion away is always allowed; a stop needs no permission | [`retract`](Self::retract) |
-/// | I7 x and y move only in the clear | [`sideways`](Self::sideways) |
+/// | I7 x and y move only in the clear, or by a drag whose end is safe | [`sideways`](Self::sideways), [`drag`](Self::drag) |
 #[derive(Clone, Copy, Debug)]
 pub struct Permit {
-    limits: Limits,
+    pub(crate) limits: Limits,
+    /// What the rig allows in a drag; `None`: none.
+    pub(crate) drag: Option<DragLimits>,
     reaction_s: f64,
     acceleration_mm_s2: f64,
     detect_n: f64,
@@ -111,6 +114,7 @@ impl Permit {
     pub fn new(limits: Limits, reaction_s: f64, acceleration_mm_s2: f64, zero: &Zero) -> Self {
         Permit {
             limits,
+            drag: None,
             reaction_s,
             acceleration_mm_s2,
             detect_n: zero.detect_n(),
@@ -124,6 +128,12 @@ impl Permit {
     #[must_use]
     pub fn on(self, steps: Steps) -> Self {
         Permit { steps, ..self }
+    }
+
+    /// Returns the permit of a rig that allows these drags.
+    #[must_use]
+    pub fn with_drags(self, drag: Option<DragLimits>) -> Self {
+        Permit { drag, ..self }
     }
 
     /// Steps of the stage.

@@ -1,5 +1,6 @@
 //! Task of a press.
 
+use super::drag::Drag;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -100,6 +101,8 @@ pub struct PressTask {
     /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
     /// and held.
     pub sample_after_s: Option<f64>,
+    /// Drag after the last level, which is sampled at its end; `None`: none.
+    pub drag: Option<Drag>,
 }
 
 impl PressTask {
@@ -121,6 +124,11 @@ impl PressTask {
         let up = (0..=steps).map(|i| level(i, Branch::Loading));
         let down = (0..steps).rev().map(|i| level(i, Branch::Unloading));
         up.chain(down).collect()
+    }
+
+    /// What a sampled level was set to. The window after a drag belongs to the last level.
+    pub fn level_set(&self, level: usize) -> SetPoint {
+        self.levels.get(level).or(self.levels.last()).map_or(SetPoint::Force(0.0), |level| level.set)
     }
 
     /// Largest set force of the task, N; 0 for a press to a depth.

@@ -84,6 +84,15 @@ rules! {
     /// The force doesn't change after a step into the specimen.
     NoResponse, "no-response", doubts_load_cell: true,
         "check that the load cell still measures, and that the specimen hasn't slipped";
+    /// The force sideways is over its limit.
+    OverShear, "over-shear", doubts_load_cell: false,
+        "check whether the specimen holds the tip more than `limits.drag` states; drag less far";
+    /// The tip slipped in a drag whose recipe ends there.
+    Slipped, "slipped", doubts_load_cell: false,
+        "press harder, or drag less far; with `slip = \"record\"` the drag goes on";
+    /// The force sideways doesn't follow the drag.
+    AxesDiffer, "axes-differ", doubts_load_cell: true,
+        "check `load_cell.axes`: an axis is swapped or has the wrong sign";
     /// The force disappeared although the indenter wasn't retracted.
     Fallen, "fallen", doubts_load_cell: true,
         "check whether the specimen slipped or tore, or the load cell's cable is loose";

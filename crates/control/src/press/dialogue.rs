@@ -1,6 +1,7 @@
 //! Events and commands of a press.
 
 use super::soft::Softest;
+use crate::drag::PermittedDrag;
 use crate::map::Shot;
 use crate::permit::{Permit, Permitted};
 use crate::speed::Timing;
@@ -44,6 +45,10 @@ pub struct Context {
 pub enum LoopCommand {
     /// Average this number of readings; answered by [`LoopEvent::Averaged`].
     Average(u32),
+    /// Average this number of readings on all axes; answered by [`LoopEvent::AxesAveraged`].
+    AverageAxes(u32),
+    /// Move x and y in contact; answered by [`LoopEvent::Dragged`].
+    Drag(PermittedDrag),
     /// Move along z and pass every reading to [`ForceLoop::see`](super::ForceLoop::see); answered by [`LoopEvent::Moved`].
     Move(Permitted),
     /// Stay still for this time, s, and read the force; answered by [`LoopEvent::Dwelt`].
@@ -73,6 +78,15 @@ pub enum LoopEvent {
         /// Mean force relative to the zero, N.
         force_n: f64,
     },
+    /// Readings were averaged on all axes.
+    AxesAveraged {
+        /// Mean force relative to the zero, N.
+        force_n: f64,
+        /// Mean forces along x and y relative to their zeros, N; `None` if the cell has one axis.
+        side_n: Option<[f64; 2]>,
+    },
+    /// A drag ended at its target.
+    Dragged,
     /// A motion ended, at its target or by a stop.
     Moved {
         /// Position where the motion ended, mm.
@@ -95,7 +109,8 @@ impl LoopEvent {
             LoopEvent::Begin { z_mm, no_load } => (z_mm + no_load.mean_n + no_load.sigma_n, "mm"),
             LoopEvent::Moved { z_mm } => (z_mm, "mm"),
             LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } => (force_n, "N"),
-            LoopEvent::Dwelt => return Ok(()),
+            LoopEvent::AxesAveraged { force_n, side_n } => (force_n + side_n.map_or(0.0, |[x_n, y_n]| x_n + y_n), "N"),
+            LoopEvent::Dwelt | LoopEvent::Dragged => return Ok(()),
         };
         if number.is_finite() { Ok(()) } else { Err(Trip::new(SafetyRule::NotFinite, number, 0.0, unit)) }
     }

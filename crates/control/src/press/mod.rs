@@ -2,6 +2,7 @@
 //! `guarded`, `velocity`, `shot` (the map's).
 
 mod dialogue;
+mod dragged;
 mod follows;
 mod guarded;
 mod shot;
@@ -15,6 +16,7 @@ use super::profile::MotionProfile;
 use super::task::{Branch, PressLevel, PressTask, SetPoint, Strategy};
 use super::trip::{SafetyRule, Trip};
 pub use dialogue::{Context, LoopCommand, LoopEvent, Moment, NoLoadReadings, Steer};
+use dragged::DragProgress;
 pub use guarded::{FIRST_APPROACH_MM_S, TOUCH_MOST_N};
 pub use soft::Softest;
 pub use velocity::GAIN_TIMES_DEAD_TIME;
@@ -71,6 +73,7 @@ impl ForceLoop {
             path: Vec::new(),
             push: Push::default(),
             landing: None,
+            dragged: DragProgress::default(),
         }
     }
 
@@ -175,6 +178,9 @@ impl ForceLoop {
             (PressState::Dwelling | PressState::Lingering, LoopEvent::Dwelt) => self.average(PressState::Reading),
             (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
             (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
+            (PressState::Bracing, LoopEvent::AxesAveraged { force_n, side_n }) => self.brace(force_n, side_n),
+            (PressState::Dragging, LoopEvent::Dragged) => self.average_axes(PressState::Dragged),
+            (PressState::Dragged, LoopEvent::AxesAveraged { force_n, side_n }) => self.drag_ended(force_n, side_n),
             (PressState::Retracting, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;
                 self.average(PressState::Leaving)
@@ -216,6 +222,7 @@ impl ForceLoop {
 
     fn next_level(&mut self) -> Result<LoopCommand, Trip> {
         match self.level() {
+            None if self.drag_ahead().is_some() => self.average_axes(PressState::Bracing),
             None if self.in_contact || self.z_mm > self.context.clear_mm + STEP_LEAST_MM => self.leave_contact(),
             None => Ok(LoopCommand::Done),
             Some((_, level)) if !level.set.is_loaded() && self.in_contact => self.retract(),
@@ -285,6 +292,9 @@ impl ForceLoop {
 
     fn sampled(&mut self, force_n: f64) -> Result<LoopCommand, Trip> {
         self.check_fall(force_n)?;
+        if self.dragged == DragProgress::Over {
+            return self.leave_contact();
+        }
         self.check_rest(force_n)?;
         self.check_trim(force_n)?;
         let force_set_n = self.level_n();

@@ -1,6 +1,7 @@
 //! State of a press: data that all of its parts read and change.
 
 use super::dialogue::{Context, Moment};
+use super::dragged::DragProgress;
 use crate::profile::MotionProfile;
 use crate::task::PressTask;
 use crate::trip::Trip;
@@ -34,6 +35,9 @@ pub(super) enum PressState {
     Lingering,
     Waiting,
     Sampling,
+    Bracing,
+    Dragging,
+    Dragged,
     Retracting,
     Leaving,
     LeavingContact,
@@ -77,6 +81,7 @@ pub struct ForceLoop {
     pub(super) path: Vec<(f64, f64)>,
     pub(super) push: Push,
     pub(super) landing: Option<Landing>,
+    pub(super) dragged: DragProgress,
 }
 
 /// Motion in progress: its start position, its earliest start time and its course.

@@ -80,6 +80,7 @@ impl PressBench {
             sample_s: 0.1,
             strategy: self.strategy,
             sample_after_s: None,
+            drag: None,
         };
         ForceLoop::new(task, context)
     }

@@ -1,0 +1,308 @@
+//! Drags: motions of x and y in contact. Recipe and rig both name them, and only a load cell with three axes allows them.
+
+use super::permit::{DEPTH_MARGIN_MM, Permit};
+use super::trip::{SafetyRule, Trip};
+use palpate_core::quantity::Limits;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Largest slope of a surface: a rig with a tilt of more than 5 degrees is refused.
+const SLOPE_MOST: f64 = 0.0875;
+
+/// Largest age of a reading on which a drag may depend, s.
+const FRESH_S: f64 = 0.25;
+
+/// Slowest drag, mm/s.
+const SPEED_LEAST_MM_S: f64 = 1e-4;
+
+/// Part of the ratio of the forces, sideways over pressing, that remains after a slip at most, and its least fall in sd of a reading.
+const SLIP_SHARE: f64 = 0.8;
+const SLIP_SIGMAS: f64 = 6.0;
+
+/// Least change of the force sideways, in sd of a mean, from which its direction is compared with that of the drag.
+const DIRECTION_SIGMAS: f64 = 10.0;
+
+/// What a rig allows in a drag. Every value is declared; none has a default.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DragLimits {
+    /// Largest force sideways, N.
+    pub shear_n: f64,
+    /// Longest way in contact, mm.
+    pub slide_mm: f64,
+    /// Largest stiffness of the specimen sideways, N/mm.
+    pub stiffness_n_mm: f64,
+    /// Largest force sideways per pressing force.
+    pub friction: f64,
+}
+
+/// A drag of a recipe, from the place of the press.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drag {
+    /// Way along x of the specimen frame, mm.
+    pub x_mm: f64,
+    /// Way along y, mm.
+    pub y_mm: f64,
+    /// Speed, mm/s.
+    pub speed_mm_s: f64,
+    /// Whether a slip ends the run; otherwise it is recorded.
+    pub ends_at_slip: bool,
+}
+
+impl DragLimits {
+    /// Returns each value at the end of a drag that begins with a pressing force and no force sideways: value, limit and unit. The
+    /// permit's formula, see [`Permit::drag`].
+    pub fn end(&self, limits: &Limits, force_n: f64, way_mm: f64) -> [(f64, f64, &'static str); 3] {
+        self.end_from(limits, force_n, 0.0, way_mm)
+    }
+
+    fn end_from(&self, limits: &Limits, force_n: f64, shear_n: f64, way_mm: f64) -> [(f64, f64, &'static str); 3] {
+        let normal_n = force_n + limits.stiffness_n_mm * SLOPE_MOST * way_mm;
+        let sticking_n = shear_n + self.stiffness_n_mm * way_mm;
+        // `min` ignores NaN, so it is checked by itself
+        let shear_n = if sticking_n.is_nan() { f64::NAN } else { sticking_n.min(self.friction * normal_n) };
+        [
+            (way_mm, self.slide_mm, "mm of drag"),
+            (shear_n, self.shear_n, "N sideways"),
+            (normal_n.hypot(shear_n), limits.force_n, "N, all axes"),
+        ]
+    }
+}
+
+impl Drag {
+    /// Length of the way, mm.
+    pub fn way_mm(&self) -> f64 {
+        self.x_mm.hypot(self.y_mm)
+    }
+}
+
+/// A drag that may be commanded. Only [`Permit`] creates it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PermittedDrag {
+    drag: Drag,
+}
+
+impl PermittedDrag {
+    /// The drag.
+    pub fn drag(&self) -> Drag {
+        self.drag
+    }
+}
+
+/// Known state when a drag is requested; the stage is at rest in contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DragContext {
+    /// Pressing force, N, and its standard deviation.
+    pub force_n: f64,
+    /// Standard deviation of the pressing force, N.
+    pub sigma_n: f64,
+    /// Forces along x and y, N.
+    pub side_n: [f64; 2],
+    /// Standard deviation of each, N.
+    pub side_sigma_n: f64,
+    /// Age of these forces, s.
+    pub age_s: f64,
+    /// Depth below the earliest surface, mm.
+    pub depth_mm: f64,
+}
+
+impl Permit {
+    /// Permits a drag, whose end must be safe even if nothing ends the motion earlier.
+    ///
+    /// With the way w, pressing force `Fn' = Fn + 3 sigma + kn * slope * w` and force sideways
+    /// `Ft' = min(Ft + 3 sigma + kt * w, mu * Fn')`: `hypot(Fn', Ft')` must be within the force limit, `Ft'` within the shear limit, `w`
+    /// within the longest way, and the depth after the largest slope within the depth limit.
+    ///
+    /// # Errors
+    /// A trip if the rig allows no drag, or the end isn't safe. Nothing moves then.
+    pub fn drag(&self, context: &DragContext, drag: &Drag) -> Result<PermittedDrag, Trip> {
+        let DragContext { force_n, sigma_n, side_n, side_sigma_n, age_s, depth_mm } = *context;
+        let Some(most) = self.drag else {
+            return Err(Trip::new(SafetyRule::NotPermitted, drag.way_mm(), 0.0, "mm of drag"));
+        };
+        let is_fresh = age_s <= FRESH_S; // written as the positive condition, so NaN fails
+        if !is_fresh {
+            return Err(Trip::new(SafetyRule::Stale, age_s, FRESH_S, "s"));
+        }
+        let way_mm = drag.way_mm();
+        let reserved = DragLimits { slide_mm: most.slide_mm - self.steps().reserve_mm(), ..most };
+        let (normal_n, shear_n) = (force_n.max(0.0) + 3.0 * sigma_n, side_n[0].hypot(side_n[1]) + 3.0 * side_sigma_n);
+        let [way, shear, length] = reserved.end_from(&self.limits, normal_n, shear_n, way_mm);
+        let depth = (depth_mm + SLOPE_MOST * way_mm, self.limits.depth_mm - DEPTH_MARGIN_MM, "mm");
+        for (value, limit, unit) in [way, shear, length, depth] {
+            let is_safe = value <= limit;
+            if !is_safe {
+                return Err(Trip::new(SafetyRule::NotPermitted, value, limit, unit));
+            }
+        }
+        match drag.speed_mm_s >= SPEED_LEAST_MM_S {
+            true => Ok(PermittedDrag { drag: *drag }),
+            false => Err(Trip::new(SafetyRule::NotPermitted, drag.speed_mm_s, SPEED_LEAST_MM_S, "mm/s")),
+        }
+    }
+
+    /// Largest force sideways, N; `None` if the rig allows no drag.
+    pub fn shear_most_n(&self) -> Option<f64> {
+        self.drag.map(|most| most.shear_n)
+    }
+}
+
+/// Follows the forces during a drag: the limit sideways, and slips.
+#[derive(Clone, Copy, Debug)]
+pub struct DragWatch {
+    shear_most_n: f64,
+    side_sigma_n: f64,
+    ends_at_slip: bool,
+    last: Option<[f64; 2]>,
+    largest: f64,
+    slips: u64,
+}
+
+impl DragWatch {
+    /// Creates the watch of a drag. `side_sigma_n` is the standard deviation of one reading.
+    pub fn new(shear_most_n: f64, side_sigma_n: f64, ends_at_slip: bool) -> Self {
+        DragWatch { shear_most_n, side_sigma_n, ends_at_slip, last: None, largest: 0.0, slips: 0 }
+    }
+
+    /// Number of slips so far.
+    pub fn slips(&self) -> u64 {
+        self.slips
+    }
+
+    /// Takes a reading.
+    ///
+    /// # Errors
+    /// A trip if the mean of two readings is over the shear limit, or the tip slipped and a slip ends the run.
+    pub fn see(&mut self, force_n: f64, side_n: [f64; 2]) -> Result<(), Trip> {
+        let Some(last) = self.last.replace(side_n) else { return Ok(()) };
+        let shear_n = (0.5 * (side_n[0] + last[0])).hypot(0.5 * (side_n[1] + last[1]));
+        let most_n = self.shear_most_n + 3.0 * self.side_sigma_n;
+        let is_within = shear_n <= most_n;
+        if !is_within {
+            return Err(Trip::new(SafetyRule::OverShear, shear_n, most_n, "N sideways"));
+        }
+        let ratio = shear_n / force_n;
+        let fell_n = (self.largest - ratio) * force_n;
+        if ratio < SLIP_SHARE * self.largest && fell_n > SLIP_SIGMAS * self.side_sigma_n {
+            self.slips += 1;
+            self.largest = ratio;
+            if self.ends_at_slip {
+                return Err(Trip::new(SafetyRule::Slipped, shear_n, fell_n + shear_n, "N sideways"));
+            }
+        }
+        self.largest = self.largest.max(ratio);
+        Ok(())
+    }
+}
+
+/// Checks that the force sideways changed along the drag: a swapped axis or a wrong sign turns it by 90 degrees or more.
+/// `sigma_n` is the standard deviation of each mean.
+///
+/// # Errors
+/// A trip if the direction is off by more than 45 degrees.
+pub fn check_direction(drag: &Drag, before_n: [f64; 2], after_n: [f64; 2], sigma_n: f64) -> Result<(), Trip> {
+    let change = [after_n[0] - before_n[0], after_n[1] - before_n[1]];
+    let (change_n, way_mm) = (change[0].hypot(change[1]), drag.way_mm());
+    if change_n <= DIRECTION_SIGMAS * sigma_n || way_mm == 0.0 {
+        return Ok(());
+    }
+    let along = (change[0] * drag.x_mm + change[1] * drag.y_mm) / (change_n * way_mm);
+    let is_along = along >= FRAC_1_SQRT_2;
+    if is_along {
+        Ok(())
+    } else {
+        Err(Trip::new(SafetyRule::AxesDiffer, along, FRAC_1_SQRT_2, "of the force sideways"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Zero;
+    use proptest::prelude::*;
+
+    const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
+    const MOST: DragLimits = DragLimits { shear_n: 0.8, slide_mm: 2.0, stiffness_n_mm: 1.5, friction: 1.2 };
+    const AT_1_N: DragContext =
+        DragContext { force_n: 1.0, sigma_n: 0.0, side_n: [0.0; 2], side_sigma_n: 0.0, age_s: 0.01, depth_mm: 0.6 };
+
+    fn permit(drag: Option<DragLimits>) -> Permit {
+        Permit::new(LIMITS, 0.05, 100.0, &Zero::with_noise(0.003)).with_drags(drag)
+    }
+
+    fn along_x(x_mm: f64) -> Drag {
+        Drag { x_mm, y_mm: 0.0, speed_mm_s: 0.5, ends_at_slip: false }
+    }
+
+    fn refused(context: DragContext, x_mm: f64) -> Option<SafetyRule> {
+        permit(Some(MOST)).drag(&context, &along_x(x_mm)).err().map(|trip| trip.rule)
+    }
+
+    #[test]
+    fn a_drag_is_permitted_up_to_each_of_its_limits() {
+        assert_eq!(permit(None).drag(&AT_1_N, &along_x(0.1)).unwrap_err().rule, SafetyRule::NotPermitted);
+        assert_eq!(refused(AT_1_N, 0.53), None, "1.5 N/mm * 0.53 mm is 0.795 N");
+        assert_eq!(refused(AT_1_N, 0.54), Some(SafetyRule::NotPermitted));
+        let slippery = permit(Some(DragLimits { friction: 0.5, ..MOST }));
+        assert!(slippery.drag(&AT_1_N, &along_x(2.0)).is_ok(), "friction bounds the force sideways");
+        assert!(slippery.drag(&AT_1_N, &along_x(2.01)).is_err(), "the longest way");
+        let pressed = DragContext { force_n: 1.9, ..AT_1_N };
+        assert!(slippery.drag(&pressed, &along_x(0.5)).is_err(), "1.99 and 0.75 N are 2.12 N");
+        assert_eq!(refused(DragContext { age_s: 0.3, ..AT_1_N }, 0.1), Some(SafetyRule::Stale));
+        assert_eq!(refused(DragContext { depth_mm: 1.57, ..AT_1_N }, 0.1), Some(SafetyRule::NotPermitted));
+        for wrong in [
+            DragContext { force_n: f64::NAN, sigma_n: f64::NAN, ..AT_1_N },
+            DragContext { side_n: [f64::NAN, 0.0], ..AT_1_N },
+            DragContext { age_s: f64::NAN, ..AT_1_N },
+            DragContext { depth_mm: f64::NAN, ..AT_1_N },
+        ] {
+            assert!(refused(wrong, 0.1).is_some(), "{wrong:?}");
+        }
+    }
+
+    proptest! {
+        /// Another world: a spring sideways that slips, on a plane with any slope up to five degrees, walked in small steps.
+        #[test]
+        fn no_permitted_drag_ends_over_a_limit(
+            force_n in 0.05..2.0f64, x_mm in -2.0..2.0f64, y_mm in -2.0..2.0f64,
+            slope in -0.0875..0.0875f64, kn in 0.1..1.0f64, kt in 0.1..1.0f64, mu in 0.05..1.0f64,
+        ) {
+            let drag = Drag { x_mm, y_mm, ..along_x(0.0) };
+            let context = DragContext { force_n, ..AT_1_N };
+            if permit(Some(MOST)).drag(&context, &drag).is_ok() {
+                let (steps, way_mm) = (200, drag.way_mm());
+                let (mut spring_mm, mut shear_n) = (0.0f64, 0.0f64);
+                for step in 1..=steps {
+                    let at_mm = way_mm * f64::from(step) / f64::from(steps);
+                    let normal_n = (force_n + kn * LIMITS.stiffness_n_mm * slope * at_mm).max(0.0);
+                    spring_mm += way_mm / f64::from(steps);
+                    let most_n = mu * MOST.friction * normal_n;
+                    spring_mm = spring_mm.min(most_n / (kt * MOST.stiffness_n_mm));
+                    shear_n = shear_n.max(kt * MOST.stiffness_n_mm * spring_mm);
+                    prop_assert!(normal_n.hypot(shear_n) <= LIMITS.force_n + 1e-9);
+                }
+                prop_assert!(shear_n <= MOST.shear_n + 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_limit_sideways_and_slips_are_seen() {
+        let mut watch = DragWatch::new(0.5, 0.002, false);
+        assert!([0.1, 0.2, 0.3, 0.4].iter().all(|&x| watch.see(1.0, [x, 0.0]).is_ok()));
+        assert_eq!(watch.slips(), 0);
+        assert!([0.2, 0.2, 0.25].iter().all(|&x| watch.see(1.0, [x, 0.0]).is_ok()));
+        assert_eq!(watch.slips(), 1, "one slip, in the means of two readings");
+        assert!(watch.see(1.0, [0.6, 0.0]).is_ok(), "one reading is no mean");
+        assert_eq!(watch.see(1.0, [0.6, 0.0]).unwrap_err().rule, SafetyRule::OverShear);
+        let mut watch = DragWatch::new(0.5, 0.002, true);
+        let trip = [0.3, 0.4, 0.2, 0.1].iter().find_map(|&x| watch.see(1.0, [x, 0.0]).err());
+        assert_eq!(trip.map(|trip| trip.rule), Some(SafetyRule::Slipped));
+    }
+
+    #[test]
+    fn swapped_and_mirrored_axes_are_found_by_the_first_drag() {
+        let drag = Drag { y_mm: 0.1, ..along_x(1.0) };
+        let check = |after_n: [f64; 2]| check_direction(&drag, [0.02, -0.01], after_n, 0.001).is_ok();
+        assert!(check([0.5, 0.04]) && check([0.021, -0.012]), "along the drag, or too little to judge");
+        assert!(!check([-0.5, -0.04]) && !check([0.04, 0.5]) && !check([f64::NAN, 0.0]));
+    }
+}
