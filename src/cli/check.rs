@@ -293,6 +293,7 @@ fn described(plan: &Plan, rig: &RigSpec) -> String {
         );
     }
     let _ = writeln!(text, "  depth at most {} mm below the measured surface", limits.depth_mm);
+    text.push_str(&dragged(plan, rig));
     text.push_str(&tilted(plan, rig));
     let (steps, descent_s) = first_descent(rig);
     let _ = writeln!(
@@ -412,6 +413,20 @@ fn permitted(rig: &RigSpec) -> String {
         limits.stiffness_n_mm,
         1000.0 * EXCHANGES_S[1],
         1000.0 * EXCHANGES_S[0],
+    )
+}
+
+/// Describes how the longest drag of the plan can end; nothing without a drag.
+fn dragged(plan: &Plan, rig: &RigSpec) -> String {
+    let way = |entry: &&Entry| entry.task.drag.map_or(0.0, |drag| drag.way_mm());
+    let longest = plan.entries.iter().filter(|entry| entry.task.drag.is_some());
+    let longest = longest.max_by(|a, b| way(a).total_cmp(&way(b)));
+    let Some((entry, most)) = longest.zip(rig.drag) else { return String::new() };
+    let [_, (shear_n, shear_most_n, _), (length_n, ..)] = most.end(&rig.limits, entry.task.most_n(), way(&entry));
+    format!(
+        "  a drag of {} mm ends with at most {shear_n:.3} of {shear_most_n} N sideways,\n  {length_n:.3} of {} N in all, even if the tip sticks\n",
+        round(way(&entry), 3),
+        rig.limits.force_n
     )
 }
 

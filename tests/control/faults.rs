@@ -362,7 +362,7 @@ impl FaultOutcome {
     fn text(&self) -> String {
         let faults = self.faults.iter().map(|fault| format!("{} from {:.3} s", name(fault.kind), fault.from_s));
         let FaultOutcome { case, worst, .. } = self;
-        let WorstTruth { force_n, depth_mm, slid_mm } = worst;
+        let WorstTruth { force_n, depth_mm, slid_mm, .. } = worst;
         format!(
             "{}: {}, seed {}: {force_n:.3} N, {depth_mm:.3} mm, slid {slid_mm} mm, {:.0} s: {}",
             faults.collect::<Vec<_>>().join(", "),

@@ -137,6 +137,7 @@ fn task(rng: &mut RandomStream, limits: &Limits) -> PressTask {
         sample_s: rng.random_range(0.01..0.5),
         strategy: Strategy::ALL[rng.random_range(0..3)],
         sample_after_s: rng.random_bool(0.3).then(|| rng.random_range(0.1..3.0)),
+        drag: None,
     }
 }
 
@@ -307,6 +308,7 @@ fn drive_plausibly(seed: u64) -> (u64, MachineDriven) {
         }
         let mut noise_n = |readings: u32| rng.random_range(-2.9..2.9) * draw.context.zero.sigma_mean_n(readings);
         event = match &command {
+            LoopCommand::AverageAxes(_) | LoopCommand::Drag(_) => unreachable!("no task here has a drag"),
             LoopCommand::Average(readings) => {
                 output.force_n = specimen.force_n(output.z_mm) + noise_n(*readings);
                 LoopEvent::Averaged { force_n: output.force_n }
@@ -398,6 +400,7 @@ fn drive_with_garbage(seed: u64) -> (u64, MachineDraw, MachineTranscript, Vec<&'
         }
         let mut value = |sane_value: f64| if rng.random_bool(sane) { sane_value } else { garbage(&mut rng) };
         event = match &command {
+            LoopCommand::AverageAxes(_) | LoopCommand::Drag(_) => unreachable!("no task here has a drag"),
             LoopCommand::Average(_) => {
                 output.force_n = value(specimen.force_n(output.z_mm));
                 LoopEvent::Averaged { force_n: output.force_n }

@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "campaigns print their numbers")]
 
 mod bench_ills;
+mod drags;
 mod false_alarms;
 mod false_trips;
 mod faults;

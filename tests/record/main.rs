@@ -5,6 +5,7 @@ mod by_depth;
 mod changed_rig;
 mod checks;
 mod damage;
+mod drags;
 mod foreign;
 mod kills;
 mod owner;

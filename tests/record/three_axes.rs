@@ -1,6 +1,7 @@
 //! Runs on a rig whose load cell has three axes: the forces sideways are recorded, and the limit is one of the whole force.
 
-use palpate_testing::{TestFolder, exchanged, shipped_text};
+use palpate_testing::executions::rig_with_three_axes;
+use palpate_testing::{TestFolder, exchanged};
 
 const RECIPE: &str = r#"name = "sideways"
 
@@ -13,15 +14,10 @@ force_n = 1.0
 /// Slopes of the surface along x and y.
 const SLOPES: [f64; 2] = [0.05, -0.03];
 
-/// The shipped rig with a cell of three axes on a tilted surface.
+/// A rig with a cell of three axes on a tilted surface.
 fn rig() -> String {
-    let sim = shipped_text("rigs/sim.toml");
-    let (before, after) = sim.split_once("[load_cell]").expect("it has one");
-    let rest = after.find("\n[").map_or("", |at| &after[at..]);
-    let cell = "[load_cell]\ndriver = { lines = \"ati-netft\" }\nlink = \"sim\"\nconversions_hz = 1000.0\n\
-        axes = { x = \"x\", y = \"-y\", press = \"-z\" }\n";
     let [x, y] = SLOPES;
-    let tilted = format!("{before}{cell}{rest}\n[scene.surface]\ntilt_mm_per_mm = {{ x = {x}, y = {y} }}\n");
+    let tilted = format!("{}\n[scene.surface]\ntilt_mm_per_mm = {{ x = {x}, y = {y} }}\n", rig_with_three_axes());
     exchanged(&tilted, "down = \"-z\"", &format!("down = \"-z\"\ntilt_mm_per_mm = {{ x = {x}, y = {y} }}"))
 }
 

@@ -177,7 +177,10 @@ impl<'a> Selection<'a> {
     }
 
     fn new(presses: &'a Presses, phase: Phase, is_of_it: impl Fn(&Press) -> bool) -> Result<Self, CalibrateError> {
-        let of_it = (0..presses.presses.len()).filter(|index| is_of_it(&presses.presses[*index]));
+        let of_it = (0..presses.presses.len()).filter(|index| {
+            let press = &presses.presses[*index];
+            is_of_it(press) && !press.is_dragged()
+        });
         let (flagged, chosen): (Vec<usize>, Vec<usize>) = of_it.partition(|index| presses.presses[*index].is_flagged());
         let flagged = flagged.len();
         if chosen.is_empty() {

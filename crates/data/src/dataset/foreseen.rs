@@ -84,7 +84,15 @@ mod tests {
         let travel = Travel { axes: [Range { min: -12.5, max: 12.5 }; 3] };
         let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
         let layout = ArrayLayout::grid(3, 3, 4.5);
-        let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout, unforced_mm: None };
+        let ground = Ground {
+            travel: &travel,
+            frame: &frame,
+            limits: &limits,
+            layout: &layout,
+            unforced_mm: None,
+            drag: None,
+            three_axes: false,
+        };
         let plan = Plan::new(&recipe, &ground, 1).unwrap();
         let truths = Truths { layout: &layout, u_place_mm, u_force_n: Some(0.005) };
         let judgement = foreseen(recipe.rule().unwrap(), &plan, &truths);

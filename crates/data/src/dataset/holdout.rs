@@ -1,7 +1,7 @@
 //! Splits the presses of one table or run into a calibration and a test, before anything is fitted.
 
-use super::Presses;
 use super::places::{is_outside, same_places};
+use super::{Press, Presses};
 use miette::Diagnostic;
 use palpate_core::quantity::{Place, stream};
 use rand::Rng as _;
@@ -65,7 +65,8 @@ impl Holdout {
     /// There are too few places or presses.
     pub fn split(&self, presses: &Presses) -> Result<Split, HoldoutError> {
         let all = &presses.presses;
-        let sound: Vec<usize> = (0..all.len()).filter(|index| !all[*index].is_flagged()).collect();
+        let is_sound = |press: &Press| !press.is_flagged() && !press.is_dragged();
+        let sound: Vec<usize> = (0..all.len()).filter(|index| is_sound(&all[*index])).collect();
         let at: Vec<Place> = sound.iter().map(|index| all[*index].place()).collect();
         let place_of = same_places(&at, self.same_place_mm);
         let places: Vec<Place> = firsts(&place_of).into_iter().map(|first| at[first]).collect();

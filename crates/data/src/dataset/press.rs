@@ -99,6 +99,12 @@ columns! {
     /// Mean force of the tip on the specimen along y in the window, N; only of a load cell with three axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     force_y_n: Option<f64>, ThreeAxes, 6;
+    /// Way in contact from the place of the press to that of the window, mm; only of a load cell with three axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    drag_mm: Option<f64>, ThreeAxes, 6;
+    /// Number of slips on that way.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    slips: Option<f64>, ThreeAxes, 0;
     /// Depth below the surface touched in this press, mm; 0 without load.
     depth_mm: Option<f64>, OfRun, 5;
     /// Standard uncertainty of that depth, mm; `None` if the stage has no certificate or the load cell's stiffness isn't stated.
@@ -153,6 +159,11 @@ impl Press {
     /// What the press was set to; `None` if the table doesn't contain it.
     pub fn set_point(&self) -> Option<SetPoint> {
         self.depth_set_mm.map(SetPoint::Depth).or(self.force_set_n.map(SetPoint::Force))
+    }
+
+    /// Whether the tip was dragged in contact. Solvers of pressing forces leave such a press out.
+    pub fn is_dragged(&self) -> bool {
+        self.drag_mm.is_some_and(|mm| mm > 0.0)
     }
 
     /// Whether the press has a fault.
@@ -274,6 +285,8 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         u_force_n: Some(0.001_234_567),
         force_x_n: None,
         force_y_n: None,
+        drag_mm: None,
+        slips: None,
         depth_mm: Some(0.812_345_6),
         u_depth_mm: None,
         t_s: Some(12.345_67),
@@ -322,16 +335,22 @@ mod tests {
 
     #[test]
     fn press_on_three_axes_has_its_forces_sideways() {
-        let press = Press { force_x_n: Some(0.1), force_y_n: Some(-0.05), ..example(3, 0) }.rounded();
-        assert!(csv_header(2, THREE_AXES).contains(",force_n,u_force_n,force_x_n,force_y_n,depth_mm,"));
-        assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.81235,"));
-        assert!(press.to_json().contains("\"force_x_n\":0.1,\"force_y_n\":-0.05,\"depth_mm\""));
+        let sideways = Press { force_x_n: Some(0.1), force_y_n: Some(-0.05), ..example(3, 0) };
+        let press = Press { drag_mm: Some(0.5), slips: Some(1.0), ..sideways }.rounded();
+        assert!(csv_header(2, THREE_AXES).contains(",force_n,u_force_n,force_x_n,force_y_n,drag_mm,slips,depth_mm,"));
+        assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.5,1,0.81235,"));
+        assert!(
+            press
+                .to_json()
+                .contains("\"force_x_n\":0.1,\"force_y_n\":-0.05,\"drag_mm\":0.5,\"slips\":1.0,\"depth_mm\"")
+        );
     }
 
     #[test]
     fn the_journals_fields_are_the_columns() {
         let by_depth = Press { depth_set_mm: Some(0.5), u_depth_mm: Some(0.01), ..example(3, 0) };
-        let all = Press { force_x_n: Some(0.1), force_y_n: Some(0.2), ..by_depth };
+        let all =
+            Press { force_x_n: Some(0.1), force_y_n: Some(0.2), drag_mm: Some(0.0), slips: Some(0.0), ..by_depth };
         let fields = serde_json::to_value(all).unwrap();
         let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
         let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();

@@ -16,6 +16,9 @@ const DEPTH: Bounds = Bounds::above(0.0, 100.0, "mm");
 const DWELL: Bounds = Bounds::within(0.0, DAY_S, "s");
 /// Limits of a window. A shorter window contains fewer than two conversions of a common load cell.
 const WINDOW: Bounds = Bounds::within(0.01, DAY_S, "s");
+const SLIDE: Bounds = Bounds::above(0.0, 100.0, "mm");
+const SLIDE_SPEED: Bounds = Bounds::above(0.0, 100.0, "mm/s");
+const DIRECTION: Bounds = Bounds::within(-360.0, 360.0, "degrees");
 const SPACING: Bounds = Bounds::above(0.0, 1000.0, "mm");
 
 /// Possible phases of a step.
@@ -33,6 +36,8 @@ pub(super) const STRATEGIES: [(&str, Strategy); 3] = [
     (Strategy::Velocity.name(), Strategy::Velocity),
     (Strategy::Map.name(), Strategy::Map),
 ];
+/// Whether a slip ends the run.
+pub(super) const SLIPS: [(&str, bool); 2] = [("record", false), ("trip", true)];
 pub(super) const ALL_UNITS: [(&str, ()); 1] = [("all", ())];
 
 /// Names of all solvers, and the name that selects the best solver.
@@ -92,6 +97,8 @@ keys! {
         depth_mm: Numbers(DEPTH), Allowed,
             "depth of every press below the surface that it touches, or several depths for each place", "[0.2, 0.4, 0.6]";
         staircase: Table(&staircase::KEYS), Allowed, "load to a force and unload, in equal steps";
+        drag: Table(&drag::KEYS), Allowed,
+            "after the window, drag the tip sideways in contact, one press for each direction; the rig must allow it in `limits.drag`";
     }
     as press { force_tolerance_n, depth_tolerance_mm, hold_s, sample_s, strategy, sample_after_s }
     one of {
@@ -101,6 +108,16 @@ keys! {
         random: Table(&random::KEYS), Allowed, "random places, from the run's random seed";
         units: Either(&[Word(&words(&ALL_UNITS)), Wholes(1, UNITS_MAX)]), Allowed,
             "places above the centres of these units (numbered from 1), or of all units", "[1, 5, 9]";
+    }
+}
+
+keys! {
+    /// `drag` of a step.
+    drag {
+        mm: Number(SLIDE), Refused, "way in contact", "0.5";
+        directions_deg: Numbers(DIRECTION), Refused, "directions, from x towards y: one press for each", "[0, 90, 180, 270]";
+        speed_mm_s: Number(SLIDE_SPEED), or(0.5), "speed of the drag", "0.5";
+        slip: Word(&words(&SLIPS)), or_word("record"), "what a slip does: it is recorded, or it ends the run", "\"trip\"";
     }
 }
 

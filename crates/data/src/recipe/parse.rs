@@ -1,8 +1,10 @@
 //! Parsing of a recipe's text into a [`Recipe`].
 
 use super::accept::{Accept, read_rule};
-use super::keys::{self, cells, evaluate, grid, list, press, random, root, staircase, step};
+use super::keys::{self, cells, drag, evaluate, grid, list, press, random, root, staircase, step};
 use super::{Checks, KEYS, Manner, PRESSES_MAX, Phase, Places, Recipe, Step, StepLoad, UnitChoice};
+use palpate_control::Drag;
+use palpate_core::quantity::round;
 use palpate_document::{self as document, Key, Problem, Problems, Table};
 
 /// Files of a run folder that an acceptance file would overwrite.
@@ -170,7 +172,32 @@ fn read_step(table: &Table, base: Manner) -> Option<Step> {
         let help = "use `staircase` or `force_n`, or the phase \"calibration\"";
         table.complain(Problem::new(load_span.clone(), text).help(help));
     }
-    Some(Step { phase: phase?, places: places?, load: load?, manner, places_span, load_span })
+    let drags = read_drags(table, load.as_ref(), phase);
+    let (phase, places, load, drag_span) = (phase?, places?, load?, table.span_of(&step::drag));
+    Some(Step { phase, places, load, drags: drags?, manner, places_span, load_span, drag_span })
+}
+
+/// Reads the drags of a step, one for each direction; none if it has no `drag`.
+fn read_drags(step_table: &Table, load: Option<&StepLoad>, phase: Option<Phase>) -> Option<Vec<Drag>> {
+    if !step_table.has(&step::drag) {
+        return Some(Vec::new());
+    }
+    let table = step_table.table(&step::drag)?;
+    let [mm, speed_mm_s] = table.numbers([drag::mm, drag::speed_mm_s])?;
+    let directions = table.number_or_list(&drag::directions_deg)?;
+    let ends_at_slip = table.word(&drag::slip, &keys::SLIPS)?;
+    let is_plain = matches!(load, None | Some(StepLoad::Force(_) | StepLoad::RandomForce(_)));
+    if directions.is_empty() || !is_plain || phase == Some(Phase::Characterisation) {
+        let text = "a drag needs a press by force and at least one direction, in a calibration or a test";
+        step_table
+            .complain(Problem::new(table.span(), text).help("use `force_n`, and directions_deg = [0, 90, 180, 270]"));
+        return None;
+    }
+    let along = |degrees: &f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        Drag { x_mm: round(mm * cos, 6), y_mm: round(mm * sin, 6), speed_mm_s, ends_at_slip }
+    };
+    Some(directions.iter().map(along).collect())
 }
 
 /// Returns the single key that states where to press. Reports a problem if there is no such key, or more than one.

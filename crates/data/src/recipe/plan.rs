@@ -4,7 +4,7 @@ use super::accept::force_limits;
 use super::keys::{press, root};
 use super::training::{Entry, training};
 use super::{Checks, GridOrder, PRESSES_CEILING, Places, Recipe, Step, StepLoad, UnitChoice};
-use palpate_control::{DEPTH_MARGIN_MM, PressLevel, PressTask, SetPoint, Strategy};
+use palpate_control::{DEPTH_MARGIN_MM, Drag, DragLimits, PressLevel, PressTask, SetPoint, Strategy};
 use palpate_core::quantity::{ArrayLayout, Axis, Frame, Limits, Place, Range, Travel, cell_centres, round, stream};
 use palpate_document::{PROBLEMS_MAX, Problem, Problems, Span, positions};
 use rand::RngExt;
@@ -36,6 +36,10 @@ pub struct Ground<'a> {
     pub layout: &'a ArrayLayout,
     /// Largest depth of a press on a rig without a load cell, mm; `None` with a load cell.
     pub unforced_mm: Option<f64>,
+    /// What the rig allows in a drag; `None`: nothing, or its load cell has one axis.
+    pub drag: Option<DragLimits>,
+    /// Whether the load cell has three axes.
+    pub three_axes: bool,
 }
 
 impl Plan {
@@ -60,6 +64,7 @@ impl Plan {
         for (index, step) in recipe.steps.iter().enumerate() {
             check_force(step, ground, &mut problems);
             check_depth(step, ground, &mut problems);
+            check_drags(step, ground, &mut problems);
             // counted before any is made
             if step.count(ground.layout).saturating_add(presses) > recipe.presses_max {
                 problems.push(recipe.too_long(step, ground.layout));
@@ -67,6 +72,7 @@ impl Plan {
             }
             let places = step.places(ground.layout, seed, index, &mut problems);
             check_travel(&places, ground, &mut problems);
+            check_travel(&step.drag_ends(&places), ground, &mut problems);
             let mut entries = step.entries(&places, seed, index);
             entries.iter_mut().zip(presses as u64..).for_each(|(entry, press)| entry.press = press);
             presses += entries.len();
@@ -148,7 +154,15 @@ impl Places {
 impl Step {
     /// Number of presses of the step.
     fn count(&self, layout: &ArrayLayout) -> usize {
-        self.places.count(layout).saturating_mul(self.load.repeats())
+        self.places.count(layout).saturating_mul(self.load.repeats()).saturating_mul(self.drags.len().max(1))
+    }
+
+    /// Returns where the drags of the step end.
+    fn drag_ends(&self, places: &[(Place, Span)]) -> Vec<(Place, Span)> {
+        let end = |place: &Place, drag: &Drag| {
+            (Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm), self.drag_span.clone())
+        };
+        places.iter().flat_map(|(place, _)| self.drags.iter().map(move |drag| end(place, drag))).collect()
     }
 
     /// Returns the step's places, each with its position in the text.
@@ -191,12 +205,18 @@ impl Step {
     fn visited(&self, entries: Vec<Entry>) -> Vec<Entry> {
         match &self.places {
             Places::Grid { x_mm, y_mm, spacing_mm, order: GridOrder::Interleaved } => {
-                let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats()).collect();
+                let by_place: Vec<&[Entry]> = entries.chunks(self.load.repeats() * self.drags.len().max(1)).collect();
                 let order = GridOrder::Interleaved.visits(points(*x_mm, *spacing_mm), points(*y_mm, *spacing_mm));
                 order.into_iter().flat_map(|place| by_place[place]).cloned().collect()
             }
             _ => entries, // as they are numbered
         }
+    }
+
+    /// Returns an entry once for each drag of the step; once if there is none.
+    fn dragged(&self, entry: Entry) -> Vec<Entry> {
+        let with = |drag: &Drag| Entry { task: PressTask { drag: Some(*drag), ..entry.task.clone() }, ..entry.clone() };
+        if self.drags.is_empty() { vec![entry] } else { self.drags.iter().map(with).collect() }
     }
 
     /// Returns the step's entries in the order of their numbers, which aren't assigned yet.
@@ -223,14 +243,15 @@ impl Step {
                     // a depth is found by steps below the touch
                     strategy: if self.load.most_mm() > 0.0 { Strategy::Guarded } else { self.manner.strategy },
                     sample_after_s: self.manner.sample_after_s,
+                    drag: None,
                 },
                 rest_after_s,
             };
             match &self.load {
-                StepLoad::Force(_) => entries.push(entry(same.clone(), 0.0)),
+                StepLoad::Force(_) => entries.extend(self.dragged(entry(same.clone(), 0.0))),
                 StepLoad::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
-                    entries.push(entry(PressTask::press(force_n), 0.0));
+                    entries.extend(self.dragged(entry(PressTask::press(force_n), 0.0)));
                 }
                 StepLoad::Depths(depths_mm) => {
                     let levels = depths_mm.iter().map(|depth_mm| PressTask::one(SetPoint::Depth(*depth_mm)));
@@ -304,6 +325,37 @@ fn check_depth(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
         );
         let help = "press less deep, or raise `limits.depth_mm` in the rig if the specimen can take it";
         problems.push(Problem::new(step.load_span.clone(), text).help(help));
+    }
+}
+
+/// Checks drags as the permit does, for a press with its set force and no force sideways.
+fn check_drags(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
+    let Some(first) = step.drags.first() else { return };
+    let mut complain = |text: String, help: &str| {
+        problems.push(Problem::new(step.drag_span.clone(), text).help(help));
+    };
+    let Some(most) = ground.drag.filter(|_| ground.three_axes) else {
+        return match ground.three_axes {
+            true => complain(
+                "this step drags the tip in contact, but the rig allows no drag".to_owned(),
+                "add drag = { shear_n, slide_mm, stiffness_n_mm, friction } to [limits] of the rig",
+            ),
+            false => complain(
+                "this step drags the tip in contact, but the load cell has one axis".to_owned(),
+                "a drag needs a load cell with three axes, with `axes` in [load_cell]",
+            ),
+        };
+    };
+    let end = most.end(ground.limits, step.load.most_n(), first.way_mm());
+    if let Some((value, limit, unit)) = end.into_iter().find(|(value, limit, _)| value > limit) {
+        complain(
+            format!(
+                "this drag of {} mm can end with {} {unit}, over the limit of {limit}",
+                first.way_mm(),
+                round(value, 3)
+            ),
+            "drag less far, press less, or correct `limits.drag` of the rig",
+        );
     }
 }
 

@@ -1,6 +1,6 @@
 //! One step of a recipe: place, force and manner of its presses.
 
-use palpate_control::Strategy;
+use palpate_control::{Drag, Strategy};
 use palpate_core::quantity::{Place, Range};
 use palpate_document::Span;
 use serde::{Deserialize, Serialize};
@@ -70,18 +70,22 @@ pub struct Step {
     pub places: Places,
     /// Force of its presses.
     pub load: StepLoad,
+    /// Drags after the window, one press for each; none if it is empty.
+    pub drags: Vec<Drag>,
     /// Manner of each press.
     pub manner: Manner,
     /// Position of the step's places in the text.
     pub places_span: Span,
     /// Position of the step's force in the text.
     pub load_span: Span,
+    /// Position of the step's drag in the text.
+    pub drag_span: Span,
 }
 
 impl Step {
     /// Creates a step that isn't in a file.
     pub fn new(phase: Phase, places: Places, load: StepLoad, manner: Manner) -> Step {
-        Step { phase, places, load, manner, places_span: 0..0, load_span: 0..0 }
+        Step { phase, places, load, drags: Vec::new(), manner, places_span: 0..0, load_span: 0..0, drag_span: 0..0 }
     }
 }
 

@@ -14,7 +14,15 @@ fn plan_with(steps: &str, seed: u64, change: impl Fn(Recipe) -> Recipe) -> Resul
     let frame = Frame::level(0.0, 0.3, Down::Minus);
     let limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     let layout = ArrayLayout::grid(3, 3, 4.5);
-    let ground = Ground { travel: &travel, frame: &frame, limits: &limits, layout: &layout, unforced_mm: None };
+    let ground = Ground {
+        travel: &travel,
+        frame: &frame,
+        limits: &limits,
+        layout: &layout,
+        unforced_mm: None,
+        drag: None,
+        three_axes: false,
+    };
     let recipe = parse("r.toml", &format!("name = \"r\"\n{steps}"))?;
     Plan::new(&change(recipe), &ground, seed)
 }

@@ -203,6 +203,18 @@ keys! {
             "largest stiffness of the specimen, relaxation included", "2.0";
         stiffness_least_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Allowed,
             "smallest stiffness at the first press; it detects a load cell that reads too little", "0.8";
+        drag: Table(&drag::KEYS), Allowed,
+            "what a drag in contact may do; without it, x and y never move in contact";
+    }
+}
+
+keys! {
+    /// `drag` of `[limits]`.
+    drag {
+        shear_n: Number(above(0.0, 100.0, "N")), Refused, "largest force sideways allowed on the specimen", "0.8";
+        slide_mm: Number(above(0.0, 100.0, "mm")), Refused, "longest way in contact", "1.0";
+        stiffness_n_mm: Number(above(0.0, 100_000.0, "N/mm")), Refused, "largest stiffness of the specimen sideways", "1.5";
+        friction: Number(above(0.0, 100.0, "")), Refused, "largest force sideways per pressing force", "1.2";
     }
 }
 

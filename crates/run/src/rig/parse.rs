@@ -5,13 +5,13 @@ use super::certificate::{read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
 use super::keys::{
-    self, array, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm,
+    self, array, drag, frame, limits, load_cell, origin_mm, root, stage, step_mm, surface_mm, tilt_mm_per_mm, travel_mm,
 };
 use super::scene::{paper_scene, read_scene};
 use super::simulated::TOO_MANY_CHANNELS;
 use super::spec::{Driver, Home, HomeSide};
 use super::{ArraySpec, LoadCellSpec, RigSpec, StageSpec};
-use palpate_control::SEARCH_ROOM_MM;
+use palpate_control::{DragLimits, SEARCH_ROOM_MM};
 use palpate_core::quantity::{Axis, Frame, Limits, Place, Range, Steps, TILT_MOST_DEG, Tilt, Travel, round};
 use palpate_document::layout::{LayoutKeys, read_unit};
 use palpate_document::notify::read_command;
@@ -50,9 +50,9 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         };
         let array = table.table(&root::array).and_then(|table| read_array(&table, beside));
         let limits = table.table(&root::limits);
-        let (limits, stiffness_least_n_mm) = match limits.as_ref() {
-            Some(table) => (read_limits(table), read_least(table)),
-            None => (None, None),
+        let (limits, stiffness_least_n_mm, drag) = match limits.as_ref() {
+            Some(table) => (read_limits(table), read_least(table), read_drag(table)),
+            None => (None, None, None),
         };
         let frame = table.table(&root::frame);
         let u_origin_mm = frame.as_ref().and_then(|table| table.number(&frame::u_origin_mm));
@@ -69,6 +69,7 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
             array: array?,
             limits: limits?,
             stiffness_least_n_mm: stiffness_least_n_mm?,
+            drag: drag?,
             frame: frame?,
             u_origin_mm,
             scene: scene?,
@@ -185,6 +186,15 @@ fn read_limits(table: &Table) -> Option<Limits> {
     let [force_n, depth_mm, stiffness_n_mm] =
         table.numbers([limits::force_n, limits::depth_mm, limits::stiffness_n_mm])?;
     Some(Limits { force_n, depth_mm, stiffness_n_mm })
+}
+
+/// Reads what a drag may do; the inner value is `None` if the rig allows no drag.
+fn read_drag(table: &Table) -> Option<Option<DragLimits>> {
+    document::optional(table.table(&limits::drag), |table| {
+        let numbers = [drag::shear_n, drag::slide_mm, drag::stiffness_n_mm, drag::friction];
+        let [shear_n, slide_mm, stiffness_n_mm, friction] = table.numbers(numbers)?;
+        Some(DragLimits { shear_n, slide_mm, stiffness_n_mm, friction })
+    })
 }
 
 /// Reads the least stiffness if it is declared. The outer value is `None` if it is invalid.

@@ -4,7 +4,7 @@ use super::axes::CellAxes;
 use super::emulated::EmulatedDevice;
 use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
-use palpate_control::{SafetyRule, Timing, Trip, depth_without_force_mm};
+use palpate_control::{DragLimits, SafetyRule, Timing, Trip, depth_without_force_mm};
 use palpate_core::quantity::{
     ArrayLayout, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate, Steps, Travel,
     WeightCheck,
@@ -43,6 +43,8 @@ pub struct RigSpec {
     /// Smallest apparent stiffness of the specimen, N/mm; `None` if not declared. A load cell that reads too little makes the
     /// specimen look softer.
     pub stiffness_least_n_mm: Option<f64>,
+    /// What a drag in contact may do; `None`: x and y never move in contact.
+    pub drag: Option<DragLimits>,
     /// Position of the specimen.
     pub frame: Frame,
     /// Standard uncertainty of either coordinate of the specimen's origin, mm; `None` if it wasn't aligned.
@@ -299,6 +301,8 @@ impl RigSpec {
             frame: &self.frame,
             limits: &self.limits,
             layout: &self.array.layout,
+            drag: self.drag,
+            three_axes: self.has_three_axes(),
             unforced_mm: (!self.has_load_cell()).then(|| self.unforced_mm(self.is_touched)),
         }
     }

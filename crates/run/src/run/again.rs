@@ -35,7 +35,7 @@ const SHIFT_MOST_MM: f64 = 0.3;
 fn again(known: &TouchedPlace, plan: &Plan) -> Option<PressTask> {
     let (_, set) = known.felt.as_ref()?;
     let entry = plan.entries.iter().find(|entry| entry.press == known.press)?;
-    Some(PressTask { levels: PressTask::one(*set), strategy: Strategy::Guarded, ..entry.task.clone() })
+    Some(PressTask { levels: PressTask::one(*set), strategy: Strategy::Guarded, drag: None, ..entry.task.clone() })
 }
 
 impl Runner<'_> {
@@ -56,6 +56,7 @@ impl Runner<'_> {
                 sample_s: TOUCH_SAMPLE_S,
                 strategy: Strategy::Guarded,
                 sample_after_s: None,
+                drag: None,
             };
             let task = if by_hand { again(known, self.plan).unwrap_or(task) } else { task };
             let pressed = self.contact(UNCOUNTED + nth as u64, known.place, &task, next).await?;

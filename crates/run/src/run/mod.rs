@@ -9,6 +9,7 @@ mod cancel;
 mod check_weight;
 mod checks;
 mod clock;
+mod drag;
 mod estimate;
 mod examine;
 mod execute;

@@ -50,6 +50,8 @@ impl Pressed {
 
 /// One level that was held.
 struct MeasuredLevel {
+    /// Way in contact to its place, mm, and slips on it; `None` before a drag.
+    dragged: Option<(f64, u64)>,
     window: MeasuredWindow,
     /// Place where it was held; on a stage with steps, as read back.
     place: Place,
@@ -175,7 +177,9 @@ impl Runner<'_> {
         self.rig_control.truth.begin_press(number);
         let mut no_load = self.no_load().await?;
         let mut no_load_s = -no_load.force.age_s;
-        let first_mm = self.first_mm(place, next);
+        // after a drag the tip leaves another place
+        let end = task.drag.map_or(place, |drag| Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm));
+        let first_mm = self.first_mm(place, next).min(self.first_mm(end, next));
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         self.rig_control.count_from(&no_load);
         self.zeroed = Instant::now();
@@ -183,6 +187,7 @@ impl Runner<'_> {
         self.rig_control.cell.watch.pause();
         self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
+        let mut dragged = None;
         let mut known = no_load.outputs.clone();
         let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
         loop {
@@ -199,6 +204,16 @@ impl Runner<'_> {
                     self.rig_control.move_z(granted, Some(&mut press)).await?;
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
                 }
+                LoopCommand::AverageAxes(readings) => {
+                    let (force_n, side_n) = self.rig_control.cell.mean_axes_n(readings).await?;
+                    LoopEvent::AxesAveraged { force_n, side_n }
+                }
+                LoopCommand::Drag(granted) => {
+                    let shear_most_n = self.permit.shear_most_n().unwrap_or(0.0);
+                    let slips = self.rig_control.drag(granted, shear_most_n).await?;
+                    dragged = Some((granted.drag().way_mm(), slips));
+                    LoopEvent::Dragged
+                }
                 LoopCommand::LeaveContact(granted) => {
                     self.rig_control.leave_contact(granted, next, &self.permit, first_mm).await?;
                     LoopEvent::Moved { z_mm: self.rig_control.z_mm }
@@ -211,7 +226,8 @@ impl Runner<'_> {
                     let window = self.rig_control.sample(seconds, self.conditions.spec.array.range_v).await?;
                     let force_n = window.force_n;
                     let (place, z_mm) = (self.rig_control.pressed, self.rig_control.z_mm);
-                    levels.push(MeasuredLevel { window, place, z_mm, truth: self.rig_control.press_truth() });
+                    let truth = self.rig_control.press_truth();
+                    levels.push(MeasuredLevel { dragged, window, place, z_mm, truth });
                     LoopEvent::Sampled { force_n }
                 }
                 LoopCommand::Done => break,
@@ -307,7 +323,7 @@ impl Runner<'_> {
     /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.
     fn row(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, touched_mm: Option<f64>) -> dataset::Press {
         let MeasuredLevel { window, z_mm, .. } = held;
-        let set = entry.task.levels[level].set;
+        let set = entry.task.level_set(level);
         let along_z_mm = touched_mm.filter(|_| set.is_loaded()).map_or(0.0, |touched_mm| z_mm - touched_mm);
         let flags = self.flags(entry, level, held, along_z_mm);
         let tilt = self.rig_control.frame.tilt;
@@ -322,6 +338,8 @@ impl Runner<'_> {
             force_n: Some(tilt.normal_n(window.force_n)),
             force_x_n: window.side_n.map(|side_n| side_n[0]),
             force_y_n: window.side_n.map(|side_n| side_n[1]),
+            drag_mm: window.side_n.map(|_| held.dragged.map_or(0.0, |(way_mm, _)| way_mm)),
+            slips: window.side_n.map(|_| held.dragged.map_or(0.0, |(_, slips)| slips as f64)),
             depth_mm: Some(tilt.normal_mm(along_z_mm)),
             u_depth_mm: set.depth_mm().and_then(|_| self.conditions.spec.u_depth_mm(TOUCH_SIGMA_MM, window.force_n)),
             t_s: Some(self.conditions.clock.at_s(window.began)),
@@ -334,7 +352,7 @@ impl Runner<'_> {
 
     /// Returns the problems of a level that was held.
     fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, along_z_mm: f64) -> Vec<Flag> {
-        let (window, set) = (&held.window, entry.task.levels[level].set);
+        let (window, set) = (&held.window, entry.task.level_set(level));
         let missed = match set {
             SetPoint::Force(force_n) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
             SetPoint::Depth(depth_mm) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,

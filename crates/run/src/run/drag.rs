@@ -1,0 +1,67 @@
+//! Drags: x and y move in contact along a permitted way, while the forces are watched on all axes.
+
+use super::Halt;
+use super::motion::{watched, way_mm};
+use super::rig_control::{RigControl, WatchedLoadCell, side_mean};
+use palpate_control::{Drag, DragWatch, MotionProfile, PermittedDrag, Steer};
+use palpate_core::quantity::{Axis, Place, seconds};
+use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
+use palpate_link::time::Instant;
+use std::cell::{Cell, RefCell};
+use std::pin::pin;
+
+impl<C: LoadCell> WatchedLoadCell<'_, C> {
+    /// Returns the mean forces of a stage at rest: along z, and along x and y if the cell has three axes, N from the zero.
+    pub(super) async fn mean_axes_n(&mut self, readings: u32) -> Result<(f64, Option<[f64; 2]>), Halt> {
+        self.settle().await?;
+        let (mut sum_n, mut sides) = (0.0, Vec::with_capacity(readings as usize));
+        for _ in 0..readings.max(1) {
+            sum_n += self.force_n().await?;
+            sides.push(self.side_n);
+        }
+        Ok((sum_n / f64::from(readings.max(1)), side_mean(sides.into_iter())))
+    }
+}
+
+impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
+    /// Carries out a permitted drag from the present place, and returns the number of slips. A force over its limit stops it; the way
+    /// out is then along z.
+    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<u64, Halt> {
+        let Drag { x_mm, y_mm, speed_mm_s, ends_at_slip } = granted.drag();
+        let end = Place::new(self.place.x_mm + x_mm, self.place.y_mm + y_mm);
+        let target = self.frame.to_stage(end, self.z_mm);
+        let targets = [Axis::X, Axis::Y].map(|axis| (axis, target.along(axis)));
+        let speed_mm_s = speed_mm_s.min(self.usage.speed_mm_s);
+        let profile = MotionProfile::new(way_mm(self.place, end), speed_mm_s, self.usage.acceleration_mm_s2);
+        let expected = seconds(profile.duration_s());
+        let side_sigma_n = self.cell.watch.zero().side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
+        let drag_watch = RefCell::new(DragWatch::new(shear_most_n, side_sigma_n, ends_at_slip));
+        let broken = Cell::new(None);
+        let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
+        let places_mm = {
+            let stage = &mut self.stage;
+            let motion = pin!(async {
+                stage.begin(&targets, speed_mm_s, &orders).await?;
+                Ok(stage.follow(&[Axis::X, Axis::Y], expected, &orders).await?)
+            });
+            let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {
+                let side_n = watched_cell.side_n.unwrap_or([f64::NAN; 2]); // no drag without three axes
+                match drag_watch.borrow_mut().see(force_n, side_n) {
+                    Ok(()) => Steer::On,
+                    Err(trip) => {
+                        broken.set(Some(trip));
+                        Steer::Stop
+                    }
+                }
+            };
+            watched(&mut self.cell, motion, &orders, &due, steer).await?
+        };
+        self.cell.settled = Instant::now() + seconds(self.timing.settle_s);
+        if let Some(trip) = broken.take() {
+            self.find_itself().await?;
+            return Err(trip.into());
+        }
+        self.arrived_at(end, targets, &places_mm).await?;
+        Ok(drag_watch.into_inner().slips())
+    }
+}

@@ -1,0 +1,135 @@
+//! Runs with drags: the true force stays within its limit in length, and the force sideways within its own, whatever the friction, the
+//! tilt and the failing device, as long as the specimen is as declared.
+
+use palpate_control::DragLimits;
+use palpate_core::quantity::{Axis, Tilt, stream};
+use palpate_run::rig::{self, RigSpec};
+use palpate_sim::scene::{ContactLaw, FaultKind, Friction, LoadCellScene, SceneFault, SideAxes};
+use palpate_testing::campaign;
+use palpate_testing::executions::{
+    Deaths, WorstTruth, end_of, executed_with, in_parallel, must_be_none, plan, rig_with_three_axes,
+};
+use rand::RngExt;
+use std::collections::BTreeMap;
+
+/// Runs in the quick and in the full tier.
+const RUNS: (usize, usize) = (48, 5000);
+
+/// Largest forces, as multiples of their limits.
+const MOST: f64 = 1.1;
+
+/// Slope of 5 degrees, the largest tilt of a rig.
+const SLOPE: f64 = 0.0874;
+
+/// Upper end of z, mm: a longer way from home only costs time.
+const Z_MOST_MM: f64 = 4.0;
+
+/// Latest beginning of a fault, s.
+const FAULT_FROM_S: f64 = 25.0;
+
+const LIMITS: DragLimits = DragLimits { shear_n: 0.8, slide_mm: 1.0, stiffness_n_mm: 1.5, friction: 3.0 };
+
+/// What is wrong with a run.
+const WRONG: [Wrong; 12] = [
+    Wrong::Nothing,
+    Wrong::Nothing,
+    Wrong::Axes(SideAxes::Swapped),
+    Wrong::Axes(SideAxes::Mirrored),
+    Wrong::Fault(FaultKind::NoSensor),
+    Wrong::Fault(FaultKind::Stuck),
+    Wrong::Fault(FaultKind::WrongSign),
+    Wrong::Fault(FaultKind::StageLost),
+    Wrong::Fault(FaultKind::ArrayLost),
+    Wrong::Fault(FaultKind::DriftedZero),
+    Wrong::Fault(FaultKind::Slip),
+    Wrong::Fault(FaultKind::SlowStage),
+];
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrong {
+    Nothing,
+    Axes(SideAxes),
+    Fault(FaultKind),
+}
+
+struct Outcome {
+    wrong: Wrong,
+    truth: WorstTruth,
+    orphaned: WorstTruth,
+    end: &'static str,
+}
+
+fn run(seed: u64) -> Outcome {
+    let mut rng = stream(seed, 0, "runs with drags");
+    let wrong = WRONG[seed as usize % WRONG.len()];
+    let mut spec = rig::parse("rig.toml", &rig_with_three_axes(), &|_| unreachable!()).expect("a sound rig");
+    spec.drag = Some(LIMITS);
+    spec.frame.uncertainty_mm = 1.0; // a tilted surface
+    let z = &mut spec.stage.travel.axes[Axis::Z.index()];
+    spec.stage.home_z_mm = Some(z.max); // the limit is where it was
+    z.max = Z_MOST_MM;
+    let linear_n_mm = spec.limits.stiffness_n_mm * rng.random_range(0.8..1.0);
+    spec.scene.contact = ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
+    spec.scene.relaxation.clear();
+    let (slope, angle) = (rng.random_range(0.0..SLOPE), rng.random_range(0.0..std::f64::consts::TAU));
+    spec.scene.surface_tilt = Tilt { per_x: slope * angle.cos(), per_y: slope * angle.sin() };
+    let sticking = rng.random_range(0.1..LIMITS.friction);
+    let stiffness_n_mm = rng.random_range(0.3..LIMITS.stiffness_n_mm);
+    spec.scene.friction = Some(Friction { sticking, sliding: sticking * rng.random_range(0.4..1.0), stiffness_n_mm });
+    match wrong {
+        Wrong::Nothing => {}
+        Wrong::Axes(side_axes) => {
+            let cell = spec.scene.load_cell.unwrap_or_default();
+            spec.scene.load_cell = Some(LoadCellScene { side_axes, ..cell });
+        }
+        Wrong::Fault(kind) => {
+            let from_s = rng.random_range(0.0..FAULT_FROM_S);
+            spec.scene.faults = vec![SceneFault { kind, from_s, value: kind.usual() }];
+        }
+    }
+    let (force_n, mm) = (rng.random_range(0.3..1.6), rng.random_range(0.1..0.5));
+    let recipe = format!(
+        "name = \"dragged\"\nchecks = \"none\"\n[press]\nhold_s = 0.0\nsample_s = 0.05\n[[step]]\nphase = \"calibration\"\n\
+         list = {{ places_mm = [[-3.0, 2.0], [3.0, -3.0]] }}\nforce_n = {force_n}\n\
+         drag = {{ mm = {mm}, directions_deg = [0, 120, 240] }}\n"
+    );
+    let plan = plan(&spec, &recipe, seed);
+    let executed = executed_with(&spec, &plan, Deaths::Tried, &|_| {});
+    Outcome { wrong, truth: executed.truth, orphaned: executed.orphaned, end: end_of(&executed.ending) }
+}
+
+#[test]
+fn no_drag_exceeds_the_limits_of_the_whole_force_and_of_the_force_sideways() {
+    let seeds: Vec<u64> = (0..campaign::size(RUNS.0, RUNS.1) as u64).collect();
+    let outcomes = in_parallel(&seeds, |&seed| run(seed));
+    let limit_n = rig_limit_n();
+    let broken = seeds.iter().zip(&outcomes).filter_map(|(seed, outcome)| {
+        let Outcome { wrong, truth, orphaned, end } = outcome;
+        let is_within = |truth: &WorstTruth| truth.length_n <= MOST * limit_n && truth.shear_n <= MOST * LIMITS.shear_n;
+        (!is_within(truth) || !is_within(orphaned))
+            .then(|| format!("seed {seed}: {wrong:?}, {truth:?}, {orphaned:?}, {end}"))
+    });
+    must_be_none(&broken.collect::<Vec<_>>());
+    let most = |of: fn(&WorstTruth) -> f64| outcomes.iter().map(|outcome| of(&outcome.truth)).fold(0.0, f64::max);
+    let mut ends: BTreeMap<&str, usize> = BTreeMap::new();
+    outcomes.iter().for_each(|outcome| *ends.entry(outcome.end).or_default() += 1);
+    let (length_n, shear_n) = (most(|truth| truth.length_n), most(|truth| truth.shear_n));
+    println!("{} runs, largest force {length_n:.3} N, sideways {shear_n:.3} N, ends {ends:?}", outcomes.len());
+    let sound = outcomes.iter().filter(|outcome| outcome.wrong == Wrong::Nothing);
+    let sound_ends: Vec<&str> = sound.clone().map(|outcome| outcome.end).collect();
+    // the permit refuses a drag whose end could be over a limit
+    assert!(sound_ends.iter().all(|end| matches!(*end, "-" | "not-permitted")), "{sound_ends:?}");
+    let dragged = sound.filter(|outcome| outcome.truth.slid_mm > 0.1 && outcome.end == "-").count();
+    assert!(
+        2 * dragged > sound_ends.len(),
+        "only {dragged} of {} sound runs were dragged to their end",
+        sound_ends.len()
+    );
+    let are_found = |outcome: &&Outcome| matches!(outcome.wrong, Wrong::Axes(_)) && outcome.end == "axes-differ";
+    assert!(outcomes.iter().filter(are_found).count() * 2 > outcomes.len() / 6, "{ends:?}");
+}
+
+fn rig_limit_n() -> f64 {
+    let spec: RigSpec = rig::parse("rig.toml", &rig_with_three_axes(), &|_| unreachable!()).expect("a sound rig");
+    spec.limits.force_n
+}
