@@ -32,7 +32,7 @@ pub(super) struct LoadCellState {
     /// Conversion that is read now and the conversions after it: number and force, N. Never empty.
     held: VecDeque<(u64, f64)>,
     read: Option<(u64, f64)>,
-    /// Force sideways now, and at the conversions that are held, N.
+    /// Force sideways by friction now, and at the conversions that are held, N.
     side_n: [f64; 2],
     side_held: VecDeque<[f64; 2]>,
     /// Conversion whose forces sideways were read last, and these readings, N.
@@ -141,15 +141,15 @@ impl LoadCellState {
         read_n
     }
 
-    /// Takes the true force sideways, N.
+    /// Takes the true force sideways by friction, N.
     pub(super) fn press_sideways(&mut self, side_n: [f64; 2]) {
         self.side_n = side_n;
     }
 
-    /// Returns the readings sideways of the conversion that is read now, N. Each axis has the cell's noise; one conversion is one
-    /// draw. The low-pass of the cell isn't modelled sideways.
-    pub(super) fn side(&mut self, faults: &SceneFaults, now_s: f64) -> [f64; 2] {
-        let (conversion, _) = self.held[0];
+    /// Returns the readings sideways of the conversion that is read now, N: `per_force` times the force along z, and friction. Each axis
+    /// has the cell's noise; one conversion is one draw. The low-pass isn't modelled for friction.
+    pub(super) fn side(&mut self, per_force: [f64; 2], faults: &SceneFaults, now_s: f64) -> [f64; 2] {
+        let (conversion, held_n) = self.held[0];
         if let Some((last, side_n)) = self.side
             && (last == conversion || faults.any(FaultKind::Stuck, now_s))
         {
@@ -157,7 +157,8 @@ impl LoadCellState {
         }
         let cell = self.spec.unwrap_or_default();
         let is_dead = faults.any(FaultKind::NoSensor, now_s);
-        let [x_n, y_n] = self.side_held[0];
+        let (pressed_n, friction_n) = (held_n - cell.tool_n(0.0), self.side_held[0]);
+        let [x_n, y_n] = [0, 1].map(|axis| per_force[axis] * pressed_n + friction_n[axis]);
         let felt = match cell.side_axes {
             SideAxes::AsStated => [x_n, y_n],
             SideAxes::Swapped => [y_n, x_n],

@@ -186,7 +186,7 @@ impl Scene {
     /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
     pub(crate) fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
         let force_n = self.load_cell_n(now_s);
-        let [x_n, y_n] = self.load_cell.side(&self.faults, now_s);
+        let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force(), &self.faults, now_s);
         [x_n, y_n, force_n]
     }
 
@@ -300,13 +300,6 @@ impl Scene {
         self.friction.as_ref().map_or([0.0; 2], |(_, state)| state.force_n())
     }
 
-    /// True force of the tip on the specimen along x and y, N: by the tilt of the surface, and by friction.
-    fn side_n(&self) -> [f64; 2] {
-        let force_n = self.contact.force_n() * self.surface.cosine();
-        let (per_force, friction_n) = (self.surface.side_per_force(), self.friction_n());
-        [per_force[0] * force_n + friction_n[0], per_force[1] * force_n + friction_n[1]]
-    }
-
     /// Returns the next instant at which an axis changes its acceleration, a fault begins, or the load cell or the window needs
     /// the force. It is at most `to_s`.
     fn next_knot(&self, to_s: f64) -> f64 {
@@ -360,10 +353,11 @@ impl Scene {
         if let Some((friction, state)) = &mut self.friction {
             let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(until_s));
             state.follow(friction, self.setting.frame.place_from_stage(x, y), after_n);
+            let (per_force, friction_n) = (self.surface.side_per_force(), state.force_n());
+            self.load_cell.press_sideways(friction_n);
+            let side_n = [0, 1].map(|axis| per_force[axis] * after_n * cosine + friction_n[axis]);
+            self.witness.press(side_n, after_n * cosine);
         }
-        let side_n = self.side_n();
-        self.load_cell.press_sideways(side_n);
-        self.witness.press(side_n, after_n * cosine);
         self.witness.follow(dt_s, before_n, after_n);
         let sideways = [x, y].iter().any(|&(_, speed, acceleration)| speed != 0.0 || acceleration != 0.0);
         if sideways && (touching || was_touching) {
