@@ -89,7 +89,7 @@ rules! {
         "check whether the specimen holds the tip more than `limits.drag` states; drag less far";
     /// The tip slipped in a drag whose recipe ends there.
     Slipped, "slipped", doubts_load_cell: false,
-        "press harder, or drag less far; with `slip = \"record\"` the drag goes on";
+        "press harder, or drag less far; with `slip = \"record\"` the drag continues";
     /// The force sideways doesn't follow the drag.
     AxesDiffer, "axes-differ", doubts_load_cell: true,
         "check `load_cell.axes`: an axis is swapped or has the wrong sign";
