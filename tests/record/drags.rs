@@ -65,6 +65,24 @@ fn a_drag_is_recorded_with_its_forces_and_its_slips() {
 }
 
 #[test]
+fn a_drag_ends_at_its_force_sideways() {
+    let recipe = exchanged(RECIPE, "mm = 0.4,", "mm = 0.5, shear_n = 0.3, speed_mm_s = 0.3,");
+    let folder = bench(&recipe, &rig(STICKS));
+    folder.palpate_ends(0, RUN);
+    let numbers = |column: &str| -> Vec<f64> {
+        folder.column("run/presses.csv", column).iter().map(|cell| cell.parse().unwrap()).collect()
+    };
+    let [way_mm, x_n, y_n] = ["drag_mm", "force_x_n", "force_y_n"].map(numbers);
+    for level in (1..way_mm.len()).step_by(2) {
+        let shear_n = x_n[level].hypot(y_n[level]);
+        assert!((shear_n - 0.3).abs() < 0.01, "{level}: {shear_n} N after {} mm", way_mm[level]);
+        assert!((way_mm[level] - 0.3).abs() < 0.02, "{level}: {} mm at 1 N/mm", way_mm[level]);
+    }
+    let over = bench(&recipe.replace("shear_n = 0.3", "shear_n = 0.9"), &rig(STICKS)).palpate_ends(2, RUN).err;
+    assert!(over.contains("this drag ends at 0.9 N sideways, over the limit of 0.8 N"), "{over}");
+}
+
+#[test]
 fn swapped_and_mirrored_axes_end_the_run_at_the_first_drag() {
     for axes in ["swapped", "mirrored"] {
         let other = format!("noise_n = 0.003, sideways = \"{axes}\" }}");

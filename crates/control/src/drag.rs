@@ -43,6 +43,8 @@ pub struct Drag {
     pub y_mm: f64,
     /// Speed, mm/s.
     pub speed_mm_s: f64,
+    /// Force sideways at which the drag ends before its way does, N; `None`: it goes all the way.
+    pub shear_n: Option<f64>,
     /// Whether a slip ends the run; otherwise it is recorded.
     pub ends_at_slip: bool,
 }
@@ -145,12 +147,16 @@ impl Permit {
     }
 }
 
-/// Follows the forces during a drag: the limit sideways, and slips.
+/// Follows the forces during a drag: the limit sideways, a force at which it ends, and slips.
 #[derive(Clone, Copy, Debug)]
 pub struct DragWatch {
     shear_most_n: f64,
     side_sigma_n: f64,
-    ends_at_slip: bool,
+    drag: Drag,
+    /// Time from the decision to stop until the stage rests, s.
+    stops_after_s: f64,
+    /// Time and force sideways of the first mean, s and N.
+    first: Option<(f64, f64)>,
     last: Option<[f64; 2]>,
     largest: f64,
     slips: u64,
@@ -158,8 +164,9 @@ pub struct DragWatch {
 
 impl DragWatch {
     /// Creates the watch of a drag. `side_sigma_n` is the standard deviation of one reading.
-    pub fn new(shear_most_n: f64, side_sigma_n: f64, ends_at_slip: bool) -> Self {
-        DragWatch { shear_most_n, side_sigma_n, ends_at_slip, last: None, largest: 0.0, slips: 0 }
+    pub fn new(drag: Drag, shear_most_n: f64, side_sigma_n: f64, stops_after_s: f64) -> Self {
+        let (first, last) = (None, None);
+        DragWatch { shear_most_n, side_sigma_n, drag, stops_after_s, first, last, largest: 0.0, slips: 0 }
     }
 
     /// Number of slips so far.
@@ -167,12 +174,12 @@ impl DragWatch {
         self.slips
     }
 
-    /// Takes a reading.
+    /// Takes a reading, and returns whether the drag has reached its force.
     ///
     /// # Errors
     /// A trip if the mean of two readings is over the shear limit, or the tip slipped and a slip ends the run.
-    pub fn see(&mut self, force_n: f64, side_n: [f64; 2]) -> Result<(), Trip> {
-        let Some(last) = self.last.replace(side_n) else { return Ok(()) };
+    pub fn see(&mut self, force_n: f64, side_n: [f64; 2], now_s: f64) -> Result<bool, Trip> {
+        let Some(last) = self.last.replace(side_n) else { return Ok(false) };
         let shear_n = (0.5 * (side_n[0] + last[0])).hypot(0.5 * (side_n[1] + last[1]));
         let most_n = self.shear_most_n + 3.0 * self.side_sigma_n;
         let is_within = shear_n <= most_n;
@@ -184,12 +191,15 @@ impl DragWatch {
         if ratio < SLIP_SHARE * self.largest && fell_n > SLIP_SIGMAS * self.side_sigma_n {
             self.slips += 1;
             self.largest = ratio;
-            if self.ends_at_slip {
+            if self.drag.ends_at_slip {
                 return Err(Trip::new(SafetyRule::Slipped, shear_n, fell_n + shear_n, "N sideways"));
             }
         }
         self.largest = self.largest.max(ratio);
-        Ok(())
+        let (began_s, began_n) = *self.first.get_or_insert((now_s, shear_n));
+        // the force rises until the stage rests
+        let rate_n_s = if now_s > began_s { (shear_n - began_n) / (now_s - began_s) } else { 0.0 };
+        Ok(self.drag.shear_n.is_some_and(|end_n| shear_n + rate_n_s.max(0.0) * self.stops_after_s >= end_n))
     }
 }
 
@@ -229,7 +239,7 @@ mod tests {
     }
 
     fn along_x(x_mm: f64) -> Drag {
-        Drag { x_mm, y_mm: 0.0, speed_mm_s: 0.5, ends_at_slip: false }
+        Drag { x_mm, y_mm: 0.0, speed_mm_s: 0.5, shear_n: None, ends_at_slip: false }
     }
 
     fn refused(context: DragContext, x_mm: f64) -> Option<SafetyRule> {
@@ -284,18 +294,32 @@ mod tests {
         }
     }
 
+    /// Passes forces along x to a watch, 10 ms apart.
+    fn seen(watch: &mut DragWatch, forces: &[f64]) -> Result<bool, Trip> {
+        let each = forces.iter().zip(0..).map(|(&x, i)| watch.see(1.0, [x, 0.0], 0.01 * f64::from(i)));
+        each.collect::<Result<Vec<bool>, Trip>>().map(|reached| reached.contains(&true))
+    }
+
     #[test]
     fn the_limit_sideways_and_slips_are_seen() {
-        let mut watch = DragWatch::new(0.5, 0.002, false);
-        assert!([0.1, 0.2, 0.3, 0.4].iter().all(|&x| watch.see(1.0, [x, 0.0]).is_ok()));
+        let mut watch = DragWatch::new(along_x(1.0), 0.5, 0.002, 0.0);
+        assert_eq!(seen(&mut watch, &[0.1, 0.2, 0.3, 0.4]), Ok(false));
         assert_eq!(watch.slips(), 0);
-        assert!([0.2, 0.2, 0.25].iter().all(|&x| watch.see(1.0, [x, 0.0]).is_ok()));
+        assert_eq!(seen(&mut watch, &[0.2, 0.2, 0.25]), Ok(false));
         assert_eq!(watch.slips(), 1, "one slip, in the means of two readings");
-        assert!(watch.see(1.0, [0.6, 0.0]).is_ok(), "one reading is no mean");
-        assert_eq!(watch.see(1.0, [0.6, 0.0]).unwrap_err().rule, SafetyRule::OverShear);
-        let mut watch = DragWatch::new(0.5, 0.002, true);
-        let trip = [0.3, 0.4, 0.2, 0.1].iter().find_map(|&x| watch.see(1.0, [x, 0.0]).err());
-        assert_eq!(trip.map(|trip| trip.rule), Some(SafetyRule::Slipped));
+        assert_eq!(seen(&mut watch, &[0.6]), Ok(false), "one reading is no mean");
+        assert_eq!(seen(&mut watch, &[0.6]).unwrap_err().rule, SafetyRule::OverShear);
+        let ends = Drag { ends_at_slip: true, ..along_x(1.0) };
+        let trip = seen(&mut DragWatch::new(ends, 0.5, 0.002, 0.0), &[0.3, 0.4, 0.2, 0.1]).unwrap_err();
+        assert_eq!(trip.rule, SafetyRule::Slipped);
+    }
+
+    #[test]
+    fn a_drag_ends_before_its_force_by_what_the_stop_adds() {
+        let to = Drag { shear_n: Some(0.3), ..along_x(1.0) };
+        let watch = |stops_after_s: f64| DragWatch::new(to, 0.5, 0.002, stops_after_s);
+        assert_eq!(seen(&mut watch(0.0), &[0.0, 0.1, 0.2, 0.3]), Ok(false), "the mean is 0.25 N");
+        assert_eq!(seen(&mut watch(0.005), &[0.0, 0.1, 0.2, 0.3]), Ok(true), "10 N/s for 5 ms are 0.05 N more");
     }
 
     #[test]

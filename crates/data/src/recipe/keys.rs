@@ -114,7 +114,8 @@ keys! {
 keys! {
     /// `drag` of a step.
     drag {
-        mm: Number(SLIDE), Refused, "way in contact", "0.5";
+        mm: Number(SLIDE), Refused, "way in contact; with `shear_n` the longest one", "0.5";
+        shear_n: Number(FORCE), Allowed, "force sideways at which the drag ends; without it, it goes all the way", "0.3";
         directions_deg: Numbers(DIRECTION), Refused, "directions, from x towards y: one press for each", "[0, 90, 180, 270]";
         speed_mm_s: Number(SLIDE_SPEED), or(0.5), "speed of the drag", "0.5";
         slip: Word(&words(&SLIPS)), or_word("record"), "what a slip does: it is recorded, or it ends the run", "\"trip\"";

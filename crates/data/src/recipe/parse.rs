@@ -185,7 +185,7 @@ fn read_drags(step_table: &Table, load: Option<&StepLoad>, phase: Option<Phase>)
     let table = step_table.table(&step::drag)?;
     let [mm, speed_mm_s] = table.numbers([drag::mm, drag::speed_mm_s])?;
     let directions = table.number_or_list(&drag::directions_deg)?;
-    let ends_at_slip = table.word(&drag::slip, &keys::SLIPS)?;
+    let (shear_n, ends_at_slip) = (table.number(&drag::shear_n), table.word(&drag::slip, &keys::SLIPS)?);
     let is_plain = matches!(load, None | Some(StepLoad::Force(_) | StepLoad::RandomForce(_)));
     if directions.is_empty() || !is_plain || phase == Some(Phase::Characterisation) {
         let text = "a drag needs a press by force and at least one direction, in a calibration or a test";
@@ -195,7 +195,7 @@ fn read_drags(step_table: &Table, load: Option<&StepLoad>, phase: Option<Phase>)
     }
     let along = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        Drag { x_mm: round(mm * cos, 6), y_mm: round(mm * sin, 6), speed_mm_s, ends_at_slip }
+        Drag { x_mm: round(mm * cos, 6), y_mm: round(mm * sin, 6), speed_mm_s, shear_n, ends_at_slip }
     };
     Some(directions.iter().map(along).collect())
 }

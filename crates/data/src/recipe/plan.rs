@@ -346,6 +346,10 @@ fn check_drags(step: &Step, ground: &Ground, problems: &mut Vec<Problem>) {
             ),
         };
     };
+    if let Some(shear_n) = first.shear_n.filter(|shear_n| *shear_n > most.shear_n) {
+        let text = format!("this drag ends at {shear_n} N sideways, over the limit of {} N", most.shear_n);
+        complain(text, "use a smaller `shear_n`, or correct `limits.drag` of the rig");
+    }
     let end = most.end(ground.limits, step.load.most_n(), first.way_mm());
     if let Some((value, limit, unit)) = end.into_iter().find(|(value, limit, _)| value > limit) {
         complain(

@@ -24,10 +24,11 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
-    /// Carries out a permitted drag from the present place, and returns the number of slips. A force over its limit stops it; the way
-    /// out is then along z.
-    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<u64, Halt> {
-        let Drag { x_mm, y_mm, speed_mm_s, ends_at_slip } = granted.drag();
+    /// Carries out a permitted drag from the present place, and returns its way, mm, and the number of slips. A force over its limit
+    /// stops it; the way out is then along z.
+    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<(f64, u64), Halt> {
+        let Drag { x_mm, y_mm, speed_mm_s, .. } = granted.drag();
+        let began = self.place;
         let end = Place::new(self.place.x_mm + x_mm, self.place.y_mm + y_mm);
         let target = self.frame.to_stage(end, self.z_mm);
         let targets = [Axis::X, Axis::Y].map(|axis| (axis, target.along(axis)));
@@ -35,7 +36,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let profile = MotionProfile::new(way_mm(self.place, end), speed_mm_s, self.usage.acceleration_mm_s2);
         let expected = seconds(profile.duration_s());
         let side_sigma_n = self.cell.watch.zero().side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
-        let drag_watch = RefCell::new(DragWatch::new(shear_most_n, side_sigma_n, ends_at_slip));
+        // an exchange takes between almost nothing and the longest one
+        let stops_after_s = self.timing.exchange_s / 2.0 + speed_mm_s / (2.0 * self.usage.acceleration_mm_s2);
+        let drag_watch = RefCell::new(DragWatch::new(granted.drag(), shear_most_n, side_sigma_n, stops_after_s));
         let broken = Cell::new(None);
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
         let places_mm = {
@@ -46,8 +49,9 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             });
             let steer = |watched_cell: &mut WatchedLoadCell<'_, C>, force_n: f64| {
                 let side_n = watched_cell.side_n.unwrap_or([f64::NAN; 2]); // no drag without three axes
-                match drag_watch.borrow_mut().see(force_n, side_n) {
-                    Ok(()) => Steer::On,
+                match drag_watch.borrow_mut().see(force_n, side_n, watched_cell.now_s()) {
+                    Ok(false) => Steer::On,
+                    Ok(true) => Steer::Stop,
                     Err(trip) => {
                         broken.set(Some(trip));
                         Steer::Stop
@@ -61,7 +65,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             self.find_itself().await?;
             return Err(trip.into());
         }
-        self.arrived_at(end, targets, &places_mm).await?;
-        Ok(drag_watch.into_inner().slips())
+        if orders.stopped() {
+            self.find_itself().await?;
+        } else {
+            self.arrived_at(end, targets, &places_mm).await?;
+        }
+        Ok((began.distance_mm(self.place), drag_watch.into_inner().slips()))
     }
 }

@@ -210,8 +210,7 @@ impl Runner<'_> {
                 }
                 LoopCommand::Drag(granted) => {
                     let shear_most_n = self.permit.shear_most_n().unwrap_or(0.0);
-                    let slips = self.rig_control.drag(granted, shear_most_n).await?;
-                    dragged = Some((granted.drag().way_mm(), slips));
+                    dragged = Some(self.rig_control.drag(granted, shear_most_n).await?);
                     LoopEvent::Dragged
                 }
                 LoopCommand::LeaveContact(granted) => {
@@ -353,10 +352,14 @@ impl Runner<'_> {
     /// Returns the problems of a level that was held.
     fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, along_z_mm: f64) -> Vec<Flag> {
         let (window, set) = (&held.window, entry.task.level_set(level));
-        let missed = match set {
-            SetPoint::Force(force_n) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
-            SetPoint::Depth(depth_mm) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,
-        };
+        let shear_set_n = held.dragged.and(entry.task.drag).and_then(|drag| drag.shear_n);
+        let shear_n = window.side_n.map_or(0.0, |[x_n, y_n]| x_n.hypot(y_n));
+        let missed_n = shear_set_n.map_or(0.0, |shear_set_n| (shear_n - shear_set_n).abs());
+        let missed = missed_n > entry.task.force_tolerance_n
+            || match set {
+                SetPoint::Force(force_n) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
+                SetPoint::Depth(depth_mm) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,
+            };
         let felt = (entry.place, set);
         // the same load may give the same reading twice
         let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
