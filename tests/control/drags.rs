@@ -29,6 +29,9 @@ const FAULT_FROM_S: f64 = 25.0;
 
 const LIMITS: DragLimits = DragLimits { shear_n: 0.8, slide_mm: 1.0, stiffness_n_mm: 1.5, friction: 3.0 };
 
+/// Least friction that a rig declares.
+const FRICTION_LEAST: f64 = 0.1;
+
 /// What is wrong with a run.
 const WRONG: [Wrong; 12] = [
     Wrong::Nothing,
@@ -63,17 +66,17 @@ fn run(seed: u64) -> Outcome {
     let mut rng = stream(seed, 0, "runs with drags");
     let wrong = WRONG[seed as usize % WRONG.len()];
     let mut spec = rig::parse("rig.toml", &rig_with_three_axes(), &|_| unreachable!()).expect("a sound rig");
-    spec.drag = Some(LIMITS);
+    let friction = rng.random_range(FRICTION_LEAST..LIMITS.friction);
+    spec.drag = Some(DragLimits { friction, ..LIMITS });
     spec.frame.uncertainty_mm = 1.0; // a tilted surface
     let z = &mut spec.stage.travel.axes[Axis::Z.index()];
     spec.stage.home_z_mm = Some(z.max); // the limit is where it was
     z.max = Z_MOST_MM;
     let linear_n_mm = spec.limits.stiffness_n_mm * rng.random_range(0.8..1.0);
     spec.scene.contact = ContactLaw { linear_n_mm, quadratic_n_mm2: 0.0, toe_mm: 0.0 };
-    spec.scene.relaxation.clear();
     let (slope, angle) = (rng.random_range(0.0..SLOPE), rng.random_range(0.0..std::f64::consts::TAU));
     spec.scene.surface_tilt = Tilt { per_x: slope * angle.cos(), per_y: slope * angle.sin() };
-    let sticking = rng.random_range(0.1..LIMITS.friction);
+    let sticking = friction * rng.random_range(0.3..1.0);
     let stiffness_n_mm = rng.random_range(0.3..LIMITS.stiffness_n_mm);
     spec.scene.friction = Some(Friction { sticking, sliding: sticking * rng.random_range(0.4..1.0), stiffness_n_mm });
     match wrong {

@@ -2,7 +2,7 @@
 
 use super::permit::{DEPTH_MARGIN_MM, Permit};
 use super::trip::{SafetyRule, Trip};
-use palpate_core::quantity::Limits;
+use palpate_core::quantity::{Axis, Limits};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Largest slope of a surface: a rig with a tilt of more than 5 degrees is refused.
@@ -17,6 +17,12 @@ const SPEED_LEAST_MM_S: f64 = 1e-4;
 /// Part of the ratio of the forces, sideways over pressing, that remains after a slip at most, and its least fall in sd of a reading.
 const SLIP_SHARE: f64 = 0.8;
 const SLIP_SIGMAS: f64 = 6.0;
+
+/// Least pressing force by which a force sideways is divided, N.
+const CONTACT_LEAST_N: f64 = 0.030;
+
+/// Part of the pressing force that must remain after a drag on a level surface.
+const LEFT_SHARE: f64 = 0.5;
 
 /// Least change of the force sideways, in sd of a mean, from which its direction is compared with that of the drag.
 const DIRECTION_SIGMAS: f64 = 10.0;
@@ -51,16 +57,27 @@ pub struct Drag {
 
 impl DragLimits {
     /// Returns each value at the end of a drag that begins with a pressing force and no force sideways: value, limit and unit. The
-    /// permit's formula, see [`Permit::drag`].
+    /// permit's formula, see [`Permit::drag`], without the depth, which a plan doesn't know.
     pub fn end(&self, limits: &Limits, force_n: f64, way_mm: f64) -> [(f64, f64, &'static str); 3] {
-        self.end_from(limits, force_n, 0.0, way_mm)
+        self.end_from(limits, [force_n, 0.0], 0.0, way_mm)
     }
 
-    fn end_from(&self, limits: &Limits, force_n: f64, shear_n: f64, way_mm: f64) -> [(f64, f64, &'static str); 3] {
-        let normal_n = force_n + limits.stiffness_n_mm * SLOPE_MOST * way_mm;
-        let sticking_n = shear_n + self.stiffness_n_mm * way_mm;
-        // `min` ignores NaN, so it is checked by itself
-        let shear_n = if sticking_n.is_nan() { f64::NAN } else { sticking_n.min(self.friction * normal_n) };
+    fn end_from(
+        &self,
+        limits: &Limits,
+        [force_n, shear_n]: [f64; 2],
+        depth_mm: f64,
+        way_mm: f64,
+    ) -> [(f64, f64, &'static str); 3] {
+        let rise_mm = SLOPE_MOST * way_mm;
+        // the specimen may have relaxed here, but not where the tip arrives
+        let normal_n = (force_n + limits.stiffness_n_mm * rise_mm).max(limits.stiffness_n_mm * (depth_mm + rise_mm));
+        // a larger force on a slope pushes sideways too
+        let sticking_n = shear_n + self.stiffness_n_mm * way_mm + SLOPE_MOST * (normal_n - force_n);
+        // friction along a slope, in the axes of the cell
+        let level = 1.0 - self.friction * SLOPE_MOST;
+        let sliding_n = if level > 0.0 { (self.friction + SLOPE_MOST) / level * normal_n } else { f64::INFINITY };
+        let shear_n = sticking_n.min(sliding_n).max(shear_n);
         [
             (way_mm, self.slide_mm, "mm of drag"),
             (shear_n, self.shear_n, "N sideways"),
@@ -109,9 +126,10 @@ pub struct DragContext {
 impl Permit {
     /// Permits a drag, whose end must be safe even if nothing ends the motion earlier.
     ///
-    /// With the way w, pressing force `Fn' = Fn + 3 sigma + kn * slope * w` and force sideways
-    /// `Ft' = min(Ft + 3 sigma + kt * w, mu * Fn')`: `hypot(Fn', Ft')` must be within the force limit, `Ft'` within the shear limit, `w`
-    /// within the longest way, and the depth after the largest slope within the depth limit.
+    /// With the way w, the pressing force is at most `Fn' = max(Fn + 3 sigma + kn s w, kn (depth + s w))`, with the largest slope s: where the
+    /// tip arrives, the specimen hasn't relaxed. The force sideways is at most `Ft' = min(Ft + 3 sigma + kt w + s (Fn' - Fn), (mu + s) / (1 - mu s) Fn')`,
+    /// and at least what it is. `hypot(Fn', Ft')` must be within the force limit, `Ft'` within the shear limit, `w` within the longest
+    /// way, and the depth after the largest slope within the depth limit.
     ///
     /// # Errors
     /// A trip if the rig allows no drag, or the end isn't safe. Nothing moves then.
@@ -120,16 +138,24 @@ impl Permit {
         let Some(most) = self.drag else {
             return Err(Trip::new(SafetyRule::NotPermitted, drag.way_mm(), 0.0, "mm of drag"));
         };
+        let [x_n, y_n] = side_n;
+        let numbers = [force_n, sigma_n, x_n, y_n, side_sigma_n, depth_mm, drag.x_mm, drag.y_mm];
+        if let Some(wrong) = numbers.into_iter().find(|number| !number.is_finite()) {
+            return Err(Trip::new(SafetyRule::NotFinite, wrong, 0.0, "of a drag")); // `max` and `min` ignore NaN
+        }
         let is_fresh = age_s <= FRESH_S; // written as the positive condition, so NaN fails
         if !is_fresh {
             return Err(Trip::new(SafetyRule::Stale, age_s, FRESH_S, "s"));
         }
-        let way_mm = drag.way_mm();
-        let reserved = DragLimits { slide_mm: most.slide_mm - self.steps().reserve_mm(), ..most };
-        let (normal_n, shear_n) = (force_n.max(0.0) + 3.0 * sigma_n, side_n[0].hypot(side_n[1]) + 3.0 * side_sigma_n);
-        let [way, shear, length] = reserved.end_from(&self.limits, normal_n, shear_n, way_mm);
+        let steps = self.steps();
+        // a stage with steps may end beyond its target
+        let beyond_mm =
+            if steps.is_fine() { 0.0 } else { steps.in_position_mm(Axis::X) + steps.in_position_mm(Axis::Y) };
+        let way_mm = drag.way_mm() + beyond_mm;
+        let forces = [force_n.max(0.0) + 3.0 * sigma_n, x_n.hypot(y_n) + 3.0 * side_sigma_n];
+        let depth_mm = depth_mm + steps.reserve_mm();
         let depth = (depth_mm + SLOPE_MOST * way_mm, self.limits.depth_mm - DEPTH_MARGIN_MM, "mm");
-        for (value, limit, unit) in [way, shear, length, depth] {
+        for (value, limit, unit) in most.end_from(&self.limits, forces, depth_mm, way_mm).into_iter().chain([depth]) {
             let is_safe = value <= limit;
             if !is_safe {
                 return Err(Trip::new(SafetyRule::NotPermitted, value, limit, unit));
@@ -157,7 +183,8 @@ pub struct DragWatch {
     stops_after_s: f64,
     /// Time and force sideways of the first mean, s and N.
     first: Option<(f64, f64)>,
-    last: Option<[f64; 2]>,
+    /// Last forces: pressing, along x, along y, N.
+    last: Option<[f64; 3]>,
     largest: f64,
     slips: u64,
 }
@@ -179,14 +206,16 @@ impl DragWatch {
     /// # Errors
     /// A trip if the mean of two readings is over the shear limit, or the tip slipped and a slip ends the run.
     pub fn see(&mut self, force_n: f64, side_n: [f64; 2], now_s: f64) -> Result<bool, Trip> {
-        let Some(last) = self.last.replace(side_n) else { return Ok(false) };
-        let shear_n = (0.5 * (side_n[0] + last[0])).hypot(0.5 * (side_n[1] + last[1]));
+        // one reading is no mean: a single outlier ends no drag
+        let Some(last) = self.last.replace([force_n, side_n[0], side_n[1]]) else { return Ok(false) };
+        let force_n = 0.5 * (force_n + last[0]);
+        let shear_n = (0.5 * (side_n[0] + last[1])).hypot(0.5 * (side_n[1] + last[2]));
         let most_n = self.shear_most_n + 3.0 * self.side_sigma_n;
         let is_within = shear_n <= most_n;
         if !is_within {
             return Err(Trip::new(SafetyRule::OverShear, shear_n, most_n, "N sideways"));
         }
-        let ratio = shear_n / force_n;
+        let ratio = shear_n / force_n.max(CONTACT_LEAST_N);
         let fell_n = (self.largest - ratio) * force_n;
         if ratio < SLIP_SHARE * self.largest && fell_n > SLIP_SIGMAS * self.side_sigma_n {
             self.slips += 1;
@@ -203,24 +232,29 @@ impl DragWatch {
     }
 }
 
-/// Checks that the force sideways changed along the drag: a swapped axis or a wrong sign turns it by 90 degrees or more.
-/// `sigma_n` is the standard deviation of each mean.
+/// Checks that the force sideways changed along the way that the tip went, mm: a swapped axis or a wrong sign turns it by 90 degrees or
+/// more, if the way is along an axis. `sigma_n` is the standard deviation of each mean.
 ///
 /// # Errors
 /// A trip if the direction is off by more than 45 degrees.
-pub fn check_direction(drag: &Drag, before_n: [f64; 2], after_n: [f64; 2], sigma_n: f64) -> Result<(), Trip> {
+pub fn check_direction(way: [f64; 2], before_n: [f64; 2], after_n: [f64; 2], sigma_n: f64) -> Result<(), Trip> {
     let change = [after_n[0] - before_n[0], after_n[1] - before_n[1]];
-    let (change_n, way_mm) = (change[0].hypot(change[1]), drag.way_mm());
+    let (change_n, way_mm) = (change[0].hypot(change[1]), way[0].hypot(way[1]));
     if change_n <= DIRECTION_SIGMAS * sigma_n || way_mm == 0.0 {
         return Ok(());
     }
-    let along = (change[0] * drag.x_mm + change[1] * drag.y_mm) / (change_n * way_mm);
+    let along = (change[0] * way[0] + change[1] * way[1]) / (change_n * way_mm);
     let is_along = along >= FRAC_1_SQRT_2;
     if is_along {
         Ok(())
     } else {
         Err(Trip::new(SafetyRule::AxesDiffer, along, FRAC_1_SQRT_2, "of the force sideways"))
     }
+}
+
+/// Returns the least pressing force after a drag, N: half of that before, less what the largest slope takes away.
+pub(crate) fn least_after_n(force_n: f64, limits: &Limits, way_mm: f64) -> f64 {
+    LEFT_SHARE * force_n - limits.stiffness_n_mm * SLOPE_MOST * way_mm
 }
 
 #[cfg(test)]
@@ -232,7 +266,7 @@ mod tests {
     const LIMITS: Limits = Limits { force_n: 2.0, depth_mm: 1.6, stiffness_n_mm: 2.0 };
     const MOST: DragLimits = DragLimits { shear_n: 0.8, slide_mm: 2.0, stiffness_n_mm: 1.5, friction: 1.2 };
     const AT_1_N: DragContext =
-        DragContext { force_n: 1.0, sigma_n: 0.0, side_n: [0.0; 2], side_sigma_n: 0.0, age_s: 0.01, depth_mm: 0.6 };
+        DragContext { force_n: 1.0, sigma_n: 0.0, side_n: [0.0; 2], side_sigma_n: 0.0, age_s: 0.01, depth_mm: 0.4 };
 
     fn permit(drag: Option<DragLimits>) -> Permit {
         Permit::new(LIMITS, 0.05, 100.0, &Zero::with_noise(0.003)).with_drags(drag)
@@ -249,18 +283,28 @@ mod tests {
     #[test]
     fn a_drag_is_permitted_up_to_each_of_its_limits() {
         assert_eq!(permit(None).drag(&AT_1_N, &along_x(0.1)).unwrap_err().rule, SafetyRule::NotPermitted);
-        assert_eq!(refused(AT_1_N, 0.53), None, "1.5 N/mm * 0.53 mm is 0.795 N");
+        assert_eq!(refused(AT_1_N, 0.52), None, "1.5 N/mm * 0.52 mm is 0.78 N, and 8 mN are by the slope");
+        assert_eq!(
+            refused(DragContext { side_n: [0.9, 0.0], ..AT_1_N }, 0.01),
+            Some(SafetyRule::NotPermitted),
+            "already"
+        );
         assert_eq!(refused(AT_1_N, 0.54), Some(SafetyRule::NotPermitted));
-        let slippery = permit(Some(DragLimits { friction: 0.5, ..MOST }));
+        let slippery = permit(Some(DragLimits { friction: 0.4, ..MOST }));
         assert!(slippery.drag(&AT_1_N, &along_x(2.0)).is_ok(), "friction bounds the force sideways");
         assert!(slippery.drag(&AT_1_N, &along_x(2.01)).is_err(), "the longest way");
         let pressed = DragContext { force_n: 1.9, ..AT_1_N };
         assert!(slippery.drag(&pressed, &along_x(0.5)).is_err(), "1.99 and 0.75 N are 2.12 N");
+        let relaxed = DragContext { depth_mm: 0.98, ..AT_1_N };
+        assert!(slippery.drag(&relaxed, &along_x(0.5)).is_err(), "0.98 mm on a fresh spot are 1.96 N");
         assert_eq!(refused(DragContext { age_s: 0.3, ..AT_1_N }, 0.1), Some(SafetyRule::Stale));
         assert_eq!(refused(DragContext { depth_mm: 1.57, ..AT_1_N }, 0.1), Some(SafetyRule::NotPermitted));
         for wrong in [
-            DragContext { force_n: f64::NAN, sigma_n: f64::NAN, ..AT_1_N },
+            DragContext { force_n: f64::NAN, ..AT_1_N },
+            DragContext { force_n: f64::NEG_INFINITY, ..AT_1_N },
+            DragContext { sigma_n: f64::NAN, ..AT_1_N },
             DragContext { side_n: [f64::NAN, 0.0], ..AT_1_N },
+            DragContext { side_sigma_n: f64::NAN, ..AT_1_N },
             DragContext { age_s: f64::NAN, ..AT_1_N },
             DragContext { depth_mm: f64::NAN, ..AT_1_N },
         ] {
@@ -269,27 +313,30 @@ mod tests {
     }
 
     proptest! {
-        /// Another world: a spring sideways that slips, on a plane with any slope up to five degrees, walked in small steps.
+        /// Another world: a tip on a plane of any slope up to five degrees, held by a spring that slips, walked in small steps. The
+        /// specimen has relaxed where the drag begins, and nowhere else.
         #[test]
         fn no_permitted_drag_ends_over_a_limit(
-            force_n in 0.05..2.0f64, x_mm in -2.0..2.0f64, y_mm in -2.0..2.0f64,
+            relaxed in 0.7..1.0f64, depth_mm in 0.05..1.2f64, x_mm in -2.0..2.0f64, y_mm in -2.0..2.0f64,
             slope in -0.0875..0.0875f64, kn in 0.1..1.0f64, kt in 0.1..1.0f64, mu in 0.05..1.0f64,
         ) {
+            let (cos, sin) = (1.0 / slope.hypot(1.0), slope / slope.hypot(1.0));
+            let (kn, kt, mu) = (kn * LIMITS.stiffness_n_mm, kt * MOST.stiffness_n_mm, mu * MOST.friction);
             let drag = Drag { x_mm, y_mm, ..along_x(0.0) };
-            let context = DragContext { force_n, ..AT_1_N };
+            let begins_n = relaxed * kn * depth_mm;
+            let context =
+                DragContext { force_n: begins_n * cos, side_n: [begins_n * sin, 0.0], depth_mm, ..AT_1_N };
             if permit(Some(MOST)).drag(&context, &drag).is_ok() {
                 let (steps, way_mm) = (200, drag.way_mm());
-                let (mut spring_mm, mut shear_n) = (0.0f64, 0.0f64);
+                let mut held_n = 0.0f64;
                 for step in 1..=steps {
                     let at_mm = way_mm * f64::from(step) / f64::from(steps);
-                    let normal_n = (force_n + kn * LIMITS.stiffness_n_mm * slope * at_mm).max(0.0);
-                    spring_mm += way_mm / f64::from(steps);
-                    let most_n = mu * MOST.friction * normal_n;
-                    spring_mm = spring_mm.min(most_n / (kt * MOST.stiffness_n_mm));
-                    shear_n = shear_n.max(kt * MOST.stiffness_n_mm * spring_mm);
-                    prop_assert!(normal_n.hypot(shear_n) <= LIMITS.force_n + 1e-9);
+                    let normal_n = (kn * (depth_mm + slope * at_mm)).max(0.0);
+                    held_n = (held_n + kt * way_mm / f64::from(steps)).min(mu * normal_n);
+                    let sideways_n = (normal_n * sin + held_n * cos).abs();
+                    prop_assert!(normal_n.hypot(held_n) <= LIMITS.force_n + 1e-9);
+                    prop_assert!(sideways_n <= MOST.shear_n + 1e-9, "{sideways_n}");
                 }
-                prop_assert!(shear_n <= MOST.shear_n + 1e-9);
             }
         }
     }
@@ -324,8 +371,7 @@ mod tests {
 
     #[test]
     fn swapped_and_mirrored_axes_are_found_by_the_first_drag() {
-        let drag = Drag { y_mm: 0.1, ..along_x(1.0) };
-        let check = |after_n: [f64; 2]| check_direction(&drag, [0.02, -0.01], after_n, 0.001).is_ok();
+        let check = |after_n: [f64; 2]| check_direction([1.0, 0.1], [0.02, -0.01], after_n, 0.001).is_ok();
         assert!(check([0.5, 0.04]) && check([0.021, -0.012]), "along the drag, or too little to judge");
         assert!(!check([-0.5, -0.04]) && !check([0.04, 0.5]) && !check([f64::NAN, 0.0]));
     }

@@ -85,8 +85,13 @@ pub enum LoopEvent {
         /// Mean forces along x and y relative to their zeros, N; `None` if the cell has one axis.
         side_n: Option<[f64; 2]>,
     },
-    /// A drag ended at its target.
-    Dragged,
+    /// A drag ended, at its target or by a stop.
+    Dragged {
+        /// Way that the tip went along x, mm.
+        x_mm: f64,
+        /// Way along y, mm.
+        y_mm: f64,
+    },
     /// A motion ended, at its target or by a stop.
     Moved {
         /// Position where the motion ended, mm.
@@ -110,7 +115,8 @@ impl LoopEvent {
             LoopEvent::Moved { z_mm } => (z_mm, "mm"),
             LoopEvent::Averaged { force_n } | LoopEvent::Sampled { force_n } => (force_n, "N"),
             LoopEvent::AxesAveraged { force_n, side_n } => (force_n + side_n.map_or(0.0, |[x_n, y_n]| x_n + y_n), "N"),
-            LoopEvent::Dwelt | LoopEvent::Dragged => return Ok(()),
+            LoopEvent::Dragged { x_mm, y_mm } => (x_mm + y_mm, "mm"),
+            LoopEvent::Dwelt => return Ok(()),
         };
         if number.is_finite() { Ok(()) } else { Err(Trip::new(SafetyRule::NotFinite, number, 0.0, unit)) }
     }

@@ -2,8 +2,8 @@
 
 use super::ForceLoop;
 use super::dialogue::LoopCommand;
-use super::state::PressState;
-use crate::drag::{Drag, DragContext, check_direction};
+use super::state::{PressState, TELL_SIGMAS};
+use crate::drag::{Drag, DragContext, check_direction, least_after_n};
 use crate::trip::{SafetyRule, Trip};
 
 /// Progress of a drag.
@@ -14,6 +14,8 @@ pub(super) enum DragProgress {
     Ahead,
     /// It is under way; forces along x and y before it, N.
     From([f64; 2]),
+    /// The tip rests again; forces before it, N, and the way that it went, mm.
+    Went([f64; 2], [f64; 2]),
     /// It has ended.
     Over,
 }
@@ -33,7 +35,9 @@ impl ForceLoop {
 
     /// Begins the drag.
     pub(super) fn brace(&mut self, force_n: f64, side_n: Option<[f64; 2]>) -> Result<LoopCommand, Trip> {
-        let (drag, side_n) = self.drag_from(force_n, side_n)?;
+        self.check_fall(force_n)?;
+        self.force_n = force_n;
+        let (drag, side_n) = (self.task.drag.ok_or_else(unasked)?, side_n.ok_or_else(unasked)?);
         let context = DragContext {
             force_n,
             sigma_n: self.sigma_n,
@@ -48,21 +52,28 @@ impl ForceLoop {
         self.go(PressState::Dragging, LoopCommand::Drag(granted))
     }
 
-    /// Ends the drag: the force sideways must have followed it.
-    pub(super) fn drag_ended(&mut self, force_n: f64, side_n: Option<[f64; 2]>) -> Result<LoopCommand, Trip> {
-        let (drag, after_n) = self.drag_from(force_n, side_n)?;
+    /// Takes the way that the tip went, mm.
+    pub(super) fn drag_went(&mut self, way: [f64; 2]) -> Result<LoopCommand, Trip> {
         if let DragProgress::From(before_n) = self.dragged {
-            check_direction(&drag, before_n, after_n, self.side_sigma_n())?;
+            self.dragged = DragProgress::Went(before_n, way);
         }
-        self.dragged = DragProgress::Over;
-        self.sample()
+        self.average_axes(PressState::Dragged)
     }
 
-    fn drag_from(&mut self, force_n: f64, side_n: Option<[f64; 2]>) -> Result<(Drag, [f64; 2]), Trip> {
-        self.check_fall(force_n)?;
+    /// Ends the drag: the force sideways must have followed it.
+    pub(super) fn drag_ended(&mut self, force_n: f64, side_n: Option<[f64; 2]>) -> Result<LoopCommand, Trip> {
+        let after_n = side_n.ok_or_else(unasked)?;
+        if let DragProgress::Went(before_n, way) = self.dragged {
+            check_direction(way, before_n, after_n, self.side_sigma_n())?;
+            let way_mm = way[0].hypot(way[1]);
+            let least_n = least_after_n(self.force_n, &self.context.limits, way_mm) - TELL_SIGMAS * self.sigma_n;
+            if force_n < least_n {
+                return Err(Trip::new(SafetyRule::Fallen, force_n, least_n, "N"));
+            }
+        }
         self.force_n = force_n;
-        let unasked = || Trip::new(SafetyRule::NotPermitted, 0.0, 0.0, "axes for a drag");
-        Ok((self.task.drag.ok_or_else(unasked)?, side_n.ok_or_else(unasked)?))
+        self.dragged = DragProgress::Over;
+        self.sample()
     }
 
     /// Standard deviation of a mean along x or y, N.
@@ -70,4 +81,9 @@ impl ForceLoop {
         let sigma_n = self.context.zero.side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
         sigma_n / f64::from(self.readings().max(1)).sqrt()
     }
+}
+
+/// Returns the trip of a drag that no recipe asks for, or on a cell with one axis. The plan refuses both.
+fn unasked() -> Trip {
+    Trip::new(SafetyRule::NotPermitted, 0.0, 0.0, "axes for a drag")
 }

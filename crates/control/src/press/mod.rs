@@ -179,7 +179,7 @@ impl ForceLoop {
             (PressState::Waiting, LoopEvent::Dwelt) => self.sample(),
             (PressState::Sampling, LoopEvent::Sampled { force_n }) => self.sampled(force_n),
             (PressState::Bracing, LoopEvent::AxesAveraged { force_n, side_n }) => self.brace(force_n, side_n),
-            (PressState::Dragging, LoopEvent::Dragged) => self.average_axes(PressState::Dragged),
+            (PressState::Dragging, LoopEvent::Dragged { x_mm, y_mm }) => self.drag_went([x_mm, y_mm]),
             (PressState::Dragged, LoopEvent::AxesAveraged { force_n, side_n }) => self.drag_ended(force_n, side_n),
             (PressState::Retracting, LoopEvent::Moved { z_mm }) => {
                 self.z_mm = z_mm;

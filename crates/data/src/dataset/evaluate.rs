@@ -341,7 +341,7 @@ pub fn check_channels(calibration: &Presses, test: &Presses) -> Result<(), Evalu
 
 /// Whether a press of a run is part of its evaluation, flagged or not.
 pub fn is_to_evaluate(press: &Press) -> bool {
-    (press.is_of(Phase::Calibration) || press.is_of(Phase::Test)) && !press.is_dragged()
+    press.is_of(Phase::Calibration) || press.is_of(Phase::Test)
 }
 
 /// Returns the mean time of a solve, ns. It is measured over complete passes through some readings, repeated until 20 ms are

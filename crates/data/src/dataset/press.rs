@@ -151,9 +151,9 @@ impl Press {
         Place::new(self.x_mm, self.y_mm)
     }
 
-    /// Whether the press was made for that phase.
+    /// Whether the press was made for that phase. The window after a drag belongs to no phase: only the table of presses has it.
     pub fn is_of(&self, phase: Phase) -> bool {
-        self.phase == Some(phase)
+        self.phase == Some(phase) && !self.is_dragged()
     }
 
     /// What the press was set to; `None` if the table doesn't contain it.

@@ -42,9 +42,9 @@ impl Presses {
         Presses { source: source.to_owned(), channels, presses, unused, detected, cell: 0.0, lines }
     }
 
-    /// Returns the presses of one phase, without flagged presses and without drags.
+    /// Returns the presses of one phase, without flagged presses.
     pub fn sound(&self, phase: Phase) -> impl Iterator<Item = &Press> {
-        self.presses.iter().filter(move |press| press.is_of(phase) && !press.is_flagged() && !press.is_dragged())
+        self.presses.iter().filter(move |press| press.is_of(phase) && !press.is_flagged())
     }
 
     /// Keeps the presses of one phase, if the table has presses of this phase and of others. Returns how many there were of all.

@@ -195,7 +195,9 @@ fn read_drags(step_table: &Table, load: Option<&StepLoad>, phase: Option<Phase>)
     }
     let along = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        Drag { x_mm: round(mm * cos, 6), y_mm: round(mm * sin, 6), speed_mm_s, shear_n, ends_at_slip }
+        // toward 0, so that no way is longer than `mm`
+        let [x_mm, y_mm] = [cos, sin].map(|share| (mm * round(share, 9) * 1e6).trunc() / 1e6);
+        Drag { x_mm, y_mm, speed_mm_s, shear_n, ends_at_slip }
     };
     Some(directions.iter().map(along).collect())
 }

@@ -101,13 +101,15 @@ fn held(runs: &[Recorded]) -> Vec<Controlled> {
     let mut held = Vec::new();
     for (index, contact) in presses(runs) {
         let known = |press: &Press| Some((press.phase?, press.force_set_n?, press.force_n?));
-        for (level, (phase, force_set_n, force_n)) in contact.levels.iter().filter_map(known).enumerate() {
+        // the pressing force isn't controlled in a drag
+        let levels = || contact.levels.iter().filter(|press| !press.is_dragged());
+        for (level, (phase, force_set_n, force_n)) in levels().filter_map(known).enumerate() {
             if force_set_n <= 0.0 || PHASES.iter().all(|(its, ..)| *its != phase) {
                 continue;
             }
             let to_mn = |force_n: f64| 1000.0 * (force_n - force_set_n);
             // on the way down the peak is that of the level before
-            let truth = contact.truth.get(level).filter(|_| contact.levels.len() == 1);
+            let truth = contact.truth.get(level).filter(|_| levels().count() == 1);
             let over_mn = truth.map(|truth| to_mn(truth.force_peak_n));
             held.push(Controlled { phase, press: index, error_mn: to_mn(force_n), over_mn });
         }

@@ -3,7 +3,7 @@
 use super::Halt;
 use super::motion::{watched, way_mm};
 use super::rig_control::{RigControl, WatchedLoadCell, side_mean};
-use palpate_control::{Drag, DragWatch, MotionProfile, PermittedDrag, Steer};
+use palpate_control::{Drag, DragWatch, MotionProfile, PermittedDrag, Steer, mean_of};
 use palpate_core::quantity::{Axis, Place, seconds};
 use palpate_link::device::{LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
@@ -14,26 +14,31 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
     /// Returns the mean forces of a stage at rest: along z, and along x and y if the cell has three axes, N from the zero.
     pub(super) async fn mean_axes_n(&mut self, readings: u32) -> Result<(f64, Option<[f64; 2]>), Halt> {
         self.settle().await?;
-        let (mut sum_n, mut sides) = (0.0, Vec::with_capacity(readings as usize));
-        for _ in 0..readings.max(1) {
-            sum_n += self.force_n().await?;
+        let least_s = self.whole_s(f64::from(readings) * self.cell.conversion().as_secs_f64());
+        let (mut read, mut sides) = (Vec::new(), Vec::new());
+        while read.len() < readings.max(1) as usize || self.now_s() - read.first().map_or(0.0, |(s, _)| *s) < least_s {
+            let force_n = self.force_n().await?;
+            read.push((self.now_s(), force_n));
             sides.push(self.side_n);
         }
-        Ok((sum_n / f64::from(readings.max(1)), side_mean(sides.into_iter())))
+        let force_n = mean_of(&read, self.watch.zero()).map_or(f64::NAN, |mean| mean.value);
+        Ok((force_n, side_mean(sides.into_iter())))
     }
 }
 
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
-    /// Carries out a permitted drag from the present place, and returns its way, mm, and the number of slips. A force over its limit
-    /// stops it; the way out is then along z.
-    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<(f64, u64), Halt> {
+    /// Carries out a permitted drag from the present place, and returns the way that the tip went along x and y, mm, and the number of
+    /// slips. A force over its limit stops it; the way out is then along z.
+    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<([f64; 2], u64), Halt> {
         let Drag { x_mm, y_mm, speed_mm_s, .. } = granted.drag();
         let began = self.place;
         let end = Place::new(self.place.x_mm + x_mm, self.place.y_mm + y_mm);
         let target = self.frame.to_stage(end, self.z_mm);
         let targets = [Axis::X, Axis::Y].map(|axis| (axis, target.along(axis)));
-        let speed_mm_s = speed_mm_s.min(self.usage.speed_mm_s);
-        let profile = MotionProfile::new(way_mm(self.place, end), speed_mm_s, self.usage.acceleration_mm_s2);
+        // the stage knows the speed of its fastest axis
+        let longest_mm = way_mm(self.place, end);
+        let speed_mm_s = (speed_mm_s * longest_mm / granted.drag().way_mm()).min(self.usage.speed_mm_s);
+        let profile = MotionProfile::new(longest_mm, speed_mm_s, self.usage.acceleration_mm_s2);
         let expected = seconds(profile.duration_s());
         let side_sigma_n = self.cell.watch.zero().side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
         // an exchange takes between almost nothing and the longest one
@@ -61,15 +66,19 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             watched(&mut self.cell, motion, &orders, &due, steer).await?
         };
         self.cell.settled = Instant::now() + seconds(self.timing.settle_s);
-        if let Some(trip) = broken.take() {
-            self.find_itself().await?;
-            return Err(trip.into());
-        }
         if orders.stopped() {
-            self.find_itself().await?;
+            // as the stage reported when it came to rest: the force is read again at once
+            if let [x_mm, y_mm] = places_mm[..] {
+                self.place = self.frame.place_from_stage(x_mm, y_mm);
+                self.pressed = self.place;
+            }
         } else {
             self.arrived_at(end, targets, &places_mm).await?;
         }
-        Ok((began.distance_mm(self.place), drag_watch.into_inner().slips()))
+        if let Some(trip) = broken.take() {
+            return Err(trip.into());
+        }
+        let went = [self.pressed.x_mm - began.x_mm, self.pressed.y_mm - began.y_mm];
+        Ok((went, drag_watch.into_inner().slips()))
     }
 }

@@ -30,6 +30,9 @@ const FARTHER_MM: f64 = 0.5;
 /// moves by 0.5 mN.
 const NO_LOAD_FRESH_S: f64 = 1.0;
 
+/// Least recorded way of a drag, mm: a way of 0 is that of a window before a drag.
+const WAY_LEAST_MM: f64 = 1e-6;
+
 /// Contact that has ended.
 pub(super) struct Pressed {
     levels: Vec<MeasuredLevel>,
@@ -210,8 +213,9 @@ impl Runner<'_> {
                 }
                 LoopCommand::Drag(granted) => {
                     let shear_most_n = self.permit.shear_most_n().unwrap_or(0.0);
-                    dragged = Some(self.rig_control.drag(granted, shear_most_n).await?);
-                    LoopEvent::Dragged
+                    let ([x_mm, y_mm], slips) = self.rig_control.drag(granted, shear_most_n).await?;
+                    dragged = Some((x_mm.hypot(y_mm).max(WAY_LEAST_MM), slips));
+                    LoopEvent::Dragged { x_mm, y_mm }
                 }
                 LoopCommand::LeaveContact(granted) => {
                     self.rig_control.leave_contact(granted, next, &self.permit, first_mm).await?;
@@ -352,14 +356,16 @@ impl Runner<'_> {
     /// Returns the problems of a level that was held.
     fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, along_z_mm: f64) -> Vec<Flag> {
         let (window, set) = (&held.window, entry.task.level_set(level));
-        let shear_set_n = held.dragged.and(entry.task.drag).and_then(|drag| drag.shear_n);
-        let shear_n = window.side_n.map_or(0.0, |[x_n, y_n]| x_n.hypot(y_n));
-        let missed_n = shear_set_n.map_or(0.0, |shear_set_n| (shear_n - shear_set_n).abs());
-        let missed = missed_n > entry.task.force_tolerance_n
-            || match set {
-                SetPoint::Force(force_n) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
-                SetPoint::Depth(depth_mm) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,
-            };
+        let drag = held.dragged.and(entry.task.drag);
+        let missed = match (drag, set) {
+            // the pressing force isn't controlled in a drag
+            (Some(drag), _) => drag.shear_n.is_some_and(|shear_n| {
+                let shear = window.side_n.map_or(0.0, |[x_n, y_n]| x_n.hypot(y_n));
+                (shear - shear_n).abs() > entry.task.force_tolerance_n
+            }),
+            (None, SetPoint::Force(force_n)) => (window.force_n - force_n).abs() > entry.task.force_tolerance_n,
+            (None, SetPoint::Depth(depth_mm)) => (along_z_mm - depth_mm).abs() > entry.task.depth_tolerance_mm,
+        };
         let felt = (entry.place, set);
         // the same load may give the same reading twice
         let before = self.felt.as_ref().filter(|(load, _)| *load != felt).map(|(_, outputs)| outputs.as_slice());
