@@ -418,8 +418,8 @@ fn permitted(rig: &RigSpec) -> String {
 
 /// Describes how the longest drag of the plan can end; nothing without a drag.
 fn dragged(plan: &Plan, rig: &RigSpec) -> String {
-    let way = |entry: &&Entry| entry.task.drag.map_or(0.0, |drag| drag.way_mm());
-    let longest = plan.entries.iter().filter(|entry| entry.task.drag.is_some());
+    let way = |entry: &&Entry| entry.task.drag().map_or(0.0, |drag| drag.way_mm());
+    let longest = plan.entries.iter().filter(|entry| entry.task.drag().is_some());
     let longest = longest.max_by(|a, b| way(a).total_cmp(&way(b)));
     let Some((entry, most)) = longest.zip(rig.drag) else { return String::new() };
     let [_, (shear_n, shear_most_n, _), (length_n, ..)] = most.end(&rig.limits, entry.task.most_n(), way(&entry));

@@ -101,8 +101,9 @@ pub struct PressTask {
     /// Time at which the window of the first level begins, s from contact. `None`: the window begins when the level is reached
     /// and held.
     pub sample_after_s: Option<f64>,
-    /// Drag after the last level, which is sampled at its end; `None`: none.
-    pub drag: Option<Drag>,
+    /// Drag after the last level, which is sampled at its end; `None`: none. Presses with the same drag share it: a plan may have a
+    /// million of them.
+    pub drag: Option<Arc<Drag>>,
 }
 
 impl PressTask {
@@ -124,6 +125,11 @@ impl PressTask {
         let up = (0..=steps).map(|i| level(i, Branch::Loading));
         let down = (0..steps).rev().map(|i| level(i, Branch::Unloading));
         up.chain(down).collect()
+    }
+
+    /// The drag after the last level.
+    pub fn drag(&self) -> Option<Drag> {
+        self.drag.as_deref().copied()
     }
 
     /// What a sampled level was set to. The window after a drag belongs to the last level.

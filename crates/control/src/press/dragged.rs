@@ -23,7 +23,7 @@ pub(super) enum DragProgress {
 impl ForceLoop {
     /// Returns the drag that remains to be done.
     pub(super) fn drag_ahead(&self) -> Option<Drag> {
-        self.task.drag.filter(|_| self.in_contact && self.dragged == DragProgress::Ahead)
+        self.task.drag().filter(|_| self.in_contact && self.dragged == DragProgress::Ahead)
     }
 
     /// Reads all axes at rest.
@@ -37,7 +37,7 @@ impl ForceLoop {
     pub(super) fn brace(&mut self, force_n: f64, side_n: Option<[f64; 2]>) -> Result<LoopCommand, Trip> {
         self.check_fall(force_n)?;
         self.force_n = force_n;
-        let (drag, side_n) = (self.task.drag.ok_or_else(unasked)?, side_n.ok_or_else(unasked)?);
+        let (drag, side_n) = (self.task.drag().ok_or_else(unasked)?, side_n.ok_or_else(unasked)?);
         let context = DragContext {
             force_n,
             sigma_n: self.sigma_n,

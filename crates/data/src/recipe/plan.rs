@@ -213,16 +213,23 @@ impl Step {
         }
     }
 
-    /// Returns an entry once for each drag of the step; once if there is none.
-    fn dragged(&self, entry: Entry) -> Vec<Entry> {
-        let with = |drag: &Drag| Entry { task: PressTask { drag: Some(*drag), ..entry.task.clone() }, ..entry.clone() };
-        if self.drags.is_empty() { vec![entry] } else { self.drags.iter().map(with).collect() }
+    /// Adds an entry once for each drag; once if there is none.
+    fn dragged(entry: Entry, drags: &[Arc<Drag>], entries: &mut Vec<Entry>) {
+        let with = |drag: &Arc<Drag>| {
+            let task = PressTask { drag: Some(drag.clone()), ..entry.task.clone() };
+            Entry { task, ..entry.clone() }
+        };
+        entries.extend(drags.iter().map(with));
+        if drags.is_empty() {
+            entries.push(entry);
+        }
     }
 
     /// Returns the step's entries in the order of their numbers, which aren't assigned yet.
     fn entries(&self, places: &[(Place, Span)], seed: u64, index: usize) -> Vec<Entry> {
         let mut rng = stream(seed, index as u64, "plan forces");
-        let mut entries = Vec::with_capacity(places.len() * self.load.repeats());
+        let drags: Vec<Arc<Drag>> = self.drags.iter().copied().map(Arc::new).collect();
+        let mut entries = Vec::with_capacity(places.len() * self.load.repeats() * drags.len().max(1));
         // one for all: a staircase may have thousands
         let same = match &self.load {
             StepLoad::Force(force_n) => PressTask::press(*force_n),
@@ -248,10 +255,10 @@ impl Step {
                 rest_after_s,
             };
             match &self.load {
-                StepLoad::Force(_) => entries.extend(self.dragged(entry(same.clone(), 0.0))),
+                StepLoad::Force(_) => Step::dragged(entry(same.clone(), 0.0), &drags, &mut entries),
                 StepLoad::RandomForce(range) => {
                     let force_n = to_grain(rng.random_range(range.min..=range.max), 1e-3, range);
-                    entries.extend(self.dragged(entry(PressTask::press(force_n), 0.0)));
+                    Step::dragged(entry(PressTask::press(force_n), 0.0), &drags, &mut entries);
                 }
                 StepLoad::Depths(depths_mm) => {
                     let levels = depths_mm.iter().map(|depth_mm| PressTask::one(SetPoint::Depth(*depth_mm)));

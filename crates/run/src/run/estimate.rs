@@ -49,7 +49,7 @@ pub fn estimated_s(entries: &[Entry], spec: &RigSpec) -> f64 {
     for entry in entries {
         let way_mm = (entry.place.x_mm - place.x_mm).abs().max((entry.place.y_mm - place.y_mm).abs());
         let levels = entry.task.levels.len() as f64;
-        let dragged_s = entry.task.drag.map_or(0.0, |drag| {
+        let dragged_s = entry.task.drag().map_or(0.0, |drag| {
             drag.way_mm() / drag.speed_mm_s.min(spec.stage.speed_mm_s) + LEVEL_S + entry.task.sample_s
         });
         total_s += MotionProfile::new(way_mm, spec.stage.speed_mm_s, spec.stage.acceleration_mm_s2).duration_s()

@@ -181,7 +181,7 @@ impl Runner<'_> {
         let mut no_load = self.no_load().await?;
         let mut no_load_s = -no_load.force.age_s;
         // after a drag the tip leaves another place
-        let end = task.drag.map_or(place, |drag| Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm));
+        let end = task.drag().map_or(place, |drag| Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm));
         let first_mm = self.first_mm(place, next).min(self.first_mm(end, next));
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         self.rig_control.count_from(&no_load);
@@ -356,7 +356,7 @@ impl Runner<'_> {
     /// Returns the problems of a level that was held.
     fn flags(&mut self, entry: &Entry, level: usize, held: &MeasuredLevel, along_z_mm: f64) -> Vec<Flag> {
         let (window, set) = (&held.window, entry.task.level_set(level));
-        let drag = held.dragged.and(entry.task.drag);
+        let drag = held.dragged.and(entry.task.drag());
         let missed = match (drag, set) {
             // the pressing force isn't controlled in a drag
             (Some(drag), _) => drag.shear_n.is_some_and(|shear_n| {
