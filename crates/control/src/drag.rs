@@ -97,12 +97,18 @@ impl Drag {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermittedDrag {
     drag: Drag,
+    shear_most_n: f64,
 }
 
 impl PermittedDrag {
     /// The drag.
     pub fn drag(&self) -> Drag {
         self.drag
+    }
+
+    /// Largest force sideways that the rig allows, N.
+    pub fn shear_most_n(&self) -> f64 {
+        self.shear_most_n
     }
 }
 
@@ -162,14 +168,9 @@ impl Permit {
             }
         }
         match drag.speed_mm_s >= SPEED_LEAST_MM_S {
-            true => Ok(PermittedDrag { drag: *drag }),
+            true => Ok(PermittedDrag { drag: *drag, shear_most_n: most.shear_n }),
             false => Err(Trip::new(SafetyRule::NotPermitted, drag.speed_mm_s, SPEED_LEAST_MM_S, "mm/s")),
         }
-    }
-
-    /// Largest force sideways, N; `None` if the rig allows no drag.
-    pub fn shear_most_n(&self) -> Option<f64> {
-        self.drag.map(|most| most.shear_n)
     }
 }
 

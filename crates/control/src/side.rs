@@ -33,6 +33,11 @@ impl SideZero {
         Some(SideZero { offset_n: [x.0, y.0], sigma_n: [x.1, y.1], frozen_after: [x.2, y.2] })
     }
 
+    /// Standard deviation of one reading of the noisier axis, N.
+    pub fn sigma_most_n(&self) -> f64 {
+        self.sigma_n[0].max(self.sigma_n[1])
+    }
+
     /// Returns the forces of a reading, N from the zero.
     pub fn from_zero(&self, side_n: [f64; 2]) -> [f64; 2] {
         [side_n[0] - self.offset_n[0], side_n[1] - self.offset_n[1]]

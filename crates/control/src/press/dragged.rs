@@ -78,7 +78,7 @@ impl ForceLoop {
 
     /// Standard deviation of a mean along x or y, N.
     fn side_sigma_n(&self) -> f64 {
-        let sigma_n = self.context.zero.side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
+        let sigma_n = self.context.zero.side.map_or(0.0, |side| side.sigma_most_n());
         sigma_n / f64::from(self.readings().max(1)).sqrt()
     }
 }

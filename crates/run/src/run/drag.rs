@@ -29,7 +29,7 @@ impl<C: LoadCell> WatchedLoadCell<'_, C> {
 impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
     /// Carries out a permitted drag from the present place, and returns the way that the tip went along x and y, mm, and the number of
     /// slips. A force over its limit stops it; the way out is then along z.
-    pub(super) async fn drag(&mut self, granted: PermittedDrag, shear_most_n: f64) -> Result<([f64; 2], u64), Halt> {
+    pub(super) async fn drag(&mut self, granted: PermittedDrag) -> Result<([f64; 2], u64), Halt> {
         let Drag { x_mm, y_mm, speed_mm_s, .. } = granted.drag();
         let began = self.place;
         let end = Place::new(self.place.x_mm + x_mm, self.place.y_mm + y_mm);
@@ -40,10 +40,11 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         let speed_mm_s = (speed_mm_s * longest_mm / granted.drag().way_mm()).min(self.usage.speed_mm_s);
         let profile = MotionProfile::new(longest_mm, speed_mm_s, self.usage.acceleration_mm_s2);
         let expected = seconds(profile.duration_s());
-        let side_sigma_n = self.cell.watch.zero().side.map_or(0.0, |side| side.sigma_n[0].max(side.sigma_n[1]));
+        let side_sigma_n = self.cell.watch.zero().side.map_or(0.0, |side| side.sigma_most_n());
         // an exchange takes between almost nothing and the longest one
         let stops_after_s = self.timing.exchange_s / 2.0 + speed_mm_s / (2.0 * self.usage.acceleration_mm_s2);
-        let drag_watch = RefCell::new(DragWatch::new(granted.drag(), shear_most_n, side_sigma_n, stops_after_s));
+        let drag_watch =
+            RefCell::new(DragWatch::new(granted.drag(), granted.shear_most_n(), side_sigma_n, stops_after_s));
         let broken = Cell::new(None);
         let (orders, due) = (MotionOrders::default(), Cell::new(Some(Instant::now() + expected)));
         let places_mm = {

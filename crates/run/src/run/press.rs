@@ -212,8 +212,7 @@ impl Runner<'_> {
                     LoopEvent::AxesAveraged { force_n, side_n }
                 }
                 LoopCommand::Drag(granted) => {
-                    let shear_most_n = self.permit.shear_most_n().unwrap_or(0.0);
-                    let ([x_mm, y_mm], slips) = self.rig_control.drag(granted, shear_most_n).await?;
+                    let ([x_mm, y_mm], slips) = self.rig_control.drag(granted).await?;
                     dragged = Some((x_mm.hypot(y_mm).max(WAY_LEAST_MM), slips));
                     LoopEvent::Dragged { x_mm, y_mm }
                 }
