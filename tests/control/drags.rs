@@ -118,16 +118,15 @@ fn no_drag_exceeds_the_limits_of_the_whole_force_and_of_the_force_sideways() {
     outcomes.iter().for_each(|outcome| *ends.entry(outcome.end).or_default() += 1);
     let (length_n, shear_n) = (most(|truth| truth.length_n), most(|truth| truth.shear_n));
     println!("{} runs, largest force {length_n:.3} N, sideways {shear_n:.3} N, ends {ends:?}", outcomes.len());
-    let sound = outcomes.iter().filter(|outcome| outcome.wrong == Wrong::Nothing);
-    let sound_ends: Vec<&str> = sound.clone().map(|outcome| outcome.end).collect();
+    let is_sound = |(_, outcome): &(&u64, &Outcome)| outcome.wrong == Wrong::Nothing;
+    let sound: Vec<(&u64, &Outcome)> = seeds.iter().zip(&outcomes).filter(is_sound).collect();
     // the permit refuses a drag whose end could be over a limit
-    assert!(sound_ends.iter().all(|end| matches!(*end, "-" | "not-permitted")), "{sound_ends:?}");
-    let dragged = sound.filter(|outcome| outcome.truth.slid_mm > 0.1 && outcome.end == "-").count();
-    assert!(
-        2 * dragged > sound_ends.len(),
-        "only {dragged} of {} sound runs were dragged to their end",
-        sound_ends.len()
-    );
+    let ended = |(seed, outcome): &(&u64, &Outcome)| {
+        (!matches!(outcome.end, "-" | "not-permitted")).then(|| format!("seed {seed}: {}", outcome.end))
+    };
+    must_be_none(&sound.iter().filter_map(ended).collect::<Vec<_>>());
+    let dragged = sound.iter().filter(|(_, outcome)| outcome.truth.slid_mm > 0.1 && outcome.end == "-").count();
+    assert!(2 * dragged > sound.len(), "only {dragged} of {} sound runs were dragged to their end", sound.len());
     let are_found = |outcome: &&Outcome| matches!(outcome.wrong, Wrong::Axes(_)) && outcome.end == "axes-differ";
     assert!(outcomes.iter().filter(are_found).count() * 2 > outcomes.len() / 6, "{ends:?}");
 }

@@ -213,14 +213,25 @@ impl Instrument for TiltSideways {
 
 /// Presses a tilted specimen at five places. x and y get no command under a force, and don't move in contact.
 fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, stated: bool) -> Result<(), TestCaseError> {
+    // no place is higher or deeper than the frame states: 5 degrees at 5.7 mm are 0.5 mm, and a higher one could be grazed
+    let places = "[[-4, 4], [4, -4], [0, 0], [-4, -4], [4, 4]]";
+    assert_stays_at(places, degrees, toward_deg, seed, strategy, stated)
+}
+
+fn assert_stays_at(
+    places: &str,
+    degrees: f64,
+    toward_deg: f64,
+    seed: u64,
+    strategy: usize,
+    stated: bool,
+) -> Result<(), TestCaseError> {
     let strategy = ["guarded", "velocity", "map"][strategy];
     let mut spec = tilted_rig(false, 0.0, tilt(degrees, toward_deg));
     if stated {
         spec.frame.tilt = spec.scene.surface_tilt;
     }
-    // no place is higher or deeper than the frame states: 5 degrees at 5.7 mm are 0.5 mm, and a higher one could be grazed
-    let text = recipe("[[-4, 4], [4, -4], [0, 0], [-4, -4], [4, 4]]", "force_n = 1.0")
-        .replace("[press]\n", &format!("[press]\nstrategy = \"{strategy}\"\n"));
+    let text = recipe(places, "force_n = 1.0").replace("[press]\n", &format!("[press]\nstrategy = \"{strategy}\"\n"));
     let seen = Arc::new(Mutex::new(TiltSeen::default()));
     let executed = executed_with(&spec, &plan(&spec, &text, seed), Deaths::Ignored, &|rig| {
         let stage = rig.stage.instrument().expect("it has a link").clone();
@@ -239,6 +250,16 @@ fn assert_stays(degrees: f64, toward_deg: f64, seed: u64, strategy: usize, state
 fn x_and_y_wait_until_z_is_clear_of_a_next_place_that_is_higher() {
     for strategy in 0..3 {
         assert_stays(4.9, 45.0, 1, strategy, false).expect("x and y wait");
+    }
+}
+
+/// Both axes of an ESP301 move at the same speed, so the shorter one arrives first and the way has a corner. Here the surface is as high at
+/// both ends, and 0.15 mm higher at the corner.
+#[test]
+fn z_is_clear_of_the_corner_of_a_way() {
+    let places = "[[-5, -2.5], [5, 2.5], [-5, -2.5], [5, 2.5], [-5, -2.5], [5, 2.5], [-5, -2.5], [5, 2.5]]";
+    for strategy in 0..3 {
+        assert_stays_at(places, 4.9, -63.43, 1, strategy, false).expect("x and y stay clear");
     }
 }
 

@@ -8,6 +8,9 @@ use super::surface::{Expected, SurfaceMap};
 use palpate_core::quantity::{Limits, Place};
 use serde::{Deserialize, Serialize};
 
+/// Height of a corner of a way above both ends that the clearance allows for, mm.
+const CORNER_MM: f64 = 0.02;
+
 /// Number of touches from which the surface is known. A plane needs three, and the fourth touch checks the plane.
 const LEARNED_LEAST: usize = 4;
 /// Least distance of the aim of a first shot from the force limit, N. This press hasn't yet shown the properties of its place.
@@ -123,6 +126,15 @@ impl ContactMap {
     /// Returns the expected position of the surface.
     pub fn expect(&self, place: Place) -> Expected {
         self.surface.expect(place)
+    }
+
+    /// Returns the earliest z at which contact is possible on the way between two places, mm. One axis may arrive before the other, so the
+    /// way is anywhere in the rectangle between the places.
+    pub fn first_on_way_mm(&self, here: Place, there: Place) -> f64 {
+        let first_mm = |x: Place, y: Place| self.expect(Place::new(x.x_mm, y.y_mm)).first_mm;
+        let ends_mm = first_mm(here, here).min(first_mm(there, there));
+        let corners_mm = first_mm(here, there).min(first_mm(there, here));
+        if corners_mm < ends_mm - CORNER_MM { corners_mm } else { ends_mm }
     }
 
     /// Whether the specimen was touched. Before the first touch the map only repeats the frame, and no motion may rely on that.

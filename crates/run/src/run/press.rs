@@ -182,7 +182,7 @@ impl Runner<'_> {
         let mut no_load_s = -no_load.force.age_s;
         // after a drag the tip leaves another place
         let end = task.drag().map_or(place, |drag| Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm));
-        let first_mm = self.first_mm(place, next).min(self.first_mm(end, next));
+        let first_mm = self.map.first_on_way_mm(place, next).min(self.map.first_on_way_mm(end, next));
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         self.rig_control.count_from(&no_load);
         self.zeroed = Instant::now();
@@ -272,7 +272,7 @@ impl Runner<'_> {
 
     /// Moves to a place in the clear.
     pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
-        let first_mm = self.first_mm(self.rig_control.place, place);
+        let first_mm = self.map.first_on_way_mm(self.rig_control.place, place);
         self.rig_control.travel(place, &self.permit, first_mm).await
     }
 
@@ -315,11 +315,6 @@ impl Runner<'_> {
             speed_mm_s: self.rig_control.usage.speed_mm_s,
             timing: self.rig_control.timing,
         }
-    }
-
-    /// Earliest z at which contact is possible at either of two places, mm.
-    fn first_mm(&self, here: Place, there: Place) -> f64 {
-        self.map.expect(here).first_mm.min(self.map.expect(there).first_mm)
     }
 
     /// Returns the row of a level. Its force and depth are along the surface's normal; the loop and its flags go by those along z.

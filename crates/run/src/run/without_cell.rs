@@ -291,8 +291,7 @@ impl DepthRunner<'_> {
 
     /// Moves to a place, after z has cleared the highest possible surface here and there.
     pub(super) async fn go_to(&mut self, place: Place) -> Result<(), Halt> {
-        let [here, there] = [self.rig_control.place, place].map(|place| self.map.expect(place).first_mm);
-        let first_mm = here.min(there);
+        let first_mm = self.map.first_on_way_mm(self.rig_control.place, place);
         self.clear(first_mm).await?;
         self.rig_control.travel_unforced(place, &self.permit, first_mm).await
     }
