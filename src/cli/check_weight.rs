@@ -6,10 +6,11 @@ use crate::api::Failure;
 use jiff::ZonedDateTime;
 use miette::IntoDiagnostic;
 use palpate_core::quantity::round;
-use palpate_core::quantity::{GAIN_OFF_MOST, WeightCheck};
+use palpate_core::quantity::{AxesCheck, CROSSTALK_MOST, GAIN_OFF_MOST, WeightCheck};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{
-    Ask, FINGER_WAIT, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, WeightMeasurement, WeightResult, judged,
+    Ask, AxesMeasurement, FINGER_WAIT, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, WeightMeasurement,
+    WeightResult, judged,
 };
 use serde::Serialize;
 use std::path::Path;
@@ -24,6 +25,9 @@ const U_SHARE_MOST: f64 = 0.02;
 
 /// Number of digits after the decimal point of a gain in a rig file.
 const GAIN_DECIMALS: i32 = 6;
+
+/// Names of the three axes.
+const AXES: [&str; 3] = ["x", "y", "press"];
 
 /// A check of the load cell with a known weight.
 #[derive(Debug, clap::Args)]
@@ -40,6 +44,9 @@ pub(super) struct WeightArgs {
     /// The weight hangs from the tip and acts against the direction of contact
     #[arg(long, requires = "check_weight_n")]
     pull: bool,
+    /// Then let the weight act along x and along y too, and measure the crosstalk of a cell with three axes
+    #[arg(long, requires = "check_weight_n")]
+    pub three_axes: bool,
     /// From now on, divide readings by the gain that this check measures
     #[arg(long, requires = "check_weight_n")]
     adjust: bool,
@@ -98,26 +105,79 @@ impl WeightArgs {
             );
             return Err(Failure::usage(text));
         }
-        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull }))
+        if self.three_axes && rig.load_cell.axes.is_none() {
+            let text =
+                miette::miette!(help = "remove it; nothing was moved", "--three-axes: the load cell has one axis");
+            return Err(Failure::usage(text));
+        }
+        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull, along: 2 }))
     }
 }
 
 /// Asks a person for the weight. A closed standard error stops nothing: the cell shows what was done.
-pub(super) fn ask(what: Ask, weight: Option<KnownWeight>) {
+pub(super) fn ask(what: Ask) {
     let wait_s = if what == Ask::Finger { FINGER_WAIT } else { WEIGHT_WAIT }.as_secs();
-    let _ = match (what, weight) {
-        (Ask::Finger, _) => {
+    let _ = match what {
+        Ask::Finger => {
             tell(&format!("press the tip lightly with a finger, as a contact would: waiting up to {wait_s} s\n"))
         }
-        (Ask::PutOn(time), Some(KnownWeight { weight_n, pull, .. })) => {
-            let how = if pull { "hang the weight from the tip" } else { "put the weight on the tip" };
+        Ask::PutOn(time, KnownWeight { weight_n, pull, along, .. }) => {
+            let how = match (along, pull) {
+                (0, _) => {
+                    "let the weight pull the tip toward +x of the specimen, over a pulley or with the cell turned"
+                }
+                (1, _) => "let the weight pull the tip toward +y of the specimen",
+                (_, true) => "hang the weight from the tip",
+                (_, false) => "put the weight on the tip",
+            };
             tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
-        (Ask::TakeOff(time), Some(_)) => {
+        Ask::TakeOff(time) => {
             tell(&format!("take the weight off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
         }
-        (_, None) => Ok(()),
     };
+}
+
+/// Describes the crosstalk of three axes, and writes it to the rig file, which has just been written with the weight.
+pub(super) fn concluded_axes(
+    weighed: &AxesMeasurement,
+    (file, invented): (&Path, bool),
+) -> Result<(String, AxesCheck), Failure> {
+    let found = weighed.check(&ZonedDateTime::now().date().to_string());
+    let along = found.along.map(|row| row.map(|number| round(number, GAIN_DECIMALS)));
+    let found = AxesCheck { along, u: round(found.u, GAIN_DECIMALS), ..found };
+    let mut lines = format!("\n{:<11}{:<12}{:>10}{:>10}{:>10}\n", "axes", "force along", "x", "y", "press");
+    for (name, [x, y, press]) in AXES.iter().zip(along) {
+        lines += &format!("{:<11}{name:<12}{x:>10.4}{y:>10.4}{press:>10.4}\n", "");
+    }
+    let (most, force, reading) = found.crosstalk();
+    let percent = 100.0 * most;
+    lines += &format!("{:<11}readings per newton; standard uncertainty {:.5}\n", "", found.u);
+    lines +=
+        &format!("{:<11}largest crosstalk {percent:+.2} %: a force along {} on {}\n", "", AXES[force], AXES[reading]);
+    if most.abs() > CROSSTALK_MOST {
+        lines += &format!(
+            "{:<11}over {} %: check the mounting, or state the cell's `matrix` in `axes`\n",
+            "",
+            100.0 * CROSSTALK_MOST
+        );
+    }
+    if invented {
+        return Ok((lines + "not written: it is that of a simulated load cell\n", found));
+    }
+    let text = std::fs::read_to_string(file).into_diagnostic().map_err(Failure::usage)?;
+    let mut document: DocumentMut = text.parse::<DocumentMut>().into_diagnostic().map_err(Failure::usage)?;
+    let rows = along.map(|row| Value::from_iter(row));
+    let mut table = InlineTable::new();
+    table.insert("along", Value::from_iter(rows));
+    table.insert("u", Value::from(found.u));
+    table.insert("date", Value::from(found.date.as_str()));
+    table.fmt();
+    document["load_cell"]["axes_check"] = value(table);
+    let changed = document.to_string();
+    check_text(file, &changed)?;
+    replace(file, &text, &changed)?;
+    Ok((format!("{lines}written: `axes_check` of [load_cell] in {}\n", file.display()), found))
 }
 
 /// Judges what a weight showed and writes it to the rig file: `place` is the file, the text that was read of it, and whether

@@ -1,6 +1,6 @@
 //! `palpate doctor`.
 
-use super::check_weight::{WeightArgs, WeightJson, ask, concluded};
+use super::check_weight::{WeightArgs, WeightJson, ask, concluded, concluded_axes};
 use super::one_rig::OneRigArgs;
 use super::output::OutputArgs;
 use super::signals::{First, heed};
@@ -9,6 +9,7 @@ use crate::api::Failure;
 use crate::api::run::block_on;
 use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
+use palpate_core::quantity::AxesCheck;
 use palpate_link::device::Identity;
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
 use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
@@ -24,7 +25,7 @@ Examples:
 
 With a check weight, palpate asks three times to put the weight on the tip and to take it off; the load
 cell detects both. The result is written to `check` in the rig's [load_cell]. Readings are
-adjusted only with --adjust.
+adjusted only with --adjust. With --three-axes the weight then acts along x and along y.
 
 Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height.
 Then the load cell must show that it measures force: with --finger or a check weight. `palpate align` shows it too.
@@ -78,9 +79,10 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let weight = args.weight.weight(&rig)?;
     let spec = if weight.is_some() { as_it_reads(&rig) } else { rig.clone() };
     let cancel = heed(First::Stop, Some("stopping"))?;
-    let mut asked = |what| ask(what, weight);
+    let mut asked = ask;
+    let three_axes = args.weight.three_axes;
     let asked = match weight {
-        Some(weight) => ForceCheck::Weight(Weighing { weight, ask: &mut asked }),
+        Some(weight) => ForceCheck::Weight(Weighing { weight, three_axes, ask: &mut asked }),
         None if args.finger && !spec.is_simulated() => ForceCheck::Finger(&mut asked),
         None => ForceCheck::Press, // also instead of a finger, which no simulated rig feels
     };
@@ -90,9 +92,16 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
     let weighed = found.weighed.as_ref().and_then(|weighed| weighed.as_ref().ok());
     let weighed = weighed.map(|weighed| concluded(&args.weight, weighed, &rig, place)).transpose()?;
     let advice = advice(&found, &spec);
-    let text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
-    args.output.print(&text, &json(&found, &advice, weighed.as_ref().map(|weighed| &weighed.json)))?;
+    let mut text = described(&found, &spec, &advice) + weighed.as_ref().map_or("", |weighed| weighed.text.as_str());
+    let mut axes = None;
+    if let Some(Ok(weighed)) = &found.weighed_axes {
+        let (more, check) = concluded_axes(weighed, (place.0, invented))?;
+        text += &more;
+        axes = Some(check);
+    }
+    args.output.print(&text, &json(&found, &advice, (weighed.as_ref().map(|weighed| &weighed.json), axes.as_ref())))?;
     let failed = found.devices.into_iter().find_map(|(_, device)| device.err());
+    let axes_failed = found.weighed_axes.and_then(Result::err);
     match (failed, found.no_load, found.shown) {
         (Some(error), ..) => Err(Failure::halted(error.into())),
         (None, Some(Err(trip)), _) | (None, _, Some(Err(trip))) => Err(Failure::halted(trip.into())),
@@ -100,6 +109,9 @@ pub(super) fn doctor(args: &DoctorArgs) -> Result<ExitCode, Failure> {
             match weighed {
                 Some(weighed) => weighed.failure.map_or(Ok(()), Err)?,
                 None => rig.load_cell.check_gain().map_err(|trip| Failure::halted(trip.into()))?,
+            }
+            if let Some(trip) = axes_failed {
+                return Err(Failure::halted(trip.into()));
             }
             if shown.is_none() {
                 return Err(Failure::not_accepted(miette::miette!(help = SHOW, "{NOT_SHOWN}")));
@@ -126,7 +138,7 @@ fn devices_alone(args: &DoctorArgs, rig: &RigSpec) -> Result<ExitCode, Failure> 
     let [stage, _, array] = found.exchanges_s;
     found.exchanges_s = [stage, array, Vec::new()];
     let text = described(&found, rig, &[]) + "\nno load cell: presses are by depth, and nothing was moved\n";
-    args.output.print(&text, &json(&found, &[], None))?;
+    args.output.print(&text, &json(&found, &[], (None, None)))?;
     match found.devices.into_iter().find_map(|(_, device)| device.err()) {
         Some(error) => Err(Failure::halted(error.into())),
         None => Ok(ExitCode::SUCCESS),
@@ -353,6 +365,8 @@ struct DoctorJson<'a> {
     approach_mm_s: Option<f64>,
     advice: &'a [String],
     check_weight: Option<&'a WeightJson>,
+    /// Readings of x, y and the press per newton along each, and their standard uncertainty.
+    axes: Option<(&'a [[f64; 3]; 3], f64)>,
     measures_force: Option<bool>,
 }
 
@@ -364,7 +378,11 @@ struct ExaminedDevice<'a> {
     exchange_ms: Vec<f64>,
 }
 
-fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&'a WeightJson>) -> DoctorJson<'a> {
+fn json<'a>(
+    found: &'a Examination,
+    advice: &'a [String],
+    (check_weight, axes): (Option<&'a WeightJson>, Option<&'a AxesCheck>),
+) -> DoctorJson<'a> {
     let ms = |seconds: &[f64]| seconds.iter().map(|s| (1e6 * s).round() / 1e3).collect::<Vec<_>>();
     let device = |((role, device), exchanges_s): (&'a (&'static str, Result<Identity, _>), &Vec<f64>)| ExaminedDevice {
         role,
@@ -389,6 +407,7 @@ fn json<'a>(found: &'a Examination, advice: &'a [String], check_weight: Option<&
         approach_mm_s: found.approach_mm_s,
         advice,
         check_weight,
+        axes: axes.map(|check| (&check.along, check.u)),
         measures_force: found.shown.as_ref().map(Result::is_ok),
     }
 }

@@ -95,8 +95,12 @@ impl<'a> Progress<'a> {
     /// The same, with the weight that the load cell of a real rig was checked with, if a person can be asked for it after the run.
     pub(super) fn weighing(self, spec: &RigSpec) -> Self {
         let check = spec.load_cell.check.as_ref().filter(|_| !spec.is_simulated() && is_attended());
-        let weight =
-            check.map(|check| KnownWeight { weight_n: check.weight_n, u_n: check.weight_u_n, pull: check.pull });
+        let weight = check.map(|check| KnownWeight {
+            weight_n: check.weight_n,
+            u_n: check.weight_u_n,
+            pull: check.pull,
+            along: 2,
+        });
         Progress { weight, ..self }
     }
 
@@ -202,8 +206,7 @@ impl Listener for Progress<'_> {
     }
 
     fn ask(&mut self, ask: Ask) {
-        let weight = self.weight;
-        self.bar.suspend(|| check_weight::ask(ask, weight));
+        self.bar.suspend(|| check_weight::ask(ask));
     }
 
     fn rests(&mut self, seconds: f64) {

@@ -36,11 +36,16 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
 
 /// Result of the doctor with a weight that is known to this fraction; its true force follows from the seed.
 fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> WeightMeasurement {
-    let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false };
+    let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false, along: 2 };
     let found = run_virtually(async {
-        examine(spec, seed, &Cancel::default(), ForceCheck::Weight(Weighing { weight, ask: &mut |_| {} }))
-            .await
-            .expect("a sound rig")
+        examine(
+            spec,
+            seed,
+            &Cancel::default(),
+            ForceCheck::Weight(Weighing { weight, three_axes: false, ask: &mut |_| {} }),
+        )
+        .await
+        .expect("a sound rig")
     });
     found.weighed.expect("a load cell").expect("a weight that comes and goes")
 }

@@ -223,7 +223,7 @@ impl Listener for CheckWeighing {
 fn known_weight_is_requested_after_the_run_for_a_limited_time() {
     for (gain, pressed_n, found) in [(1.0, 0.5, Some(false)), (0.95, 0.5, Some(true)), (1.0, 1e-6, None)] {
         let mut spec = bench("bench-fast");
-        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
+        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
         let (gain_sd, date) = (0.0002, "2026-05-04".to_owned());
         let (weight_n, weight_u_n) = (known.weight_n, known.u_n);
         let check =

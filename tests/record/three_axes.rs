@@ -48,3 +48,35 @@ fn one_axis_has_no_columns_of_forces_sideways() {
     let (header, journal) = (bench.read("run/presses.csv"), bench.read("run/journal.log"));
     assert!(!header.contains("force_x_n") && !journal.contains("force_x_n") && !journal.contains("side_mean_n"));
 }
+
+/// A cell whose axes read 3 % of each other's force: `doctor` measures it along each axis, and each axis' uncertainty contains it.
+#[test]
+fn crosstalk_is_measured_and_enters_the_uncertainty_of_each_axis() {
+    let rig = exchanged(&rig_with_three_axes(), "noise_n = 0.003", "noise_n = 0.003, crosstalk_percent = 3.0");
+    let bench = TestFolder::with([("sideways.toml", RECIPE), ("rig.toml", rig.as_str())]);
+    let doctor = "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005";
+    let output = bench.palpate_ends(0, &format!("{doctor} --three-axes"));
+    assert!(
+        output.err.contains("let the weight pull the tip toward +y of the specimen (0.5 N, 3 of 3)"),
+        "{}",
+        output.err
+    );
+    assert!(output.out.contains("largest crosstalk +3.0") && output.out.contains("over 2 %:"), "{}", output.out);
+    assert!(output.out.ends_with("written: `axes_check` of [load_cell] in rig.toml\n"), "{}", output.out);
+    assert!(output.out.lines().all(|line| line.chars().count() <= 80), "{}", output.out);
+    bench.palpate_ends(0, "run sideways.toml --rig rig.toml --simulate --out run");
+    let numbers = |column: &str| -> Vec<f64> {
+        bench.column("run/presses.csv", column).iter().map(|cell| cell.parse().unwrap()).collect()
+    };
+    let forces_n = numbers("force_n");
+    for (side_n, u_n) in
+        [("force_x_n", "u_force_x_n"), ("force_y_n", "u_force_y_n")].map(|(n, u)| (numbers(n), numbers(u)))
+    {
+        for ((side_n, u_n), force_n) in side_n.iter().zip(&u_n).zip(&forces_n) {
+            assert!((side_n - 0.03 * force_n).abs() < 0.004 && (u_n - 0.03 * force_n).abs() < 0.002, "{side_n} {u_n}");
+        }
+    }
+    let one_axis = TestFolder::with([("rig.toml", palpate_testing::shipped_text("rigs/sim.toml").as_str())]);
+    let refused = one_axis.palpate_ends(2, &format!("{doctor} --three-axes"));
+    assert!(refused.err.contains("--three-axes: the load cell has one axis"), "{}", refused.err);
+}

@@ -2,7 +2,7 @@
 
 use super::permit::{DEPTH_MARGIN_MM, Permit};
 use super::trip::{SafetyRule, Trip};
-use palpate_core::quantity::{Axis, Limits};
+use palpate_core::quantity::{Axis, Limits, Place};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Largest slope of a surface: a rig with a tilt of more than 5 degrees is refused.
@@ -90,6 +90,11 @@ impl Drag {
     /// Length of the way, mm.
     pub fn way_mm(&self) -> f64 {
         self.x_mm.hypot(self.y_mm)
+    }
+
+    /// Place where it ends if it begins at this one.
+    pub fn end(&self, place: Place) -> Place {
+        Place::new(place.x_mm + self.x_mm, place.y_mm + self.y_mm)
     }
 }
 

@@ -75,6 +75,45 @@ impl LoadCellCertificate {
     }
 }
 
+/// Largest part of a force that may show on another axis without a warning.
+pub const CROSSTALK_MOST: f64 = 0.02;
+
+/// Gains and crosstalk of a load cell with three axes, measured with a known weight along each axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxesCheck {
+    /// Readings per newton: a row for a force along x, y and the press each, with the readings of x, y and the press.
+    pub along: [[f64; 3]; 3],
+    /// Standard uncertainty of each of these numbers.
+    pub u: f64,
+    /// Date of the check, as year-month-day.
+    pub date: String,
+}
+
+impl AxesCheck {
+    /// Returns the largest crosstalk, with its sign, and its two axes: that of the force and that of the reading.
+    pub fn crosstalk(&self) -> (f64, usize, usize) {
+        let pairs = (0..3).flat_map(|force| (0..3).map(move |reading| (force, reading)));
+        let others = pairs.filter(|(force, reading)| force != reading);
+        let all = others.map(|(force, reading)| (self.along[force][reading], force, reading));
+        all.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()
+    }
+
+    /// Returns the part of each axis' standard uncertainty that the other axes cause, N, for the forces along x, y and the press. No
+    /// reading is corrected, so the whole crosstalk counts (GUM F.2.4.5).
+    pub fn crosstalk_n(&self, forces_n: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|reading| {
+            let others = (0..3).filter(|force| *force != reading);
+            let from = |force: usize| self.along[force][reading].hypot(self.u) * forces_n[force];
+            others.map(|force| from(force).powi(2)).sum::<f64>().sqrt()
+        })
+    }
+
+    /// Standard uncertainty of an axis' own gain, whose departure from 1 isn't corrected.
+    pub fn gain_u(&self, axis: usize) -> f64 {
+        (self.along[axis][axis] - 1.0).hypot(self.u)
+    }
+}
+
 /// Gain of a load cell, measured with a known weight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WeightCheck {

@@ -20,7 +20,9 @@ mod stream;
 mod tilt;
 
 pub use cells::cell_centres;
-pub use certificate::{COVERAGE, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck};
+pub use certificate::{
+    AxesCheck, COVERAGE, CROSSTALK_MOST, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck,
+};
 pub use ewma::Ewma;
 pub use frame::{Axis, Down, Frame, Place, Position};
 pub use identity::{Identity, SHOWN_MAX_CHARS, shortened, shown};

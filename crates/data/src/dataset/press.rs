@@ -99,6 +99,12 @@ columns! {
     /// Mean force of the tip on the specimen along y in the window, N; only of a load cell with three axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     force_y_n: Option<f64>, ThreeAxes, 6;
+    /// Standard uncertainty of the force along x, N; empty if neither a certificate nor a check along the axes gives the cell's error.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    u_force_x_n: Option<f64>, ThreeAxes, 6;
+    /// Standard uncertainty of the force along y, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    u_force_y_n: Option<f64>, ThreeAxes, 6;
     /// Way in contact from the place of the press to that of the window, mm; only of a load cell with three axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     drag_mm: Option<f64>, ThreeAxes, 6;
@@ -285,6 +291,8 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         u_force_n: Some(0.001_234_567),
         force_x_n: None,
         force_y_n: None,
+        u_force_x_n: None,
+        u_force_y_n: None,
         drag_mm: None,
         slips: None,
         depth_mm: Some(0.812_345_6),
@@ -337,7 +345,10 @@ mod tests {
     fn press_on_three_axes_has_its_forces_sideways() {
         let sideways = Press { force_x_n: Some(0.1), force_y_n: Some(-0.05), ..example(3, 0) };
         let press = Press { drag_mm: Some(0.5), slips: Some(1.0), ..sideways }.rounded();
-        assert!(csv_header(2, THREE_AXES).contains(",force_n,u_force_n,force_x_n,force_y_n,drag_mm,slips,depth_mm,"));
+        assert!(
+            csv_header(2, THREE_AXES)
+                .contains(",force_n,u_force_n,force_x_n,force_y_n,u_force_x_n,u_force_y_n,drag_mm,slips,depth_mm,")
+        );
         assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.5,1,0.81235,"));
         assert!(
             press

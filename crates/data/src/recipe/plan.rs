@@ -103,10 +103,11 @@ impl Plan {
         self.entries.iter().map(|entry| entry.task.most_mm()).fold(0.0, f64::max)
     }
 
-    /// Returns the intervals of x and y that contain the plan's places, mm.
+    /// Returns the intervals of x and y that contain the plan's places and the ends of its drags, mm.
     pub fn envelope(&self) -> [Range; 2] {
+        let ends = |entry: &Entry| [entry.place, entry.task.drag().map_or(entry.place, |drag| drag.end(entry.place))];
         let span = |along: fn(&Place) -> f64| {
-            let all = self.entries.iter().map(|entry| along(&entry.place));
+            let all = self.entries.iter().flat_map(ends).map(|place| along(&place));
             let min = all.clone().fold(f64::INFINITY, f64::min);
             Range { min, max: all.fold(f64::NEG_INFINITY, f64::max) }
         };
@@ -159,9 +160,7 @@ impl Step {
 
     /// Returns where the drags of the step end.
     fn drag_ends(&self, places: &[(Place, Span)]) -> Vec<(Place, Span)> {
-        let end = |place: &Place, drag: &Drag| {
-            (Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm), self.drag_span.clone())
-        };
+        let end = |place: &Place, drag: &Drag| (drag.end(*place), self.drag_span.clone());
         places.iter().flat_map(|(place, _)| self.drags.iter().map(move |drag| end(place, drag))).collect()
     }
 

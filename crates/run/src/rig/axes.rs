@@ -40,6 +40,17 @@ pub struct CellAxes {
     pub axes: [DeviceAxis; 3],
     /// Matrix from the cell's calibration, in the cell's own axes; `None` if its readings need none.
     pub matrix: Option<CellMatrix>,
+    /// Distance of the tip and largest torque; `None` if not stated.
+    pub lever: Option<Lever>,
+}
+
+/// What limits the torque at the cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lever {
+    /// Distance from the cell's origin to the tip, mm.
+    pub mm: f64,
+    /// Largest torque about any axis of the cell, N mm.
+    pub torque_n_mm: f64,
 }
 
 /// Calibration matrix of a cell.
@@ -78,6 +89,11 @@ impl CellAxes {
 pub(super) fn read_axes(table: &Table) -> Option<CellAxes> {
     let axes = [&axes::x, &axes::y, &axes::press].map(|key| table.word(key, &DEVICE_AXES));
     let matrix = read_matrix(table);
+    let lever = [table.number(&axes::tip_mm), table.number(&axes::torque_n_mm)];
+    if table.has(&axes::tip_mm) != table.has(&axes::torque_n_mm) {
+        table.complain(Problem::new(table.span(), "`tip_mm` and `torque_n_mm` require each other"));
+    }
+    let lever = if let [Some(mm), Some(torque_n_mm)] = lever { Some(Lever { mm, torque_n_mm }) } else { None };
     let [Some(x), Some(y), Some(press)] = axes else { return None };
     let axes = [x, y, press];
     if (0..3).any(|index| axes.iter().all(|axis| axis.index != index)) {
@@ -85,7 +101,7 @@ pub(super) fn read_axes(table: &Table) -> Option<CellAxes> {
         table.complain(problem.help("such as axes = { x = \"x\", y = \"-y\", press = \"-z\" }"));
         return None;
     }
-    Some(CellAxes { axes, matrix: matrix? })
+    Some(CellAxes { axes, matrix: matrix?, lever })
 }
 
 /// Reads `matrix` and `serial`. The outer value is `None` if they are invalid.
@@ -193,6 +209,12 @@ mod tests {
                 "`press` is \"down\", expected one of x, -x, y, -y, z, -z",
             ),
             (NET_FT, format!("axes = {{ {straight}, serial = \"FT1\" }}"), "`serial` requires `matrix`"),
+            (NET_FT, format!("axes = {{ {straight}, tip_mm = 30 }}"), "`tip_mm` and `torque_n_mm` require each other"),
+            (
+                NET_FT,
+                format!("axes = {{ {straight}, tip_mm = 80, torque_n_mm = 120 }}"),
+                "`force_n` is 2 N at a tip 80 mm from the cell's origin: up to 160 N mm, but the cell allows 120 N mm",
+            ),
             (
                 NET_FT,
                 format!("axes = {{ {straight}, matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }}"),

@@ -1,8 +1,10 @@
 //! Statements of a rig about the accuracy of its instruments: `certificate` of `[stage]`, `certificate` and `check` of
 //! `[load_cell]`.
 
-use super::keys::{certificate, check, stage_certificate};
-use palpate_core::quantity::{GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck};
+use super::keys::{axes_check, certificate, check, stage_certificate};
+use palpate_core::quantity::{
+    AxesCheck, GAIN_OFF_MOST, LoadCellCertificate, StageCertificate, StatedError, WeightCheck,
+};
 use palpate_document::{Key, Problem, Table};
 
 /// Longest number of a certificate, characters.
@@ -36,6 +38,12 @@ pub(super) fn read_check(table: &Table) -> Option<WeightCheck> {
     }
     let times = u32::try_from(times?).ok()?;
     Some(WeightCheck { weight_n, weight_u_n, pull: pull?, gain, gain_sd, times, date: date?, adjusted })
+}
+
+pub(super) fn read_axes_check(table: &Table) -> Option<AxesCheck> {
+    let (along, u) = (table.matrix(&axes_check::along), table.number(&axes_check::u));
+    let date = table.day(&axes_check::date).map(str::to_owned);
+    Some(AxesCheck { along: along?, u: u?, date: date? })
 }
 
 /// Reads the error in the one form in which a certificate states it.

@@ -121,6 +121,7 @@ keys! {
         axes: Table(&axes::KEYS), Allowed, "how a cell with three axes is mounted; required for such a cell";
         certificate: Table(&certificate::KEYS), Allowed, "its calibration certificate";
         check: Table(&check::KEYS), Allowed, "its gain as measured by `palpate doctor --check-weight-n`";
+        axes_check: Table(&axes_check::KEYS), Allowed, "gains and crosstalk of three axes, as measured by `palpate doctor --three-axes`";
     }
 }
 
@@ -133,6 +134,9 @@ keys! {
         matrix: Matrix(CROSSTALK), Allowed,
             "matrix from its calibration, by which its forces along its x, y and z are multiplied first; requires `serial`",
             "[[1.0, 0.01, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]";
+        tip_mm: Number(above(0.0, 1000.0, "mm")), Allowed, "distance from the cell's origin to the tip; requires `torque_n_mm`", "30.0";
+        torque_n_mm: Number(above(0.0, 1e6, "N mm")), Allowed,
+            "largest torque that the cell bears about any of its axes; requires `tip_mm`", "120.0";
         serial: Text, Allowed, "serial number of the cell that `matrix` belongs to, 1 to 64 characters", "\"FT12345\"";
     }
 }
@@ -163,6 +167,17 @@ keys! {
         times: Whole(1, 1000), Refused, "number of repeats", "3";
         date: Text, Refused, DATE, "\"2026-05-04\"";
         adjusted: Flag, or_flag(false), "whether readings are divided by the gain", "true";
+    }
+}
+
+keys! {
+    /// `axes_check` of `[load_cell]`.
+    axes_check {
+        along: Matrix(CROSSTALK), Refused,
+            "readings per newton: a row for a force along x, y and the press each, with the readings of x, y and the press",
+            "[[1.0, 0.01, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]";
+        u: Number(within(0.0, 1.0, "")), Refused, "standard uncertainty of each of these numbers", "0.0005";
+        date: Text, Refused, DATE, "\"2026-05-04\"";
     }
 }
 

@@ -27,6 +27,7 @@ impl LoadCellSpec {
             axes: None,
             certificate: None,
             check: None,
+            axes_check: None,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Reads a rig's text into a [`RigSpec`].
 
-use super::axes::{check_axes, read_axes};
-use super::certificate::{read_certificate, read_check, read_stage_certificate};
+use super::axes::{Lever, check_axes, read_axes};
+use super::certificate::{read_axes_check, read_certificate, read_check, read_stage_certificate};
 use super::driver::{read_array_driver, read_load_cell_driver, read_stage_driver};
 use super::family::Beside;
 use super::keys::{
@@ -85,8 +85,24 @@ pub fn parse(file: &str, text: &str, beside: Beside) -> Result<RigSpec, Problems
         check_steps(&spec, table);
         check_drivers(&spec, table);
         check_room(&spec, table);
+        check_torque(&spec, table);
         Some(spec)
     })
+}
+
+/// Checks that the largest force at the tip, in any direction, doesn't exceed the cell's largest torque.
+fn check_torque(spec: &RigSpec, table: &Table) {
+    let Some(Lever { mm, torque_n_mm }) = spec.load_cell.axes.as_ref().and_then(|axes| axes.lever) else { return };
+    let most_n_mm = mm * spec.limits.force_n;
+    if most_n_mm > torque_n_mm {
+        let text = format!(
+            "`force_n` is {} N at a tip {mm} mm from the cell's origin: up to {most_n_mm} N mm, but the cell allows {torque_n_mm} N mm",
+            spec.limits.force_n
+        );
+        table.complain(
+            Problem::new(table.span_of(&root::limits), text).help("lower `force_n`, or shorten the indenter"),
+        );
+    }
 }
 
 fn read_stage(table: &Table, beside: Beside) -> Option<StageSpec> {
@@ -139,16 +155,31 @@ fn read_load_cell(table: &Table, beside: Beside) -> Option<LoadCellSpec> {
     let certificate = document::optional(table.table(&load_cell::certificate), read_certificate);
     let check = document::optional(table.table(&load_cell::check), read_check);
     let axes = document::optional(table.table(&load_cell::axes), read_axes);
+    let axes_check = document::optional(table.table(&load_cell::axes_check), read_axes_check);
     let (driver, link) = driver?;
     let axes = axes?;
     let span = table.span_of(if axes.is_some() { &load_cell::axes } else { &load_cell::driver });
     check_axes(&*driver, axes.as_ref(), table, span);
-    let (certificate, check) = (certificate?, check?);
+    if axes.is_none() && table.has(&load_cell::axes_check) {
+        table.complain(Problem::new(table.span_of(&load_cell::axes_check), "`axes_check` requires `axes`"));
+    }
+    let (certificate, check, axes_check) = (certificate?, check?, axes_check?);
     let air_n = table.range(&load_cell::air_n);
     let [conversions_hz, lag_ms] = numbers?;
     let stiffness_n_mm = table.number(&load_cell::stiffness_n_mm);
     let lag_s = lag_ms / 1000.0;
-    Some(LoadCellSpec { driver, link, conversions_hz, lag_s, air_n, stiffness_n_mm, axes, certificate, check })
+    Some(LoadCellSpec {
+        driver,
+        link,
+        conversions_hz,
+        lag_s,
+        air_n,
+        stiffness_n_mm,
+        axes,
+        certificate,
+        check,
+        axes_check,
+    })
 }
 
 fn read_array(table: &Table, beside: Beside) -> Option<ArraySpec> {

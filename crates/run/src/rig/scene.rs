@@ -133,10 +133,11 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
     let (low_pass_hz, stiffness_n_mm) = (table.number(&key::low_pass_hz), table.number(&key::stiffness_n_mm));
     let noise = table.numbers([key::noise_n, key::noise_ahead_n, key::offset_n, key::drift_n_min]);
     let waves = table.numbers([key::wander_n, key::wander_s, key::hum_n, key::hum_hz]);
-    let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg]);
+    let others = table.numbers([key::gain_error_percent, key::transport_ms, key::tool_kg, key::crosstalk_percent]);
     let side_axes = table.word(&key::sideways, &SIDEWAYS);
     let [noise_n, noise_ahead_n, offset_n, drift_n_min] = noise?;
-    let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg]) = (waves?, others?);
+    let ([wander_n, wander_s, hum_n, hum_hz], [gain_error_percent, transport_ms, tool_kg, crosstalk_percent]) =
+        (waves?, others?);
     Some(LoadCellScene {
         noise_n,
         noise_ahead_n,
@@ -149,6 +150,7 @@ fn read_load_cell(table: &Table) -> Option<LoadCellScene> {
         low_pass_hz,
         stiffness_n_mm,
         tool_kg,
+        crosstalk: crosstalk_percent / 100.0,
         side_axes: side_axes?,
     })
 }

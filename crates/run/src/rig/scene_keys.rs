@@ -221,6 +221,7 @@ keys! {
             "100.0";
         stiffness_n_mm: Number(STIFFNESS), Allowed, "stiffness of the cell with the indenter; without it, rigid", "10.0";
         tool_kg: Number(within(0.0, 100.0, "kg")), or(0.0), "mass that hangs from it and moves with the stage", "0.2";
+        crosstalk_percent: Number(within(-50.0, 50.0, "%")), or(0.0), "part of a force that each other of three axes reads too", "2.0";
         sideways: Word(&words(&SIDEWAYS)), or_word("as stated"), "how x and y of three axes differ from what the rig states", "\"swapped\"";
     }
 }

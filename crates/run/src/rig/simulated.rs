@@ -125,9 +125,9 @@ impl GroundTruth {
         self.in_scene(Scene::take_truth)
     }
 
-    /// Requests a known weight on the tip.
-    pub fn put_weight(&self, nominal_n: f64, u_n: f64) {
-        self.in_scene(|scene, now_s| scene.put_weight(nominal_n, u_n, now_s + PERSON_S));
+    /// Requests a known weight on the tip, along x, y (0, 1) or the press (2).
+    pub fn put_weight(&self, nominal_n: f64, u_n: f64, along: usize) {
+        self.in_scene(|scene, now_s| scene.put_weight(nominal_n, u_n, along, now_s + PERSON_S));
     }
 
     /// Requests the removal of the weight.

@@ -6,8 +6,8 @@ use super::no_load_cell::WithoutLoadCell;
 use super::which_way::{Unattended, WhichWay};
 use palpate_control::{DragLimits, SafetyRule, Timing, Trip, depth_without_force_mm};
 use palpate_core::quantity::{
-    ArrayLayout, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate, Steps, Travel,
-    WeightCheck,
+    ArrayLayout, AxesCheck, Axis, Down, Frame, GAIN_OFF_MOST, Limits, LoadCellCertificate, Range, StageCertificate,
+    Steps, Travel, WeightCheck,
 };
 use palpate_data::recipe::Ground;
 use palpate_drivers::daqmx::SharedAcquisition;
@@ -134,6 +134,8 @@ pub struct LoadCellSpec {
     pub certificate: Option<LoadCellCertificate>,
     /// Gain measured with a known weight.
     pub check: Option<WeightCheck>,
+    /// Gains and crosstalk of three axes, measured with a known weight along each.
+    pub axes_check: Option<AxesCheck>,
 }
 
 /// Array section of a rig file.
@@ -162,6 +164,20 @@ impl LoadCellSpec {
             (Some(check), None) => Some(check.standard_uncertainty().hypot(check.gain - 1.0) * force_n.abs()),
             (None, None) => None,
         }
+    }
+
+    /// Returns the standard uncertainties of forces along x, y and the press, N, from the data about the cell; `None` if there are no data.
+    /// A certificate is about each axis. Without one, the gains of x and y are those of a check along the axes.
+    pub fn axes_uncertainty_n(&self, forces_n: [f64; 3]) -> Option<[f64; 3]> {
+        let own_n = |axis: usize| match (&self.certificate, &self.axes_check) {
+            _ if axis == 2 => self.standard_uncertainty_n(forces_n[axis]),
+            (Some(certificate), _) => Some(certificate.standard_uncertainty_n(forces_n[axis])),
+            (None, Some(check)) => Some(check.gain_u(axis) * forces_n[axis].abs()),
+            (None, None) => None,
+        };
+        let [x_n, y_n, press_n] = [own_n(0)?, own_n(1)?, own_n(2)?];
+        let others_n = self.axes_check.as_ref().map_or([0.0; 3], |check| check.crosstalk_n(forces_n));
+        Some([x_n.hypot(others_n[0]), y_n.hypot(others_n[1]), press_n.hypot(others_n[2])])
     }
 
     /// Returns the divisor of the readings.

@@ -5,7 +5,7 @@ use super::Halt;
 use super::rig_control::WatchedLoadCell;
 use crate::rig::GroundTruth;
 use palpate_control::{Mean, SafetyRule, Trip, Zero, mean_of};
-use palpate_core::quantity::{COVERAGE, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
+use palpate_core::quantity::{AxesCheck, COVERAGE, ForceReading, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
 use palpate_link::device::LoadCell;
 use palpate_link::time::Instant;
 use std::time::Duration;
@@ -45,13 +45,15 @@ pub struct KnownWeight {
     pub u_n: f64,
     /// Whether the weight hangs from the tip and pulls. Otherwise it acts in the direction of contact.
     pub pull: bool,
+    /// Axis along which it acts: x, y (0, 1) of the specimen, or the press (2).
+    pub along: usize,
 }
 
 /// Request to a person.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ask {
     /// Put the weight on, for the repetition of this number, counted from 1.
-    PutOn(u32),
+    PutOn(u32, KnownWeight),
     /// Remove the weight.
     TakeOff(u32),
     /// Press the tip with a finger.
@@ -62,6 +64,8 @@ pub enum Ask {
 pub struct Weighing<'a> {
     /// The weight.
     pub weight: KnownWeight,
+    /// Whether it then acts along x and along y too.
+    pub three_axes: bool,
     /// Asks the person.
     pub ask: &'a mut dyn FnMut(Ask),
 }
@@ -73,6 +77,8 @@ pub struct WeightMeasurement {
     pub weight: KnownWeight,
     /// Cell readings of the weight, as fractions of the weight, one for each repetition.
     pub gains: Vec<f64>,
+    /// Readings of x, y and the press per newton of the weight, one for each repetition. Without three axes x and y are 0.
+    pub responses: Vec<[f64; 3]>,
     /// Standard deviation of one gain from the noise of the readings alone.
     pub noise: f64,
 }
@@ -93,7 +99,7 @@ impl WeightMeasurement {
 
     /// Returns the check as stored in a rig file.
     pub fn check(&self, date: &str, adjusted: bool) -> WeightCheck {
-        let KnownWeight { weight_n, u_n: weight_u_n, pull } = self.weight;
+        let KnownWeight { weight_n, u_n: weight_u_n, pull, .. } = self.weight;
         WeightCheck {
             weight_n,
             weight_u_n,
@@ -104,6 +110,23 @@ impl WeightMeasurement {
             date: date.to_owned(),
             adjusted,
         }
+    }
+}
+
+/// Result of a known weight along each of three axes: x, y and the press.
+#[derive(Clone, Debug)]
+pub struct AxesMeasurement(pub [WeightMeasurement; 3]);
+
+impl AxesMeasurement {
+    /// Returns the check as stored in a rig file. Its uncertainty is the largest of its numbers.
+    pub fn check(&self, date: &str) -> AxesCheck {
+        let mean = |weighed: &WeightMeasurement, axis: usize| {
+            let sum: f64 = weighed.responses.iter().map(|response| response[axis]).sum();
+            sum / weighed.responses.len().max(1) as f64
+        };
+        let along = self.0.each_ref().map(|weighed| [0, 1, 2].map(|axis| mean(weighed, axis)));
+        let u = self.0.iter().map(|weighed| weighed.check(date, false).standard_uncertainty()).fold(0.0, f64::max);
+        AxesCheck { along, u, date: date.to_owned() }
     }
 }
 
@@ -118,24 +141,31 @@ pub(super) async fn weigh<C: LoadCell>(
     weighing: &mut Weighing<'_>,
 ) -> Result<WeightMeasurement, Halt> {
     let weight = weighing.weight;
+    let of_axis = |reading: &ForceReading| ForceReading { force_n: axes_n(reading)[weight.along], ..*reading };
     let sign = if weight.pull { -1.0 } else { 1.0 };
     let readings = watched_cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
+    let readings: Vec<ForceReading> = readings.iter().map(of_axis).collect();
     let zero = Zero::of(&readings, watched_cell.cell.conversion().as_secs_f64());
-    let scale = Balance { zero, weight_n: weight.weight_n };
+    let scale = Balance { zero, weight_n: weight.weight_n, along: weight.along };
     let mut before = scale.window(watched_cell).await?.0;
-    let mut weighed = WeightMeasurement { weight, gains: Vec::new(), noise: 0.0 };
+    let mut weighed = WeightMeasurement { weight, gains: Vec::new(), responses: Vec::new(), noise: 0.0 };
     for time in 1..=WEIGHT_TIMES {
-        (weighing.ask)(Ask::PutOn(time));
-        truth.put_weight(sign * weight.weight_n, weight.u_n);
-        let on = scale.wait(watched_cell, before.value, Waits::On).await?;
+        (weighing.ask)(Ask::PutOn(time, weight));
+        truth.put_weight(sign * weight.weight_n, weight.u_n, weight.along);
+        let on = scale.wait(watched_cell, before.mean.value, Waits::On).await?;
         (weighing.ask)(Ask::TakeOff(time));
         truth.take_weight();
-        let after = scale.wait(watched_cell, before.value, Waits::Off { read_n: on.value - before.value }).await?;
+        let read_n = on.mean.value - before.mean.value;
+        let after = scale.wait(watched_cell, before.mean.value, Waits::Off { read_n }).await?;
         // the zero at the time of the weight's reading, interpolated in time
-        let share = (on.middle_s - before.middle_s) / (after.middle_s - before.middle_s);
-        let air_n = before.value + share * (after.value - before.value);
-        weighed.gains.push((on.value - air_n) / (sign * weight.weight_n));
-        weighed.noise = (1.5f64.sqrt() * scale.zero.sigma_own_n(on.readings)) / weight.weight_n;
+        let share = (on.mean.middle_s - before.mean.middle_s) / (after.mean.middle_s - before.mean.middle_s);
+        let per_n = |on_n: f64, before_n: f64, after_n: f64| {
+            (on_n - (before_n + share * (after_n - before_n))) / (sign * weight.weight_n)
+        };
+        weighed.gains.push(per_n(on.mean.value, before.mean.value, after.mean.value));
+        let response = [0, 1, 2].map(|axis| per_n(on.axes_n[axis], before.axes_n[axis], after.axes_n[axis]));
+        weighed.responses.push(response);
+        weighed.noise = (1.5f64.sqrt() * scale.zero.sigma_own_n(on.mean.readings)) / weight.weight_n;
         before = after;
     }
     let sd = weighed.gain_sd() / weighed.gain().abs().max(1.0);
@@ -156,6 +186,21 @@ enum Waits {
 struct Balance {
     zero: Zero,
     weight_n: f64,
+    /// Axis of the weight.
+    along: usize,
+}
+
+/// Mean reading along the weight, and the means of all axes, N.
+#[derive(Clone, Copy)]
+struct Look {
+    mean: Mean,
+    axes_n: [f64; 3],
+}
+
+/// Returns the readings of x, y and the press, N.
+fn axes_n(reading: &ForceReading) -> [f64; 3] {
+    let [x_n, y_n] = reading.side_n.unwrap_or_default();
+    [x_n, y_n, reading.force_n]
 }
 
 impl Balance {
@@ -165,22 +210,22 @@ impl Balance {
         watched_cell: &mut WatchedLoadCell<'_, C>,
         air_n: f64,
         waits: Waits,
-    ) -> Result<Mean, Halt> {
+    ) -> Result<Look, Halt> {
         let began = Instant::now();
-        let mut last: Option<Mean> = None;
+        let mut last: Option<Look> = None;
         loop {
             let look = self.look(watched_cell, LOOK_S, LOOK_READINGS).await?;
-            let rests = last.is_some_and(|last| self.agree(&last, &look));
+            let rests = last.is_some_and(|last| self.agree(&last.mean, &look.mean));
             last = Some(look);
-            if self.is_there(look.value - air_n, look.readings, waits) && rests {
+            if self.is_there(look.mean.value - air_n, look.mean.readings, waits) && rests {
                 let (window, halves_agree) = self.window(watched_cell).await?;
-                if halves_agree && self.is_there(window.value - air_n, window.readings, waits) {
+                if halves_agree && self.is_there(window.mean.value - air_n, window.mean.readings, waits) {
                     return Ok(window);
                 }
                 last = None;
             }
             if began.elapsed() > WEIGHT_WAIT {
-                return Err(self.in_vain(look.value - air_n, look.readings, waits).into());
+                return Err(self.in_vain(look.mean.value - air_n, look.mean.readings, waits).into());
             }
         }
     }
@@ -210,31 +255,37 @@ impl Balance {
     }
 
     /// Returns the mean of a window, and whether its halves agree.
-    async fn window<C: LoadCell>(&self, watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<(Mean, bool), Halt> {
+    async fn window<C: LoadCell>(&self, watched_cell: &mut WatchedLoadCell<'_, C>) -> Result<(Look, bool), Halt> {
         let first = self.look(watched_cell, WINDOW_S / 2.0, HALF_READINGS).await?;
         let second = self.look(watched_cell, WINDOW_S / 2.0, HALF_READINGS).await?;
-        let both = Mean {
-            value: (first.value + second.value) / 2.0,
-            middle_s: (first.middle_s + second.middle_s) / 2.0,
-            readings: first.readings + second.readings,
+        let (a, b) = (first.mean, second.mean);
+        let mean = Mean {
+            value: (a.value + b.value) / 2.0,
+            middle_s: (a.middle_s + b.middle_s) / 2.0,
+            readings: a.readings + b.readings,
         };
-        Ok((both, self.agree(&first, &second)))
+        let axes_n = [0, 1, 2].map(|axis| (first.axes_n[axis] + second.axes_n[axis]) / 2.0);
+        Ok((Look { mean, axes_n }, self.agree(&a, &b)))
     }
 
-    /// Returns the mean of some readings over complete periods of the mains interference, N as the cell reads.
+    /// Returns the means of some readings; that along the weight over complete periods of the mains interference, N as the cell reads.
     async fn look<C: LoadCell>(
         &self,
         watched_cell: &mut WatchedLoadCell<'_, C>,
         least_s: f64,
         least: usize,
-    ) -> Result<Mean, Halt> {
+    ) -> Result<Look, Halt> {
         let least_s = self.zero.mean_s(least_s);
-        let mut read: Vec<(f64, f64)> = Vec::new();
+        let (mut read, mut sums_n): (Vec<(f64, f64)>, [f64; 3]) = (Vec::new(), [0.0; 3]);
         while read.len() < least || watched_cell.now_s() - read[0].0 < least_s {
             let reading = watched_cell.sound_reading().await?;
-            read.push((watched_cell.now_s(), reading.force_n));
+            let axes_n = axes_n(&reading);
+            read.push((watched_cell.now_s(), axes_n[self.along]));
+            sums_n = [0, 1, 2].map(|axis| sums_n[axis] + axes_n[axis]);
         }
-        mean_of(&read, &self.zero).ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 1.0, "readings").into())
+        let axes_n = sums_n.map(|sum_n| sum_n / read.len() as f64);
+        let look = mean_of(&read, &self.zero).map(|mean| Look { mean, axes_n });
+        look.ok_or_else(|| Trip::new(SafetyRule::Stale, 0.0, 1.0, "readings").into())
     }
 
     fn agree(&self, a: &Mean, b: &Mean) -> bool {
@@ -348,8 +399,9 @@ mod tests {
     use super::*;
 
     fn check(gain: f64) -> WeightCheck {
-        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
-        WeightMeasurement { weight, gains: vec![gain; 3], noise: 0.0001 }.check("2026-05-04", false)
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
+        WeightMeasurement { weight, gains: vec![gain; 3], responses: Vec::new(), noise: 0.0001 }
+            .check("2026-05-04", false)
     }
 
     fn verdict(new: &WeightCheck, before: Option<&WeightCheck>) -> LoadCellVerdict {
@@ -382,8 +434,9 @@ mod tests {
 
     #[test]
     fn repeatability_is_no_less_than_the_noise_explains() {
-        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false };
-        let weighed = |gains: &[f64], noise| WeightMeasurement { weight, gains: gains.to_vec(), noise };
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
+        let weighed =
+            |gains: &[f64], noise| WeightMeasurement { weight, gains: gains.to_vec(), responses: Vec::new(), noise };
         assert_eq!(weighed(&[1.0; 3], 0.0002).gain_sd(), 0.0002);
         assert!((weighed(&[0.99, 1.0, 1.01], 0.0002).gain_sd() - 0.01).abs() < 1e-12);
     }

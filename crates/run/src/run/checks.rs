@@ -216,7 +216,7 @@ impl Runner<'_> {
     pub(super) async fn weigh_after(&mut self) -> Option<CellAfter> {
         let (cell, weight) = (&self.conditions.spec.load_cell, self.listener.weight()?);
         let before = cell.check.as_ref()?;
-        let mut weighing = Weighing { weight, ask: &mut |ask| self.listener.ask(ask) };
+        let mut weighing = Weighing { weight, three_axes: false, ask: &mut |ask| self.listener.ask(ask) };
         let weighed = weigh(&mut self.rig_control.cell, &self.rig_control.truth, &mut weighing).await.ok()?;
         Some(CellAfter::of(&weighed, cell.divisor(), before, cell.certificate.as_ref()))
     }

@@ -1,6 +1,6 @@
 //! Identity and speed of each device, checked without pressing.
 
-use super::check_weight::{Ask, Weighing, WeightMeasurement, weigh};
+use super::check_weight::{Ask, AxesMeasurement, KnownWeight, Weighing, WeightMeasurement, weigh};
 use super::home::{AtHome, at_home};
 use super::ready::{NOISE_SHARE, check_no_load};
 use super::rig_control::AnyRigControl;
@@ -37,6 +37,8 @@ pub struct Examination {
     /// Result of a known weight, or the reason why there is none. `None` if no weight was requested, or if stage or load cell
     /// weren't usable.
     pub weighed: Option<Result<WeightMeasurement, Trip>>,
+    /// Result of the weight along each axis, if that was requested.
+    pub weighed_axes: Option<Result<AxesMeasurement, Trip>>,
     /// What has shown that the load cell measures force, or the reason why it doesn't. `None` if nothing has.
     pub shown: Option<Result<ShownBy, Trip>>,
 }
@@ -88,6 +90,12 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceChe
         ForceCheck::Weight(mut weighing) => {
             let weighed = unless_halted(weigh(&mut rig_control.cell, &rig_control.truth, &mut weighing).await)?;
             found.shown = Some(weighed.as_ref().map(|_| ShownBy::Weight).map_err(Trip::clone));
+            if weighing.three_axes
+                && let Ok(press) = &weighed
+            {
+                let axes = weigh_sideways(&mut rig_control, &mut weighing, press.clone()).await;
+                found.weighed_axes = Some(unless_halted(axes)?);
+            }
             found.weighed = Some(weighed);
         }
         ForceCheck::Finger(ask) => {
@@ -103,6 +111,21 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceChe
         ForceCheck::Press | ForceCheck::Nobody => {}
     }
     Ok(found)
+}
+
+/// Weighs along x and along y, after the press.
+async fn weigh_sideways(
+    rig_control: &mut AnyRigControl<'_>,
+    weighing: &mut Weighing<'_>,
+    press: WeightMeasurement,
+) -> Result<AxesMeasurement, Halt> {
+    let mut along = async |along: usize| {
+        let weight = KnownWeight { along, pull: false, ..weighing.weight };
+        let mut weighing = Weighing { weight, three_axes: true, ask: &mut *weighing.ask };
+        weigh(&mut rig_control.cell, &rig_control.truth, &mut weighing).await
+    };
+    let (x, y) = (along(0).await?, along(1).await?);
+    Ok(AxesMeasurement([x, y, press]))
 }
 
 /// Separates a trip, which is a finding, from everything else that ends an examination.

@@ -32,8 +32,8 @@ mod without_cell;
 pub use align::{AlignError, Alignment, align, plan as align_plan};
 pub use cancel::Cancel;
 pub use check_weight::{
-    Ask, CellAfter, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighing, WeightMeasurement, WeightResult,
-    judged,
+    Ask, AxesMeasurement, CellAfter, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, Weighing,
+    WeightMeasurement, WeightResult, judged,
 };
 pub use checks::expected_checks;
 pub use estimate::{estimated_s, first_descent};

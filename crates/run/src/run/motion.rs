@@ -140,7 +140,8 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
             // two readings make a force: a single outlier starts no sideways motion
             let mean_n = watched_cell.watch.mean_n().unwrap_or(now_n);
             force_n.set(mean_n);
-            if clear.get() && !watched_cell.is_no_load_open() {
+            // a tool that x and y accelerate is read sideways, which is no zero
+            if clear.get() && watched_cell.side_n.is_none() && !watched_cell.is_no_load_open() {
                 watched_cell.begin_no_load();
             }
             if clear.get() && mean_n.abs() >= touch_n { Steer::Stop } else { Steer::On }
@@ -173,7 +174,12 @@ impl<S: Stage, C: LoadCell, A: SensorArray> RigControl<'_, S, C, A> {
         if driven.stopped {
             return Err(self.touched_on_the_way(touch_n));
         }
-        self.arrived_at(place, targets, &driven.places_mm).await
+        self.arrived_at(place, targets, &driven.places_mm).await?;
+        if self.cell.side_n.is_some() {
+            self.cell.settle().await?;
+            self.begin_no_load(); // what was read while x and y accelerated is no zero sideways
+        }
+        Ok(())
     }
 
     /// Moves z slowly away from the specimen to a position; every force is checked.

@@ -4,8 +4,8 @@ use super::Halt;
 use super::execute::Runner;
 use super::window::MeasuredWindow;
 use palpate_control::{
-    Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, Permit, PressTask,
-    SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget,
+    Averaged, Context, ForceLoop, LearnedContact, LoopCommand, LoopEvent, MeasuredContact, Moment, NoLoadReadings,
+    Permit, PressTask, SetPoint, Softest, Strategy, TOUCH_SIGMA_MM, UncertaintyBudget, Zero,
 };
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{self, Flag, Left, NoLoad, PressTruth, RecordedContact};
@@ -116,8 +116,12 @@ impl Runner<'_> {
         let along_normal = 1.0 / self.rig_control.frame.tilt.cosine();
         let budget = |held: &MeasuredLevel| self.budget(held, [&before, &after], &moved).times(along_normal);
         let budgets: Vec<UncertaintyBudget> = held.iter().map(budget).collect();
+        let sides: Vec<[Option<f64>; 2]> =
+            held.iter().map(|held| self.side_u_n(held, [&before, &after], &moved)).collect();
         let level = |((level, held), budget): ((usize, &MeasuredLevel), &UncertaintyBudget)| dataset::Press {
             u_force_n: budget.u_n(),
+            u_force_x_n: sides[level][0],
+            u_force_y_n: sides[level][1],
             air_before_n: Some(before.force.mean_n),
             air_after_n: Some(after.force.mean_n),
             ..self.row(entry, level, held, touched_mm)
@@ -143,8 +147,27 @@ impl Runner<'_> {
         let MeasuredWindow { force_n, middle_s, forces, seconds, .. } = held.window;
         let share = moved.share(middle_s);
         let averaged = Averaged { readings: forces, seconds, no_loads: no_loads.map(|no_load| no_load.force), share };
-        let cell_n = self.conditions.spec.load_cell.standard_uncertainty_n(force_n);
+        let cell = &self.conditions.spec.load_cell;
+        let cell_n = match held.window.side_n {
+            Some([x_n, y_n]) => cell.axes_uncertainty_n([x_n, y_n, force_n]).map(|u_n| u_n[2]),
+            None => cell.standard_uncertainty_n(force_n),
+        };
         UncertaintyBudget::of(&averaged, self.rig_control.cell.watch.zero(), cell_n)
+    }
+
+    /// Returns the standard uncertainties of a level's forces along x and y, N: those of the cell, of the noise and of the zero.
+    fn side_u_n(&self, held: &MeasuredLevel, no_loads: [&NoLoad; 2], moved: &ZeroMoved) -> [Option<f64>; 2] {
+        let MeasuredWindow { force_n, middle_s, forces: readings, seconds, side_n, .. } = held.window;
+        let (Some([x_n, y_n]), Some(side)) = (side_n, self.rig_control.cell.watch.zero().side) else {
+            return [None; 2];
+        };
+        let cell_n = self.conditions.spec.load_cell.axes_uncertainty_n([x_n, y_n, force_n]);
+        [0, 1].map(|axis| {
+            let mean_n = |no_load: &NoLoad| no_load.force.side_mean_n.map_or(0.0, |mean_n| mean_n[axis]);
+            let no_loads = no_loads.map(|no_load| NoLoadReadings { mean_n: mean_n(no_load), ..no_load.force });
+            let averaged = Averaged { readings, seconds, no_loads, share: moved.share(middle_s) };
+            UncertaintyBudget::of(&averaged, &Zero::with_noise(side.sigma_n[axis]), cell_n.map(|u_n| u_n[axis])).u_n()
+        })
     }
 
     /// Reads the load cell without load after a press. If the specimen seems to pull at the cell, the cell may stick to it, so it is read
@@ -181,7 +204,7 @@ impl Runner<'_> {
         let mut no_load = self.no_load().await?;
         let mut no_load_s = -no_load.force.age_s;
         // after a drag the tip leaves another place
-        let end = task.drag().map_or(place, |drag| Place::new(place.x_mm + drag.x_mm, place.y_mm + drag.y_mm));
+        let end = task.drag().map_or(place, |drag| drag.end(place));
         let first_mm = self.map.first_on_way_mm(place, next).min(self.map.first_on_way_mm(end, next));
         let mut press = ForceLoop::new(task.clone(), self.context(place, task, first_mm));
         self.rig_control.count_from(&no_load);

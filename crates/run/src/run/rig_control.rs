@@ -28,8 +28,9 @@ const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
 pub(super) const OUTPUT_LOOKS: usize = 3;
-/// Number of force readings that detect a light touch, and least mean above zero, in sd.
+/// Numbers of force readings that detect a light touch, the second if the first don't, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
+const LIGHT_READINGS_MORE: u32 = 100;
 const LIGHT_SIGMAS: f64 = 4.0;
 /// Least number of output readings without load, and largest number on the way from place to place. The largest number is that of a
 /// window.
@@ -392,9 +393,11 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
                 }
             }
         }
-        let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
-        if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
-            return Ok(());
+        for readings in [LIGHT_READINGS, LIGHT_READINGS_MORE] {
+            let force_n = self.cell.mean_n(readings).await?;
+            if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(readings) {
+                return Ok(());
+            }
         }
         let moved = Trip::new(SafetyRule::OutputsMoved, worst.0, worst.1, &array.unit);
         Err(self.cell.at_first_touch(moved).await.into())

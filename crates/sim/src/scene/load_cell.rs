@@ -146,10 +146,23 @@ impl LoadCellState {
         self.side_n = side_n;
     }
 
-    /// Returns the readings sideways of the conversion that is read now, N: `per_force` times the force along z, and friction. Each axis
-    /// has the cell's noise; one conversion is one draw. The low-pass isn't modelled for friction.
-    pub(super) fn side(&mut self, per_force: [f64; 2], faults: &SceneFaults, now_s: f64) -> [f64; 2] {
-        let (conversion, held_n) = self.held[0];
+    /// Force that the press axis reads of the forces sideways, N.
+    pub(super) fn crosstalk_n(&self, per_force: [f64; 2], hung_n: [f64; 3]) -> f64 {
+        let [x_n, y_n, _] = self.acts_n(per_force, hung_n);
+        self.spec.map_or(0.0, |cell| cell.crosstalk) * (x_n + y_n)
+    }
+
+    /// Forces along x, y and the press that act on the cell at the conversion that is read now, N.
+    fn acts_n(&self, per_force: [f64; 2], hung_n: [f64; 3]) -> [f64; 3] {
+        let acts_n = self.held[0].1 - self.tool_n(0.0);
+        let side_n = |axis: usize| per_force[axis] * (acts_n - hung_n[2]) + self.side_held[0][axis] + hung_n[axis];
+        [side_n(0), side_n(1), acts_n]
+    }
+
+    /// Returns the readings sideways of the conversion that is read now, N: `per_force` times the pressing force, friction, and a weight
+    /// `hung_n` on the tip. Each axis has the cell's noise; one conversion is one draw. The low-pass isn't modelled for friction and weight.
+    pub(super) fn side(&mut self, per_force: [f64; 2], hung_n: [f64; 3], faults: &SceneFaults, now_s: f64) -> [f64; 2] {
+        let conversion = self.held[0].0;
         if let Some((last, side_n)) = self.side
             && (last == conversion || faults.any(FaultKind::Stuck, now_s))
         {
@@ -157,8 +170,8 @@ impl LoadCellState {
         }
         let cell = self.spec.unwrap_or_default();
         let is_dead = faults.any(FaultKind::NoSensor, now_s);
-        let (pressed_n, friction_n) = (held_n - cell.tool_n(0.0), self.side_held[0]);
-        let [x_n, y_n] = [0, 1].map(|axis| per_force[axis] * pressed_n + friction_n[axis]);
+        let [x_n, y_n, acts_n] = self.acts_n(per_force, hung_n);
+        let [x_n, y_n] = [x_n + cell.crosstalk * (y_n + acts_n), y_n + cell.crosstalk * (x_n + acts_n)];
         let felt = match cell.side_axes {
             SideAxes::AsStated => [x_n, y_n],
             SideAxes::Swapped => [y_n, x_n],

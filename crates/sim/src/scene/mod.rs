@@ -186,8 +186,9 @@ impl Scene {
     /// specimen frame, and the force that [`load_cell_n`](Self::load_cell_n) reads.
     pub(crate) fn load_cell_axes_n(&mut self, now_s: f64) -> [f64; 3] {
         let force_n = self.load_cell_n(now_s);
-        let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force(), &self.faults, now_s);
-        [x_n, y_n, force_n]
+        let hung_n = self.weight.force_n();
+        let [x_n, y_n] = self.load_cell.side(self.surface.side_per_force(), hung_n, &self.faults, now_s);
+        [x_n, y_n, force_n + self.load_cell.crosstalk_n(self.surface.side_per_force(), hung_n)]
     }
 
     /// Writes the outputs of all taxels at `now_s` to `outputs`, in units of the reading for 1 N straight above.
@@ -266,14 +267,15 @@ impl Scene {
     }
 
     /// Puts a known weight on the tip at `at_s`, which must not be past. The true force is within `u_n` of the nominal force, and
-    /// follows from the seed. A negative weight pulls.
-    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, at_s: f64) {
-        self.weight.change(at_s, weight::true_force_n(nominal_n, u_n, self.seed));
+    /// follows from the seed. It acts along x, y (0, 1) or the press (2); a negative weight pulls.
+    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, along: usize, at_s: f64) {
+        let force_n = weight::true_force_n(nominal_n, u_n, self.seed);
+        self.weight.change(at_s, [0, 1, 2].map(|axis| if axis == along { force_n } else { 0.0 }));
     }
 
     /// Removes the weight at `at_s`, which must not be past.
     pub fn take_weight(&mut self, at_s: f64) {
-        self.weight.change(at_s, 0.0);
+        self.weight.change(at_s, [0.0; 3]);
     }
 
     fn reseed(&mut self, press: u64, now_s: f64) {
@@ -347,8 +349,8 @@ impl Scene {
             self.taxels.touch();
         }
         self.taxels.follow(before_n, after_n, touching);
-        let hung_n =
-            self.weight.force_n() + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
+        let [.., hung_z_n] = self.weight.force_n();
+        let hung_n = hung_z_n + self.load_cell.tool_n(z_acceleration_mm_s2 * self.setting.frame.down.sign());
         self.load_cell.follow(dt_s, before_n * cosine + hung_n, after_n * cosine + hung_n);
         if let Some((friction, state)) = &mut self.friction {
             let [x, y, _] = self.axes.each_ref().map(|axis| axis.position_mm(until_s));

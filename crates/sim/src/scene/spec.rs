@@ -171,6 +171,8 @@ pub struct LoadCellScene {
     pub stiffness_n_mm: Option<f64>,
     /// Mass that hangs from the cell and moves with the stage, kg. The cell reads its weight and the force of its acceleration.
     pub tool_kg: f64,
+    /// Share of a force that each other axis of a cell with three axes reads too.
+    pub crosstalk: f64,
     /// How the axes x and y of a cell with three axes differ from what the rig states.
     pub side_axes: SideAxes,
 }
@@ -206,6 +208,7 @@ impl LoadCellScene {
         low_pass_hz: None,
         stiffness_n_mm: None,
         tool_kg: 0.0,
+        crosstalk: 0.0,
         side_axes: SideAxes::AsStated,
     };
 }

@@ -6,13 +6,13 @@ use rand::RngExt;
 /// State of the weight: the acting force and the next change.
 #[derive(Clone, Default)]
 pub(super) struct Weight {
-    acts_n: f64,
-    next: Option<(f64, f64)>,
+    acts_n: [f64; 3],
+    next: Option<(f64, [f64; 3])>,
 }
 
 impl Weight {
-    /// Makes the weight press with this force from `at_s` on; 0 removes it.
-    pub(super) fn change(&mut self, at_s: f64, force_n: f64) {
+    /// Makes the weight act with this force along x, y and the press from `at_s` on; 0 removes it.
+    pub(super) fn change(&mut self, at_s: f64, force_n: [f64; 3]) {
         self.next = Some((at_s, force_n));
     }
 
@@ -28,8 +28,8 @@ impl Weight {
         }
     }
 
-    /// Force of the weight, N.
-    pub(super) fn force_n(&self) -> f64 {
+    /// Force of the weight along x, y and the press, N.
+    pub(super) fn force_n(&self) -> [f64; 3] {
         self.acts_n
     }
 }
