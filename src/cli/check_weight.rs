@@ -124,7 +124,7 @@ pub(super) fn ask(what: Ask) {
         Ask::PutOn(time, KnownWeight { weight_n, pull, along, .. }) => {
             let how = match (along, pull) {
                 (0, _) => {
-                    "let the weight pull the tip toward +x of the specimen, over a pulley or with the cell turned"
+                    "let the weight pull the tip toward +x of the specimen, over a pulley or with the cell rotated"
                 }
                 (1, _) => "let the weight pull the tip toward +y of the specimen",
                 (_, true) => "hang the weight from the tip",

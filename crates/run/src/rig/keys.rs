@@ -136,7 +136,7 @@ keys! {
             "[[1.0, 0.01, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]";
         tip_mm: Number(above(0.0, 1000.0, "mm")), Allowed, "distance from the cell's origin to the tip; requires `torque_n_mm`", "30.0";
         torque_n_mm: Number(above(0.0, 1e6, "N mm")), Allowed,
-            "largest torque that the cell bears about any of its axes; requires `tip_mm`", "120.0";
+            "largest torque that the cell can take about any of its axes; requires `tip_mm`", "120.0";
         serial: Text, Allowed, "serial number of the cell that `matrix` belongs to, 1 to 64 characters", "\"FT12345\"";
     }
 }
