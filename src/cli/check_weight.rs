@@ -167,7 +167,7 @@ pub(super) fn concluded_axes(
     }
     let text = std::fs::read_to_string(file).into_diagnostic().map_err(Failure::usage)?;
     let mut document: DocumentMut = text.parse::<DocumentMut>().into_diagnostic().map_err(Failure::usage)?;
-    let rows = along.map(|row| Value::from_iter(row));
+    let rows = along.map(Value::from_iter);
     let mut table = InlineTable::new();
     table.insert("along", Value::from_iter(rows));
     table.insert("u", Value::from(found.u));
