@@ -3,7 +3,9 @@
 //! Needs a C compiler (`cc`); the test with nidaqmx-python needs `PALPATE_PYTHON` too.
 #![cfg(target_os = "linux")]
 
-use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, SharedAcquisition, Terminal};
+use palpate_drivers::daqmx::{
+    Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Sensitivity, SharedAcquisition, Terminal,
+};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::{Instant, timeout};
 use palpate_link::wire::daqmx::{AUTO, DaqmxLibrary, Functions, LoadError, NiDaqmx, RSE};
@@ -96,7 +98,8 @@ async fn a_load_cell_and_an_array_read_one_task_on_the_librarys_thread() {
         warnings: Vec::new(),
     };
     let origin = Instant::now();
-    let mut cell = DaqmxLoadCell::new(shared.clone(), 0, 2.0, 10.0, RATE_HZ, origin, identity("load_cell"));
+    let mut cell =
+        DaqmxLoadCell::new(shared.clone(), 0, Sensitivity::OneAxis(2.0), 10.0, RATE_HZ, origin, identity("load_cell"));
     let mut array = DaqmxArray::new(shared, 1, 9, identity("array"));
     let execute = async {
         assert_eq!(cell.prepare().await.expect("a cell").role, "load_cell");

@@ -89,6 +89,8 @@ pub enum ValueKind {
     Places(Bounds),
     /// A matrix of three rows with three numbers each.
     Matrix(Bounds),
+    /// Three rows with as many numbers each.
+    Rows(Bounds),
     /// An integer from the first to the second number.
     Whole(u64, u64),
     /// A list of such integers.
@@ -192,7 +194,8 @@ impl ValueKind {
             | ValueKind::Numbers(bounds)
             | ValueKind::PerUnit(bounds)
             | ValueKind::Places(bounds)
-            | ValueKind::Matrix(bounds) => Some(bounds.unit()),
+            | ValueKind::Matrix(bounds)
+            | ValueKind::Rows(bounds) => Some(bounds.unit()),
             _ => None,
         };
         self.pick(of).unwrap_or_default()

@@ -59,6 +59,7 @@ fn value(kind: &ValueKind) -> String {
         ValueKind::PerUnit(bounds) => format!("list, one number for each unit, {}", bounds.stated()),
         ValueKind::Places(bounds) => format!("list of `[x, y]`, each {}", bounds.stated()),
         ValueKind::Matrix(bounds) => format!("three lists of three numbers, each {}", bounds.stated()),
+        ValueKind::Rows(bounds) => format!("three lists of numbers, each {}", bounds.stated()),
         ValueKind::Whole(min, max) => format!("integer, {min} to {max}"),
         ValueKind::Wholes(min, max) => format!("list of integers, {min} to {max}"),
         ValueKind::Flag => "`true` or `false`".to_owned(),

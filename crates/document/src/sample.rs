@@ -101,6 +101,7 @@ fn assert_takes(key: &Key, value: &str) {
         ValueKind::PerUnit(_) => table.per_unit(key, None).is_some(),
         ValueKind::Places(_) => table.places(key).is_some(),
         ValueKind::Matrix(_) => table.matrix(key).is_some(),
+        ValueKind::Rows(_) => table.rows(key).is_some(),
         ValueKind::Whole(..) => table.whole(key).is_some(),
         ValueKind::Wholes(..) => table.wholes(key).is_some(),
         ValueKind::Flag => table.flag(key).is_some(),

@@ -75,6 +75,7 @@ fn kind(kind: &ValueKind) -> Json {
         ValueKind::PerUnit(bounds) => list(number(bounds)),
         ValueKind::Places(bounds) => list(pair(number(bounds))),
         ValueKind::Matrix(bounds) => triple(triple(number(bounds))),
+        ValueKind::Rows(bounds) => triple(list(number(bounds))),
         ValueKind::Whole(min, max) => whole(*min, *max),
         ValueKind::Wholes(min, max) => list(whole(*min, *max)),
         ValueKind::Flag => json!({ "type": "boolean" }),

@@ -279,6 +279,16 @@ impl<'d> Table<'d> {
         }
     }
 
+    /// Reads three rows with as many numbers each.
+    pub fn rows(&self, key: &Key) -> Option<[Vec<f64>; 3]> {
+        let value = self.get(key)?;
+        let rows = all(self.list(key, value, "three lists of numbers")?.map(|row| self.numbers_of(key, row)))?;
+        match <[Vec<f64>; 3]>::try_from(rows) {
+            Ok(rows) if rows.iter().all(|row| row.len() == rows[0].len()) => Some(rows),
+            _ => self.fail(value, format!("`{}` must have three lists with as many numbers each", key.name)),
+        }
+    }
+
     /// Reads a table inside this one.
     pub fn table(&self, key: &Key) -> Option<Table<'d>> {
         let value = self.get(key)?;
@@ -467,6 +477,7 @@ fn expected(key: &Key) -> String {
         ValueKind::PerUnit(bounds) => Some(format!("a list with one {} per unit", bounds.unit())),
         ValueKind::Places(_) => Some("[[x, y], ...]".to_owned()),
         ValueKind::Matrix(_) => Some("three lists of three numbers".to_owned()),
+        ValueKind::Rows(_) => Some("three lists of numbers".to_owned()),
         ValueKind::Whole(min, max) => Some(format!("a whole number, {min} to {max}")),
         ValueKind::Word(words) => Some(format!("one of {}", listed(words))),
         ValueKind::Table(keys) => Some(format!("a table{}", with_keys(keys))),
@@ -504,7 +515,8 @@ fn bounds(key: &Key) -> Bounds {
         | ValueKind::Numbers(bounds)
         | ValueKind::PerUnit(bounds)
         | ValueKind::Places(bounds)
-        | ValueKind::Matrix(bounds) => Some(*bounds),
+        | ValueKind::Matrix(bounds)
+        | ValueKind::Rows(bounds) => Some(*bounds),
         _ => None,
     });
     bounds.unwrap_or_else(|| unreachable!("`{}` isn't a number", key.name))

@@ -3,7 +3,7 @@
 use super::{BadLineOutcome, BadLineSubject, rig};
 use palpate_core::parallel::lock;
 use palpate_core::quantity::{Axis, RandomStream, stream};
-use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Terminal};
+use palpate_drivers::daqmx::{Acquisition, DaqmxArray, DaqmxLoadCell, Inputs, Sensitivity, Terminal};
 use palpate_drivers::modbus::{ModbusArray, ModbusLoadCell, Profile, Transport};
 use palpate_drivers::process::{ProcessArray, ProcessLoadCell};
 use palpate_drivers::xps::XpsAnalog;
@@ -237,9 +237,15 @@ fn daqmx(subject: BadLineSubject, table: BadTable, origin: Instant) -> Reader {
         warnings: Vec::new(),
     };
     match subject {
-        BadLineSubject::CellDaqmx => {
-            Reader::Cell(AnyLoadCell::Daqmx(DaqmxLoadCell::new(acquisition, 0, 1.0, 10.0, 200.0, origin, identity)))
-        }
+        BadLineSubject::CellDaqmx => Reader::Cell(AnyLoadCell::Daqmx(DaqmxLoadCell::new(
+            acquisition,
+            0,
+            Sensitivity::OneAxis(1.0),
+            10.0,
+            200.0,
+            origin,
+            identity,
+        ))),
         _ => Reader::Array(AnyArray::Daqmx(DaqmxArray::new(acquisition, 1, UNITS, identity))),
     }
 }

@@ -7,4 +7,4 @@ mod roles;
 mod tests;
 
 pub use acquisition::{Acquisition, Inputs, Terminal};
-pub use roles::{DaqmxArray, DaqmxLoadCell, SharedAcquisition};
+pub use roles::{DaqmxArray, DaqmxLoadCell, Sensitivity, SharedAcquisition};

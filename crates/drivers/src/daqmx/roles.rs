@@ -19,13 +19,22 @@ pub struct DaqmxLoadCell {
     acquisition: SharedAcquisition,
     /// Index of the load cell's voltage in a scan.
     at: usize,
-    newton_per_volt: f64,
+    sensitivity: Sensitivity,
     range_v: f64,
     conversion: Duration,
     /// Last scan that was read; no scan is read twice.
     seen: u64,
     origin: Instant,
     identity: Identity,
+}
+
+/// N per volt of a load cell.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sensitivity {
+    /// Of a cell with one axis, which is on one input.
+    OneAxis(f64),
+    /// Of a cell with three axes, for each of its inputs: rows for the forces of the tip on the specimen along x, y and the press.
+    Axes([Vec<f64>; 3]),
 }
 
 /// An array on inputs of a task.
@@ -38,19 +47,19 @@ pub struct DaqmxArray {
 }
 
 impl DaqmxLoadCell {
-    /// Creates a load cell with its sensitivity in N per volt at index `at` of a scan. The times of readings are relative to
+    /// Creates a load cell of a sensitivity, whose first input is at index `at` of a scan. The times of readings are relative to
     /// `origin`.
     pub fn new(
         acquisition: SharedAcquisition,
         at: usize,
-        newton_per_volt: f64,
+        sensitivity: Sensitivity,
         range_v: f64,
         conversions_hz: f64,
         origin: Instant,
         identity: Identity,
     ) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        DaqmxLoadCell { acquisition, at, newton_per_volt, range_v, conversion, seen: 0, origin, identity }
+        DaqmxLoadCell { acquisition, at, sensitivity, range_v, conversion, seen: 0, origin, identity }
     }
 }
 
@@ -66,14 +75,22 @@ impl LoadCell for DaqmxLoadCell {
         acquisition.after(self.seen).await?;
         let (scan, volts) = acquisition.newest();
         self.seen = scan;
-        let volts = volts.get(self.at).copied().unwrap_or(f64::NAN);
-        let health = Health { saturated: volts.abs() >= FULL_SCALE * self.range_v, fault: false };
-        Ok(ForceReading {
-            at_s: self.origin.elapsed().as_secs_f64(),
-            force_n: volts * self.newton_per_volt,
-            side_n: None,
-            health,
-        })
+        let inputs = match &self.sensitivity {
+            Sensitivity::OneAxis(_) => 1,
+            Sensitivity::Axes(rows) => rows[0].len(),
+        };
+        let own = volts.get(self.at..self.at + inputs).unwrap_or(&[f64::NAN]);
+        let (side_n, force_n) = match &self.sensitivity {
+            Sensitivity::OneAxis(newton_per_volt) => (None, own[0] * newton_per_volt),
+            Sensitivity::Axes(rows) => {
+                let along = |row: &Vec<f64>| row.iter().zip(own).map(|(newton, volts)| newton * volts).sum();
+                let [x_n, y_n, force_n] = rows.each_ref().map(along);
+                (Some([x_n, y_n]), force_n)
+            }
+        };
+        let saturated = own.iter().any(|volts| volts.abs() >= FULL_SCALE * self.range_v);
+        let (at_s, health) = (self.origin.elapsed().as_secs_f64(), Health { saturated, fault: false });
+        Ok(ForceReading { at_s, force_n, side_n, health })
     }
 
     fn conversion(&self) -> Duration {

@@ -2,8 +2,8 @@
 
 use super::keys::axes;
 use super::spec::LoadCellDriver;
-use palpate_core::algebra::{Matrix, Vector};
-use palpate_document::{Problem, Table};
+use palpate_core::algebra::Matrix;
+use palpate_document::{Key, Problem, Table};
 
 /// Longest serial number, characters.
 const SERIAL_MAX: usize = 64;
@@ -106,36 +106,65 @@ pub(super) fn read_axes(table: &Table) -> Option<CellAxes> {
 
 /// Reads `matrix` and `serial`. The outer value is `None` if they are invalid.
 fn read_matrix(table: &Table) -> Option<Option<CellMatrix>> {
-    let (rows, serial) = (table.matrix(&axes::matrix), table.text(&axes::serial));
-    match (table.has(&axes::matrix), table.has(&axes::serial)) {
+    let rows = table.matrix(&axes::matrix);
+    let Some(serial) = read_serial(table, "`matrix`", &axes::matrix, table.has(&axes::matrix), &axes::serial)? else {
+        return Some(None);
+    };
+    let rows = rows?;
+    check_directions(table, "`matrix`", &axes::matrix, &rows.map(Vec::from))?;
+    Some(Some(CellMatrix { rows, serial }))
+}
+
+/// Reads the serial number of the cell that a matrix belongs to. The inner value is `None` if there is neither, the outer one if
+/// they are invalid. `what` the matrix is called in messages.
+pub(super) fn read_serial(
+    table: &Table,
+    what: &str,
+    matrix: &Key,
+    has_matrix: bool,
+    key: &Key,
+) -> Option<Option<String>> {
+    let serial = table.text(key);
+    match (has_matrix, table.has(key)) {
         (false, false) => return Some(None),
         (false, true) => {
-            table.complain(Problem::new(table.span_of(&axes::serial), "`serial` requires `matrix`"));
+            table.complain(Problem::new(table.span_of(key), format!("`serial` requires {what}")));
             return None;
         }
         (true, false) => {
-            let problem = Problem::new(table.span_of(&axes::matrix), "`matrix` requires `serial`");
+            let problem = Problem::new(table.span_of(matrix), format!("{what} requires `serial`"));
             table.complain(problem.help("state the serial number of the cell: a matrix is wrong for any other cell"));
             return None;
         }
         (true, true) => {}
     }
-    let (rows, serial) = (rows?, serial?);
+    let serial = serial?;
     if !(1..=SERIAL_MAX).contains(&serial.chars().count()) || serial.contains(char::is_control) {
         let text = format!("`serial` is {serial:?}, expected 1 to {SERIAL_MAX} printable characters");
-        table.complain(Problem::new(table.span_of(&axes::serial), text));
+        table.complain(Problem::new(table.span_of(key), text));
         return None;
     }
-    let length = |row: [f64; 3]| Vector::column(row).dot(&Vector::column(row)).sqrt();
-    let lengths: f64 = rows.map(length).iter().product();
-    let determinant = Matrix::of(rows).determinant().abs();
-    if !determinant.is_finite() || determinant <= LEAST_DETERMINANT * lengths {
-        let problem =
-            Problem::new(table.span_of(&axes::matrix), "`matrix` is singular: it loses a direction of the force");
-        table.complain(problem.help("copy its three rows from the cell's calibration"));
-        return None;
+    Some(Some(serial.to_owned()))
+}
+
+/// Checks that a matrix keeps the three directions of the force.
+pub(super) fn check_directions(table: &Table, what: &str, matrix: &Key, rows: &[Vec<f64>; 3]) -> Option<()> {
+    let products = products(rows);
+    let lengths: f64 = products.diagonal().values().iter().product();
+    // of a square matrix, this is the square of the determinant
+    let determinant = products.determinant();
+    if determinant.is_finite() && determinant > LEAST_DETERMINANT.powi(2) * lengths {
+        return Some(());
     }
-    Some(Some(CellMatrix { rows, serial: serial.to_owned() }))
+    let problem = Problem::new(table.span_of(matrix), format!("{what} is singular: it loses a direction of the force"));
+    table.complain(problem.help("copy its three rows from the cell's calibration"));
+    None
+}
+
+/// Returns the products of the rows of a matrix with each other.
+pub(super) fn products(rows: &[Vec<f64>; 3]) -> Matrix<3, 3> {
+    let product = |a: &Vec<f64>, b: &Vec<f64>| a.iter().zip(b).map(|(a, b)| a * b).sum();
+    Matrix::of([0, 1, 2].map(|i| [0, 1, 2].map(|j| product(&rows[i], &rows[j]))))
 }
 
 /// Checks that the axes are stated for a cell with three axes, and only for such a cell.

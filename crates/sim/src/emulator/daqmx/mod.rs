@@ -32,7 +32,8 @@ const BUFFER_MOST: u64 = 1 << 24;
 const ROUNDING: f64 = 1e-6;
 
 /// A USB-6343 and the library that drives it. It has 32 analog inputs relative to ground or 16 differential ones, 16 bit in
-/// ranges of 10, 5, 1 and 0.2 V, 500,000 conversions per second. One input has a load cell's amplifier. The taxels are on the
+/// ranges of 10, 5, 1 and 0.2 V, 500,000 conversions per second. One input has a load cell's amplifier, or several have the bridges of a
+/// cell with three axes. The taxels are on the
 /// inputs from `array_first_channel` on, 1 V for one reading unit. The other inputs read 0 V.
 ///
 /// A scene can't be asked about the past. So only the newest scan has the scene's state at the time of the read, which is up to 1
@@ -51,9 +52,16 @@ pub struct DaqmxEmulator {
 
 /// Wiring of the inputs.
 struct InputWiring {
-    cell_channel: Option<u32>,
+    cell_inputs: Vec<u32>,
+    cell: EmulatedCell,
     array_first_channel: u32,
-    volts_per_newton: f64,
+}
+
+/// Volts per newton of a load cell.
+enum EmulatedCell {
+    OneAxis(f64),
+    /// Of each input, for the forces of the tip on the specimen along x, y and the press.
+    Axes(Vec<[f64; 3]>),
 }
 
 /// State of the library.
@@ -96,8 +104,18 @@ impl DaqmxEmulator {
         array_first_channel: u32,
         volts_per_newton: f64,
     ) -> Self {
-        let wiring = InputWiring { cell_channel, array_first_channel, volts_per_newton };
+        let (cell_inputs, cell) = (cell_channel.into_iter().collect(), EmulatedCell::OneAxis(volts_per_newton));
+        let wiring = InputWiring { cell_inputs, cell, array_first_channel };
         DaqmxEmulator { scene, origin, device: device.into(), wiring, library: Mutex::default() }
+    }
+
+    /// Puts a load cell with three axes on the inputs `physical`: volts per newton of each input, for the forces of the tip on the
+    /// specimen along x, y and the press.
+    #[must_use]
+    pub fn with_axes(mut self, physical: &str, volts_per_newton: Vec<[f64; 3]>) -> Self {
+        self.wiring.cell_inputs = channels::inputs(physical, &self.device).unwrap_or_default(); // a task refuses a wrong name
+        self.wiring.cell = EmulatedCell::Axes(volts_per_newton);
+        self
     }
 
     /// Locks the library. The library is locked before the scene.
@@ -303,7 +321,7 @@ impl InputWiring {
     /// Whether the scene has made the device's link silent, so that no scans arrive. If the load cell is on this device, the load
     /// cell's link decides.
     fn is_silent(&self, scene: &mut Scene, now_s: f64) -> bool {
-        let device = if self.cell_channel.is_some() { SceneDevice::LoadCell } else { SceneDevice::Array };
+        let device = if self.cell_inputs.is_empty() { SceneDevice::Array } else { SceneDevice::LoadCell };
         scene.latency_s(device, now_s).is_none()
     }
 
@@ -319,12 +337,19 @@ impl InputWiring {
         if reads(&|input| taxels.contains(&input)) {
             scene.outputs(now_s, &mut outputs);
         }
-        let cell = self.cell_channel.filter(|&cell| reads(&|input| input == cell));
-        let cell_v = cell.map(|_| scene.load_cell_n(now_s) * self.volts_per_newton);
-        let input_v = |input: u32| match cell_v {
-            Some(cell_v) if cell == Some(input) => cell_v,
-            _ if taxels.contains(&input) => outputs[(input - taxels.start) as usize] * VOLTS_PER_UNIT,
-            _ => 0.0,
+        let cell_v = match &self.cell {
+            _ if !reads(&|input| self.cell_inputs.contains(&input)) => Vec::new(),
+            EmulatedCell::OneAxis(volts_per_newton) => vec![scene.load_cell_n(now_s) * volts_per_newton],
+            EmulatedCell::Axes(inputs) => {
+                let forces_n = scene.load_cell_axes_n(now_s);
+                let volts = |input: &[f64; 3]| input.iter().zip(forces_n).map(|(volts, force_n)| volts * force_n).sum();
+                inputs.iter().map(volts).collect()
+            }
+        };
+        let input_v = |input: u32| match self.cell_inputs.iter().zip(&cell_v).find(|(own, _)| **own == input) {
+            Some((_, volts)) => *volts,
+            None if taxels.contains(&input) => outputs[(input - taxels.start) as usize] * VOLTS_PER_UNIT,
+            None => 0.0,
         };
         channels.iter().map(|channel| input_v(channel.input) - channel.against.map_or(0.0, input_v)).collect()
     }

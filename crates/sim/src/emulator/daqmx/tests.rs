@@ -3,7 +3,7 @@
 use super::*;
 use crate::emulator::tests::{STIFFNESS_N_MM, pressed, scene, scene_with, shared};
 use crate::scene::{FaultKind, SceneFault, Trajectory};
-use palpate_core::quantity::Axis;
+use palpate_core::quantity::{Axis, Tilt};
 use palpate_link::time::sleep;
 use palpate_link::wire::daqmx::{DIFF, PSEUDO_DIFF, RSE};
 use proptest::prelude::*;
@@ -73,6 +73,27 @@ async fn a_press_is_read_in_volts_by_cell_and_taxels() {
     assert!(outputs[4] > 0.1);
     for (volts, output) in volts[1..10].iter().zip(outputs) {
         assert!((volts - output).abs() <= 10.0 / 65_536.0 + 1e-12, "{volts} V, {output}");
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn bridges_of_a_cell_with_three_axes_carry_the_whole_force() {
+    // on ai12, ai11 and ai3, in this order; the taxels are on ai0 to ai8
+    let volts_per_newton = vec![[0.5, 0.0, 1.0], [0.0, 0.25, -2.0], [1.0, 1.0, 0.5]];
+    let tilted = scene_with(|spec| spec.surface_tilt = Tilt { per_x: 0.05, per_y: -0.02 });
+    let daqmx = DaqmxEmulator::new(shared(tilted), Instant::now(), "Dev1", None, 0, 1.0)
+        .with_axes("Dev1/ai12:11,Dev1/ai3", volts_per_newton.clone());
+    let to = Trajectory::at_rest(-1.5 / STIFFNESS_N_MM);
+    daqmx.scene.lock().expect("sound").set_motion(Axis::Z, to, 0.0);
+    let task = running(&daqmx, "Dev1/ai3,Dev1/ai11:12", 100.0, 100);
+    wait_ms(1).await;
+    let volts = read(&daqmx, task).expect("a scan");
+    let forces_n = daqmx.scene.lock().expect("sound").load_cell_axes_n(0.001);
+    assert!(forces_n[2] > 1.0 && forces_n[0].abs() > 0.05 && forces_n[1].abs() > 0.02, "{forces_n:?}");
+    for (volts, input) in volts.iter().zip([2, 1, 0]) {
+        let row: &[f64; 3] = &volts_per_newton[input];
+        let expected_v: f64 = row.iter().zip(forces_n).map(|(volts, force_n)| volts * force_n).sum();
+        assert!((volts - expected_v).abs() <= 10.0 / 65_536.0 + 1e-12, "input {input}: {volts} V, {expected_v} V");
     }
 }
 

@@ -1,0 +1,292 @@
+//! Regression from the outputs of an array to the three components of a force, without a place.
+//!
+//! A sensor with a single taxel, or one that is always pressed at the same place, has no map to invert. Four methods are fitted, and each
+//! component of the answer is their weighted mean. The weights are those that are best on groups of rows that were left out.
+
+mod blend;
+mod folds;
+mod ridge;
+
+use super::extra_trees::Forest;
+use super::hyperparameters::Hyperparameters;
+use super::process::Process;
+use blend::{Blend, METHODS};
+use folds::{folds, without};
+use palpate_core::quantity::stream;
+use rand::seq::SliceRandom as _;
+use ridge::{Features, Fold, Ridge};
+use serde::Serialize;
+
+/// Least number of rows for a regression.
+const ROWS_LEAST: usize = 30;
+
+/// Largest number of rows from which trees are grown, and from which they are grown to choose the weights.
+const TREE_ROWS: usize = 30_000;
+const TREE_ROWS_TO_CHOOSE: usize = 4000;
+
+/// The same for the Gaussian process, whose cost grows with the cube of this number.
+const PROCESS_ROWS: usize = 1500;
+const PROCESS_ROWS_TO_CHOOSE: usize = 600;
+
+/// Largest number of groups that are left out one by one. More groups are left out together, in this many parts.
+const OUTER_FOLDS: usize = 20;
+
+/// Number of parts in which groups are left out to choose the weights.
+const INNER_FOLDS: usize = 5;
+
+/// Names of the three components.
+pub const COMPONENTS: [&str; 3] = ["force_x_n", "force_y_n", "force_n"];
+
+/// Rows of outputs with the force vector that caused each.
+#[derive(Clone, Debug)]
+pub struct ForceTable {
+    channels: usize,
+    /// Row-major, rows x channels.
+    outputs: Vec<f64>,
+    forces_n: Vec<[f64; 3]>,
+    /// Group of each row. The rows of a group are left out together.
+    groups: Vec<u64>,
+}
+
+/// Reason why forces can't be regressed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ForceTableError {
+    /// Too few rows.
+    #[error("{rows} rows have a force vector, at least {ROWS_LEAST} are needed")]
+    TooFew {
+        /// Number of rows.
+        rows: usize,
+    },
+    /// Nothing to leave out.
+    #[error("all rows are of one group, so none can be left out")]
+    OneGroup,
+    /// A number isn't finite, or a row has another number of outputs.
+    #[error("row {row} has another number of outputs, or a number that isn't finite")]
+    Row {
+        /// The row, from 0.
+        row: usize,
+    },
+}
+
+impl ForceTable {
+    /// Creates a table from its rows: outputs, forces along x, y and the press in N, and group.
+    ///
+    /// # Errors
+    /// The rows can't be regressed.
+    pub fn new<'a>(rows: impl Iterator<Item = (&'a [f64], [f64; 3], u64)>) -> Result<ForceTable, ForceTableError> {
+        let mut table = ForceTable { channels: 0, outputs: Vec::new(), forces_n: Vec::new(), groups: Vec::new() };
+        for (row, (outputs, force_n, group)) in rows.enumerate() {
+            if row == 0 {
+                table.channels = outputs.len();
+            }
+            let is_sound = outputs.len() == table.channels && outputs.iter().chain(&force_n).all(|n| n.is_finite());
+            if !is_sound || outputs.is_empty() {
+                return Err(ForceTableError::Row { row });
+            }
+            table.outputs.extend_from_slice(outputs);
+            table.forces_n.push(force_n);
+            table.groups.push(group);
+        }
+        if table.forces_n.len() < ROWS_LEAST {
+            return Err(ForceTableError::TooFew { rows: table.forces_n.len() });
+        }
+        Ok(table)
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.forces_n.len()
+    }
+
+    fn row(&self, row: usize) -> &[f64] {
+        &self.outputs[row * self.channels..(row + 1) * self.channels]
+    }
+}
+
+/// Errors of one component.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ComponentErrors {
+    /// Mean of the absolute error, N.
+    pub mean_n: f64,
+    /// Root of the mean squared error, N.
+    pub rmse_n: f64,
+    /// 95th percentile of the absolute error, N.
+    pub p95_n: f64,
+}
+
+/// Errors of a method on rows that it was fitted without.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MethodForceErrors {
+    /// The method; `best` is the weighted mean.
+    pub method: &'static str,
+    /// Errors along x, y and the press.
+    pub components: [ComponentErrors; 3],
+}
+
+/// Errors of all methods on left-out groups.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ForceEvaluation {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of parts that were left out in turn.
+    pub folds: usize,
+    /// Each method, `best` first.
+    pub methods: Vec<MethodForceErrors>,
+}
+
+/// Fitted regression of a force vector.
+pub struct ForceRegression {
+    features: Features,
+    linear: Ridge,
+    quadratic: Ridge,
+    /// Gaussian process of what the linear regression leaves.
+    process: Process,
+    trees: [Forest; 3],
+    blends: [Blend; 3],
+}
+
+impl ForceRegression {
+    /// Fits the four methods and their weights.
+    pub fn fit(table: &ForceTable) -> ForceRegression {
+        let all: Vec<usize> = (0..table.rows()).collect();
+        ForceRegression::fit_rows(table, &all)
+    }
+
+    fn fit_rows(table: &ForceTable, rows: &[usize]) -> ForceRegression {
+        let features = Features::of(table, rows);
+        let parts = folds(table, rows, INNER_FOLDS);
+        let fold = Fold::of(&features, table, rows, &parts);
+        let (linear, linear_left_out) = fold.fit(true);
+        let (quadratic, quadratic_left_out) = fold.fit(false);
+        // what the others would answer for the rows of each part
+        let mut left_out: Vec<[[f64; 3]; METHODS.len()]> = vec![[[0.0; 3]; METHODS.len()]; rows.len()];
+        for (at, answers) in left_out.iter_mut().enumerate() {
+            (answers[0], answers[1]) = (linear_left_out[at], quadratic_left_out[at]);
+        }
+        // one correlation does for all parts: its search costs more than a fit
+        let seen = left(&features, table, &some(rows, super::gaussian_process::MANNER.most_to_seek_with), &linear);
+        let hyperparameters =
+            Hyperparameters::of(&seen.0, features.channels(), &seen.1, 3, super::gaussian_process::MANNER);
+        for part in &parts {
+            let training = without(rows, part);
+            let linear = fold.without(part, &linear);
+            let (inputs, values) = left(&features, table, &some(&training, PROCESS_ROWS_TO_CHOOSE), &linear);
+            let process = Process::fit(inputs, features.channels(), &values, 3, &hyperparameters, 3).0;
+            let trees = forests(&features, table, &some(&training, TREE_ROWS_TO_CHOOSE));
+            for &at in part {
+                let outputs = table.row(rows[at]);
+                left_out[at][2] = with_process(&features, &linear, &process, outputs);
+                left_out[at][3] = trees.each_ref().map(|forest| forest.answer(&features.standard(outputs)));
+            }
+        }
+        let blends = [0, 1, 2].map(|component| {
+            let answers = left_out.iter().map(|answers| answers.map(|answer| answer[component]));
+            Blend::of(answers.zip(rows.iter().map(|&row| table.forces_n[row][component])))
+        });
+        let (inputs, values) = left(&features, table, &some(rows, PROCESS_ROWS), &linear);
+        let process = Process::fit(inputs, features.channels(), &values, 3, &hyperparameters, 3).0;
+        let trees = forests(&features, table, &some(rows, TREE_ROWS));
+        ForceRegression { features, linear, quadratic, process, trees, blends }
+    }
+
+    /// Returns the force along x, y and the press that caused a reading, N.
+    pub fn solve(&self, outputs: &[f64]) -> [f64; 3] {
+        let answers = self.answers(outputs);
+        [0, 1, 2].map(|component| self.blends[component].of_answers(answers.map(|answer| answer[component])))
+    }
+
+    /// Returns the weight of each method in each component.
+    pub fn weights(&self) -> [[f64; METHODS.len()]; 3] {
+        self.blends.map(|blend| blend.weights)
+    }
+
+    fn answers(&self, outputs: &[f64]) -> [[f64; 3]; METHODS.len()] {
+        [
+            self.linear.of(self.features.linear(outputs)),
+            self.quadratic.of(self.features.quadratic(outputs)),
+            with_process(&self.features, &self.linear, &self.process, outputs),
+            self.trees.each_ref().map(|forest| forest.answer(&self.features.standard(outputs))),
+        ]
+    }
+}
+
+/// Fits without each group in turn and solves its rows. The weights are chosen without the group, too.
+///
+/// # Errors
+/// There is only one group.
+pub fn evaluate_forces(table: &ForceTable) -> Result<ForceEvaluation, ForceTableError> {
+    let all: Vec<usize> = (0..table.rows()).collect();
+    if table.groups.iter().all(|group| *group == table.groups[0]) {
+        return Err(ForceTableError::OneGroup);
+    }
+    let parts = folds(table, &all, OUTER_FOLDS);
+    let mut errors: Vec<Vec<[f64; 3]>> = vec![Vec::with_capacity(table.rows()); METHODS.len() + 1];
+    for part in &parts {
+        let regression = ForceRegression::fit_rows(table, &without(&all, part));
+        for &row in part {
+            let (answers, best) = (regression.answers(table.row(row)), regression.solve(table.row(row)));
+            let true_n = table.forces_n[row];
+            for (errors, answer) in errors.iter_mut().zip(std::iter::once(best).chain(answers)) {
+                errors.push([0, 1, 2].map(|component| answer[component] - true_n[component]));
+            }
+        }
+    }
+    let names = std::iter::once(super::BEST).chain(METHODS);
+    let method = |(method, errors): (&'static str, &Vec<[f64; 3]>)| MethodForceErrors {
+        method,
+        components: [0, 1, 2].map(|component| ComponentErrors::of(errors.iter().map(|error| error[component]))),
+    };
+    Ok(ForceEvaluation { rows: table.rows(), folds: parts.len(), methods: names.zip(&errors).map(method).collect() })
+}
+
+impl ComponentErrors {
+    fn of(errors_n: impl Iterator<Item = f64>) -> ComponentErrors {
+        let mut sizes: Vec<f64> = errors_n.map(f64::abs).collect();
+        sizes.sort_by(f64::total_cmp);
+        let count = sizes.len().max(1) as f64;
+        let mean_n = sizes.iter().sum::<f64>() / count;
+        let rmse_n = (sizes.iter().map(|size| size * size).sum::<f64>() / count).sqrt();
+        let p95_n = sizes.get((0.95 * count) as usize).copied().unwrap_or_default();
+        ComponentErrors { mean_n, rmse_n, p95_n }
+    }
+}
+
+/// Returns at most this many of the rows, chosen at random.
+fn some(rows: &[usize], most: usize) -> Vec<usize> {
+    if rows.len() <= most {
+        return rows.to_vec();
+    }
+    let mut chosen = rows.to_vec();
+    let (chosen, _) = chosen.partial_shuffle(&mut stream(0, 0, "rows of a force regression"), most);
+    chosen.to_vec()
+}
+
+/// Returns the scaled outputs of rows, and what a linear regression leaves of their forces.
+fn left(features: &Features, table: &ForceTable, rows: &[usize], linear: &Ridge) -> (Vec<f64>, Vec<f64>) {
+    let inputs = rows.iter().flat_map(|&row| features.standard(table.row(row))).collect();
+    let left = |&row: &usize| {
+        let (answer, true_n) = (linear.of(features.linear(table.row(row))), table.forces_n[row]);
+        [0, 1, 2].map(|component| true_n[component] - answer[component])
+    };
+    (inputs, rows.iter().flat_map(left).collect())
+}
+
+fn with_process(features: &Features, linear: &Ridge, process: &Process, outputs: &[f64]) -> [f64; 3] {
+    let mut left_n = [0.0; 3];
+    process.predict(&features.standard(outputs), &mut left_n);
+    let linear_n = linear.of(features.linear(outputs));
+    [0, 1, 2].map(|component| linear_n[component] + left_n[component])
+}
+
+/// Grows trees for each component.
+fn forests(features: &Features, table: &ForceTable, rows: &[usize]) -> [Forest; 3] {
+    let mut columns = vec![Vec::with_capacity(rows.len()); features.channels()];
+    for &row in rows {
+        columns.iter_mut().zip(features.standard(table.row(row))).for_each(|(column, value)| column.push(value));
+    }
+    let forces_n: Vec<[f64; 3]> = rows.iter().map(|&row| table.forces_n[row]).collect();
+    Forest::grow(columns, forces_n)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,194 @@
+//! Linear and quadratic ridge regression of three components, whose ridge is chosen on left-out groups.
+
+use super::ForceTable;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+/// Ridges that are tried, as fractions of the mean square of a feature.
+const RIDGES: [f64; 9] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
+
+/// Largest number of outputs whose products are features. Of more outputs, the strongest principal components are not sought: the
+/// quadratic regression then uses the squares alone.
+const PRODUCTS_MOST: usize = 40;
+
+/// Outputs scaled to mean 0 and standard deviation 1, and features made of them.
+pub(super) struct Features {
+    means: Vec<f64>,
+    over_sd: Vec<f64>,
+}
+
+impl Features {
+    pub(super) fn of(table: &ForceTable, rows: &[usize]) -> Features {
+        let count = rows.len().max(1) as f64;
+        let sum = |of: &dyn Fn(usize) -> f64| rows.iter().map(|&row| of(row)).sum::<f64>();
+        let means: Vec<f64> = (0..table.channels).map(|i| sum(&|row| table.row(row)[i]) / count).collect();
+        let over_sd = means.iter().enumerate().map(|(i, mean)| {
+            let variance = sum(&|row| (table.row(row)[i] - mean).powi(2)) / count;
+            if variance > 1e-18 * (1.0 + mean * mean) { 1.0 / variance.sqrt() } else { 0.0 }
+        });
+        Features { over_sd: over_sd.collect(), means }
+    }
+
+    pub(super) fn channels(&self) -> usize {
+        self.means.len()
+    }
+
+    pub(super) fn standard(&self, outputs: &[f64]) -> Vec<f64> {
+        outputs
+            .iter()
+            .zip(&self.means)
+            .zip(&self.over_sd)
+            .map(|((output, mean), over)| (output - mean) * over)
+            .collect()
+    }
+
+    /// A constant and the outputs.
+    pub(super) fn linear(&self, outputs: &[f64]) -> Vec<f64> {
+        let mut features = vec![1.0];
+        features.extend(self.standard(outputs));
+        features
+    }
+
+    /// The same, with squares and products.
+    pub(super) fn quadratic(&self, outputs: &[f64]) -> Vec<f64> {
+        let mut features = self.linear(outputs);
+        let channels = self.channels();
+        for i in 1..=channels {
+            let last = if channels <= PRODUCTS_MOST { channels } else { i };
+            (i..=last).for_each(|j| features.push(features[i] * features[j]));
+        }
+        features
+    }
+}
+
+/// A linear function of features for each component.
+pub(super) struct Ridge {
+    /// Row-major, features x 3.
+    weights: Vec<[f64; 3]>,
+    ridge: f64,
+    is_linear: bool,
+}
+
+impl Ridge {
+    pub(super) fn of(&self, features: Vec<f64>) -> [f64; 3] {
+        let mut answer = [0.0; 3];
+        for (feature, weights) in features.iter().zip(&self.weights) {
+            (0..3).for_each(|component| answer[component] += feature * weights[component]);
+        }
+        answer
+    }
+}
+
+/// Rows of a table in parts that can be left out.
+pub(super) struct Fold<'a> {
+    features: &'a Features,
+    table: &'a ForceTable,
+    rows: &'a [usize],
+    parts: &'a [Vec<usize>],
+}
+
+/// Sums over rows: products of features with each other, and with the forces.
+struct Sums {
+    products: Mat<f64>,
+    with_forces: Mat<f64>,
+    rows: f64,
+}
+
+impl<'a> Fold<'a> {
+    pub(super) fn of(
+        features: &'a Features,
+        table: &'a ForceTable,
+        rows: &'a [usize],
+        parts: &'a [Vec<usize>],
+    ) -> Self {
+        Fold { features, table, rows, parts }
+    }
+
+    /// Fits all rows with the ridge that is best on left-out parts. Also returns the answer for each row without its part.
+    pub(super) fn fit(&self, is_linear: bool) -> (Ridge, Vec<[f64; 3]>) {
+        let each: Vec<Sums> = self.parts.iter().map(|part| self.sums(part, is_linear)).collect();
+        let all = Sums::together(&each);
+        let mut best: Option<(f64, f64, Vec<[f64; 3]>)> = None;
+        for ridge in RIDGES {
+            let (mut squares, mut left_out) = (0.0, vec![[0.0; 3]; self.rows.len()]);
+            for (part, sums) in self.parts.iter().zip(&each) {
+                let Some(fitted) = all.less(sums).solve(ridge, is_linear) else { continue };
+                for &at in part {
+                    let row = self.rows[at];
+                    left_out[at] = fitted.of(self.of_row(row, is_linear));
+                    squares += (0..3).map(|i| (left_out[at][i] - self.table.forces_n[row][i]).powi(2)).sum::<f64>();
+                }
+            }
+            if best.as_ref().is_none_or(|(least, ..)| squares < *least) {
+                best = Some((squares, ridge, left_out));
+            }
+        }
+        let (_, ridge, left_out) = best.unwrap_or_default();
+        (all.solve_or_mean(ridge, is_linear), left_out)
+    }
+
+    /// Fits the rows without a part, with the ridge of another fit.
+    pub(super) fn without(&self, part: &[usize], like: &Ridge) -> Ridge {
+        let mut is_left = vec![true; self.rows.len()];
+        part.iter().for_each(|&at| is_left[at] = false);
+        let rest: Vec<usize> = (0..self.rows.len()).filter(|&at| is_left[at]).collect();
+        self.sums(&rest, like.is_linear).solve_or_mean(like.ridge, like.is_linear)
+    }
+
+    fn of_row(&self, row: usize, is_linear: bool) -> Vec<f64> {
+        let outputs = self.table.row(row);
+        if is_linear { self.features.linear(outputs) } else { self.features.quadratic(outputs) }
+    }
+
+    fn sums(&self, part: &[usize], is_linear: bool) -> Sums {
+        let rows: Vec<Vec<f64>> = part.iter().map(|&at| self.of_row(self.rows[at], is_linear)).collect();
+        let width = rows.first().map_or(0, Vec::len);
+        let matrix = Mat::from_fn(rows.len(), width, |row, feature| rows[row][feature]);
+        let forces = Mat::from_fn(rows.len(), 3, |row, i| self.table.forces_n[self.rows[part[row]]][i]);
+        let (products, with_forces) = (matrix.transpose() * &matrix, matrix.transpose() * &forces);
+        Sums { products, with_forces, rows: rows.len() as f64 }
+    }
+}
+
+impl Sums {
+    fn together(each: &[Sums]) -> Sums {
+        let mut all = Sums {
+            products: Mat::zeros(each[0].products.nrows(), each[0].products.ncols()),
+            with_forces: Mat::zeros(each[0].with_forces.nrows(), 3),
+            rows: 0.0,
+        };
+        for sums in each {
+            all.products += &sums.products;
+            all.with_forces += &sums.with_forces;
+            all.rows += sums.rows;
+        }
+        all
+    }
+
+    fn less(&self, other: &Sums) -> Sums {
+        Sums {
+            products: &self.products - &other.products,
+            with_forces: &self.with_forces - &other.with_forces,
+            rows: self.rows - other.rows,
+        }
+    }
+
+    fn solve(&self, ridge: f64, is_linear: bool) -> Option<Ridge> {
+        let mut matrix = self.products.clone();
+        // the constant has no ridge; a feature that is always 0 has one, so the matrix is invertible
+        (1..matrix.nrows()).for_each(|i| matrix[(i, i)] += ridge * (self.rows + matrix[(i, i)]));
+        let solved = matrix.llt(Side::Lower).ok()?.solve(&self.with_forces);
+        let weights = (0..solved.nrows()).map(|row| [0, 1, 2].map(|i| solved[(row, i)])).collect();
+        Some(Ridge { weights, ridge, is_linear })
+    }
+
+    /// The same; the mean if the matrix can't be inverted.
+    fn solve_or_mean(&self, ridge: f64, is_linear: bool) -> Ridge {
+        let mean = || Ridge {
+            weights: vec![[0, 1, 2].map(|i| self.with_forces[(0, i)] / self.rows.max(1.0))],
+            ridge,
+            is_linear,
+        };
+        self.solve(ridge, is_linear).unwrap_or_else(mean)
+    }
+}
