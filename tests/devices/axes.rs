@@ -17,13 +17,17 @@ const AXES: [&str; 3] = [
     "x = \"y\", y = \"-x\", press = \"-z\", serial = \"FT1\", matrix = [[1.0, 0.1, 0.0], [0.0, 0.9, -0.2], [0.05, 0.0, 1.1]]",
 ];
 
-/// Cells with three axes. The last has six bridges on inputs of an NI device.
-const CELLS: [&str; 4] = [
-    "lines = \"ati-netft\"",
-    "lines = \"bota-serial\"",
-    "lines = \"me-gsv8\"",
-    "daqmx = \"Dev1/ai0:5\", range_v = 0.2, serial = \"FT1\", newton_per_volt = [[0.3, -5.0, 0.2, 5.1, -0.1, 0.4], \
-     [-0.2, 2.9, 0.1, 2.8, 0.3, -5.8], [3.9, 0.2, 4.1, -0.1, 4.0, 0.3]]",
+/// Cells with three axes, and the resolution of their forces, N. The last has six bridges on inputs of an NI device.
+const CELLS: [(&str, f64); 5] = [
+    ("lines = \"ati-netft\"", 1e-6),
+    ("lines = \"bota-serial\"", 1e-6),
+    ("lines = \"me-gsv8\"", 1e-6),
+    ("modbus = \"robotiq-ft300\"", 0.01),
+    (
+        "daqmx = \"Dev1/ai0:5\", range_v = 0.2, serial = \"FT1\", newton_per_volt = [[0.3, -5.0, 0.2, 5.1, -0.1, 0.4], \
+         [-0.2, 2.9, 0.1, 2.8, 0.3, -5.8], [3.9, 0.2, 4.1, -0.1, 4.0, 0.3]]",
+        1e-4,
+    ),
 ];
 
 /// The simulated rig with a quiet cell with three axes, and a tilted surface.
@@ -35,10 +39,9 @@ fn rig(cell: &str, axes: &str) -> String {
 
 #[test]
 fn forces_sideways_are_those_of_the_tilted_surface_in_every_mounting() {
-    for cell in CELLS {
+    for (name, step_n) in CELLS {
         for axes in AXES {
-            let name = cell;
-            let spec = parse("rig.toml", &rig(cell, axes), &|_| unreachable!()).expect("a rig");
+            let spec = parse("rig.toml", &rig(name, axes), &|_| unreachable!()).expect("a rig");
             let (before, pressed) = run_virtually(async move {
                 let simulated = spec.emulators(1).expect("emulators");
                 let scene = simulated.scene.clone();
@@ -56,7 +59,8 @@ fn forces_sideways_are_those_of_the_tilted_surface_in_every_mounting() {
             let [x_n, y_n] = pressed.side_n.expect("forces sideways");
             assert!(pressed.force_n > 0.5, "{name}, {axes}: {pressed:?}");
             let slopes = (x_n / pressed.force_n + 0.05, y_n / pressed.force_n - 0.02);
-            assert!(slopes.0.abs() < 1e-4 && slopes.1.abs() < 1e-4, "{name}, {axes}: {pressed:?}");
+            let most = step_n.max(1e-4);
+            assert!(slopes.0.abs() < most && slopes.1.abs() < most, "{name}, {axes}: {pressed:?}");
             assert!(before.force_n.abs() < 1e-5 && !pressed.health.saturated && !pressed.health.fault, "{before:?}");
         }
     }
@@ -65,19 +69,19 @@ fn forces_sideways_are_those_of_the_tilted_surface_in_every_mounting() {
 #[test]
 fn a_run_with_a_cell_with_three_axes_is_complete() {
     let recipe = "name = \"few\"\n[[step]]\nphase = \"test\"\nforce_n = 1.0\nlist = { places_mm = [[0, 0], [3, 2]] }\n";
-    for cell in CELLS {
+    for (cell, step_n) in CELLS {
         let bench = TestFolder::with([("rig.toml", &*rig(cell, AXES[2])), ("r.toml", recipe)]);
         bench.palpate_ends(0, "run r.toml --rig rig.toml --out run");
         let forces = bench.column("run/presses.csv", "force_n");
         let number = |text: &String| text.parse::<f64>().expect("a number");
-        assert!(forces.iter().all(|force| (number(force) - 1.0).abs() < 0.02), "{cell}: {forces:?}");
+        assert!(forces.iter().all(|force| (number(force) - 1.0).abs() < 0.02 + step_n), "{cell}: {forces:?}");
     }
 }
 
 #[test]
 fn a_net_ft_over_a_real_socket_is_examined() {
     let offset = exchanged(
-        &rig(CELLS[0], AXES[1]),
+        &rig(CELLS[0].0, AXES[1]),
         "surface = {",
         "load_cell = { noise_n = 0.003, offset_n = 0.25 }\nsurface = {",
     );

@@ -8,6 +8,7 @@ mod esp301;
 pub mod grbl;
 pub mod lines;
 pub mod modbus;
+mod mounting;
 mod no_load_cell;
 pub mod process;
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::port::{LinePort, PortCounts, Received};
 use super::profile::{ForceColumns, ForceField, OutputColumns};
+use crate::mounting::Mounting;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell, SensorArray};
 use palpate_link::time::Instant;
@@ -13,15 +14,11 @@ const READING_DEADLINE: Duration = Duration::from_millis(500);
 /// Longest wait for the outputs. A pressure matrix at 9600 baud takes 0.1 s for a line, a large one some more.
 const OUTPUTS_DEADLINE: Duration = Duration::from_secs(2);
 
-/// Mounting of a cell whose axes are those of the specimen, with its z into it.
-const AS_THE_SPECIMEN: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
 /// A load cell whose readings are lines or frames.
 pub struct LineLoadCell {
     port: LinePort,
     force: ForceField,
-    /// From the forces along the device's axes to those along x and y of the specimen and the press.
-    mounting: [[f64; 3]; 3],
+    mounting: Mounting,
     conversion: Duration,
     origin: Instant,
     link: String,
@@ -41,14 +38,14 @@ impl LineLoadCell {
     /// Creates a load cell that sends `conversions_hz` readings per second; the times of readings are relative to `origin`.
     pub fn new(port: LinePort, force: ForceField, link: String, conversions_hz: f64, origin: Instant) -> Self {
         let conversion = Duration::from_secs_f64(1.0 / conversions_hz);
-        LineLoadCell { port, force, mounting: AS_THE_SPECIMEN, conversion, origin, link, nth: 0 }
+        LineLoadCell { port, force, mounting: Mounting::default(), conversion, origin, link, nth: 0 }
     }
 
     /// States how a cell with three axes is mounted: the matrix from the forces along its axes to those of the tip on the specimen along
     /// x, y and the press.
     #[must_use]
     pub fn mounted(self, mounting: [[f64; 3]; 3]) -> Self {
-        LineLoadCell { mounting, ..self }
+        LineLoadCell { mounting: Mounting(mounting), ..self }
     }
 
     fn reading(&self, received: &Received) -> ForceReading {
@@ -62,10 +59,8 @@ impl LineLoadCell {
         let (side_n, force_n) = match columns {
             ForceColumns::One([column]) => (None, newton(column)),
             ForceColumns::Axes(axes) => {
-                let device_n = axes.map(newton);
-                let along = |row: [f64; 3]| row.iter().zip(device_n).map(|(factor, force_n)| factor * force_n).sum();
-                let [x_n, y_n, force_n] = self.mounting.map(along);
-                (Some([x_n, y_n]), force_n)
+                let (side_n, force_n) = self.mounting.forces_n(axes.map(newton));
+                (Some(side_n), force_n)
             }
         };
         let at_s = received.at.duration_since(self.origin).as_secs_f64();

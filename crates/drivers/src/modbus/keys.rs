@@ -68,6 +68,8 @@ keys! {
         range_n: Number(RANGE), Allowed, "largest force it can measure; a larger reading is invalid", "50.0";
         decimals: Table(&decimals::KEYS), Allowed, "register with the number of decimals of its integer";
         sign: Table(&sign::KEYS), Allowed, "sign bit of a magnitude, read together with the force";
+        axes: Flag, or_flag(false),
+            "a cell with three axes: forces along its x, y and z, one after another from `address` on", "true";
     }
     as register { function, address, number_type, word_order, swap_bytes, mask, shift }
 }

@@ -3,6 +3,7 @@
 use super::client::ModbusClient;
 use super::profile::{Force, Probe, Profile, StatusWord};
 use super::request::{Function, ModbusFraming};
+use crate::mounting::Mounting;
 use palpate_core::quantity::{ForceReading, Health};
 use palpate_link::device::{DeviceError, DeviceProblem, Identity, LoadCell};
 use palpate_link::time::Instant;
@@ -19,6 +20,7 @@ pub struct ModbusLoadCell {
     force: Force,
     status: Option<StatusWord>,
     probes: Vec<Probe>,
+    mounting: Box<Mounting>,
     newton_per_count: f64,
     conversion: Duration,
     health: Health,
@@ -54,6 +56,7 @@ impl ModbusLoadCell {
             force: profile.force?,
             status: profile.status,
             probes: profile.probe,
+            mounting: Box::default(),
             newton_per_count: 1.0,
             conversion,
             health: Health::default(),
@@ -63,6 +66,13 @@ impl ModbusLoadCell {
         })
     }
 
+    /// States how a cell with three axes is mounted: the matrix from the forces along its axes to those of the tip on the specimen along
+    /// x, y and the press.
+    #[must_use]
+    pub fn mounted(self, mounting: [[f64; 3]; 3]) -> Self {
+        ModbusLoadCell { mounting: Box::new(Mounting(mounting)), ..self }
+    }
+
     async fn read_status(&mut self) -> Result<(), DeviceError> {
         let Some(status) = &self.status else { return Ok(()) };
         let words = self.client.read("reading the status word", Function::Holding, status.address, 1).await?;
@@ -70,8 +80,8 @@ impl ModbusLoadCell {
         Ok(())
     }
 
-    /// Reads the force and the values that belong to it.
-    async fn read_force(&mut self) -> Result<f64, DeviceError> {
+    /// Reads the force and the values that belong to it. Returns the forces sideways of a cell with three axes, and that of a press.
+    async fn read_force(&mut self) -> Result<(Option<[f64; 2]>, f64), DeviceError> {
         let doing = "reading the force";
         let Force { register, sign, .. } = self.force;
         let (first, count) = self.force.block();
@@ -84,16 +94,28 @@ impl ModbusLoadCell {
             self.until_status = STATUS_EVERY;
         }
         let own = words.get(usize::from(register.address - first)..).unwrap_or_default();
-        let units = register.encoding.decode(own);
         let negative = sign.and_then(|sign| word_at(sign.address).map(|word| word >> sign.bit & 1 == 1));
-        let units = units.map(|units| if negative == Some(true) { -units } else { units });
-        let force_n = units.map(|units| (units - self.force.offset) * self.newton_per_count);
+        let newton = |number: &[u16]| {
+            let units = register.encoding.decode(number)?;
+            let units = if negative == Some(true) { -units } else { units };
+            Some((units - self.force.offset) * self.newton_per_count)
+        };
+        let numbers = own.chunks(usize::from(register.encoding.registers())).take(usize::from(self.force.count()));
+        let forces_n: Vec<f64> = numbers.filter_map(newton).collect();
         let is_possible =
             |force_n: &f64| force_n.is_finite() && self.force.range_n.is_none_or(|range_n| force_n.abs() <= range_n);
-        force_n.filter(is_possible).ok_or_else(|| {
-            let expected = format!("a force within {} N", self.force.range_n.unwrap_or(f64::INFINITY));
-            self.client.error(doing, DeviceProblem::Misfit { answer: format!("{words:?}, {force_n:?} N"), expected })
-        })
+        match (forces_n.iter().all(is_possible), self.force.axes, forces_n.as_slice()) {
+            (true, false, [force_n]) => Ok((None, *force_n)),
+            (true, true, &[x_n, y_n, z_n]) => {
+                let (side_n, force_n) = self.mounting.forces_n([x_n, y_n, z_n]);
+                Ok((Some(side_n), force_n))
+            }
+            _ => {
+                let expected = format!("a force within {} N", self.force.range_n.unwrap_or(f64::INFINITY));
+                let answer = format!("{words:?}, {forces_n:?} N");
+                Err(self.client.error(doing, DeviceProblem::Misfit { answer, expected }))
+            }
+        }
     }
 }
 
@@ -138,9 +160,9 @@ impl LoadCell for ModbusLoadCell {
             self.until_status = STATUS_EVERY;
         }
         self.until_status -= 1;
-        let force_n = self.read_force().await?;
+        let (side_n, force_n) = self.read_force().await?;
         let at_s = self.origin.elapsed().as_secs_f64();
-        Ok(ForceReading { at_s, force_n, side_n: None, health: self.health })
+        Ok(ForceReading { at_s, force_n, side_n, health: self.health })
     }
 
     fn conversion(&self) -> Duration {

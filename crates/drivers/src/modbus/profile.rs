@@ -6,10 +6,11 @@ use super::request::{Function, Transport};
 use palpate_document::{self as document, Problem, Problems, Table};
 
 /// Register maps included with the program: name and text.
-pub const SHIPPED: [(&str, &str); 5] = [
+pub const SHIPPED: [(&str, &str); 6] = [
     ("generic-rs485", include_str!("../../../../profiles/generic-rs485.toml")),
     ("labjack-t7", include_str!("../../../../profiles/labjack-t7.toml")),
     ("laumas-tlb", include_str!("../../../../profiles/laumas-tlb.toml")),
+    ("robotiq-ft300", include_str!("../../../../profiles/robotiq-ft300.toml")),
     ("seneca-zsg", include_str!("../../../../profiles/seneca-zsg.toml")),
     ("seneca-zsg2", include_str!("../../../../profiles/seneca-zsg2.toml")),
 ];
@@ -50,11 +51,13 @@ pub struct Register {
     pub encoding: Encoding,
 }
 
-/// The force register of a load cell.
+/// The force registers of a load cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Force {
-    /// Position of the force.
+    /// Position of the force, or of the first of three.
     pub register: Register,
+    /// Whether there are three: forces along x, y and z of the cell, one after another.
+    pub axes: bool,
     /// Newtons per unit of the device, before its decimals.
     pub newton_per_unit: f64,
     /// Device reading at zero force, in the device's units.
@@ -149,9 +152,15 @@ impl Profile {
 }
 
 impl Force {
-    /// Returns the first address and the number of registers of one read that includes the force and its sign.
+    /// Number of forces.
+    pub fn count(&self) -> u16 {
+        if self.axes { 3 } else { 1 }
+    }
+
+    /// Returns the first address and the number of registers of one read that includes the forces and their sign.
     pub fn block(&self) -> (u16, u16) {
-        let (first, last) = (self.register.address, self.register.address + (self.register.encoding.registers() - 1));
+        let own = self.count() * self.register.encoding.registers();
+        let (first, last) = (self.register.address, self.register.address.saturating_add(own - 1));
         let (first, last) = self.sign.map_or((first, last), |sign| (first.min(sign.address), last.max(sign.address)));
         (first, last - first + 1)
     }
@@ -162,6 +171,7 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
     let newton_per_unit = table.number(&force::newton_per_unit);
     let offset = table.number(&force::offset);
     let range_n = table.number(&force::range_n);
+    let axes = table.flag(&force::axes);
     let decimals = document::optional(table.table(&force::decimals), |table| {
         let address = read_address(table, base);
         let (mask, shift) = (table.whole(&decimals::mask), table.whole(&decimals::shift));
@@ -174,9 +184,14 @@ fn read_force(table: &Table, base: u64, registers_max: u16) -> Option<Force> {
         Some(Bit { address: address?, bit: bit? as u8 })
     });
     let (decimals, sign) = (decimals?, sign?);
-    let force =
-        Force { register: register?, newton_per_unit: newton_per_unit?, offset: offset?, range_n, decimals, sign };
-    if force.block().1 > registers_max {
+    let (register, newton_per_unit, offset, axes) = (register?, newton_per_unit?, offset?, axes?);
+    let force = Force { register, axes, newton_per_unit, offset, range_n, decimals, sign };
+    if axes && sign.is_some() {
+        table.complain(Problem::new(table.span_of(&force::sign), "`sign` is for a cell with one axis"));
+    } else if axes && force.block().1 > registers_max {
+        let text = format!("the forces are {} registers, more than `registers_max`", force.block().1);
+        table.complain(Problem::new(table.span_of(&force::axes), text));
+    } else if force.block().1 > registers_max {
         let text = format!("the sign is {} registers from the force, too far to read both together", force.block().1);
         let problem = Problem::new(table.span_of(&force::sign), text);
         table.complain(problem.help("they must be at most `registers_max` apart, to be read at the same moment"));
@@ -242,6 +257,25 @@ mod tests {
         for (name, text) in SHIPPED {
             Profile::parse(name, text).unwrap();
         }
+    }
+
+    #[test]
+    fn three_forces_have_no_sign_bit_and_one_read() {
+        let map = |more: &str| {
+            let (_, text) = SHIPPED.iter().find(|(name, _)| *name == "robotiq-ft300").unwrap();
+            Profile::parse("mine.toml", &text.replace("axes = true", more)).map_err(|problems| problems.lines())
+        };
+        assert_eq!(map("axes = true").unwrap().force.unwrap().block(), (180, 3));
+        assert_eq!(map("axes = false").unwrap().force.unwrap().block(), (180, 1));
+        let sign = "axes = true\nsign = { address = 190, bit = 0 }\n#";
+        assert_eq!(map(sign).unwrap_err(), ["mine.toml:16:8: `sign` is for a cell with one axis"]);
+        let (_, text) = SHIPPED[0];
+        let few = text.replace("[force]", "registers_max = 4\n[force]\naxes = true");
+        let expected = ["mine.toml:10:8: the forces are 6 registers, more than `registers_max`"];
+        assert_eq!(Profile::parse("mine.toml", &few).unwrap_err().lines(), expected);
+        // beyond the last register, which a read finds out
+        let end = text.replace("address = 80", "address = 65535\naxes = true");
+        assert_eq!(Profile::parse("mine.toml", &end).unwrap().force.unwrap().block(), (65_535, 1));
     }
 
     #[test]

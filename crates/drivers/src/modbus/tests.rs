@@ -42,6 +42,25 @@ async fn a_magnitude_takes_its_sign_and_its_health_from_the_status_read_with_it(
 }
 
 #[tokio::test(start_paused = true)]
+async fn three_forces_are_one_read_and_those_of_the_mounting() {
+    // frames of an FT 300 over RTU, check sums by other code: 0.5, -0.25 and -1.5 N, then -300.01 N along z
+    const ASKED: &[u8] = b"\x09\x03\x00\xB4\x00\x03\x44\xA5";
+    const PRESSED: &[u8] = b"\x09\x03\x06\x00\x32\xFF\xE7\xFF\x6A\x3E\x8D";
+    const BEYOND: &[u8] = b"\x09\x03\x06\x00\x32\xFF\xE7\x8A\xCF\xD8\x66";
+    let (link, device) = scripted(&[(ASKED, PRESSED), (ASKED, PRESSED), (ASKED, BEYOND)]);
+    let profile = Profile::shipped("robotiq-ft300").unwrap();
+    let cell = ModbusLoadCell::new(link, Transport::Rtu, profile, "script", 80.0, Instant::now()).unwrap();
+    let mut cell = cell.mounted([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+    cell.prepare().await.unwrap();
+    let reading = cell.read().await.unwrap();
+    assert_eq!((reading.side_n, reading.force_n), (Some([-0.25, -0.5]), 1.5));
+    let text = cell.read().await.unwrap_err().to_string();
+    assert!(text.contains("expected a force within 300 N"), "{text}");
+    drop(cell);
+    device.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_float_decoded_in_the_wrong_word_order_is_beyond_any_range() {
     // 0.132 with its words swapped: 2.9e24
     let (link, device) = scripted(&[

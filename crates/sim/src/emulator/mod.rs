@@ -32,7 +32,9 @@ mod xps;
 pub use daqmx::DaqmxEmulator;
 pub use esp301::Esp301Emulator;
 pub use grbl::{GrblEmulator, MotionBoard as GrblBoard, ROOM_MM as GRBL_ROOM_MM};
-pub use modbus::{LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, SenecaZsg, Transmitter};
+pub use modbus::{
+    LabJackT7, LaumasTlb, Modbus, Refusal, RegisterBytes, RegisterMap, RobotiqFt300, SenecaZsg, Transmitter,
+};
 pub use process::{Printer, ProcessArrayEmulator, ProcessLoadCellEmulator, ProcessStageEmulator};
 pub use serve::{INBOX_MOST, serve};
 pub use xps::XpsEmulator;

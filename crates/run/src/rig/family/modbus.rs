@@ -1,6 +1,7 @@
 //! Modbus transmitters and converters. A register map defines the meaning of registers.
 
 use super::{Beside, DeviceFamily, Links, Role, counted, own_file, unfit};
+use crate::rig::axes::CellAxes;
 use crate::rig::emulated::EmulatedDevice;
 use crate::rig::spec::{ArrayDriver, Dial, Driver, LoadCellDriver, Misfit, OwnFile, RigSpec, RigWiring};
 use palpate_core::quantity::ArrayLayout;
@@ -9,14 +10,15 @@ use palpate_drivers::modbus::{ModbusArray, ModbusFraming, ModbusLoadCell, Profil
 use palpate_drivers::{AnyArray, AnyLoadCell};
 use palpate_link::device::{self, DeviceError};
 use palpate_link::wire::Link;
-use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, SenecaZsg, Transmitter};
+use palpate_sim::emulator::lines::STRAIGHT;
+use palpate_sim::emulator::{Instrument, LabJackT7, LaumasTlb, Modbus, RobotiqFt300, SenecaZsg, Transmitter};
 use palpate_sim::scene::SceneDevice;
 use std::sync::Arc;
 
 pub(super) const FAMILY: DeviceFamily = DeviceFamily {
     name: "modbus",
     meaning: "any Modbus device with a register map",
-    simulated: "generic-rs485, laumas-tlb, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
+    simulated: "generic-rs485, laumas-tlb, robotiq-ft300, seneca-zsg and seneca-zsg2 as load cells, labjack-t7 as load cell and array",
     stage: None,
     load_cell: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_load_cell }),
     array: Some(Role { words: &[], keys: driver::KEYS.always, links: Links::Stream, read: read_array }),
@@ -93,7 +95,15 @@ impl LoadCellDriver for ModbusLoadCellSpec {
         let cell = &wiring.rig.load_cell;
         let (link, hz, profile) = (cell.link.to_string(), cell.conversions_hz, self.0.profile.clone());
         let driver = ModbusLoadCell::new(dial(), self.0.framing(&cell.link), profile, &link, hz, wiring.origin);
-        Ok(AnyLoadCell::Modbus(driver.ok_or_else(|| unfit("load cell", &self.0.file.name))?))
+        let driver = driver.ok_or_else(|| unfit("load cell", &self.0.file.name))?;
+        Ok(AnyLoadCell::Modbus(match &cell.axes {
+            Some(axes) => driver.mounted(axes.mounting()),
+            None => driver,
+        }))
+    }
+
+    fn has_axes(&self) -> bool {
+        self.0.profile.force.as_ref().is_some_and(|force| force.axes)
     }
 
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
@@ -102,6 +112,10 @@ impl LoadCellDriver for ModbusLoadCellSpec {
         match self.0.file.name.as_str() {
             "generic-rs485" => Ok(rtu(Modbus::rtu(Transmitter::new(range_n), unit_id))),
             "laumas-tlb" => Ok(rtu(Modbus::rtu(LaumasTlb::new(range_n), unit_id))),
+            "robotiq-ft300" => {
+                let mounting = rig.load_cell.axes.as_ref().map_or(STRAIGHT, CellAxes::to_device);
+                Ok(rtu(Modbus::rtu(RobotiqFt300::new(mounting), unit_id)))
+            }
             "seneca-zsg" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg(range_n), unit_id))),
             "seneca-zsg2" => Ok(rtu(Modbus::rtu(SenecaZsg::zsg2(range_n), unit_id))),
             "labjack-t7" => Ok(tcp(Modbus::tcp(LabJackT7::new(SceneDevice::LoadCell)))),
@@ -154,7 +168,7 @@ impl MappedDevice {
     fn not_emulated(&self, role: SceneDevice) -> DeviceError {
         let text = format!(
             "there is no emulator for the register map \"{}\" in this role: simulated are generic-rs485, laumas-tlb, \
-             seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
+             robotiq-ft300, seneca-zsg and seneca-zsg2 (load cell) and labjack-t7 (load cell or array)",
             self.file.name
         );
         let (device, doing) = (role.name().to_owned(), "opening it".to_owned());

@@ -15,7 +15,7 @@
 //! - [`ReSkin`]: binary frames of magnetometers, ReSkin and AnySkin.
 //! - [`Velostat`]: a pressure matrix at the converter of an Arduino.
 
-mod axes;
+pub(super) mod axes;
 mod bota;
 mod fault;
 mod gsv8;

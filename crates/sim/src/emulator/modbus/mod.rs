@@ -7,11 +7,13 @@
 
 mod labjack_t7;
 mod laumas_tlb;
+mod robotiq_ft300;
 mod seneca_zsg;
 mod transmitter;
 
 pub use labjack_t7::LabJackT7;
 pub use laumas_tlb::LaumasTlb;
+pub use robotiq_ft300::RobotiqFt300;
 pub use seneca_zsg::SenecaZsg;
 pub use transmitter::Transmitter;
 
