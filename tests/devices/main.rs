@@ -9,6 +9,7 @@ mod emulate;
 #[cfg(unix)]
 mod endings;
 mod lines;
+mod lost_records;
 mod rig_checks;
 mod rigs;
 mod unplugged;

@@ -23,6 +23,6 @@ pub use count::CounterColumn;
 pub use framing::Rejected;
 pub use framing::{Finder, LineFraming};
 pub use keys::KEYS;
-pub use port::{LinePort, Received};
+pub use port::{LinePort, PortCounts, Received};
 pub use profile::{ForceColumns, LineProfile, SHIPPED};
 pub use roles::{LineArray, LineLoadCell};
