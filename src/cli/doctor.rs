@@ -9,8 +9,13 @@ use crate::api::Failure;
 use crate::api::run::block_on;
 use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
+<<<<<<< HEAD
 use palpate_core::quantity::AxesCheck;
 use palpate_link::device::Identity;
+=======
+use palpate_drivers::lines::ForceCounts;
+use palpate_link::device::{Identity, shown};
+>>>>>>> d11b256f (run: compare the counts of a Net F/T with its web page)
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
 use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;
@@ -51,6 +56,9 @@ const WINDOW_S: f64 = 0.2;
 
 /// Zero, as a fraction of the force limit, above which little of the cell's range remains.
 const ZERO_SHARE: f64 = 0.5;
+
+/// Difference of counts that is only rounding of `newton_per_unit`, relative to them.
+const COUNTS_ROUNDING: f64 = 1e-6;
 
 /// Approach speed below which the search for the surface takes most of a press' time, mm/s.
 const SLOW_MM_S: f64 = 1.0;
@@ -161,6 +169,9 @@ fn described(found: &Examination, spec: &RigSpec, advice: &[String]) -> String {
             Err(_) => writeln!(text, "{role:<11}fails: see below"),
         };
     }
+    if let Some((_, Err(why))) = &found.counts {
+        let _ = writeln!(text, "{:<11}its web page doesn't confirm the counts per N: {why}", "");
+    }
     let _ = writeln!(text, "\n{:<11}{:>10}{:>10}{:>10}", "exchange", "shortest", "median", "longest");
     for ((role, _), exchanges_s) in found.devices.iter().zip(&found.exchanges_s) {
         if let Some([shortest, median, longest]) = spread(exchanges_s) {
@@ -244,6 +255,17 @@ fn proposed_air_n(offset_n: f64, limit_n: f64) -> [f64; 2] {
     [-ZERO_MOVES_SHARE, ZERO_MOVES_SHARE].map(|share| rounded(offset_n + share * limit_n))
 }
 
+/// Returns advice if the web page of a Net F/T states other counts than the rig.
+fn other_counts(of_rig: f64, ForceCounts { counts, unit }: &ForceCounts) -> Option<String> {
+    let is_same = unit == "N" && (counts - of_rig).abs() <= COUNTS_ROUNDING * of_rig.abs();
+    let text = format!(
+        "load_cell: its web page states {counts} counts per {}, but the rig {of_rig:.0} per N: set the unit N, and write \
+         newton_per_unit = 1 / counts in `driver`",
+        shown(unit)
+    );
+    (!is_same).then_some(text)
+}
+
 fn wrapped(advice: &[String]) -> String {
     let options = textwrap::Options::new(80).initial_indent("- ").subsequent_indent("  ");
     advice.iter().map(|line| textwrap::fill(line, &options)).collect::<Vec<_>>().join("\n")
@@ -264,6 +286,9 @@ fn advice(found: &Examination, spec: &RigSpec) -> Vec<String> {
                 advice.push(format!("{error}{help}"));
             }
         }
+    }
+    if let Some((of_rig, Ok(stated))) = &found.counts {
+        advice.extend(other_counts(*of_rig, stated));
     }
     match &found.shown {
         None if matches!(found.no_load, Some(Ok(_))) => advice.push(format!("load_cell: {NOT_SHOWN}: {SHOW}")),
@@ -409,5 +434,23 @@ fn json<'a>(
         check_weight,
         axes: axes.map(|check| (&check.along, check.u)),
         measures_force: found.shown.as_ref().map(Result::is_ok),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn other_counts_of_a_net_ft_are_named_and_the_same_are_not() {
+        let advice =
+            |of_rig: f64, counts: f64, unit: &str| other_counts(of_rig, &ForceCounts { counts, unit: unit.to_owned() });
+        assert_eq!(advice(1.0 / 0.000_001, 1e6, "N"), None);
+        assert_eq!(
+            advice(1.0 / 0.000_001, 500_000.0, "N").unwrap(),
+            "load_cell: its web page states 500000 counts per N, but the rig 1000000 per N: set the unit N, and write \
+             newton_per_unit = 1 / counts in `driver`"
+        );
+        assert!(advice(1e6, 1e6, "lbf\u{1b}").unwrap().contains("1000000 counts per lbf"));
     }
 }

@@ -422,6 +422,11 @@ pub trait LoadCellDriver: Driver {
     fn has_axes(&self) -> bool {
         false
     }
+
+    /// Counts per N that its readings are scaled by, if it is a Net F/T, whose web page states them too.
+    fn net_ft_counts(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// Driver of an array.

@@ -9,8 +9,10 @@ use super::{Cancel, Halt};
 use crate::rig::RigSpec;
 use palpate_control::{Permit, Reaction, Trip, Zero};
 use palpate_core::quantity::Axis;
+use palpate_drivers::lines::{ForceCounts, PAGE_PORT};
 use palpate_link::device::{DeviceError, Identity, LoadCell, MotionOrders, SensorArray, Stage};
 use palpate_link::time::Instant;
+use palpate_link::wire::{Connector, Link};
 
 /// Number of timed exchanges with each device.
 const TIMED: usize = 200;
@@ -24,6 +26,8 @@ const ZERO_S: f64 = 1.0;
 pub struct Examination {
     /// Devices in the order stage, load cell, array: the identity that each reports, or the reason why it isn't usable.
     pub devices: Vec<(&'static str, Result<Identity, DeviceError>)>,
+    /// Counts per N of the rig, and those that the page of its Net F/T states, or why they aren't known.
+    pub counts: Option<(f64, Result<ForceCounts, String>)>,
     /// Durations of exchanges, s, in the same order. Empty for a device that isn't usable.
     pub exchanges_s: [Vec<f64>; 3],
     /// Load cell without load, or the reason why it can't be trusted.
@@ -78,6 +82,10 @@ pub async fn examine(spec: &RigSpec, seed: u64, cancel: &Cancel, asked: ForceChe
     let AtHome { mut rig_control, stage, load_cell, array } = at_home(spec.open(seed)?, spec, cancel, &|_| {}).await?;
     let devices = vec![("stage", stage), ("load_cell", load_cell), ("array", array)];
     let mut found = Examination { devices, ..Examination::default() };
+    if let (Some(counts), Link::Udp { host, .. }) = (spec.load_cell.driver.net_ft_counts(), &spec.load_cell.link) {
+        let page = Connector::Real(Link::Tcp { host: host.clone(), port: PAGE_PORT });
+        found.counts = Some((counts, ForceCounts::ask(&page).await));
+    }
     look(&mut rig_control, spec, cancel, &mut found).await?;
     let is_usable = found.devices[..2].iter().all(|(_, device)| device.is_ok());
     if !is_usable || !matches!(found.no_load, Some(Ok(_))) {

@@ -173,6 +173,11 @@ impl LoadCellDriver for LineLoadCellSpec {
         self.0.profile.force.as_ref().is_some_and(|force| matches!(force.columns, ForceColumns::Axes(_)))
     }
 
+    fn net_ft_counts(&self) -> Option<f64> {
+        let newton_per_unit = self.0.profile.force.as_ref()?.newton_per_unit?;
+        (self.0.file.name == "ati-netft").then(|| 1.0 / newton_per_unit)
+    }
+
     fn emulated(&self, rig: &RigSpec, _: &EmulatedDevice) -> Result<EmulatedDevice, DeviceError> {
         let hz = rig.load_cell.conversions_hz;
         let range_n = 2.5 * rig.full_scale_n.unwrap_or(rig.limits.force_n);
