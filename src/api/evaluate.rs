@@ -3,6 +3,7 @@
 use super::accept::AcceptOptions;
 use super::choices::{QuantityChoice, RepeatabilityChoice, quantity};
 use super::columns::ColumnsOptions;
+use super::forces::{self, ForcesEvaluated};
 use super::holdout::HoldoutOptions;
 use super::method::{check_solver, load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
@@ -51,6 +52,9 @@ pub struct EvaluateOptions {
     /// Presses that are held out as the test.
     #[command(flatten)]
     pub holdout: HoldoutOptions,
+    /// Leave out the presses of each value of this column in turn, and solve three components of the force without a place
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept"])]
+    pub folds_by: Option<String>,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -70,6 +74,7 @@ impl Default for EvaluateOptions {
             quantity: None,
             repeatability: RepeatabilityChoice::default(),
             holdout: HoldoutOptions::default(),
+            folds_by: None,
             columns: ColumnsOptions::default(),
             accept: AcceptOptions::default(),
         }
@@ -98,6 +103,8 @@ pub struct Evaluated {
     pub design: Option<String>,
     /// Why depths aren't solved although they are known.
     pub unsolved_depth: Option<String>,
+    /// Errors of force vectors without a place; then there is nothing else.
+    pub forces: Option<ForcesEvaluated>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.
@@ -106,6 +113,12 @@ pub struct Evaluated {
 /// Bad input. The reason why a single method has no evaluation is in [`Evaluated::outcomes`].
 pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, Failure> {
     check_solver(&options.solver, &[BEST, ALL])?;
+    if let ([source], []) = (options.run.as_slice(), options.holdout.holdout.as_slice())
+        && source.exists()
+        && let Some(forces) = forces::evaluated(source, options.folds_by.as_deref(), &options.columns, note)?
+    {
+        return Ok(Evaluated { forces: Some(forces), ..Evaluated::default() });
+    }
     let accept = &options.accept;
     match (EvaluationInput::of(options)?, options.holdout.asked()?) {
         (EvaluationInput::Run(run), Some(holdout)) => {

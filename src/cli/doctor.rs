@@ -9,13 +9,9 @@ use crate::api::Failure;
 use crate::api::run::block_on;
 use miette::Diagnostic;
 use palpate_control::{MainsInterference, Reaction, Trip};
-<<<<<<< HEAD
 use palpate_core::quantity::AxesCheck;
-use palpate_link::device::Identity;
-=======
 use palpate_drivers::lines::ForceCounts;
 use palpate_link::device::{Identity, shown};
->>>>>>> d11b256f (run: compare the counts of a Net F/T with its web page)
 use palpate_run::rig::{GAIN_UNKNOWN, RigSpec};
 use palpate_run::run::{Examination, ForceCheck, NOISE_SHARE, NoLoadCell, ShownBy, Weighing, examine};
 use serde::Serialize;

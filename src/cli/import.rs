@@ -84,11 +84,14 @@ pub(super) fn import(args: &ImportArgs) -> Result<ExitCode, Failure> {
     check_forces(&tables)?;
     let ranges: Vec<Ranges> = tables.iter().map(|(table, phase)| Ranges::of(table, *phase)).collect();
     let presses: usize = tables.iter().map(|(table, _)| table.presses.len()).sum();
+    let has = |of: fn(&Press) -> bool| tables.iter().any(|(table, _)| table.presses.iter().any(of));
     let facts = RunFacts {
         recipe: name_of(&args.calibration),
         labels: args.labels.labels(),
         presses_planned: presses as u64,
         imported: Some(imported),
+        three_axes: has(|press| press.force_x_n.is_some()),
+        grouped: has(|press| press.group.is_some()),
         ..RunFacts::default()
     };
     let bench = Bench::of_import(mapping.array.clone(), outputs);

@@ -2,12 +2,12 @@
 //! see [`palpate_report::report::is_beside_paper`].
 
 use super::text_table::{TextTable, cells};
-use crate::api::SolverOutcome;
+use crate::api::{ForcesEvaluated, SolverOutcome};
 use palpate_data::dataset::characteristics::{Repeatability, Staircases, characterise, terms};
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
-use palpate_solver::{BEST, Choice, ErrorSummary, Evaluation, LoadGain, Tie, TriedMethod, Verdicts};
+use palpate_solver::{BEST, Choice, ErrorSummary, Evaluation, LoadGain, MethodForceErrors, Tie, TriedMethod, Verdicts};
 use std::fmt::Write as _;
 
 /// Largest width of printed output, columns.
@@ -132,6 +132,19 @@ pub(super) fn cross_validated_table(candidates: &[TriedMethod]) -> String {
         "no test presses: cross-validated errors of the calibration, mean\n{table}\
          each press was solved by the method fitted without the press's place\n"
     )
+}
+
+/// The errors of force vectors: mean and root mean square of each component.
+pub(super) fn forces_table(ForcesEvaluated { errors, left_out }: &ForcesEvaluated) -> String {
+    let head = ["", "x mean", "rms", "y mean", "rms", "press mean", "rms", "p95"];
+    let mut table = TextTable::new(1, head);
+    for MethodForceErrors { method, components: [x, y, press] } in &errors.methods {
+        let numbers = [x.mean_n, x.rmse_n, y.mean_n, y.rmse_n, press.mean_n, press.rmse_n, press.p95_n].map(figures);
+        table.row(std::iter::once((*method).to_owned()).chain(numbers));
+    }
+    let head =
+        format!("errors of the force vector, N: {} rows, left out in {} parts ({left_out})", errors.rows, errors.folds);
+    filled(&head, "  ") + &table.to_string() + "best is the weighted mean of the others, with weights from other rows\n"
 }
 
 /// Formats a number, not negative, in at most 6 characters.

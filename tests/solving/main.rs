@@ -6,6 +6,7 @@ mod adapt;
 mod by_load;
 mod choice;
 mod evaluate;
+mod forces;
 mod golden;
 mod missing;
 mod paper;

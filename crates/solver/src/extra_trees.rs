@@ -84,8 +84,7 @@ impl ExtraTrees {
             return Err(FitError::NothingToTellApart);
         }
         grown.scale = grown.scales();
-        let seeds: Vec<u64> = (0..TREES as u64).collect();
-        forest.trees = in_parallel(&seeds, |&seed| grown.tree(stream(0, seed, "extra trees")));
+        forest.trees = grown.trees();
         Ok(forest)
     }
 
@@ -99,6 +98,30 @@ impl ExtraTrees {
 
     fn log_proportional(&self, length: f64) -> f64 {
         if self.sees_amplitude { 0.0 } else { length.ln() }
+    }
+}
+
+/// Trees that answer one of three values.
+pub(super) struct Forest {
+    trees: Vec<Tree>,
+    value: usize,
+}
+
+impl Forest {
+    /// Grows trees from columns, one for each coordinate, to one of the values that belong to their rows. Returns one forest for each
+    /// value.
+    pub(super) fn grow(coordinates: Vec<Vec<f64>>, values: Vec<[f64; ANSWERS]>) -> [Forest; ANSWERS] {
+        let mut grown = Grown { coordinates, answers: values, scale: [0.0; ANSWERS] };
+        [0, 1, 2].map(|value| {
+            let one_over_sd = grown.one_over_sd(value);
+            grown.scale = [0, 1, 2].map(|other| if other == value { one_over_sd } else { 0.0 });
+            Forest { trees: grown.trees(), value }
+        })
+    }
+
+    /// Returns the value that belongs to a row.
+    pub(super) fn answer(&self, row: &[f64]) -> f64 {
+        self.trees.iter().map(|tree| tree.answer(row)[self.value]).sum::<f64>() / self.trees.len().max(1) as f64
     }
 }
 
@@ -155,16 +178,25 @@ struct Grown {
 }
 
 impl Grown {
+    fn trees(&self) -> Vec<Tree> {
+        let seeds: Vec<u64> = (0..TREES as u64).collect();
+        in_parallel(&seeds, |&seed| self.tree(stream(0, seed, "extra trees")))
+    }
+
     /// Returns the inverse of the spread of the places, and of the forces.
     fn scales(&self) -> LeafAnswer {
+        let of_places = one_over_sd(0.5 * (self.variance(0) + self.variance(1)));
+        [of_places, of_places, self.one_over_sd(2)]
+    }
+
+    fn one_over_sd(&self, answer: usize) -> f64 {
+        one_over_sd(self.variance(answer))
+    }
+
+    fn variance(&self, i: usize) -> f64 {
         let count = self.answers.len() as f64;
-        let variance = |i: usize| {
-            let mean = self.answers.iter().map(|answer| answer[i]).sum::<f64>() / count;
-            self.answers.iter().map(|answer| (answer[i] - mean).powi(2)).sum::<f64>() / count
-        };
-        let one_over_sd = |variance: f64| if variance > 1e-18 { 1.0 / variance.sqrt() } else { 0.0 };
-        let of_places = one_over_sd(0.5 * (variance(0) + variance(1)));
-        [of_places, of_places, one_over_sd(variance(2))]
+        let mean = self.answers.iter().map(|answer| answer[i]).sum::<f64>() / count;
+        self.answers.iter().map(|answer| (answer[i] - mean).powi(2)).sum::<f64>() / count
     }
 
     fn tree(&self, mut rng: RandomStream) -> Tree {
@@ -239,6 +271,10 @@ impl Grown {
         }
         best.map(|(_, coordinate, threshold)| (coordinate, threshold))
     }
+}
+
+fn one_over_sd(variance: f64) -> f64 {
+    if variance > 1e-18 { 1.0 / variance.sqrt() } else { 0.0 }
 }
 
 fn sum(answers: impl Iterator<Item = LeafAnswer>) -> LeafAnswer {

@@ -34,7 +34,8 @@ const ANSWERS: usize = 3;
 const COORDINATES: usize = 2;
 
 /// Regression of the process. The correlation is decisive, so it is searched for with most of the available places.
-const MANNER: Regression = Regression { about_mean: true, most_to_seek_with: MOST_TO_SEEK_WITH, of: &Smoothness::ALL };
+pub(super) const MANNER: Regression =
+    Regression { about_mean: true, most_to_seek_with: MOST_TO_SEEK_WITH, of: &Smoothness::ALL };
 const MOST_TO_SEEK_WITH: usize = 320;
 
 /// Regression with which views are compared: one smoothness only.

@@ -68,6 +68,7 @@ mod extra_trees;
 mod field;
 mod fits;
 mod fitted;
+mod forces;
 mod forward;
 mod gaussian_process;
 mod heldout;
@@ -114,6 +115,10 @@ pub use evaluation::{
 pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Choice, Fitted, Tie, TriedMethod};
+pub use forces::{
+    COMPONENTS, ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors,
+    evaluate_forces,
+};
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};
 pub use placement::{Placement, PlacementError, place_array};

@@ -22,6 +22,9 @@ keys! {
         x_mm: Text, or_word("x_mm"), "the column with the place along x", "\"X [mm]\"";
         y_mm: Text, or_word("y_mm"), "the column with the place along y", "\"Y [mm]\"";
         force_n: Text, Allowed, "the column with the force into the skin; without it, `force_n` if the table has it", "\"Fz [N]\"";
+        force_x_n: Text, Allowed, "the column with the force of the tip along x, where the force has three components", "\"Fx [N]\"";
+        force_y_n: Text, Allowed, "the column with the force of the tip along y", "\"Fy [N]\"";
+        group: Text, Allowed, "the column whose values name groups of presses, which `evaluate --folds-by` leaves out", "\"trial\"";
         depth_mm: Text, Allowed, "the column with the depth below the surface; without it, `depth_mm` if the table has it", "\"depth\"";
         outputs: Either(&[Text, Texts]), Allowed,
             "the columns with the outputs, in order: the first and the last of numbered ones, or a list; without it, out_1, out_2, ...",
@@ -45,6 +48,7 @@ keys! {
     scale {
         x_mm: Number(FACTOR), or(1.0), "factor of x and of y: 0.001 where they are in um", "0.001";
         force_n: Number(FACTOR), or(1.0), "factor of the force: -1 where pressing is negative", "-1.0";
+        force_x_n: Number(FACTOR), or(1.0), "factor of the forces along x and y", "0.001";
         depth_mm: Number(FACTOR), or(1.0), "factor of the depth: -1 where the column is a z that falls into the skin", "-1.0";
         outputs: Number(FACTOR), or(1.0), "factor of every output", "0.001";
     }
@@ -85,6 +89,10 @@ pub struct Mapping {
     pub(super) force_n: Option<String>,
     /// Name of the depth column. `None`: `depth_mm`, if it exists.
     pub(super) depth_mm: Option<String>,
+    /// Names of the columns with the forces along x and y.
+    pub(super) force_sideways_n: [Option<String>; 2],
+    /// Name of the column whose values are groups.
+    pub(super) group: Option<String>,
     pub(super) outputs: OutputSource,
     /// Name of the flags column. `None`: `flags`, if it exists.
     pub(super) flags: Option<String>,
@@ -126,6 +134,7 @@ pub(super) enum Decimal {
 pub(super) struct LinearScale {
     pub place: f64,
     pub force: f64,
+    pub force_sideways: f64,
     pub depth: f64,
     pub outputs: f64,
     pub x_mm: f64,
@@ -140,6 +149,9 @@ impl LinearScale {
         press.x_mm = press.x_mm * self.place + self.x_mm;
         press.y_mm = press.y_mm * self.place + self.y_mm;
         press.force_n = press.force_n.map(|force| force * self.force + self.force_n);
+        for side_n in [&mut press.force_x_n, &mut press.force_y_n] {
+            *side_n = side_n.map(|force| force * self.force_sideways);
+        }
         press.depth_mm = press.depth_mm.map(|depth| depth * self.depth + self.depth_mm);
         press.outputs.iter_mut().for_each(|output| *output *= self.outputs);
     }
@@ -160,11 +172,14 @@ impl Default for Mapping {
             y_mm: "y_mm".to_owned(),
             force_n: None,
             depth_mm: None,
+            force_sideways_n: [None, None],
+            group: None,
             outputs: OutputSource::Own,
             flags: None,
             scale: LinearScale {
                 place: 1.0,
                 force: 1.0,
+                force_sideways: 1.0,
                 depth: 1.0,
                 outputs: 1.0,
                 x_mm: 0.0,
@@ -222,9 +237,27 @@ impl Mapping {
             "y_mm" => Some(&self.y_mm),
             "force_n" => self.force_n.as_deref(),
             "depth_mm" => self.depth_mm.as_deref(),
+            "force_x_n" => self.force_sideways_n[0].as_deref(),
+            "force_y_n" => self.force_sideways_n[1].as_deref(),
             "flags" => self.flags.as_deref(),
             _ => None,
         }
+    }
+
+    /// Returns the mapping with another column of groups.
+    #[must_use]
+    pub fn grouped_by(self, column: &str) -> Mapping {
+        Mapping { group: Some(column.to_owned()), ..self }
+    }
+
+    /// Name of the column of groups, if there is one.
+    pub fn group(&self) -> Option<&str> {
+        self.group.as_deref()
+    }
+
+    /// Whether the force has three components. Then the presses may have no places.
+    pub fn has_force_vector(&self) -> bool {
+        self.force_sideways_n.iter().all(Option::is_some)
     }
 
     /// Returns the names of the output columns, if they are known without the table.
@@ -266,6 +299,8 @@ fn read(table: &Table) -> Option<Mapping> {
     let measured = optional(table, &columns::measured, |table, key| table.day(key).map(str::to_owned));
     let single = |key: &Key| optional(table, key, own);
     let (force_n, depth_mm, flags) = (single(&columns::force_n), single(&columns::depth_mm), single(&columns::flags));
+    let sideways = [single(&columns::force_x_n), single(&columns::force_y_n)];
+    let group = single(&columns::group);
     let missing = table.texts(&columns::missing);
     let (has_header, outputs, array) = (table.flag(&columns::header)?, outputs?, array?);
     if let (Some((layout, _)), OutputSource::Named(names)) = (&array, &outputs)
@@ -274,12 +309,14 @@ fn read(table: &Table) -> Option<Mapping> {
         let words = format!("`array` has {} outputs, but `outputs` names {} columns", layout.len(), names.len());
         table.complain(Problem::new(table.span_of(&columns::array), words));
     }
-    let [x_mm, y_mm] = names;
+    let ([x_mm, y_mm], [x_n, y_n]) = (names, sideways);
     Some(Mapping {
         x_mm: x_mm?,
         y_mm: y_mm?,
         force_n: force_n?,
         depth_mm: depth_mm?,
+        force_sideways_n: [x_n?, y_n?],
+        group: group?,
         outputs,
         flags: flags?,
         scale: scale?,
@@ -299,7 +336,8 @@ fn check_twice(table: &Table, places: &[Option<String>; 2], outputs: Option<&Out
     let given = |key: &Key| table.is_text(key).then(|| table.text(key)).flatten();
     let mut named: Vec<(Key, &str)> = Vec::new();
     let singles = [columns::x_mm, columns::y_mm].into_iter().zip(places.iter().map(Option::as_deref));
-    let others = [columns::force_n, columns::depth_mm, columns::flags].map(|key| (key, given(&key)));
+    let others = [columns::force_n, columns::force_x_n, columns::force_y_n, columns::depth_mm, columns::flags]
+        .map(|key| (key, given(&key)));
     let several = match outputs {
         Some(OutputSource::Named(names)) => names.as_slice(),
         _ => &[],
@@ -326,11 +364,13 @@ fn read_scale(table: &Table) -> Option<LinearScale> {
     if let Some(table) = table.table(&columns::scale) {
         read.place = table.number(&scale::x_mm)?;
         read.force = table.number(&scale::force_n)?;
+        read.force_sideways = table.number(&scale::force_x_n)?;
         read.depth = table.number(&scale::depth_mm)?;
         read.outputs = table.number(&scale::outputs)?;
         let factors = [
             (scale::x_mm, read.place),
             (scale::force_n, read.force),
+            (scale::force_x_n, read.force_sideways),
             (scale::depth_mm, read.depth),
             (scale::outputs, read.outputs),
         ];

@@ -26,6 +26,8 @@ pub enum Presence {
     ByDepth,
     /// The same, in a run on a rig whose load cell has three axes.
     ThreeAxes,
+    /// The same, in an import whose presses have groups.
+    Grouped,
 }
 
 /// One column of a table of presses.
@@ -118,6 +120,9 @@ columns! {
     u_depth_mm: Option<f64>, ByDepth, 5;
     /// Start of the window, s since the run's start.
     t_s: Option<f64>, Optional, 4;
+    /// Group of the press in the imported table, from 0 in the order of first appearance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    group: Option<f64>, Grouped, 0;
     /// Mean output of each channel in the window minus its output without load, in the array's unit.
     outputs: Vec<f64>, Needed, 7;
     /// Faults of the press; empty if there are none.
@@ -200,7 +205,8 @@ impl Press {
     /// forces sideways.
     pub fn columns(&self) -> impl Iterator<Item = &'static PressColumn> {
         let three_axes = self.force_x_n.is_some();
-        RunColumns { by_depth: self.depth_set_mm.is_some(), has_load_cell: true, three_axes }.all()
+        let by_depth = self.depth_set_mm.is_some();
+        RunColumns { by_depth, has_load_cell: true, three_axes, grouped: self.group.is_some() }.all()
     }
 
     /// Returns the press as one JSON object with the columns of `presses.csv` as its keys.
@@ -218,6 +224,8 @@ pub struct RunColumns {
     pub has_load_cell: bool,
     /// Whether the load cell has three axes.
     pub three_axes: bool,
+    /// Whether the presses have groups.
+    pub grouped: bool,
 }
 
 /// Columns that only a rig with a load cell has.
@@ -229,6 +237,7 @@ impl RunColumns {
         let is_there = move |column: &&PressColumn| match column.presence {
             Presence::ByDepth => self.by_depth,
             Presence::ThreeAxes => self.three_axes,
+            Presence::Grouped => self.grouped,
             _ => self.has_load_cell || !OF_LOAD_CELL.contains(&column.name),
         };
         COLUMNS.iter().filter(is_there)
@@ -275,7 +284,8 @@ impl Serialize for Flat<'_> {
 }
 
 #[cfg(test)]
-pub(super) const BY_FORCE: RunColumns = RunColumns { by_depth: false, has_load_cell: true, three_axes: false };
+pub(super) const BY_FORCE: RunColumns =
+    RunColumns { by_depth: false, has_load_cell: true, three_axes: false, grouped: false };
 
 #[cfg(test)]
 pub(super) fn example(press: u64, level: u64) -> Press {
@@ -291,6 +301,7 @@ pub(super) fn example(press: u64, level: u64) -> Press {
         u_force_n: Some(0.001_234_567),
         force_x_n: None,
         force_y_n: None,
+        group: None,
         u_force_x_n: None,
         u_force_y_n: None,
         drag_mm: None,

@@ -45,6 +45,9 @@ pub struct RunFacts {
     /// Whether the rig's load cell has three axes.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub three_axes: bool,
+    /// Whether the presses have groups.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub grouped: bool,
     /// Whether this program's emulators were at the other ends of the links.
     pub simulated: bool,
     /// Tables from which the presses were imported; `None` for a run that this program made.
@@ -141,6 +144,7 @@ impl Default for RunFacts {
             without_load_cell: false,
             confirmed_within_mm: None,
             three_axes: false,
+            grouped: false,
             simulated: false,
             imported: None,
         }
@@ -187,8 +191,8 @@ impl RunFacts {
 
     /// Returns which columns its table has.
     pub fn columns(&self) -> RunColumns {
-        let RunFacts { by_depth, without_load_cell, three_axes, .. } = *self;
-        RunColumns { by_depth, has_load_cell: !without_load_cell, three_axes }
+        let RunFacts { by_depth, without_load_cell, three_axes, grouped, .. } = *self;
+        RunColumns { by_depth, has_load_cell: !without_load_cell, three_axes, grouped }
     }
 
     /// Returns the facts of a plan.

@@ -16,7 +16,7 @@ use super::sensor_file::is_sensor_file;
 use super::table_error::{MAX_ROW_BYTES, MAX_ROWS, MAX_TABLE_BYTES, TableError, quoted};
 use super::{Press, Presses};
 use csv::StringRecord;
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
@@ -83,6 +83,7 @@ fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u6
     }
     let columns = KnownColumns::find(&Header { file, line: header_line, names: &header, help: HELP }, mapping)?;
     let (mut presses, mut lines, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    let mut groups: HashMap<String, f64> = HashMap::new();
     is_there = if mapping.has_header { records.next_row(&mut record)? } else { is_there };
     while is_there {
         let line = records.line;
@@ -95,6 +96,10 @@ fn parse_bounded(file: &str, input: impl Read, mapping: &Mapping, most_bytes: u6
             Ok(mut press) => {
                 if !columns.is_of_run {
                     press.press = presses.len() as u64;
+                }
+                if let Some(at) = columns.group {
+                    let next = groups.len() as f64;
+                    press.group = Some(*groups.entry(cells.text(at).to_owned()).or_insert(next));
                 }
                 presses.push(press);
                 lines.push(line);
@@ -137,6 +142,8 @@ fn looks_like_a_row(header: &StringRecord, mapping: &Mapping) -> bool {
 /// Known columns of a table, each with the positions of its cells.
 struct KnownColumns {
     found: Vec<(&'static PressColumn, Vec<usize>)>,
+    /// Position of the column of groups.
+    group: Option<usize>,
     /// Whether the table has every column of a run's own table.
     is_of_run: bool,
 }
@@ -153,18 +160,21 @@ impl KnownColumns {
             let name = given.unwrap_or(column.name);
             let at = match column.presence {
                 _ if column.name == OUTPUTS => Some(header.outputs(mapping.output_names())?),
+                // a force with three components can be solved without a place
+                Presence::Needed if mapping.has_force_vector() && header.optional(name).is_none() => None,
                 Presence::Needed => Some(vec![header.needed(column.name, name)?]),
-                Presence::Optional | Presence::OfRun if given.is_some() => {
+                Presence::Optional | Presence::OfRun | Presence::ThreeAxes if given.is_some() => {
                     Some(vec![header.needed(column.name, name)?])
                 }
                 Presence::Optional | Presence::OfRun => header.optional(name).map(|at| vec![at]),
-                Presence::Run | Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes => {
+                Presence::Run | Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes | Presence::Grouped => {
                     header.optional(name).filter(|_| is_of_run).map(|at| vec![at])
                 }
             };
             found.extend(at.map(|at| (column, at)));
         }
-        Ok(KnownColumns { found, is_of_run })
+        let group = mapping.group().map(|name| header.needed("group", name)).transpose()?;
+        Ok(KnownColumns { found, group, is_of_run })
     }
 
     /// Returns the press of a row; or the index of its first column without a value.
@@ -175,7 +185,10 @@ impl KnownColumns {
         for (column, places) in &self.found {
             texts.clear();
             texts.extend(places.iter().map(|place| cells.text(*place)));
-            let may_be_empty = matches!(column.presence, Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes);
+            let may_be_empty = matches!(
+                column.presence,
+                Presence::Sparse | Presence::ByDepth | Presence::ThreeAxes | Presence::Grouped
+            ) && self.is_of_run;
             if may_be_empty && texts.iter().all(|text| text.is_empty()) {
                 continue;
             }

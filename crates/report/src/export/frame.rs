@@ -76,10 +76,12 @@ pub fn presses_of(presses: &[Press], channels: usize, unit: &str) -> ExportTable
     let by_depth = presses.iter().any(|press| press.depth_set_mm.is_some());
     let has_load_cell = !by_depth || presses.iter().any(|press| press.force_n.is_some());
     let three_axes = presses.iter().any(|press| press.force_x_n.is_some());
-    let columns = RunColumns { by_depth, has_load_cell, three_axes }.all().flat_map(|column| match column.name {
-        OUTPUTS => outputs(presses.iter(), channels, unit),
-        name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
-    });
+    let grouped = presses.iter().any(|press| press.group.is_some());
+    let columns =
+        RunColumns { by_depth, has_load_cell, three_axes, grouped }.all().flat_map(|column| match column.name {
+            OUTPUTS => outputs(presses.iter(), channels, unit),
+            name => vec![TableColumn::new(name, column.definition, Values::of(column.kind, presses, column))],
+        });
     ExportTable { name: "presses", rows: presses.len(), columns: columns.collect() }
 }
 

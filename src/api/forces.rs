@@ -1,0 +1,93 @@
+//! Force vectors without a place: `evaluate --folds-by`.
+
+use super::columns::ColumnsOptions;
+use super::recorded::{read_presses, read_run};
+use super::{Failure, Note};
+use palpate_data::dataset::{Mapping, Press};
+use palpate_solver::{ForceEvaluation, ForceTable, evaluate_forces};
+use std::path::Path;
+
+/// Number of parts in which rows are left out, in their order, if nothing groups them.
+const BLOCKS: usize = 5;
+
+/// Column name of the groups in a run.
+const GROUP: &str = "group";
+
+/// Errors of force vectors, and what was left out in turn.
+pub struct ForcesEvaluated {
+    /// The errors.
+    pub errors: ForceEvaluation,
+    /// What was left out.
+    pub left_out: String,
+}
+
+/// Evaluates the force vectors of a table or of an imported run. Returns `None` if neither groups were named nor places are missing.
+pub(super) fn evaluated(
+    source: &Path,
+    folds_by: Option<&str>,
+    columns: &ColumnsOptions,
+    note: Note<'_>,
+) -> Result<Option<ForcesEvaluated>, Failure> {
+    let mapping = columns.mapping()?;
+    let is_run = source.is_dir();
+    if folds_by.is_none() && !is_run && !mapping.has_force_vector() {
+        return Ok(None);
+    }
+    let presses = if is_run {
+        let (recorded, _) = read_run(source, &|_| {})?;
+        if let Some(folds_by) = folds_by {
+            check_group(recorded.texts.columns(), folds_by)?;
+        }
+        recorded.presses().presses
+    } else {
+        let mapping = folds_by.map_or(mapping.clone(), |column| mapping.grouped_by(column));
+        read_presses(source, &mapping, None, note)?.presses
+    };
+    let has_places = presses.iter().any(|press| press.place() != presses[0].place());
+    let is_vector = |press: &Press| press.force_x_n.is_some() && press.force_y_n.is_some() && press.force_n.is_some();
+    if folds_by.is_none() && (has_places || !presses.iter().any(is_vector)) {
+        return Ok(None);
+    }
+    let used: Vec<&Press> = presses.iter().filter(|press| is_vector(press) && !press.is_flagged()).collect();
+    if used.is_empty() {
+        let help = "name them in --columns: force_x_n=Fx,force_y_n=Fy,force_n=Fz,outputs=ch0..ch15";
+        return Err(Failure::usage(miette::miette!(help = help, "--folds-by needs three columns with forces")));
+    }
+    let is_grouped = used.iter().all(|press| press.group.is_some());
+    if folds_by.is_some() && !is_grouped {
+        let help = "import the table with `group` in its columns file";
+        return Err(Failure::usage(miette::miette!(help = help, "{}: its presses have no groups", source.display())));
+    }
+    let size = used.len().div_ceil(BLOCKS);
+    let group = |(row, press): (usize, &&Press)| press.group.map_or((row / size) as u64, |group| group as u64);
+    let rows = used.iter().enumerate().map(|(row, press)| {
+        let force_n = [press.force_x_n, press.force_y_n, press.force_n].map(Option::unwrap_or_default);
+        (press.outputs.as_slice(), force_n, group((row, press)))
+    });
+    let errors = ForceTable::new(rows).and_then(|table| evaluate_forces(&table)).map_err(|error| {
+        let help = "a group is left out as a whole: name a column with at least two values";
+        Failure::usage(miette::miette!(help = help, "{}: {error}", source.display()))
+    })?;
+    let left_out = match (folds_by, is_grouped) {
+        (Some(column), _) => format!("groups by `{column}`"),
+        (None, true) => format!("groups by `{GROUP}`"),
+        (None, false) => "in their order".to_owned(),
+    };
+    Ok(Some(ForcesEvaluated { errors, left_out }))
+}
+
+/// Checks that the presses of a run were grouped by this column when they were imported.
+fn check_group(columns: &str, folds_by: &str) -> Result<(), Failure> {
+    let mapping = Mapping::parse("columns.toml", columns).map_err(Failure::usage)?;
+    match mapping.group() {
+        Some(group) if folds_by == group || folds_by == GROUP => Ok(()),
+        Some(group) => {
+            let help = format!("write --folds-by {group}");
+            Err(Failure::usage(miette::miette!(help = help, "--folds-by {folds_by}: this run is grouped by `{group}`")))
+        }
+        None => {
+            let help = "import the table with `group` in its columns file, or evaluate the table";
+            Err(Failure::usage(miette::miette!(help = help, "--folds-by {folds_by}: this run has no groups")))
+        }
+    }
+}
