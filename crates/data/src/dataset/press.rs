@@ -355,24 +355,23 @@ mod tests {
     #[test]
     fn press_on_three_axes_has_its_forces_sideways() {
         let sideways = Press { force_x_n: Some(0.1), force_y_n: Some(-0.05), ..example(3, 0) };
-        let press = Press { drag_mm: Some(0.5), slips: Some(1.0), ..sideways }.rounded();
+        let press = Press { u_force_x_n: Some(0.01), drag_mm: Some(0.5), slips: Some(1.0), ..sideways }.rounded();
         assert!(
             csv_header(2, THREE_AXES)
                 .contains(",force_n,u_force_n,force_x_n,force_y_n,u_force_x_n,u_force_y_n,drag_mm,slips,depth_mm,")
         );
-        assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.5,1,0.81235,"));
-        assert!(
-            press
-                .to_json()
-                .contains("\"force_x_n\":0.1,\"force_y_n\":-0.05,\"drag_mm\":0.5,\"slips\":1.0,\"depth_mm\"")
-        );
+        assert!(csv_line(&press, THREE_AXES).contains(",0.996235,0.001235,0.1,-0.05,0.01,,0.5,1,0.81235,"));
+        assert!(press.to_json().contains(
+            "\"force_y_n\":-0.05,\"u_force_x_n\":0.01,\"u_force_y_n\":null,\"drag_mm\":0.5,\"slips\":1.0,\"depth_mm\""
+        ));
     }
 
     #[test]
     fn the_journals_fields_are_the_columns() {
         let by_depth = Press { depth_set_mm: Some(0.5), u_depth_mm: Some(0.01), ..example(3, 0) };
-        let all =
-            Press { force_x_n: Some(0.1), force_y_n: Some(0.2), drag_mm: Some(0.0), slips: Some(0.0), ..by_depth };
+        let three = Press { force_x_n: Some(0.1), force_y_n: Some(0.2), group: Some(1.0), ..by_depth };
+        let u_n = Some(0.01);
+        let all = Press { u_force_x_n: u_n, u_force_y_n: u_n, drag_mm: Some(0.0), slips: Some(0.0), ..three };
         let fields = serde_json::to_value(all).unwrap();
         let mut names: Vec<&String> = fields.as_object().unwrap().keys().collect();
         let mut columns: Vec<&str> = COLUMNS.iter().map(|column| column.name).collect();
