@@ -16,4 +16,5 @@ mod serve;
 mod skin;
 mod solve;
 mod solvers;
+mod vector;
 mod verdict;

@@ -20,6 +20,7 @@ pub mod skins;
 #[cfg(unix)]
 pub mod terminal;
 pub mod twins;
+pub mod vectors;
 pub mod wire;
 
 use palpate_link::device::{DeviceError, Identity, MotionOrders, Stage, StageUse};

@@ -47,6 +47,7 @@
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
+//! [`vector`] solves place and force along three axes, from presses and drags.
 
 #![forbid(unsafe_code)]
 
@@ -97,6 +98,7 @@ mod surrogate;
 pub mod tables;
 mod threshold;
 mod tridiagonal;
+pub mod vector;
 mod view;
 mod widths;
 mod workspace;

@@ -39,6 +39,11 @@ impl Noise {
         Noise { additive, proportional }
     }
 
+    /// Returns noise that doesn't depend on the output, with these standard deviations.
+    pub(crate) fn additive(sd: &[f64]) -> Self {
+        Noise { additive: sd.iter().map(|sd| sd * sd).collect(), proportional: vec![0.0; sd.len()] }
+    }
+
     /// Returns the additive and the proportional parts of all units.
     pub(crate) fn parts(&self) -> [Vec<f64>; 2] {
         [self.additive.clone(), self.proportional.clone()]

@@ -1,20 +1,26 @@
-//! Normal equations of three unknowns.
+//! Normal equations of a few unknowns.
 
 use palpate_core::algebra::{cholesky, substitute};
 
-/// Normal equations of three unknowns: J'WJ and J'Wr, summed over weighted rows.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct NormalEquations {
+/// Normal equations of `N` unknowns: J'WJ and J'Wr, summed over weighted rows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct NormalEquations<const N: usize = 3> {
     /// J'WJ, the information about the unknowns.
-    pub information: [[f64; 3]; 3],
+    pub information: [[f64; N]; N],
     /// J'Wr, half the decrease of the sum of squares along each unknown.
-    pub slope: [f64; 3],
+    pub slope: [f64; N],
 }
 
-impl NormalEquations {
+impl<const N: usize> Default for NormalEquations<N> {
+    fn default() -> Self {
+        NormalEquations { information: [[0.0; N]; N], slope: [0.0; N] }
+    }
+}
+
+impl<const N: usize> NormalEquations<N> {
     /// Adds a row. The half above the diagonal is left to [`finish`](Self::finish).
     #[inline]
-    pub(crate) fn add(&mut self, weight: f64, jacobian: [f64; 3], residual: f64) {
+    pub(crate) fn add(&mut self, weight: f64, jacobian: [f64; N], residual: f64) {
         for (i, row) in self.information.iter_mut().enumerate() {
             let weighted = weight * jacobian[i];
             self.slope[i] += weighted * residual;
@@ -26,8 +32,8 @@ impl NormalEquations {
 
     /// Fills in the half above the diagonal.
     pub(crate) fn finish(&mut self) {
-        for i in 0..3 {
-            for j in i + 1..3 {
+        for i in 0..N {
+            for j in i + 1..N {
                 self.information[i][j] = self.information[j][i];
             }
         }
@@ -35,32 +41,32 @@ impl NormalEquations {
 
     /// Returns the step to the smallest sum of squares along the free unknowns. There is no step if the unknowns can't be
     /// distinguished.
-    pub(crate) fn step(&self, free: [bool; 3]) -> [f64; 3] {
+    pub(crate) fn step(&self, free: [bool; N]) -> [f64; N] {
         let (mut a, mut x) = (self.information, self.slope);
-        for i in (0..3).filter(|&i| !free[i]) {
-            a[i] = [0.0; 3];
+        for i in (0..N).filter(|&i| !free[i]) {
+            a[i] = [0.0; N];
             a.iter_mut().for_each(|row| row[i] = 0.0);
             a[i][i] = 1.0;
             x[i] = 0.0;
         }
-        cholesky(&a).map_or([0.0; 3], |l| substitute(&l, x))
+        cholesky(&a).map_or([0.0; N], |l| substitute(&l, x))
     }
 
     /// Returns the reduction of the sum of squares by a step, to first order.
-    pub(crate) fn gain(&self, step: [f64; 3]) -> f64 {
+    pub(crate) fn gain(&self, step: [f64; N]) -> f64 {
         step.iter().zip(&self.slope).map(|(step, slope)| step * slope).sum()
     }
 }
 
 /// Returns the inverse of a matrix, or `None` if the matrix isn't positive definite.
-pub(super) fn inverse(a: &[[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+pub(super) fn inverse<const N: usize>(a: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
     let l = cholesky(a)?;
     let column = |i: usize| {
-        let mut unit = [0.0; 3];
+        let mut unit = [0.0; N];
         unit[i] = 1.0;
         substitute(&l, unit)
     };
-    let inverse = [column(0), column(1), column(2)]; // symmetric: columns are rows
+    let inverse = std::array::from_fn(column); // symmetric: columns are rows
     inverse.iter().flatten().all(|value| value.is_finite()).then_some(inverse)
 }
 
@@ -99,7 +105,7 @@ mod tests {
             let product = |j: usize| row.iter().zip(&inverse).map(|(value, row)| value * row[j]).sum::<f64>();
             assert!((0..3).all(|j| (product(j) - f64::from(u8::from(i == j))).abs() < 1e-12));
         }
-        let mut blind = NormalEquations::default();
+        let mut blind = NormalEquations::<3>::default();
         blind.add(1.0, [1.0, 1.0, 0.0], 1.0);
         blind.finish();
         assert_eq!(super::inverse(&blind.information), None);

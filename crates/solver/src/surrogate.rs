@@ -11,11 +11,12 @@ use palpate_core::quantity::Place;
 
 /// Number of cells of the response's table in the distance over which the response is smooth. The spline then deviates from the
 /// process by less than a ten-thousandth of the output, below any noise.
-const CELLS_A_GRAIN: f64 = 6.0;
+pub(super) const CELLS_A_GRAIN: f64 = 6.0;
 
 /// Regression of the outputs, which fall to 0 far away. With this number of places, the search for the correlation takes a fifth
 /// of the fit's time.
-const MANNER: Regression = Regression { about_mean: false, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
+pub(super) const MANNER: Regression =
+    Regression { about_mean: false, most_to_seek_with: 144, of: &Smoothness::WITH_SLOPES };
 
 /// Returns the response as measured by the calibration, without assumptions about the material under the cover. Each unit's
 /// output per newton is smoothed over the places by kriging.

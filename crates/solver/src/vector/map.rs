@@ -1,0 +1,165 @@
+//! Smooth map of the outputs per newton along each axis, with its own error and the noise of a reading.
+
+use super::calibration::{VectorCalibration, VectorSpot};
+use super::{PRESS, VectorCovariance, VectorError};
+use crate::field::{CalibratedArea, SplineField};
+use crate::hyperparameters::Hyperparameters;
+use crate::kriging::Kriging;
+use crate::noise::{Noise, Residual};
+use crate::spots::coordinates;
+use crate::surrogate::{CELLS_A_GRAIN, MANNER};
+use crate::threshold::chi2_quantile;
+use palpate_core::quantity::Place;
+
+/// Smooth map of the outputs per newton along each axis, and everything that a solve needs.
+#[derive(Clone, Debug)]
+pub struct VectorMap {
+    pub(crate) axes: [Option<AxisMap>; 3],
+    pub(crate) noise: Noise,
+    pub(crate) area: CalibratedArea,
+    pub(crate) outputs: usize,
+    pub(super) coarse: super::solve::Coarse,
+    pub(super) misfit_most: [f64; 2],
+}
+
+/// Map of the outputs per newton along one axis.
+#[derive(Clone, Debug)]
+pub(crate) struct AxisMap {
+    pub field: SplineField,
+    /// Variance of the map, in units of the noise's variance, per N^2. `None` if the map is exact.
+    pub error: Option<SplineField>,
+}
+
+/// Least number of places of a map.
+const FEWEST_PLACES: usize = 6;
+/// Number of cells along each side of the table with the map's own error.
+const ERROR_CELLS: f64 = 12.0;
+/// Fraction of single contacts that may be called something else.
+pub(crate) const FALSE_ALARMS: f64 = 0.01;
+
+impl VectorMap {
+    /// Smooths each axis over the places at which the presses determine it, by kriging with the most likely correlation and noise.
+    ///
+    /// # Errors
+    /// The places are few, or on a line.
+    pub fn fit(calibration: &VectorCalibration) -> Result<Self, VectorError> {
+        let outputs = calibration.outputs;
+        let pressed = calibration.spots.iter().filter(|spot| spot.columns[PRESS].is_some());
+        let area = CalibratedArea::around(pressed.clone().map(|spot| spot.place))
+            .filter(|area| area.least.x_mm < area.most.x_mm && area.least.y_mm < area.most.y_mm)
+            .filter(|_| pressed.clone().count() >= FEWEST_PLACES)
+            .ok_or(VectorError::TooFewPlaces { places: pressed.count(), needed: FEWEST_PLACES })?;
+        let smoothed = [0, 1, PRESS].map(|axis| SmoothedAxis::of(calibration, axis, area));
+        let held: Vec<Vec<Residual>> =
+            (0..calibration.spots.len()).flat_map(|spot| held_rows(calibration, spot, &smoothed)).collect();
+        let of_output = |output: usize| held.iter().map(|held| held[output]).collect();
+        let noise = Noise::fit(&(0..outputs).map(of_output).collect::<Vec<Vec<Residual>>>());
+        Ok(Self::with(smoothed.map(|axis| axis.map(|axis| axis.map)), noise, area, outputs))
+    }
+
+    /// Returns the map of columns that are known exactly, with the standard deviation of each output's noise. `columns` gives the
+    /// outputs per newton along x, y and into the specimen, one axis after another, at a place of the area between two corners.
+    pub fn known(corners: [Place; 2], step_mm: f64, noise_sd: &[f64], columns: impl Fn(Place) -> Vec<f64>) -> Self {
+        let (area, outputs) = (CalibratedArea { least: corners[0], most: corners[1] }, noise_sd.len());
+        let axis = |axis: usize| {
+            let sample = |places: &[Place]| {
+                places.iter().flat_map(|place| columns(*place)[axis * outputs..][..outputs].to_vec()).collect()
+            };
+            Some(AxisMap { field: SplineField::new(area, step_mm, outputs, sample), error: None })
+        };
+        let noise = Noise::additive(noise_sd);
+        Self::with([axis(0), axis(1), axis(PRESS)], noise, area, outputs)
+    }
+
+    fn with(axes: [Option<AxisMap>; 3], noise: Noise, area: CalibratedArea, outputs: usize) -> Self {
+        let sheared = 3 + axes[..PRESS].iter().flatten().count();
+        let limit = |unknowns: usize| chi2_quantile(outputs.saturating_sub(unknowns), FALSE_ALARMS);
+        let coarse = super::solve::Coarse::of(&axes, &noise, area, outputs);
+        VectorMap { misfit_most: [limit(3), limit(sheared)], axes, noise, area, outputs, coarse }
+    }
+
+    /// Number of outputs of a reading.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// Whether the calibration shows the effect of a force along x and along y.
+    pub fn knows_shear(&self) -> bool {
+        self.axes[..PRESS].iter().all(Option::is_some)
+    }
+
+    /// Returns the smallest covariance of an unbiased method for a force at a place, including the map's own error (Cramer-Rao).
+    /// `None` if the outputs don't determine the contact.
+    pub fn bound(&self, place: Place, force_n: [f64; 3]) -> Option<VectorCovariance> {
+        self.fitted(place, force_n)
+    }
+}
+
+/// Axis of a calibration with the data for held-out comparisons.
+struct SmoothedAxis {
+    map: AxisMap,
+    /// Row of the regression for each place of the calibration.
+    index: Vec<Option<usize>>,
+    /// Predictions of the places without themselves, and their variance in units of the noise's, row-major places x outputs.
+    predicted: Vec<f64>,
+    variance: Vec<f64>,
+}
+
+impl SmoothedAxis {
+    fn of(calibration: &VectorCalibration, axis: usize, area: CalibratedArea) -> Option<Self> {
+        let outputs = calibration.outputs;
+        let column = |spot: &VectorSpot| spot.columns[axis].clone();
+        let mut rows = 0..;
+        let index = |spot: &VectorSpot| column(spot).and_then(|_| rows.next());
+        let index: Vec<Option<usize>> = calibration.spots.iter().map(index).collect();
+        let known = || calibration.spots.iter().filter_map(|spot| Some((spot.place, column(spot)?)));
+        if known().count() < FEWEST_PLACES {
+            return None;
+        }
+        let places = coordinates(known().map(|(place, _)| place).collect::<Vec<_>>().into_iter());
+        let values: Vec<f64> = known().flat_map(|(_, column)| column.per_newton).collect();
+        let weights: Vec<f64> = known().map(|(_, column)| column.weight).collect();
+        let typical = weights.iter().sum::<f64>() / weights.len() as f64;
+        let counts: Vec<f64> = weights.iter().map(|weight| weight / typical).collect();
+        let hyperparameters = Hyperparameters::weighted(&places, 2, &values, outputs, MANNER, &counts);
+        let kriging = Kriging::fit_counting(&places, 2, &values, outputs, MANNER, &hyperparameters, Some(&counts));
+        let sample = |places: &[Place]| kriging.predict_all(&coordinates(places.iter().copied()));
+        let field = SplineField::new(area, kriging.grain() / CELLS_A_GRAIN, outputs, sample);
+        let per_noise = |leverage: Vec<f64>| -> Vec<f64> { leverage.iter().map(|l| l.max(0.0) / typical).collect() };
+        let error = |places: &[Place]| per_noise(kriging.leverage(&coordinates(places.iter().copied())));
+        let error = Some(SplineField::new(area, area.side_mm() / ERROR_CELLS, outputs, error));
+        let held = kriging.held_out();
+        let predicted = values.iter().zip(&held.residuals).map(|(value, residual)| value - residual).collect();
+        Some(SmoothedAxis { map: AxisMap { field, error }, index, predicted, variance: per_noise(held.leverage) })
+    }
+}
+
+/// Compares the presses at a place with maps made without the place. A press doesn't count if an axis of its force is unknown there.
+fn held_rows(calibration: &VectorCalibration, spot: usize, axes: &[Option<SmoothedAxis>; 3]) -> Vec<Vec<Residual>> {
+    let outputs = calibration.outputs;
+    let VectorSpot { rows, columns, .. } = &calibration.spots[spot];
+    let known = [0, 1, PRESS].map(|axis| {
+        let of = axes[axis].as_ref().filter(|_| columns[axis].is_some())?;
+        Some((of, of.index[spot]? * outputs))
+    });
+    let compared = |&row: &usize| {
+        let row = &calibration.rows[row];
+        let length = row.force_n.iter().map(|n| n * n).sum::<f64>().sqrt();
+        if (0..3).any(|axis| known[axis].is_none() && row.force_n[axis].abs() > UNKNOWN_SHARE * length) {
+            return None;
+        }
+        let of_output = |output: usize| {
+            let (mut predicted, mut leverage) = (0.0, 0.0);
+            for (n, (axis, at)) in row.force_n.iter().zip(&known).filter_map(|(n, known)| Some((n, (*known)?))) {
+                predicted += n * axis.predicted[at + output];
+                leverage += n * n * axis.variance[at + output];
+            }
+            Residual { predicted, residual: row.outputs[output] - predicted, leverage }
+        };
+        Some((0..outputs).map(of_output).collect())
+    };
+    rows.iter().filter_map(compared).collect()
+}
+
+/// Largest force along an unknown axis that is ignored, as a fraction of the press' force.
+const UNKNOWN_SHARE: f64 = 0.03;

@@ -1,0 +1,113 @@
+use super::*;
+use palpate_core::mechanics::traction;
+
+/// Outputs per newton along x, y and into the specimen: nine taxels of three axes, 5 mm deep.
+fn columns(place: Place) -> Vec<f64> {
+    let mut columns = [vec![], vec![], vec![]];
+    for unit in 0..9 {
+        let at = [4.5 * f64::from(unit % 3) - 4.5 - place.x_mm, 4.5 * f64::from(unit / 3) - 4.5 - place.y_mm];
+        let traction = traction([at[0], at[1], 5.0]);
+        for row in [2, 0, 1] {
+            columns.iter_mut().zip(traction[row]).for_each(|(column, value)| column.push(value));
+        }
+    }
+    columns.concat()
+}
+
+fn read(place: Place, force_n: [f64; 3]) -> Vec<f64> {
+    let columns = columns(place);
+    (0..27).map(|i| (0..3).map(|axis| force_n[axis] * columns[27 * axis + i]).sum()).collect()
+}
+
+fn known() -> VectorMap {
+    VectorMap::known([Place::new(-6.0, -6.0), Place::new(6.0, 6.0)], 0.3, &[0.01; 27], columns)
+}
+
+fn solve(map: &VectorMap, outputs: &[f64]) -> VectorContact {
+    map.solve(outputs, &mut VectorWorkspace::default()).unwrap()
+}
+
+const CONTACTS: [(Place, [f64; 3]); 4] = [
+    (Place { x_mm: 0.3, y_mm: -1.1 }, [0.1, -0.2, 0.5]),
+    (Place { x_mm: -4.2, y_mm: 3.7 }, [-0.4, 0.1, 0.9]),
+    (Place { x_mm: 5.5, y_mm: 5.1 }, [0.3, 0.3, 1.0]),
+    (Place { x_mm: 1.8, y_mm: 2.6 }, [0.0, 0.0, 0.4]),
+];
+
+#[test]
+fn a_reading_without_noise_gives_its_contact_back() {
+    for (place, force_n) in CONTACTS {
+        let contact = solve(&known(), &read(place, force_n));
+        let Shear::Force(shear_n) = contact.shear else { panic!("{contact:?}") };
+        let off_n = [shear_n[0] - force_n[0], shear_n[1] - force_n[1], contact.press_n - force_n[2]];
+        assert!(contact.place.distance_mm(place) < 2e-3, "{contact:?}");
+        assert!(off_n.iter().all(|off_n| off_n.abs() < 1e-3), "{contact:?}");
+        assert!(contact.misfit < 1e-3);
+    }
+}
+
+/// Boussinesq's and Cerruti's array at noise of 0.01: the bound from the same information by an independent sum.
+#[test]
+fn a_bound_is_the_inverse_of_its_information() {
+    let (place, force_n) = CONTACTS[0];
+    let at = |x: f64, y: f64| read(Place::new(place.x_mm + x, place.y_mm + y), force_n);
+    let slope = |a: Vec<f64>, b: Vec<f64>| a.iter().zip(&b).map(|(a, b)| (a - b) / 2e-4).collect::<Vec<f64>>();
+    let unit = |axis: usize| columns(place)[27 * axis..][..27].to_vec();
+    let rows = [slope(at(1e-4, 0.0), at(-1e-4, 0.0)), slope(at(0.0, 1e-4), at(0.0, -1e-4)), unit(0), unit(1), unit(2)];
+    let VectorCovariance(bound) = known().bound(place, force_n).unwrap();
+    for (i, j) in (0..25).map(|at| (at / 5, at % 5)) {
+        let information = |row: &Vec<f64>| rows[i].iter().zip(row).map(|(a, b)| a * b / 1e-4).sum::<f64>();
+        let product: f64 = rows.iter().zip(&bound).map(|(row, bound)| information(row) * bound[j]).sum();
+        assert!((product - f64::from(u8::from(i == j))).abs() < 0.02, "({i}, {j}): {product}");
+    }
+}
+
+#[test]
+fn the_force_scales_with_the_reading_and_the_place_stays() {
+    for (place, force_n) in CONTACTS {
+        let outputs = read(place, force_n);
+        let once = solve(&known(), &outputs);
+        let twice = solve(&known(), &outputs.iter().map(|output| 2.0 * output).collect::<Vec<f64>>());
+        assert!(once.place.distance_mm(twice.place) < 2e-3);
+        assert!((twice.press_n - 2.0 * once.press_n).abs() < 2e-3);
+        assert_eq!(once, solve(&known(), &outputs), "the same twice");
+    }
+}
+
+#[test]
+fn a_map_from_presses_and_drags_is_the_true_one() {
+    let at = |i: usize| -6.0 + 1.5 * i as f64;
+    let mut presses = Vec::new();
+    for place in (0..81).map(|i| Place::new(at(i % 9), at(i / 9))) {
+        for force_n in [[0.0, 0.0, 1.0], [0.5, 0.0, 1.0], [0.0, 0.5, 1.1], [-0.4, -0.4, 0.9]] {
+            presses.push((place, force_n, read(place, force_n)));
+        }
+    }
+    let rows: Vec<VectorRow<'_>> = presses
+        .iter()
+        .map(|(place, force_n, outputs)| VectorRow { place: *place, force_n: *force_n, outputs })
+        .collect();
+    let map = VectorMap::fit(&VectorCalibration::new(&rows).unwrap()).unwrap();
+    assert!(map.knows_shear());
+    for (place, force_n) in CONTACTS {
+        let contact = solve(&map, &read(place, force_n));
+        let Shear::Force(shear_n) = contact.shear else { panic!("{contact:?}") };
+        assert!(contact.place.distance_mm(place) < 0.02, "{contact:?}");
+        assert!((shear_n[0] - force_n[0]).hypot(shear_n[1] - force_n[1]) < 0.01, "{contact:?} {force_n:?}");
+    }
+}
+
+#[test]
+fn invalid_rows_and_readings_are_refused_by_name() {
+    let row = |outputs: &'static [f64]| VectorRow { place: Place::default(), force_n: [0.0, 0.0, 1.0], outputs };
+    let refused = |rows: &[VectorRow<'_>]| VectorCalibration::new(rows).map(|_| ()).unwrap_err();
+    assert_eq!(refused(&[]), VectorError::NoPress);
+    assert_eq!(refused(&[row(&[1.0, 2.0]), row(&[1.0])]), VectorError::Outputs { row: 2, found: 1, expected: 2 });
+    assert_eq!(refused(&[row(&[1.0]), row(&[f64::NAN])]), VectorError::NotFinite { row: 2 });
+    let one = VectorCalibration::new(&[row(&[1.0])]).unwrap();
+    assert_eq!(VectorMap::fit(&one).unwrap_err(), VectorError::TooFewPlaces { places: 1, needed: 6 });
+    let mut workspace = VectorWorkspace::default();
+    assert!(known().solve(&[0.0; 3], &mut workspace).is_err());
+    assert!(known().solve(&[f64::NAN; 27], &mut workspace).is_err());
+    assert!(known().solve(&[0.0; 27], &mut workspace).is_err(), "nothing touches the array");
+}
