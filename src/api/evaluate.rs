@@ -8,6 +8,7 @@ use super::holdout::HoldoutOptions;
 use super::method::{check_solver, load, solvers};
 use super::recorded::{read_presses, read_run, warn_of_units};
 use super::stdin::is_stdin;
+use super::vectors;
 use super::{Failure, Note};
 use palpate_core::quantity::ArrayLayout;
 use palpate_data::acceptance::{AcceptanceRule, Judgement};
@@ -18,6 +19,7 @@ use palpate_data::dataset::{Evidence, Holdout, Presses};
 use palpate_data::recipe::Phase;
 use palpate_report::report::is_beside_paper;
 use palpate_run::batch::ByDesign;
+use palpate_solver::vector::VectorErrors;
 use palpate_solver::{BEST, Evaluation, SOLVERS, Solver as _, TriedMethod};
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -55,6 +57,9 @@ pub struct EvaluateOptions {
     /// Leave out the presses of each value of this column in turn, and solve three components of the force without a place
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept"])]
     pub folds_by: Option<String>,
+    /// Solve the place and three components of the force, from presses and drags
+    #[arg(long, conflicts_with_all = ["holdout", "folds_by", "accept", "quantity", "constant_load"])]
+    pub vector: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
     pub columns: ColumnsOptions,
@@ -75,6 +80,7 @@ impl Default for EvaluateOptions {
             repeatability: RepeatabilityChoice::default(),
             holdout: HoldoutOptions::default(),
             folds_by: None,
+            vector: false,
             columns: ColumnsOptions::default(),
             accept: AcceptOptions::default(),
         }
@@ -105,6 +111,8 @@ pub struct Evaluated {
     pub unsolved_depth: Option<String>,
     /// Errors of force vectors without a place; then there is nothing else.
     pub forces: Option<ForcesEvaluated>,
+    /// Errors of force vectors and places; then there is nothing else.
+    pub vector: Option<VectorErrors>,
 }
 
 /// Evaluates and judges, like `palpate evaluate`. A rule without a test gives a verdict that isn't decided.
@@ -113,6 +121,13 @@ pub struct Evaluated {
 /// Bad input. The reason why a single method has no evaluation is in [`Evaluated::outcomes`].
 pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, Failure> {
     check_solver(&options.solver, &[BEST, ALL])?;
+    if options.vector {
+        let named =
+            [options.run.first().or(options.calibration.as_ref()), options.run.get(1).or(options.test.as_ref())];
+        let errors =
+            vectors::evaluated(named.map(|path| path.map(PathBuf::as_path)), &options.columns.mapping()?, note)?;
+        return Ok(Evaluated { vector: Some(errors), ..Evaluated::default() });
+    }
     if let ([source], []) = (options.run.as_slice(), options.holdout.holdout.as_slice())
         && source.exists()
         && let Some(forces) = forces::evaluated(source, options.folds_by.as_deref(), &options.columns, note)?

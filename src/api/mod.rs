@@ -31,6 +31,7 @@ mod solve;
 pub(crate) mod sources;
 pub(crate) mod stdin;
 pub(crate) mod stream;
+mod vectors;
 pub(crate) mod which_rig;
 pub(crate) mod which_way;
 

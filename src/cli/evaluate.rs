@@ -4,6 +4,7 @@ use super::output::json_line;
 use super::summary::{note, print};
 use super::tables::{
     characteristics_table, cross_validated_table, definitions, evaluation_table, filled, forces_table, solvers_table,
+    vector_table,
 };
 use super::verdict::{NO_RULE, verdict_code, verdict_table};
 use crate::api::{self, EvaluateOptions, Evaluated, Failure};
@@ -34,6 +35,9 @@ places in the calibration. The verdict is then not decided, unless the rule has
 `holdout = true`. The saved parts give the same errors:
 palpate evaluate parts/calibration.csv parts/test.csv, with --columns if the
 folder has a columns file.
+
+With --vector, a run with drags on a load cell of three axes gives the errors of
+the place and of the force along x, y and the press.
 
 With three columns of forces and no places, the force vector is solved: without
 each group of --folds-by in turn, or without each fifth of the rows.
@@ -74,6 +78,10 @@ struct CrossValidated<'a> {
 /// Evaluates, judges and prints; the verdict is the exit code. A run that was only characterised prints its characteristics.
 pub(super) fn evaluate(args: &EvaluateArgs) -> Result<ExitCode, Failure> {
     let evaluated = api::evaluate(&args.options, &note)?;
+    if let Some(errors) = &evaluated.vector {
+        print(&if args.json { json_line(errors)? } else { vector_table(errors) })?;
+        return Ok(ExitCode::SUCCESS);
+    }
     if let Some(forces) = &evaluated.forces {
         print(&if args.json { json_line(&forces.errors)? } else { forces_table(forces) })?;
         return Ok(ExitCode::SUCCESS);

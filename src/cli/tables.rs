@@ -7,6 +7,7 @@ use palpate_data::dataset::characteristics::{Repeatability, Staircases, characte
 use palpate_data::dataset::doubted_half_widths;
 use palpate_report::errors::{self, Detail};
 use palpate_report::paper;
+use palpate_solver::vector::VectorErrors;
 use palpate_solver::{BEST, Choice, ErrorSummary, Evaluation, LoadGain, MethodForceErrors, Tie, TriedMethod, Verdicts};
 use std::fmt::Write as _;
 
@@ -145,6 +146,33 @@ pub(super) fn forces_table(ForcesEvaluated { errors, left_out }: &ForcesEvaluate
     let head =
         format!("errors of the force vector, N: {} rows, left out in {} parts ({left_out})", errors.rows, errors.folds);
     filled(&head, "  ") + &table.to_string() + "best is the weighted mean of the others, with weights from other rows\n"
+}
+
+/// The errors of places and force vectors, and the shares of the errors within the stated ones.
+pub(super) fn vector_table(errors: &VectorErrors) -> String {
+    let VectorErrors { presses, unsolved, shear_not_determinable, location_mm, press_n, shear_n, within } = errors;
+    let percent = |components: &[usize], level: usize| {
+        let shares = components.iter().map(|component| within[*component][level]);
+        format!("{:.1}", 100.0 * shares.sum::<f64>() / components.len() as f64)
+    };
+    let mut table = TextTable::new(1, ["", "mean", "p95", "within 68 %", "within 95 %"]);
+    let rows = [
+        ("location, mm", Some(*location_mm), [0, 1].as_slice()),
+        ("press, N", Some(*press_n), &[4]),
+        ("along x and y, N", *shear_n, &[2, 3]),
+    ];
+    for (name, errors, components) in rows {
+        let [mean, p95] =
+            errors.map_or(["-", "-"].map(str::to_owned), |errors| errors.map(|error| format!("{error:.4}")));
+        let within = |level| if errors.is_some() { percent(components, level) } else { "-".to_owned() };
+        table.row(cells![name, mean, p95, within(0), within(1)]);
+    }
+    let unsolved = if *unsolved > 0 { format!("{unsolved} presses have no answer\n") } else { String::new() };
+    let unstated = match shear_not_determinable {
+        0 => String::new(),
+        count => format!("{count} answers: the outputs don't determine the force along x and y\n"),
+    };
+    format!("errors of place and force vector on {presses} test presses\n{table}{unstated}{unsolved}")
 }
 
 /// Formats a number, not negative, in at most 6 characters.

@@ -5,6 +5,7 @@ mod acceptance;
 mod adapt;
 mod by_load;
 mod choice;
+mod drags;
 mod evaluate;
 mod forces;
 mod golden;

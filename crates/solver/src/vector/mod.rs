@@ -6,10 +6,14 @@
 
 mod calibration;
 mod descent;
+mod dragged;
+mod evaluation;
 mod map;
 mod solve;
 
 pub use calibration::{VectorCalibration, VectorRow};
+pub use dragged::DraggedRow;
+pub use evaluation::VectorErrors;
 pub use map::VectorMap;
 pub use solve::VectorWorkspace;
 
