@@ -17,5 +17,6 @@ mod serve;
 mod skin;
 mod solve;
 mod solvers;
+mod two_contacts;
 mod vector;
 mod verdict;

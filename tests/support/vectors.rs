@@ -43,10 +43,16 @@ impl VectorScene {
 
     /// The reading of some loads at once, as a new contact.
     pub fn read(&mut self, loads: &[(Place, [f64; 3])], rng: &mut RandomStream) -> Vec<f64> {
-        let mut outputs = vec![0.0; self.skin.len()];
         self.skin.draw_contact(rng);
-        loads.iter().for_each(|(place, force_n)| self.skin.add_force(*force_n, *place, &mut outputs));
+        let mut outputs = self.exact(loads);
         self.skin.read_out(0.0, &mut outputs);
+        outputs
+    }
+
+    /// The outputs of some loads at once, without noise.
+    pub fn exact(&self, loads: &[(Place, [f64; 3])]) -> Vec<f64> {
+        let mut outputs = vec![0.0; self.skin.len()];
+        loads.iter().for_each(|(place, force_n)| self.skin.add_force(*force_n, *place, &mut outputs));
         outputs
     }
 
@@ -73,11 +79,9 @@ impl VectorScene {
     pub fn known(&self) -> VectorMap {
         let columns = |place: Place| {
             let axis = |axis: usize| {
-                let mut outputs = vec![0.0; self.skin.len()];
                 let mut force_n = [0.0; 3];
                 force_n[axis] = 1.0;
-                self.skin.add_force(force_n, place, &mut outputs);
-                outputs
+                self.exact(&[(place, force_n)])
             };
             [axis(0), axis(1), axis(2)].concat()
         };

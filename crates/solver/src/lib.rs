@@ -47,7 +47,7 @@
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
-//! [`vector`] solves place and force along three axes, from presses and drags.
+//! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once.
 
 #![forbid(unsafe_code)]
 
@@ -98,6 +98,7 @@ mod surrogate;
 pub mod tables;
 mod threshold;
 mod tridiagonal;
+pub mod two;
 pub mod vector;
 mod view;
 mod widths;

@@ -26,6 +26,8 @@ pub(crate) enum ShearPrior {
     None,
     /// Along each axis it is a fraction of the press, with [`SHARE`](Self::SHARE) as its standard deviation.
     Usual,
+    /// There is none.
+    Zero,
 }
 
 impl ShearPrior {
@@ -41,12 +43,17 @@ pub(crate) struct VectorDescent<'a> {
     outputs: &'a [f64],
     prior: ShearPrior,
     /// Outputs that are left out.
-    pub without: Range<usize>,
+    without: Range<usize>,
 }
 
 impl<'a> VectorDescent<'a> {
     pub(crate) fn new(map: &'a VectorMap, outputs: &'a [f64], prior: ShearPrior) -> Self {
         VectorDescent { map, outputs, prior, without: 0..0 }
+    }
+
+    /// Returns the same search with some outputs left out.
+    pub(crate) fn without(self, outputs: Range<usize>) -> Self {
+        VectorDescent { without: outputs, ..self }
     }
 
     /// Returns the best fit near a place; `None` if nothing can be fitted.
@@ -126,15 +133,17 @@ impl<'a> VectorDescent<'a> {
     fn read_errors(&self, place: Place, w: &mut VectorWorkspace) {
         for (axis, b) in self.axes().zip(&mut w.axes) {
             b.error.resize(self.map.outputs, 0.0);
-            match axis.and_then(|axis| axis.error.as_ref()) {
-                Some(error) => error.value(place, &mut b.error),
+            match axis {
+                Some(axis) => axis.error(place, &mut b.error),
                 None => b.error.fill(0.0),
             }
         }
     }
 
+    /// Axes that count: without shear only the press.
     fn axes(&self) -> impl Iterator<Item = Option<&AxisMap>> {
-        self.map.axes.iter().map(Option::as_ref)
+        let counts = |axis: usize| axis == PRESS || self.prior != ShearPrior::Zero;
+        self.map.axes.iter().enumerate().map(move |(nth, axis)| axis.as_ref().filter(|_| counts(nth)))
     }
 
     fn weigh(&self, force_n: [f64; 3], w: &mut VectorWorkspace) {
@@ -142,7 +151,7 @@ impl<'a> VectorDescent<'a> {
         for (output, weight) in w.weight.iter_mut().enumerate() {
             let sum = |a: f64, b: f64, c: f64| force_n[0] * a + force_n[1] * b + force_n[2] * c;
             let of_noise = self.map.noise.variance(output, sum(x.value[output], y.value[output], z.value[output]));
-            let [a, b, c] = [&x.error, &y.error, &z.error].map(|error| error[output].max(0.0));
+            let [a, b, c] = [&x.error, &y.error, &z.error].map(|error| error[output]);
             let of_map = force_n[0] * force_n[0] * a + force_n[1] * force_n[1] * b + force_n[2] * force_n[2] * c;
             *weight = 1.0 / (of_noise * (1.0 + of_map));
         }

@@ -9,7 +9,10 @@ use crate::noise::{Noise, Residual};
 use crate::spots::coordinates;
 use crate::surrogate::{CELLS_A_GRAIN, MANNER};
 use crate::threshold::chi2_quantile;
-use palpate_core::quantity::Place;
+use palpate_core::quantity::{Place, stream};
+use rand::RngExt;
+use rand::distr::Distribution;
+use rand_distr::StandardNormal;
 
 /// Smooth map of the outputs per newton along each axis, and everything that a solve needs.
 #[derive(Clone, Debug)]
@@ -18,7 +21,10 @@ pub struct VectorMap {
     pub(crate) noise: Noise,
     pub(crate) area: CalibratedArea,
     pub(crate) outputs: usize,
-    pub(super) coarse: super::solve::Coarse,
+    /// Residuals of the calibration's presses, each compared with a map made without its place, in units of their standard
+    /// deviation. Empty if the map is exact.
+    held: Vec<Vec<f64>>,
+    pub(crate) coarse: super::solve::Coarse,
     pub(super) misfit_most: [f64; 2],
 }
 
@@ -27,13 +33,26 @@ pub struct VectorMap {
 pub(crate) struct AxisMap {
     pub field: SplineField,
     /// Variance of the map, in units of the noise's variance, per N^2. `None` if the map is exact.
-    pub error: Option<SplineField>,
+    error: Option<SplineField>,
+}
+
+impl AxisMap {
+    /// Writes the variance of the map at a place, in units of the noise's variance, per N^2.
+    pub(crate) fn error(&self, place: Place, error: &mut [f64]) {
+        match &self.error {
+            Some(field) => field.value(place, error),
+            None => error.fill(0.0),
+        }
+        error.iter_mut().for_each(|value| *value = value.max(0.0));
+    }
 }
 
 /// Least number of places of a map.
 const FEWEST_PLACES: usize = 6;
 /// Number of cells along each side of the table with the map's own error.
 const ERROR_CELLS: f64 = 12.0;
+/// Least and largest force of the single contacts from which limits follow, N.
+const FORCES_N: [f64; 2] = [0.1, 2.0];
 /// Fraction of single contacts that may be called something else.
 pub(crate) const FALSE_ALARMS: f64 = 0.01;
 
@@ -54,7 +73,12 @@ impl VectorMap {
             (0..calibration.spots.len()).flat_map(|spot| held_rows(calibration, spot, &smoothed)).collect();
         let of_output = |output: usize| held.iter().map(|held| held[output]).collect();
         let noise = Noise::fit(&(0..outputs).map(of_output).collect::<Vec<Vec<Residual>>>());
-        Ok(Self::with(smoothed.map(|axis| axis.map(|axis| axis.map)), noise, area, outputs))
+        let standard = |(output, r): (usize, &Residual)| {
+            r.residual / (noise.variance(output, r.predicted) * (1.0 + r.leverage)).sqrt()
+        };
+        let held = held.iter().map(|row| row.iter().enumerate().map(standard).collect()).collect();
+        let axes = smoothed.map(|axis| axis.map(|axis| axis.map));
+        Ok(VectorMap { held, ..Self::with(axes, noise, area, outputs) })
     }
 
     /// Returns the map of columns that are known exactly, with the standard deviation of each output's noise. `columns` gives the
@@ -75,7 +99,36 @@ impl VectorMap {
         let sheared = 3 + axes[..PRESS].iter().flatten().count();
         let limit = |unknowns: usize| chi2_quantile(outputs.saturating_sub(unknowns), FALSE_ALARMS);
         let coarse = super::solve::Coarse::of(&axes, &noise, area, outputs);
-        VectorMap { misfit_most: [limit(3), limit(sheared)], axes, noise, area, outputs, coarse }
+        VectorMap { misfit_most: [limit(3), limit(sheared)], axes, noise, area, outputs, held: Vec::new(), coarse }
+    }
+
+    /// Returns readings of single contacts without shear at random places, from which limits follow. Each has the errors of one of
+    /// the calibration's presses, scaled to its own noise and map error.
+    pub(crate) fn single_contacts(&self, count: usize) -> Vec<Vec<f64>> {
+        let mut rng = stream(0, 0, "single contacts");
+        let Some(press) = &self.axes[PRESS] else { return Vec::new() };
+        let mut column = [vec![0.0; self.outputs], vec![0.0; self.outputs]];
+        let mut reading = |nth: usize| {
+            let CalibratedArea { least, most } = self.area;
+            let [x, y, force]: [f64; 3] = std::array::from_fn(|_| rng.random());
+            let along = |least: f64, most: f64, share: f64| least + share * (most - least);
+            let place = Place::new(along(least.x_mm, most.x_mm, x), along(least.y_mm, most.y_mm, y));
+            let force_n = along(FORCES_N[0], FORCES_N[1], force);
+            press.field.value(place, &mut column[0]);
+            press.error(place, &mut column[1]);
+            let of_output = |output: usize| {
+                let exact = force_n * column[0][output];
+                let variance = self.noise.variance(output, exact) * (1.0 + force_n * force_n * column[1][output]);
+                let error = match self.held.is_empty() {
+                    true => StandardNormal.sample(&mut rng),
+                    false => self.held[nth % self.held.len()][output],
+                };
+                exact + variance.sqrt() * error
+            };
+            (0..self.outputs).map(of_output).collect()
+        };
+        // a step that shares no factor with the number of presses, so that all places have their turn
+        (0..count).map(|nth| reading(nth * 7919)).collect()
     }
 
     /// Number of outputs of a reading.

@@ -14,13 +14,16 @@ mod solve;
 pub use calibration::{VectorCalibration, VectorRow};
 pub use dragged::DraggedRow;
 pub use evaluation::VectorErrors;
+pub(crate) use descent::{ShearPrior, VectorFit};
+pub(crate) use map::FALSE_ALARMS;
 pub use map::VectorMap;
+pub(crate) use solve::AxisBuffers;
 pub use solve::VectorWorkspace;
 
 use palpate_core::quantity::Place;
 
 /// Axis of the force into the specimen; 0 and 1 are along x and y.
-pub(super) const PRESS: usize = 2;
+pub(crate) const PRESS: usize = 2;
 
 /// Contact with a force of three axes.
 #[derive(Clone, Copy, Debug, PartialEq)]

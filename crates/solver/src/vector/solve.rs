@@ -8,6 +8,7 @@ use crate::field::CalibratedArea;
 use crate::noise::Noise;
 use palpate_core::quantity::Place;
 use std::f64::consts::FRAC_1_SQRT_2;
+use std::ops::Range;
 
 /// Working memory of a solve, kept from one reading to the next so that no reading allocates.
 #[derive(Clone, Debug, Default)]
@@ -99,13 +100,22 @@ impl Coarse {
 
     /// Fills `starts` with the places whose columns explain most of a reading, the best first. Of neighbours, only the best is a
     /// start. A shear counts as far as it is likely for the press.
-    fn seek(&self, outputs: &[f64], w: &mut VectorWorkspace) {
+    fn seek(&self, outputs: &[f64], prior: ShearPrior, without: Range<usize>, w: &mut VectorWorkspace) {
         let VectorWorkspace { scores, starts, .. } = w;
         self.multiply(outputs, scores);
         let (press, others) = scores.split_at_mut(self.places.len());
         let (along_x, along_y) = others.split_at(self.places.len());
+        for (at, press) in press.iter_mut().enumerate().filter(|_| !without.is_empty()) {
+            let (mut along, mut left) = (*press, 1.0f32);
+            for output in without.clone() {
+                let value = self.bases[output * 3 * self.places.len() + at];
+                along -= value * (outputs[output] / self.noise_sd[output]) as f32;
+                left -= value * value;
+            }
+            *press = along / left.max(f32::EPSILON).sqrt();
+        }
         for (at, press) in press.iter_mut().enumerate() {
-            let usual = ShearPrior::SHARE as f32 * press.max(0.0);
+            let usual = if prior == ShearPrior::Zero { 0.0 } else { ShearPrior::SHARE as f32 * press.max(0.0) };
             let gain = |side: f32, added: f32| {
                 let variance = (usual * added).powi(2);
                 side * side * variance / (1.0 + variance)
@@ -140,7 +150,7 @@ impl VectorMap {
     /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
     pub fn solve(&self, outputs: &[f64], workspace: &mut VectorWorkspace) -> Result<VectorContact, SolveError> {
         self.check(outputs)?;
-        let assumed = self.best(outputs, ShearPrior::Usual, workspace).ok_or(SolveError::AllEqual)?;
+        let assumed = self.best(outputs, ShearPrior::Usual, 0..0, workspace).ok_or(SolveError::AllEqual)?;
         let freely = VectorDescent::new(self, outputs, ShearPrior::None);
         let bound = freely.information_at(&assumed, workspace).and_then(|information| covariance(&information));
         let bound_n = bound.map_or(f64::INFINITY, |bound| bound.shear_n());
@@ -167,10 +177,16 @@ impl VectorMap {
         bad.map_or(Ok(()), |unit| Err(SolveError::NotFinite { unit: unit + 1 }))
     }
 
-    /// Returns the best fit over all starts.
-    pub(crate) fn best(&self, outputs: &[f64], prior: ShearPrior, w: &mut VectorWorkspace) -> Option<VectorFit> {
-        self.coarse.seek(outputs, w);
-        let descent = VectorDescent::new(self, outputs, prior);
+    /// Returns the best fit over all starts, with some outputs left out.
+    pub(crate) fn best(
+        &self,
+        outputs: &[f64],
+        prior: ShearPrior,
+        without: Range<usize>,
+        w: &mut VectorWorkspace,
+    ) -> Option<VectorFit> {
+        self.coarse.seek(outputs, prior, without.clone(), w);
+        let descent = VectorDescent::new(self, outputs, prior).without(without);
         let starts = std::mem::take(&mut w.starts);
         let fits = starts.iter().filter_map(|(_, at)| descent.from(self.coarse.places[*at], w));
         let best = fits.min_by(|a, b| a.chi2.total_cmp(&b.chi2));
