@@ -4,6 +4,7 @@
 mod acceptance;
 mod adapt;
 mod by_load;
+mod causes;
 mod choice;
 mod drags;
 mod evaluate;

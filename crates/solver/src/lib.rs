@@ -47,7 +47,8 @@
 //! `prepared`. A [`Model`] is a fit with all data that a session needs. A sensor file stores it. [`Adapted`] makes a model from an
 //! older calibration and a few new presses (`adapt`).
 //! A [`Prior`] makes a model from few presses and the full calibrations of other sensors of the design (`prior`).
-//! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once.
+//! [`vector`] solves place and force along three axes, from presses and drags; [`two`] solves two contacts at once,
+//! and [`causes`] decides what a misfit means.
 
 #![forbid(unsafe_code)]
 
@@ -59,6 +60,7 @@ mod blend;
 mod broken;
 mod by_load;
 mod calibration;
+pub mod causes;
 mod centred;
 mod chart;
 mod correlation;

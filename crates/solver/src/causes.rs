@@ -1,0 +1,152 @@
+//! Decides what a misfit means: one known contact, a shear, two contacts, or a broken unit.
+//!
+//! Each explanation has unknowns that one contact doesn't have, and fits better by a gain. A single contact exceeds the limit of each
+//! gain at the same false-alarm rate, so gains over their limits are comparable. [`explain`] alone decides.
+
+use crate::SolveError;
+use crate::two::{TwoContacts, limit};
+use crate::vector::{ShearPrior, VectorMap, VectorWorkspace};
+use palpate_core::quantity::ArrayLayout;
+use std::ops::Range;
+
+/// Cause of a reading that isn't that of one contact without shear.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// One contact with a force along the surface.
+    Shear,
+    /// Two contacts.
+    TwoContacts,
+    /// One contact, and a unit, counted from 0, that doesn't read it.
+    BrokenUnit(usize),
+}
+
+/// One of several explanations of a reading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// The cause.
+    pub cause: Cause,
+    /// Decrease of the sum of squares compared with one contact.
+    pub gain: f64,
+    /// Limit that the gain exceeds for single contacts only at the false-alarm rate.
+    pub gain_most: f64,
+}
+
+impl Candidate {
+    /// Returns the part of the gain over its limit.
+    pub fn excess(&self) -> f64 {
+        self.gain - self.gain_most
+    }
+}
+
+/// What a reading means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Explanation {
+    /// One known contact.
+    OneContact,
+    /// This cause explains the reading clearly better than the others.
+    Is(Cause),
+    /// Not one known contact: both causes explain the reading, the first at least as well.
+    Either(Cause, Cause),
+}
+
+/// Difference of the sums of squares up to which two explanations are as good: odds of one to twenty.
+const NEARLY_AS_LIKELY: f64 = 6.0;
+/// Number of single contacts from which limits are learned.
+const SINGLE_CONTACTS: usize = 500;
+
+/// Returns what a reading means, from the gains of the explanations.
+pub fn explain(candidates: &[Candidate]) -> Explanation {
+    let mut sorted: Vec<&Candidate> = candidates.iter().filter(|candidate| candidate.excess() > 0.0).collect();
+    sorted.sort_by(|a, b| b.excess().total_cmp(&a.excess()));
+    match sorted[..] {
+        [] => Explanation::OneContact,
+        [best, second, ..] if best.excess() - second.excess() < NEARLY_AS_LIKELY => {
+            Explanation::Either(best.cause, second.cause)
+        }
+        [best, ..] => Explanation::Is(best.cause),
+    }
+}
+
+/// Tries all explanations on the map of a calibration.
+#[derive(Clone, Debug)]
+pub struct Causes<'a> {
+    map: &'a VectorMap,
+    two: TwoContacts<'a>,
+    units: Vec<Range<usize>>,
+    shear_most: f64,
+    broken_most: f64,
+}
+
+impl<'a> Causes<'a> {
+    /// Learns the limits from the calibration's presses.
+    pub fn new(map: &'a VectorMap, layout: &ArrayLayout) -> Self {
+        let (two, units) = (TwoContacts::new(map), layout.units().collect());
+        let mut causes = Causes { map, two, units, shear_most: f64::INFINITY, broken_most: f64::INFINITY };
+        let mut workspace = VectorWorkspace::default();
+        let singles = map.single_contacts(SINGLE_CONTACTS);
+        let tried: Vec<Vec<Candidate>> =
+            singles.iter().filter_map(|outputs| causes.candidates(outputs, &mut workspace).ok()).collect();
+        let most = |is_it: fn(&Cause) -> bool| {
+            let all = tried.iter().flatten().filter(|candidate| is_it(&candidate.cause));
+            limit(all.map(|candidate| candidate.gain).collect())
+        };
+        causes.shear_most = most(|cause| *cause == Cause::Shear);
+        causes.broken_most = most(|cause| matches!(cause, Cause::BrokenUnit(_)));
+        causes
+    }
+
+    /// Returns what a reading means.
+    ///
+    /// # Errors
+    /// The reading has another number of outputs, a number isn't finite, or no press explains any of it.
+    pub fn explain(&self, outputs: &[f64], workspace: &mut VectorWorkspace) -> Result<Explanation, SolveError> {
+        Ok(explain(&self.candidates(outputs, workspace)?))
+    }
+
+    /// Returns all explanations of a reading. Of the units, only the one whose absence explains most is a candidate. A shear is one if
+    /// the calibration shows its effect.
+    ///
+    /// # Errors
+    /// As [`explain`](Self::explain).
+    pub fn candidates(&self, outputs: &[f64], w: &mut VectorWorkspace) -> Result<Vec<Candidate>, SolveError> {
+        self.map.check(outputs)?;
+        let (one, _, gain) = self.two.gain(outputs, w).ok_or(SolveError::AllEqual)?;
+        let mut candidates = vec![Candidate { cause: Cause::TwoContacts, gain, gain_most: self.two.gain_most }];
+        if self.map.knows_shear()
+            && let Some(fit) = self.map.best(outputs, ShearPrior::Usual, 0..0, w)
+        {
+            let gain = one.chi2 - fit.chi2;
+            candidates.push(Candidate { cause: Cause::Shear, gain, gain_most: self.shear_most });
+        }
+        let without = self.units.iter().enumerate().filter_map(|(unit, outputs_of)| {
+            Some((unit, self.map.best(outputs, ShearPrior::Zero, outputs_of.clone(), w)?.chi2))
+        });
+        if let Some((unit, chi2)) = without.min_by(|a, b| a.1.total_cmp(&b.1)) {
+            let gain = one.chi2 - chi2;
+            candidates.push(Candidate { cause: Cause::BrokenUnit(unit), gain, gain_most: self.broken_most });
+        }
+        Ok(candidates)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_excess_wins_and_equals_are_both_named() {
+        let candidate = |cause: Cause, gain: f64, gain_most: f64| Candidate { cause, gain, gain_most };
+        let explained = |two: f64, shear: f64, broken: f64| {
+            explain(&[
+                candidate(Cause::TwoContacts, two, 20.0),
+                candidate(Cause::Shear, shear, 10.0),
+                candidate(Cause::BrokenUnit(3), broken, 12.0),
+            ])
+        };
+        assert_eq!(explained(19.0, 9.0, 12.0), Explanation::OneContact);
+        assert_eq!(explained(45.0, 9.0, 11.0), Explanation::Is(Cause::TwoContacts));
+        assert_eq!(explained(45.0, 30.0, 5.0), Explanation::Either(Cause::TwoContacts, Cause::Shear));
+        assert_eq!(explained(30.0, 30.0, 5.0), Explanation::Is(Cause::Shear), "with fewer unknowns");
+        assert_eq!(explained(19.0, 9.0, 13.0), Explanation::Is(Cause::BrokenUnit(3)));
+    }
+}
