@@ -12,9 +12,9 @@ mod map;
 mod solve;
 
 pub use calibration::{VectorCalibration, VectorRow};
+pub(crate) use descent::{ShearPrior, VectorFit};
 pub use dragged::DraggedRow;
 pub use evaluation::VectorErrors;
-pub(crate) use descent::{ShearPrior, VectorFit};
 pub(crate) use map::FALSE_ALARMS;
 pub use map::VectorMap;
 pub(crate) use solve::AxisBuffers;
