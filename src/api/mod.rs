@@ -31,6 +31,7 @@ mod solve;
 pub(crate) mod sources;
 pub(crate) mod stdin;
 pub(crate) mod stream;
+mod vector_answer;
 mod vectors;
 pub(crate) mod which_rig;
 pub(crate) mod which_way;
@@ -58,6 +59,7 @@ pub use run::{MannerOptions, OpenedRun, ResumeOptions, Resumed, RunOptions, begi
 pub use solutions::{Measure, NUMBERS, UNSOLVED, numbers};
 pub use solve::{SolveOptions, solve};
 pub use sources::RigOptions;
+pub use vectors::solve_vectors;
 pub use which_way::{ConfirmOptions, Confirmed};
 
 /// Receives the lines that a command prints about its input, without an end of line: notes, and warnings that begin with `warning: `.

@@ -1,13 +1,21 @@
-//! Place and force vector from presses and drags: `evaluate --vector`.
+//! Place and force vector from presses and drags: `evaluate --vector` and `solve --vector`.
 
 use super::recorded::{read_presses, read_run};
-use super::{Failure, Note};
-use palpate_core::quantity::Place;
+use super::vector_answer::{VectorAnswer, VectorSolver};
+use super::{Failure, Note, SolveOptions};
+use miette::{IntoDiagnostic, WrapErr};
+use palpate_core::quantity::{ArrayLayout, Place};
+use palpate_data::dataset::readings::{LineContent, Reading, Readings, StreamLines};
 use palpate_data::dataset::{Mapping, Press, Presses};
 use palpate_data::recipe::Phase;
-use palpate_solver::vector::{DraggedRow, VectorErrors, VectorMap, VectorRow};
+use palpate_solver::vector::{DraggedRow, VectorErrors, VectorMap, VectorRow, VectorWorkspace};
+use serde_json::{Map, Value};
 use std::collections::HashMap;
+use std::io::{self, BufWriter, Read, Write};
 use std::path::Path;
+
+/// Name of the input in messages.
+const SOURCE: &str = "stdin";
 
 /// Evaluates a run, or a table of calibration and a table of test presses.
 pub(super) fn evaluated(
@@ -30,15 +38,20 @@ pub(super) fn evaluated(
             return Err(Failure::usage(miette::miette!(help = help, "--vector needs a run, or two tables")));
         }
     };
+    let map = fitted(&calibration, note)?;
+    VectorErrors::of(&map, test.presses.iter().filter_map(row)).ok_or_else(|| {
+        Failure::usage(miette::miette!("{}: no test press has three components of the force", test.source))
+    })
+}
+
+/// Fits presses and drags.
+fn fitted(calibration: &Presses, note: Note<'_>) -> Result<VectorMap, Failure> {
     let pressed = pressed_places(&calibration.presses);
-    let rows: Vec<DraggedRow<'_>> = calibration
-        .presses
-        .iter()
-        .filter_map(|press| {
-            let row = row(press)?;
-            Some(DraggedRow { pressed: pressed.get(&press.press).copied().unwrap_or(row.place), row })
-        })
-        .collect();
+    let dragged = |press| {
+        let row = row(press)?;
+        Some(DraggedRow { pressed: pressed.get(&press.press).copied().unwrap_or(row.place), row })
+    };
+    let rows: Vec<DraggedRow<'_>> = calibration.presses.iter().filter_map(dragged).collect();
     if rows.is_empty() {
         let help =
             "a load cell with three axes records them, see `axes` of [load_cell]; a table names them in --columns";
@@ -52,9 +65,95 @@ pub(super) fn evaluated(
     if !map.knows_shear() {
         note("note: no drags show the effect of a force along x and y: only the press is solved");
     }
-    VectorErrors::of(&map, test.presses.iter().filter_map(row)).ok_or_else(|| {
-        Failure::usage(miette::miette!("{}: no test press has three components of the force", test.source))
-    })
+    Ok(map)
+}
+
+/// Answers each reading with a place and a force vector, or with two contacts, like `palpate solve --vector`.
+///
+/// # Errors
+/// Bad input, or contacts that can't be written. All earlier contacts are written.
+pub fn solve_vectors(
+    options: &SolveOptions,
+    readings: impl Read,
+    contacts: impl Write,
+    note: Note<'_>,
+) -> Result<(), Failure> {
+    let calibration = options.calibration.as_deref().unwrap_or(Path::new(""));
+    let mapping = options.method.mapping()?;
+    let (presses, layout) = if calibration.is_dir() {
+        let (recorded, bench) = read_run(calibration, note)?;
+        (of_phase(&recorded.presses(), Phase::Calibration), Some(bench.layout))
+    } else {
+        let presses = read_presses(calibration, &mapping, None, note)?;
+        let layout = mapping.layout_of(presses.channels);
+        (presses, layout)
+    };
+    let map = fitted(&presses, note)?;
+    let layout = layout.unwrap_or_else(|| ArrayLayout::from_places(vec![Place::default(); map.outputs()]));
+    let solver = VectorSolver::new(&map, &layout);
+    let mut lines = StreamLines::new(SOURCE, readings);
+    let mut readings = Readings::new(SOURCE, map.outputs(), options.input.map(Into::into), mapping);
+    let mut answers = Lines { to: BufWriter::new(contacts), json: options.json, is_first: true };
+    let mut workspace = VectorWorkspace::default();
+    let end = loop {
+        let Some(line) = lines.read_next().map_err(Failure::usage)? else { break Ok(()) };
+        match readings.read(line) {
+            Err(error) | Ok(LineContent::Bad(error)) => break Err(Failure::usage(error)),
+            Ok(LineContent::Nothing) => continue,
+            Ok(LineContent::Reading) => {}
+        }
+        if let Err(error) =
+            answers.write(readings.reading(), &solver.answer(&readings.reading().outputs, &mut workspace))
+        {
+            break unwritten(error);
+        }
+        if lines.is_drained()
+            && let Err(error) = answers.to.flush()
+        {
+            break unwritten(error);
+        }
+    };
+    match answers.to.flush() {
+        Ok(()) => end,
+        Err(error) => end.and_then(|()| unwritten(error)),
+    }
+}
+
+/// Returns the failure of an output; a closed one is no failure.
+fn unwritten(error: io::Error) -> Result<(), Failure> {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => Ok(()),
+        _ => Err(error).into_diagnostic().wrap_err("can't write the contacts").map_err(Failure::unwritten),
+    }
+}
+
+/// Writes answers, a line each.
+struct Lines<W: Write> {
+    to: BufWriter<W>,
+    json: bool,
+    is_first: bool,
+}
+
+impl<W: Write> Lines<W> {
+    fn write(&mut self, reading: &Reading, answer: &VectorAnswer) -> io::Result<()> {
+        let fields = answer.fields();
+        if self.json {
+            let labels = [("id", &reading.id), ("t_s", &reading.t_s)];
+            let labels = labels.into_iter().filter_map(|(name, value)| Some((name, value.clone()?)));
+            let object: Map<String, Value> =
+                labels.chain(fields).map(|(name, value)| (name.to_owned(), value)).collect();
+            return writeln!(self.to, "{}", Value::Object(object));
+        }
+        if std::mem::take(&mut self.is_first) {
+            writeln!(self.to, "{}", fields.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(","))?;
+        }
+        let cell = |value: &Value| match value {
+            Value::Null => String::new(),
+            Value::String(text) => text.clone(),
+            number => number.to_string(),
+        };
+        writeln!(self.to, "{}", fields.iter().map(|(_, value)| cell(value)).collect::<Vec<_>>().join(","))
+    }
 }
 
 /// Returns the presses of a phase, with those after a drag.

@@ -31,6 +31,12 @@ half95_depth_mm instead of those of the force. If a second method is fitted,
 load shows which one answered: calibrated (it assumes the load of the
 calibration, which the reading has), or any.
 
+With --vector, an answer has x_mm, y_mm, force_x_n, force_y_n, force_n and their
+standard deviations. Where the outputs can't show the force along x and y, it is
+blank, and shear_bound_n is its expected error. The verdict is ok, shear-unknown,
+two-contacts (the other is second_...), two-not-separable, unit-fault,
+not-one-contact, or both of two causes that explain the reading as well.
+
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are
 kept.
@@ -54,6 +60,10 @@ pub(super) struct SolveArgs {
 /// Fits the method or reads it, then answers each reading when it arrives.
 pub(super) fn solve(args: &SolveArgs) -> Result<ExitCode, Failure> {
     let options = &args.options;
+    if options.vector {
+        api::solve_vectors(options, io::stdin().lock(), io::stdout().lock(), &note)?;
+        return Ok(ExitCode::SUCCESS);
+    }
     let sensor = options.sensor(&note)?;
     if !options.quiet {
         tell_sensor(&sensor, options.model.is_none())?;

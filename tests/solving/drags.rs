@@ -68,3 +68,55 @@ fn a_run_without_forces_sideways_is_refused() {
     let refused = bench.palpate_ends(2, "evaluate run --vector");
     assert!(refused.err.contains("no press of the calibration has three"), "{}", refused.err);
 }
+
+/// Readings of the test windows of a run, and the same with the outputs of two presses added, or without a unit.
+#[test]
+fn solve_answers_with_a_force_vector_with_two_contacts_and_with_a_broken_unit() {
+    let (rig, recipe) = (rig(), recipe(SIDE.0 + 2, TESTS.0));
+    let bench = TestFolder::with([("rig.toml", rig.as_str()), ("vectors.toml", recipe.as_str())]);
+    bench.palpate_ends(0, "run vectors.toml --rig rig.toml --simulate --out run --evaluate recipe");
+    let (head, rows) = bench.table("run/presses.csv");
+    let at = |name: &str| head.iter().position(|column| column == name).unwrap();
+    let number = |row: &Vec<String>, name: &str| row[at(name)].parse::<f64>().unwrap();
+    let tests: Vec<&Vec<String>> = rows.iter().filter(|row| row[at("phase")] == "test").collect();
+    let outputs = |row: &Vec<String>| -> Vec<f64> { (1..=27).map(|i| number(row, &format!("out_{i}"))).collect() };
+    let solve = |readings: &[Vec<f64>]| {
+        let line = |reading: &Vec<f64>| reading.iter().map(f64::to_string).collect::<Vec<_>>().join(",") + "\n";
+        let text: String = readings.iter().map(line).collect();
+        let solved = bench.palpate_reads("solve --vector --calibration run --json", &text);
+        assert_eq!(solved.code, Some(0), "{}", solved.err);
+        solved.json_lines()
+    };
+    // windows before a drag, some of whose places are far apart
+    let still: Vec<&&Vec<String>> = tests.iter().filter(|row| number(row, "drag_mm") == 0.0).collect();
+    let distance = |a: &Vec<String>, b: &Vec<String>| {
+        (number(a, "x_mm") - number(b, "x_mm")).hypot(number(a, "y_mm") - number(b, "y_mm"))
+    };
+    let far = still.windows(2).filter(|pair| distance(pair[0], pair[1]) > 5.0);
+    let far = far.map(|pair| outputs(pair[0]).iter().zip(outputs(pair[1])).map(|(a, b)| a + b).collect());
+    let without = |row: &&&Vec<String>| {
+        let mut outputs = outputs(row);
+        outputs[12..15].fill(0.0); // the unit in the middle
+        outputs
+    };
+    let mut readings: Vec<Vec<f64>> = tests.iter().map(|row| outputs(row)).chain(far).collect();
+    let pairs_end = readings.len();
+    readings.extend(still.iter().map(without));
+    let answers = solve(&readings);
+    let (one, two, broken) = (&answers[..tests.len()], &answers[tests.len()..pairs_end], &answers[pairs_end..]);
+    let ok = one.iter().filter(|answer| answer["verdict"] == "ok").count();
+    assert!(10 * ok >= 8 * one.len(), "{ok} of {}: {one:?}", one.len());
+    let off = |(answer, row): (&serde_json::Value, &&Vec<String>)| {
+        ["force_x_n", "force_y_n", "force_n"].map(|name| (answer[name].as_f64().unwrap() - number(row, name)).abs())
+    };
+    let pairs: Vec<[f64; 3]> =
+        one.iter().zip(&tests).filter(|(answer, _)| answer["verdict"] == "ok").map(off).collect();
+    for axis in 0..3 {
+        let mean = pairs.iter().map(|off| off[axis]).sum::<f64>() / pairs.len() as f64;
+        assert!(mean < 0.05, "{axis}: {mean} N");
+    }
+    let named = two.iter().filter(|answer| answer["verdict"] == "two-contacts").count();
+    assert!(10 * named >= 8 * two.len() && two.len() > 5, "{named} of {}: {two:?}", two.len());
+    let named = broken.iter().filter(|answer| answer["verdict"] == "unit-fault" && answer["unit"] == 5).count();
+    assert!(10 * named >= 6 * broken.len(), "{named} of {}: {broken:?}", broken.len());
+}

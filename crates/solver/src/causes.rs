@@ -6,6 +6,7 @@
 use crate::SolveError;
 use crate::two::{TwoContacts, limit};
 use crate::vector::{ShearPrior, VectorMap, VectorWorkspace};
+use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::ArrayLayout;
 use std::ops::Range;
 
@@ -82,17 +83,21 @@ impl<'a> Causes<'a> {
     pub fn new(map: &'a VectorMap, layout: &ArrayLayout) -> Self {
         let (two, units) = (TwoContacts::new(map), layout.units().collect());
         let mut causes = Causes { map, two, units, shear_most: f64::INFINITY, broken_most: f64::INFINITY };
-        let mut workspace = VectorWorkspace::default();
         let singles = map.single_contacts(SINGLE_CONTACTS);
-        let tried: Vec<Vec<Candidate>> =
-            singles.iter().filter_map(|outputs| causes.candidates(outputs, &mut workspace).ok()).collect();
+        let tried: Vec<Option<Vec<Candidate>>> =
+            in_parallel(&singles, |outputs| causes.candidates(outputs, &mut VectorWorkspace::default()).ok());
         let most = |is_it: fn(&Cause) -> bool| {
-            let all = tried.iter().flatten().filter(|candidate| is_it(&candidate.cause));
+            let all = tried.iter().flatten().flatten().filter(|candidate| is_it(&candidate.cause));
             limit(all.map(|candidate| candidate.gain).collect())
         };
         causes.shear_most = most(|cause| *cause == Cause::Shear);
         causes.broken_most = most(|cause| matches!(cause, Cause::BrokenUnit(_)));
         causes
+    }
+
+    /// The solver of one or two contacts, with its limit.
+    pub fn two(&self) -> &TwoContacts<'a> {
+        &self.two
     }
 
     /// Returns what a reading means.

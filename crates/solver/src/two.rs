@@ -8,6 +8,7 @@ use crate::evaluation::{FORCE_REFERENCE_N, LOCATION_REFERENCE_MM};
 use crate::normal::{NormalEquations, inverse};
 use crate::threshold::upper;
 use crate::vector::{AxisBuffers, FALSE_ALARMS, PRESS, ShearPrior, VectorFit, VectorMap, VectorWorkspace};
+use palpate_core::parallel::in_parallel;
 use palpate_core::quantity::Place;
 use statrs::distribution::{ContinuousCDF, Gamma};
 
@@ -80,9 +81,8 @@ impl<'a> TwoContacts<'a> {
             }
         }
         let mut two = TwoContacts { map, products, gain_most: f64::INFINITY };
-        let mut workspace = VectorWorkspace::default();
-        let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut workspace)?.2);
-        two.gain_most = limit(map.single_contacts(SINGLE_CONTACTS).iter().filter_map(gain).collect());
+        let gain = |outputs: &Vec<f64>| Some(two.gain(outputs, &mut VectorWorkspace::default())?.2);
+        two.gain_most = limit(in_parallel(&map.single_contacts(SINGLE_CONTACTS), gain).into_iter().flatten().collect());
         two
     }
 
