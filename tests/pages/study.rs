@@ -285,10 +285,29 @@ fn small_study_of_minutes_is_reproducible_and_marks_the_best() {
 }
 
 #[test]
+fn small_studies_of_shear_and_two_contacts_are_reproducible() {
+    let bench = TestFolder::new();
+    for (study, conditions) in [("shear", 12), ("two-contacts", 4)] {
+        let rows = bench.palpate_ends(0, &format!("study {study} --quick --out {study} --json")).json_lines();
+        assert_eq!(rows.len(), conditions, "the ends of each condition, for both kinds of taxels");
+        assert!(rows.iter().all(|row| row["study"] == study && row["us_per_solve"].as_f64() > Some(0.0)), "{rows:?}");
+        is_well_formed(study, &bench.read(&format!("{study}/{study}.svg")));
+        is_narrow(&bench.palpate_ends(0, &format!("study {study} --quick --out {study}-again")).out);
+        let [once, again] = ["", "-again"].map(|again| bench.read(&format!("{study}{again}/rows.ndjson")));
+        assert_eq!(untimed(&once), untimed(&again));
+    }
+}
+
+/// Rows without their measured time, which is last.
+fn untimed(rows: &str) -> Vec<&str> {
+    rows.lines().filter_map(|row| Some(row.rsplit_once(",\"us_per_solve\"")?.0)).collect()
+}
+
+#[test]
 fn every_study_has_help_and_leaves_a_folder_alone() {
     let bench = TestFolder::with([("mine", "text")]);
     let whole = bench.palpate_ends(0, "study --help").out;
-    for study in ["control", "speed-accuracy", "budget", "failures", "minutes"] {
+    for study in ["control", "speed-accuracy", "budget", "failures", "minutes", "shear", "two-contacts"] {
         assert!(whole.contains(study), "{whole}");
         let help = bench.palpate_ends(0, &format!("study {study} --help")).out;
         for option in ["--out", "--json", "--quick", "--seed"] {

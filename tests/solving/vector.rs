@@ -3,8 +3,7 @@
 
 use cpu_time::ThreadTime;
 use palpate_core::quantity::stream;
-use palpate_solver::Covariance;
-use palpate_solver::vector::{Shear, VectorCovariance, VectorMap, VectorWorkspace};
+use palpate_solver::vector::{Shear, VectorMap, VectorWorkspace};
 use palpate_testing::campaign;
 use palpate_testing::vectors::{VectorScene, anywhere};
 
@@ -54,16 +53,9 @@ fn answered(scene: &mut VectorScene, map: &VectorMap, tests: usize) -> Answered 
             within.iter_mut().zip(is_within).for_each(|(sum, is)| *sum += each * f64::from(u8::from(is)));
         }
         let bound = known.bound(place, force_n).expect("a bound");
-        found.bounds.iter_mut().zip(means(&bound)).for_each(|(sum, bound)| *sum += each * bound);
+        found.bounds.iter_mut().zip(bound.mean_errors()).for_each(|(sum, bound)| *sum += each * bound);
     }
     found
-}
-
-/// Mean errors of a normal distribution.
-fn means(VectorCovariance(c): &VectorCovariance) -> Means {
-    let pair = |i: usize| Covariance([[c[i][i], c[i][i + 1], 0.0], [c[i + 1][i], c[i + 1][i + 1], 0.0], [0.0; 3]]);
-    let press = Covariance([[0.0; 3], [0.0; 3], [0.0, 0.0, c[4][4]]]);
-    [pair(0).mean_distance_mm(), press.mean_force_error_n(), pair(2).mean_distance_mm()]
 }
 
 /// Errors with 625 places, bounds from an independent program, and the largest accepted errors.

@@ -159,11 +159,7 @@ impl<'a> TwoContacts<'a> {
             let mut damped = normal;
             (0..6).for_each(|i| damped.information[i][i] *= 1.0 + damping);
             let step = damped.step(self.is_free(places, forces_n, &normal.slope));
-            let pair = Some((
-                Pair { places, forces_n, errors_mm: [f64::INFINITY; 2], errors_n: [f64::INFINITY; 2], chi2 },
-                normal,
-            ));
-            last = pair;
+            last = Some((places, forces_n, chi2, normal));
             if damped.gain(step) < LAST_GAIN {
                 break;
             }
@@ -181,10 +177,8 @@ impl<'a> TwoContacts<'a> {
                 self.respond(places, false, w)?;
             }
         }
-        let (pair, normal) = last.filter(|(pair, _)| pair.chi2.is_finite())?;
-        let Some(covariance) = inverse(&normal.information) else { return Some(pair) };
-        let sd = |i: usize| covariance[i][i].max(0.0).sqrt();
-        Some(Pair { errors_mm: [sd(0).hypot(sd(1)), sd(2).hypot(sd(3))], errors_n: [sd(4), sd(5)], ..pair })
+        let (places, forces_n, chi2, normal) = last.filter(|(_, _, chi2, _)| chi2.is_finite())?;
+        Some(Pair::of(places, forces_n, chi2, &normal))
     }
 
     /// Writes the columns of both places, and at the beginning their errors, to the first two buffers.
@@ -225,6 +219,23 @@ impl<'a> TwoContacts<'a> {
 }
 
 impl Pair {
+    /// Returns two contacts with the smallest errors of an unbiased method, including the map's own error (Cramer-Rao).
+    pub fn bound(map: &VectorMap, places: [Place; 2], forces_n: [f64; 2]) -> Option<Self> {
+        let (outputs, mut w) = (vec![0.0; map.outputs], VectorWorkspace::default());
+        let two = TwoContacts { map, products: Vec::new(), gain_most: f64::INFINITY };
+        two.respond(places, true, &mut w)?;
+        w.weight.resize(outputs.len(), 0.0);
+        two.weigh(forces_n, &mut w);
+        Some(Pair::of(places, forces_n, 0.0, &normal(forces_n, &outputs, &w).0))
+    }
+
+    fn of(places: [Place; 2], forces_n: [f64; 2], chi2: f64, normal: &NormalEquations<6>) -> Self {
+        let covariance = inverse(&normal.information);
+        let sd = |i: usize| covariance.map_or(f64::INFINITY, |covariance| covariance[i][i].max(0.0).sqrt());
+        let errors_mm = [sd(0).hypot(sd(1)), sd(2).hypot(sd(3))];
+        Pair { places, forces_n, errors_mm, errors_n: [sd(4), sd(5)], chi2 }
+    }
+
     fn is_separable(&self) -> bool {
         let is_within = |errors: [f64; 2], most: f64| errors.iter().all(|error| *error <= most);
         is_within(self.errors_mm, SEPARABLE_MM) && is_within(self.errors_n, SEPARABLE_N)

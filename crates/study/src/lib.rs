@@ -4,7 +4,7 @@
 //! judged by the scene's truth. [`methods`] studies the methods that solve: their accuracy, speed, required number of presses,
 //! and conditions of failure. [`minutes`] studies both together: the accuracy of a calibration as a function of its time at the
 //! bench. [`curves`] studies arrays: the paper's numerical study, for its lines of units and for any array. [`ablation`] studies
-//! the scenes themselves: it finds which results each term of a scene affects.
+//! the scenes themselves: it finds which results each term of a scene affects. [`vector`] studies force vectors and two contacts.
 //!
 //! Everything except measured times follows from the seed, so the same study gives the same bytes.
 
@@ -23,6 +23,7 @@ pub mod minutes;
 mod scenes;
 mod stability;
 pub mod validation;
+pub mod vector;
 
 pub use bench::StudyBench;
 pub use bound::least_s;

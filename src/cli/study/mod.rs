@@ -9,6 +9,7 @@ mod few;
 mod methods;
 mod minutes;
 mod validation;
+mod vector;
 
 use crate::api::Failure;
 use begun::Common;
@@ -46,6 +47,10 @@ enum Study {
     Few(Common),
     /// Similarity of the outputs of two contacts: the paper's claims, or an array's quality; under a second
     Curves(curves::CurvesArgs),
+    /// Errors of place and force vector against noise, units and calibration places; some seconds
+    Shear(Common),
+    /// Two contacts at once: how often both are found, by separation, noise and taxels; half a minute
+    TwoContacts(Common),
     /// Physical and measurement terms that a simulated scene needs, and the results that need them; a minute
     Ablation(Common),
     /// The paper's protocol with ten specimens, and its numerical study, as a page; half a minute
@@ -62,6 +67,8 @@ pub(super) fn study(args: &StudyArgs) -> Result<ExitCode, Failure> {
         Study::Minutes(args) => minutes::study(args),
         Study::Few(args) => few::study(args),
         Study::Curves(args) => curves::study(args),
+        Study::Shear(args) => vector::study_shear(args),
+        Study::TwoContacts(args) => vector::study_two(args),
         Study::Ablation(args) => ablation::study(args),
         Study::Validation(args) => validation::study(args),
     }

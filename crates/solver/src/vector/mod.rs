@@ -20,6 +20,7 @@ pub use map::VectorMap;
 pub(crate) use solve::AxisBuffers;
 pub use solve::VectorWorkspace;
 
+use crate::Covariance;
 use palpate_core::quantity::Place;
 
 /// Axis of the force into the specimen; 0 and 1 are along x and y.
@@ -63,6 +64,15 @@ impl VectorCovariance {
     /// Returns the one-sigma error of each component.
     pub fn sd(&self) -> [f64; 5] {
         std::array::from_fn(|i| self.0[i][i].max(0.0).sqrt())
+    }
+
+    /// Returns the mean errors of the location (mm), of the force into the specimen and of the shear vector (N), of an answer without
+    /// bias.
+    pub fn mean_errors(&self) -> [f64; 3] {
+        let c = &self.0;
+        let pair = |i: usize| Covariance([[c[i][i], c[i][i + 1], 0.0], [c[i + 1][i], c[i + 1][i + 1], 0.0], [0.0; 3]]);
+        let press = Covariance([[0.0; 3], [0.0; 3], [0.0, 0.0, c[4][4]]]);
+        [pair(0).mean_distance_mm(), press.mean_force_error_n(), pair(2).mean_distance_mm()]
     }
 
     /// Returns the root mean square of the error of the shear vector, N.
