@@ -17,7 +17,7 @@ struct Answered {
     errors: Means,
     /// Least errors of an unbiased method that knows the array.
     bounds: Means,
-    /// Shares of x, y, shear along x, along y, and press within their stated errors of 68 and 95 %.
+    /// Shares of x, y, shear along x, along y, and press within their stated errors of 68 and 95 %; for the shear, of the stated ones.
     within: [[f64; 5]; 2],
     not_determinable: f64,
     us: f64,
@@ -38,7 +38,8 @@ fn answered(scene: &mut VectorScene, map: &VectorMap, tests: usize) -> Answered 
             Shear::Force(shear_n) => shear_n,
             Shear::NotDeterminable { .. } => [0.0; 2],
         };
-        found.not_determinable += each * f64::from(u8::from(matches!(contact.shear, Shear::NotDeterminable { .. })));
+        let is_shown = matches!(contact.shear, Shear::Force(_));
+        found.not_determinable += each * f64::from(u8::from(!is_shown));
         let off = [
             contact.place.x_mm - place.x_mm,
             contact.place.y_mm - place.y_mm,
@@ -49,12 +50,18 @@ fn answered(scene: &mut VectorScene, map: &VectorMap, tests: usize) -> Answered 
         let errors = [off[0].hypot(off[1]), off[4].abs(), off[2].hypot(off[3])];
         found.errors.iter_mut().zip(errors).for_each(|(sum, error)| *sum += each * error);
         for (within, sds) in found.within.iter_mut().zip([0.9945, 1.9600]) {
-            let is_within = off.iter().zip(contact.covariance.sd()).map(|(off, sd)| off.abs() <= sds * sd);
+            let is_within = off
+                .iter()
+                .zip(contact.covariance.sd())
+                .enumerate()
+                .map(|(i, (off, sd))| (!(2..4).contains(&i) || is_shown) && off.abs() <= sds * sd);
             within.iter_mut().zip(is_within).for_each(|(sum, is)| *sum += each * f64::from(u8::from(is)));
         }
         let bound = known.bound(place, force_n).expect("a bound");
         found.bounds.iter_mut().zip(bound.mean_errors()).for_each(|(sum, bound)| *sum += each * bound);
     }
+    let shown = (1.0 - found.not_determinable).max(each);
+    found.within.iter_mut().for_each(|within| within[2..4].iter_mut().for_each(|share| *share /= shown));
     found
 }
 
