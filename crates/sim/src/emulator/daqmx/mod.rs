@@ -337,16 +337,21 @@ impl InputWiring {
         if reads(&|input| taxels.contains(&input)) {
             scene.outputs(now_s, &mut outputs);
         }
-        let cell_v = match &self.cell {
-            _ if !reads(&|input| self.cell_inputs.contains(&input)) => Vec::new(),
-            EmulatedCell::OneAxis(volts_per_newton) => vec![scene.load_cell_n(now_s) * volts_per_newton],
+        let (one_v, axes_v): ([f64; 1], Vec<f64>);
+        let cell_v: &[f64] = match &self.cell {
+            _ if !reads(&|input| self.cell_inputs.contains(&input)) => &[],
+            EmulatedCell::OneAxis(volts_per_newton) => {
+                one_v = [scene.load_cell_n(now_s) * volts_per_newton];
+                &one_v
+            }
             EmulatedCell::Axes(inputs) => {
                 let forces_n = scene.load_cell_axes_n(now_s);
                 let volts = |input: &[f64; 3]| input.iter().zip(forces_n).map(|(volts, force_n)| volts * force_n).sum();
-                inputs.iter().map(volts).collect()
+                axes_v = inputs.iter().map(volts).collect();
+                &axes_v
             }
         };
-        let input_v = |input: u32| match self.cell_inputs.iter().zip(&cell_v).find(|(own, _)| **own == input) {
+        let input_v = |input: u32| match self.cell_inputs.iter().zip(cell_v).find(|(own, _)| **own == input) {
             Some((_, volts)) => *volts,
             None if taxels.contains(&input) => outputs[(input - taxels.start) as usize] * VOLTS_PER_UNIT,
             None => 0.0,
