@@ -55,10 +55,10 @@ pub struct EvaluateOptions {
     #[command(flatten)]
     pub holdout: HoldoutOptions,
     /// Leave out the presses of each value of this column in turn, and solve three components of the force without a place
-    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept"])]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept", "solver", "constant_load", "quantity", "save"])]
     pub folds_by: Option<String>,
     /// Solve the place and three components of the force, from presses and drags
-    #[arg(long, conflicts_with_all = ["holdout", "folds_by", "accept", "quantity", "constant_load"])]
+    #[arg(long, conflicts_with_all = ["holdout", "folds_by", "accept", "solver", "quantity", "constant_load", "save"])]
     pub vector: bool,
     /// Meaning of the columns of tables.
     #[command(flatten)]
@@ -128,10 +128,18 @@ pub fn evaluate(options: &EvaluateOptions, note: Note<'_>) -> Result<Evaluated, 
             vectors::evaluated(named.map(|path| path.map(PathBuf::as_path)), &options.columns.mapping()?, note)?;
         return Ok(Evaluated { vector: Some(errors), ..Evaluated::default() });
     }
+    if options.folds_by.is_some() && options.run.len() != 1 {
+        let help = "name one table or run: palpate evaluate trials.csv --folds-by trial";
+        return Err(Failure::usage(miette::miette!(help = help, "--folds-by leaves out groups of one table or run")));
+    }
     if let ([source], []) = (options.run.as_slice(), options.holdout.holdout.as_slice())
-        && source.exists()
+        && (source.exists() || options.folds_by.is_some() && is_stdin(source))
         && let Some(forces) = forces::evaluated(source, options.folds_by.as_deref(), &options.columns, note)?
     {
+        if options.accept.rule()?.is_some() {
+            let help = "remove --accept: errors of force vectors have no rule";
+            return Err(Failure::usage(miette::miette!(help = help, "--accept judges places and forces of presses")));
+        }
         return Ok(Evaluated { forces: Some(forces), ..Evaluated::default() });
     }
     let accept = &options.accept;

@@ -10,6 +10,9 @@ use std::path::Path;
 /// Number of parts in which rows are left out, in their order, if nothing groups them.
 const BLOCKS: usize = 5;
 
+/// Number of rows from which a note announces that it takes long.
+const MANY_ROWS: usize = 5000;
+
 /// Column name of the groups in a run.
 const GROUP: &str = "group";
 
@@ -35,6 +38,9 @@ pub(super) fn evaluated(
     }
     let presses = if is_run {
         let (recorded, _) = read_run(source, &|_| {})?;
+        if folds_by.is_none() && recorded.manifest.facts.imported.is_none() {
+            return Ok(None);
+        }
         if let Some(folds_by) = folds_by {
             check_group(recorded.texts.columns(), folds_by)?;
         }
@@ -58,6 +64,9 @@ pub(super) fn evaluated(
         let help = "import the table with `group` in its columns file";
         return Err(Failure::usage(miette::miette!(help = help, "{}: its presses have no groups", source.display())));
     }
+    if used.len() > MANY_ROWS {
+        note(&format!("note: {} rows: the regressions take some minutes", used.len()));
+    }
     let size = used.len().div_ceil(BLOCKS);
     let group = |(row, press): (usize, &&Press)| press.group.map_or((row / size) as u64, |group| group as u64);
     let rows = used.iter().enumerate().map(|(row, press)| {
@@ -65,7 +74,7 @@ pub(super) fn evaluated(
         (press.outputs.as_slice(), force_n, group((row, press)))
     });
     let errors = ForceTable::new(rows).and_then(|table| evaluate_forces(&table)).map_err(|error| {
-        let help = "a group is left out as a whole: name a column with at least two values";
+        let help = "a group is left out as a whole: name a column with several values, and enough rows without each";
         Failure::usage(miette::miette!(help = help, "{}: {error}", source.display()))
     })?;
     let left_out = match (folds_by, is_grouped) {

@@ -8,7 +8,7 @@ use palpate_core::quantity::{ArrayLayout, Place};
 use palpate_data::dataset::readings::{LineContent, Reading, Readings, StreamLines};
 use palpate_data::dataset::{Mapping, Press, Presses};
 use palpate_data::recipe::Phase;
-use palpate_solver::vector::{DraggedRow, VectorErrors, VectorMap, VectorRow, VectorWorkspace};
+use palpate_solver::vector::{DraggedRow, VectorError, VectorErrors, VectorMap, VectorRow, VectorWorkspace};
 use serde_json::{Map, Value};
 use std::collections::HashMap;
 use std::io::{self, BufWriter, Read, Write};
@@ -27,6 +27,10 @@ pub(super) fn evaluated(
         return Err(Failure::usage(miette::miette!("--vector needs a run, or two tables")));
     };
     let [calibration, test] = match test {
+        Some(_) if calibration.is_dir() => {
+            let help = "a run has its own test presses: name it alone";
+            return Err(Failure::usage(miette::miette!(help = help, "--vector needs a run, or two tables")));
+        }
         Some(test) => [read_presses(calibration, mapping, None, note)?, read_presses(test, mapping, None, note)?],
         None if calibration.is_dir() => {
             let (recorded, _) = read_run(calibration, note)?;
@@ -46,12 +50,17 @@ pub(super) fn evaluated(
 
 /// Fits presses and drags.
 fn fitted(calibration: &Presses, note: Note<'_>) -> Result<VectorMap, Failure> {
-    let pressed = pressed_places(&calibration.presses);
-    let dragged = |press| {
-        let row = row(press)?;
-        Some(DraggedRow { pressed: pressed.get(&press.press).copied().unwrap_or(row.place), row })
+    // a press is before its drag; another session may use its number again
+    let mut pressed: HashMap<u64, Place> = HashMap::new();
+    let dragged = |press: &'_ Press| {
+        if !press.is_dragged() {
+            pressed.insert(press.press, press.place());
+        }
+        pressed.get(&press.press).copied().unwrap_or(press.place())
     };
-    let rows: Vec<DraggedRow<'_>> = calibration.presses.iter().filter_map(dragged).collect();
+    let places: Vec<Place> = calibration.presses.iter().map(dragged).collect();
+    let with_place = |(press, pressed)| Some(DraggedRow { pressed, row: row(press)? });
+    let rows: Vec<DraggedRow<'_>> = calibration.presses.iter().zip(places).filter_map(with_place).collect();
     if rows.is_empty() {
         let help =
             "a load cell with three axes records them, see `axes` of [load_cell]; a table names them in --columns";
@@ -59,11 +68,17 @@ fn fitted(calibration: &Presses, note: Note<'_>) -> Result<VectorMap, Failure> {
         return Err(Failure::usage(miette::miette!(help = help, "{text}")));
     }
     let map = VectorMap::fit_dragged(&rows).map_err(|error| {
-        let help = "drag in at least two directions at each place: `drag` of a step of the recipe";
+        let help = match error {
+            VectorError::TooFewPlaces { .. } => "press more places, over the whole area",
+            _ => "record presses and drags with a load cell with three axes: `drag` of a step of the recipe",
+        };
         Failure::usage(miette::miette!(help = help, "{}: {error}", calibration.source))
     })?;
     if !map.knows_shear() {
-        note("note: no drags show the effect of a force along x and y: only the press is solved");
+        note(
+            "note: no drags show the effect of a force along x and along y: only the press is solved, and its stated errors are those \
+             without a force along the surface",
+        );
     }
     Ok(map)
 }
@@ -93,7 +108,7 @@ pub fn solve_vectors(
     let solver = VectorSolver::new(&map, &layout);
     let mut lines = StreamLines::new(SOURCE, readings);
     let mut readings = Readings::new(SOURCE, map.outputs(), options.input.map(Into::into), mapping);
-    let mut answers = Lines { to: BufWriter::new(contacts), json: options.json, is_first: true };
+    let mut answers = Lines { to: BufWriter::new(contacts), json: options.json, is_first: true, labels: [false; 2] };
     let mut workspace = VectorWorkspace::default();
     let end = loop {
         let Some(line) = lines.read_next().map_err(Failure::usage)? else { break Ok(()) };
@@ -132,6 +147,8 @@ struct Lines<W: Write> {
     to: BufWriter<W>,
     json: bool,
     is_first: bool,
+    /// Whether answers have the columns id and t_s. The first reading decides it.
+    labels: [bool; 2],
 }
 
 impl<W: Write> Lines<W> {
@@ -144,11 +161,19 @@ impl<W: Write> Lines<W> {
                 labels.chain(fields).map(|(name, value)| (name.to_owned(), value)).collect();
             return writeln!(self.to, "{}", Value::Object(object));
         }
+        let labels = [("id", &reading.id), ("t_s", &reading.t_s)];
+        if self.is_first {
+            self.labels = labels.map(|(_, value)| value.is_some());
+        }
+        let labels = labels.into_iter().zip(self.labels).filter(|(_, is_there)| *is_there);
+        let labels = labels.map(|((name, value), _)| (name, value.clone().unwrap_or_default()));
+        let fields: Vec<(&str, Value)> = labels.chain(fields).collect();
         if std::mem::take(&mut self.is_first) {
             writeln!(self.to, "{}", fields.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(","))?;
         }
         let cell = |value: &Value| match value {
             Value::Null => String::new(),
+            Value::String(text) if text.contains([',', '"', '\n']) => format!("\"{}\"", text.replace('"', "\"\"")),
             Value::String(text) => text.clone(),
             number => number.to_string(),
         };
@@ -161,12 +186,6 @@ fn of_phase(all: &Presses, phase: Phase) -> Presses {
     let mut presses = all.clone();
     presses.presses.retain(|press| press.phase == Some(phase));
     presses
-}
-
-/// Returns where each press was before its drag.
-fn pressed_places(presses: &[Press]) -> HashMap<u64, Place> {
-    let before = presses.iter().filter(|press| !press.is_dragged());
-    before.map(|press| (press.press, press.place())).collect()
 }
 
 /// Returns the row of a press without a fault.

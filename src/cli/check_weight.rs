@@ -2,6 +2,7 @@
 
 use super::rig_file::{check_text, replace};
 use super::summary::tell;
+use super::tables::filled;
 use crate::api::Failure;
 use jiff::ZonedDateTime;
 use miette::IntoDiagnostic;
@@ -130,7 +131,7 @@ pub(super) fn ask(what: Ask) {
                 (_, true) => "hang the weight from the tip",
                 (_, false) => "put the weight on the tip",
             };
-            tell(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
+            tell(&filled(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s"), "  "))
         }
         Ask::TakeOff(time) => {
             tell(&format!("take the weight off ({time} of {WEIGHT_TIMES}): waiting up to {wait_s} s\n"))
@@ -161,6 +162,13 @@ pub(super) fn concluded_axes(
             "",
             100.0 * CROSSTALK_MOST
         );
+    }
+    let gains = [0, 1, 2].map(|axis| found.along[axis][axis]);
+    if let Some(axis) = (0..3).find(|axis| (gains[*axis] - 1.0).abs() > GAIN_OFF_MOST) {
+        let help = "check `axes` of [load_cell], its matrix and its unit; nothing was written";
+        let text = format!("a force of 1 N along {} reads {:.3} N on its own axis", AXES[axis], gains[axis]);
+        tell(&lines)?;
+        return Err(Failure::untrusted(miette::miette!(help = help, "checking the axes of the load cell: {text}")));
     }
     if invented {
         return Ok((lines + "not written: it is that of a simulated load cell\n", found));

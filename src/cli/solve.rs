@@ -35,7 +35,8 @@ With --vector, an answer has x_mm, y_mm, force_x_n, force_y_n, force_n and their
 standard deviations. Where the outputs can't show the force along x and y, it is
 blank, and shear_bound_n is its expected error. The verdict is ok, shear-unknown,
 two-contacts (the other is second_...), two-not-separable, unit-fault,
-not-one-contact, or both of two causes that explain the reading as well.
+not-one-contact, or both of two causes that explain the reading as well; unsolved
+if a channel is missing.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
 solved by the same method fitted without that channel; at most 16 such fits are

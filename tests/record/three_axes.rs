@@ -80,3 +80,24 @@ fn crosstalk_is_measured_and_enters_the_uncertainty_of_each_axis() {
     let refused = one_axis.palpate_ends(2, &format!("{doctor} --three-axes"));
     assert!(refused.err.contains("--three-axes: the load cell has one axis"), "{}", refused.err);
 }
+
+#[test]
+fn a_mirrored_axis_is_found_by_a_weight_along_it_and_nothing_is_written() {
+    let rig = exchanged(&rig_with_three_axes(), "noise_n = 0.003", "noise_n = 0.003, sideways = \"mirrored\"");
+    let bench = TestFolder::with([("rig.toml", rig.as_str())]);
+    let output = bench.palpate_ends(4, "doctor rig.toml --check-weight-n 0.5 --check-weight-u-n 0.0005 --three-axes");
+    assert!(output.err.contains("a force of 1 N along x reads -1.0"), "{}", output.err);
+    assert!(output.err.lines().all(|line| line.chars().count() <= 80), "{}", output.err);
+    assert!(!bench.read("rig.toml").contains("axes_check"));
+}
+
+/// Presses at one place have the characteristics of a run, not a regression of their forces.
+#[test]
+fn a_run_at_one_place_is_evaluated_as_a_run() {
+    let recipe = "name = \"staircase\"\n[[step]]\nphase = \"characterisation\"\nlist = { places_mm = [[0.0, 0.0]] }\n\
+                  staircase = { to_n = 1.0, step_n = 0.25, repeats = 4, rest_s = 0.0 }\n";
+    let bench = TestFolder::with([("one.toml", recipe), ("rig.toml", rig_with_three_axes().as_str())]);
+    bench.palpate_ends(0, "run one.toml --rig rig.toml --simulate --out run --evaluate recipe");
+    let out = bench.palpate_ends(0, "evaluate run").out;
+    assert!(!out.contains("force vector"), "{out}");
+}

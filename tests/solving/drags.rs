@@ -117,6 +117,10 @@ fn solve_answers_with_a_force_vector_with_two_contacts_and_with_a_broken_unit() 
     }
     let named = two.iter().filter(|answer| answer["verdict"] == "two-contacts").count();
     assert!(10 * named >= 8 * two.len() && two.len() > 5, "{named} of {}: {two:?}", two.len());
+    let labelled = "id,t_s,".to_owned() + &(1..=27).map(|i| format!("out_{i}")).collect::<Vec<_>>().join(",");
+    let reading = outputs(tests[0]).iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let csv = bench.palpate_reads("solve --vector --calibration run", &format!("{labelled}\n\"a,b\",0.5,{reading}\n"));
+    assert!(csv.out.starts_with("id,t_s,x_mm,") && csv.out.contains("\n\"a,b\",0.5,"), "{}", csv.out);
     let named = broken.iter().filter(|answer| answer["verdict"] == "unit-fault" && answer["unit"] == 5).count();
     assert!(10 * named >= 6 * broken.len(), "{named} of {}: {broken:?}", broken.len());
 }

@@ -52,6 +52,8 @@ fn what_names_no_groups_or_no_forces_is_refused() {
     let columns = COLUMNS.replace("a..c", "a1..a3");
     let bench = bench();
     bench.palpate_ends(0, &format!("import table.csv --columns {columns} --out run"));
+    // one row of another trial
+    bench.write("few.csv", &bench.read("table.csv").lines().take(62).collect::<Vec<_>>().join("\n"));
     for (line, text) in [
         (format!("evaluate table.csv --columns {columns} --folds-by trail"), "column `trail` is missing"),
         (
@@ -59,6 +61,13 @@ fn what_names_no_groups_or_no_forces_is_refused() {
             "cannot be used with",
         ),
         ("evaluate run --folds-by trial".to_owned(), "this run has no groups"),
+        (
+            format!("evaluate table.csv table.csv --columns {columns} --folds-by trial"),
+            "leaves out groups of one table or run",
+        ),
+        (format!("evaluate table.csv --columns {columns} --accept none.toml"), "none.toml"),
+        (format!("evaluate table.csv --columns x_mm=X,{columns} --folds-by trial"), "column `X` is missing"),
+        (format!("evaluate few.csv --columns {columns} --folds-by trial"), "also without each group"),
         (format!("fit table.csv --columns {columns} --out model.palpate"), "240 calibration presses at 1 place"),
     ] {
         let refused = bench.palpate_ends(2, &line);

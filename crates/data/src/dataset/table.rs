@@ -155,13 +155,15 @@ impl KnownColumns {
         let is_of_run = !mapping.is_given
             && COLUMNS.iter().filter(|column| matches!(column.presence, Presence::Run | Presence::OfRun)).all(is_there);
         let mut found = Vec::new();
+        // a force with three components can be solved without a place; a place that was named must be there
+        let has_no = |column: &str| mapping.name_of(column) == Some(column) && header.optional(column).is_none();
+        let lacks_places = mapping.has_force_vector() && has_no("x_mm") && has_no("y_mm");
         for column in COLUMNS {
             let given = mapping.name_of(column.name);
             let name = given.unwrap_or(column.name);
             let at = match column.presence {
                 _ if column.name == OUTPUTS => Some(header.outputs(mapping.output_names())?),
-                // a force with three components can be solved without a place
-                Presence::Needed if mapping.has_force_vector() && header.optional(name).is_none() => None,
+                Presence::Needed if lacks_places => None,
                 Presence::Needed => Some(vec![header.needed(column.name, name)?]),
                 Presence::Optional | Presence::OfRun | Presence::ThreeAxes if given.is_some() => {
                     Some(vec![header.needed(column.name, name)?])

@@ -4,15 +4,14 @@ use super::ForceTable;
 use std::collections::BTreeMap;
 
 /// Returns positions in `rows` in at most `most` parts. Each part has whole groups, and the parts have about equally many rows. The rows of a
-/// single group are cut into parts in their order.
-pub(super) fn folds(table: &ForceTable, rows: &[usize], most: usize) -> Vec<Vec<usize>> {
+/// single group are cut into parts in their order; so are all rows if groups may be divided and one has more than half of the rows.
+pub(super) fn folds(table: &ForceTable, rows: &[usize], most: usize, must_be_whole: bool) -> Vec<Vec<usize>> {
     let mut groups: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (at, &row) in rows.iter().enumerate() {
         groups.entry(table.groups[row]).or_default().push(at);
     }
     if groups.len() == 1 {
-        let size = rows.len().div_ceil(most);
-        return (0..rows.len()).collect::<Vec<_>>().chunks(size).map(<[usize]>::to_vec).collect();
+        return blocks(rows.len(), most);
     }
     let mut groups: Vec<Vec<usize>> = groups.into_values().collect();
     groups.sort_by_key(|group| std::cmp::Reverse(group.len()));
@@ -22,7 +21,14 @@ pub(super) fn folds(table: &ForceTable, rows: &[usize], most: usize) -> Vec<Vec<
             smallest.extend(group);
         }
     }
-    parts
+    // one group may be nearly everything: too little would remain to fit
+    let largest = parts.iter().map(Vec::len).max().unwrap_or(0);
+    if must_be_whole || 2 * largest <= rows.len() { parts } else { blocks(rows.len(), most) }
+}
+
+/// Returns positions of rows in parts, in their order.
+fn blocks(rows: usize, most: usize) -> Vec<Vec<usize>> {
+    (0..rows).collect::<Vec<_>>().chunks(rows.div_ceil(most).max(1)).map(<[usize]>::to_vec).collect()
 }
 
 /// Returns the rows that aren't in a part.

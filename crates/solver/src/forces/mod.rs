@@ -52,7 +52,7 @@ pub struct ForceTable {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ForceTableError {
     /// Too few rows.
-    #[error("{rows} rows have a force vector, at least {ROWS_LEAST} are needed")]
+    #[error("{rows} rows have a force vector, at least {ROWS_LEAST} are needed, also without each group")]
     TooFew {
         /// Number of rows.
         rows: usize,
@@ -60,6 +60,9 @@ pub enum ForceTableError {
     /// Nothing to leave out.
     #[error("all rows are of one group, so none can be left out")]
     OneGroup,
+    /// No output changes.
+    #[error("no output changes, so nothing shows the force")]
+    Constant,
     /// A number isn't finite, or a row has another number of outputs.
     #[error("row {row} has another number of outputs, or a number that isn't finite")]
     Row {
@@ -89,6 +92,9 @@ impl ForceTable {
         }
         if table.forces_n.len() < ROWS_LEAST {
             return Err(ForceTableError::TooFew { rows: table.forces_n.len() });
+        }
+        if (1..table.rows()).all(|row| table.row(row) == table.row(0)) {
+            return Err(ForceTableError::Constant);
         }
         Ok(table)
     }
@@ -154,7 +160,7 @@ impl ForceRegression {
 
     fn fit_rows(table: &ForceTable, rows: &[usize]) -> ForceRegression {
         let features = Features::of(table, rows);
-        let parts = folds(table, rows, INNER_FOLDS);
+        let parts = folds(table, rows, INNER_FOLDS, false);
         let fold = Fold::of(&features, table, rows, &parts);
         let (linear, linear_left_out) = fold.fit(true);
         let (quadratic, quadratic_left_out) = fold.fit(false);
@@ -219,7 +225,11 @@ pub fn evaluate_forces(table: &ForceTable) -> Result<ForceEvaluation, ForceTable
     if table.groups.iter().all(|group| *group == table.groups[0]) {
         return Err(ForceTableError::OneGroup);
     }
-    let parts = folds(table, &all, OUTER_FOLDS);
+    let parts = folds(table, &all, OUTER_FOLDS, true);
+    let rows = parts.iter().map(|part| all.len() - part.len()).min().unwrap_or(0);
+    if rows < ROWS_LEAST {
+        return Err(ForceTableError::TooFew { rows });
+    }
     let mut errors: Vec<Vec<[f64; 3]>> = vec![Vec::with_capacity(table.rows()); METHODS.len() + 1];
     for part in &parts {
         let regression = ForceRegression::fit_rows(table, &without(&all, part));

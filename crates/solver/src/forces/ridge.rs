@@ -11,6 +11,9 @@ const RIDGES: [f64; 9] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
 /// quadratic regression then uses the squares alone.
 const PRODUCTS_MOST: usize = 40;
 
+/// Number of rows whose features are in memory at once.
+const ROWS_AT_ONCE: usize = 2048;
+
 /// Outputs scaled to mean 0 and standard deviation 1, and features made of them.
 pub(super) struct Features {
     means: Vec<f64>,
@@ -24,7 +27,7 @@ impl Features {
         let means: Vec<f64> = (0..table.channels).map(|i| sum(&|row| table.row(row)[i]) / count).collect();
         let over_sd = means.iter().enumerate().map(|(i, mean)| {
             let variance = sum(&|row| (table.row(row)[i] - mean).powi(2)) / count;
-            if variance > 1e-18 * (1.0 + mean * mean) { 1.0 / variance.sqrt() } else { 0.0 }
+            if variance > 1e-18 * mean * mean && variance.is_normal() { 1.0 / variance.sqrt() } else { 0.0 }
         });
         Features { over_sd: over_sd.collect(), means }
     }
@@ -141,12 +144,17 @@ impl<'a> Fold<'a> {
     }
 
     fn sums(&self, part: &[usize], is_linear: bool) -> Sums {
-        let rows: Vec<Vec<f64>> = part.iter().map(|&at| self.of_row(self.rows[at], is_linear)).collect();
-        let width = rows.first().map_or(0, Vec::len);
-        let matrix = Mat::from_fn(rows.len(), width, |row, feature| rows[row][feature]);
-        let forces = Mat::from_fn(rows.len(), 3, |row, i| self.table.forces_n[self.rows[part[row]]][i]);
-        let (products, with_forces) = (matrix.transpose() * &matrix, matrix.transpose() * &forces);
-        Sums { products, with_forces, rows: rows.len() as f64 }
+        let width = part.first().map_or(0, |&at| self.of_row(self.rows[at], is_linear).len());
+        let mut sums = Sums { products: Mat::zeros(width, width), with_forces: Mat::zeros(width, 3), rows: 0.0 };
+        for part in part.chunks(ROWS_AT_ONCE) {
+            let rows: Vec<Vec<f64>> = part.iter().map(|&at| self.of_row(self.rows[at], is_linear)).collect();
+            let matrix = Mat::from_fn(rows.len(), width, |row, feature| rows[row][feature]);
+            let forces = Mat::from_fn(rows.len(), 3, |row, i| self.table.forces_n[self.rows[part[row]]][i]);
+            sums.products += matrix.transpose() * &matrix;
+            sums.with_forces += matrix.transpose() * &forces;
+            sums.rows += rows.len() as f64;
+        }
+        sums
     }
 }
 

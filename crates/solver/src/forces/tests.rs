@@ -45,13 +45,17 @@ fn a_bent_response_needs_more_than_the_linear_regression() {
 
 #[test]
 fn rows_that_say_nothing_are_refused_and_a_dead_output_is_ignored() {
-    let rows =
-        |count: usize, group: u64| (0..count).map(move |_| ([0.0, 1.0], [0.0, 0.0, 1.0], group)).collect::<Vec<_>>();
+    let rows = |count: usize, group: u64| {
+        (0..count).map(move |row| ([0.0, (row % 2) as f64], [0.0, 0.0, 1.0], group)).collect::<Vec<_>>()
+    };
     let new = |rows: &[([f64; 2], [f64; 3], u64)]| {
         ForceTable::new(rows.iter().map(|(outputs, force_n, group)| (outputs.as_slice(), *force_n, *group)))
     };
     assert_eq!(new(&rows(5, 0)).unwrap_err(), ForceTableError::TooFew { rows: 5 });
     assert_eq!(evaluate_forces(&new(&rows(50, 0)).unwrap()).unwrap_err(), ForceTableError::OneGroup);
+    assert_eq!(new(&[([0.0, 1.0], [0.0; 3], 0); 40]).unwrap_err(), ForceTableError::Constant);
+    let one_more = [rows(40, 0), rows(1, 1)].concat();
+    assert_eq!(evaluate_forces(&new(&one_more).unwrap()).unwrap_err(), ForceTableError::TooFew { rows: 1 });
     let mut infinite = rows(50, 0);
     infinite[7].0[1] = f64::NAN;
     assert_eq!(new(&infinite).unwrap_err(), ForceTableError::Row { row: 7 });
