@@ -54,7 +54,7 @@ pub struct EvaluateOptions {
     /// Presses that are held out as the test.
     #[command(flatten)]
     pub holdout: HoldoutOptions,
-    /// Leave out the presses of each value of this column in turn, and solve three components of the force without a place
+    /// Solve force vectors without places, and leave out each value of this column in turn
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["holdout", "calibration", "test", "accept", "solver", "constant_load", "quantity", "save"])]
     pub folds_by: Option<String>,
     /// Solve the place and three components of the force, from presses and drags

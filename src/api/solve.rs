@@ -25,7 +25,7 @@ pub struct SolveOptions {
     /// A sensor file, written by `palpate fit`
     #[arg(long, value_name = "FILE", conflicts_with_all = FITTED_BEFORE)]
     pub model: Option<PathBuf>,
-    /// Answer with the place and three components of the force, or with two contacts, by presses and drags of the calibration
+    /// Answer with force vectors or two contacts, from presses and drags
     #[arg(long, requires = "calibration", conflicts_with_all = ["model", "keep_going", "solver", "constant_load", "quantity", "common_offset", "false_alarms", "forces_n"])]
     pub vector: bool,
     /// Input format [default: detected from the first character]

@@ -45,7 +45,7 @@ pub(super) struct WeightArgs {
     /// The weight hangs from the tip and acts against the direction of contact
     #[arg(long, requires = "check_weight_n")]
     pull: bool,
-    /// Then let the weight act along x and along y too, and measure the crosstalk of a cell with three axes
+    /// Then measure along x and along y too: the crosstalk of three axes
     #[arg(long, requires = "check_weight_n")]
     pub three_axes: bool,
     /// From now on, divide readings by the gain that this check measures

@@ -24,9 +24,9 @@ Examples:
   palpate doctor rigs/paper.toml --json
   palpate doctor rigs/esp301.toml --check-weight-n 0.5 --check-weight-u-n 0.0005
 
-With a check weight, palpate asks three times to put the weight on the tip and to take it off; the load
-cell detects both. The result is written to `check` in the rig's [load_cell]. Readings are
-adjusted only with --adjust. With --three-axes the weight then acts along x and along y.
+With a check weight, palpate asks three times to put the weight on the tip and to
+take it off; the load cell detects both. The result is written to `check` in the
+rig's [load_cell]. With --three-axes the weight then acts along x and along y.
 
 Homes axes that aren't homed (z first, away from the specimen) and moves to the clear height.
 Then the load cell must show that it measures force: with --finger or a check weight. `palpate align` shows it too.

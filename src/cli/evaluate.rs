@@ -24,20 +24,12 @@ Examples:
 The files of example/ are written by `palpate init example --from example`.
 
 Tables have the columns x_mm, y_mm and out_1..out_n, optionally force_n or
-depth_mm. If the calibration has depth_mm and no force_n, depths are solved
-instead of forces; --quantity depth does so with both. If it has neither, the method uses only the proportions of the
-outputs of each press, and evaluates only the location errors of the test.
-With --constant-load, every press then counts as 1 N.
+depth_mm. Without force_n, depths are solved; without both, only the proportions
+of the outputs are used, and only location errors are evaluated.
 
 With --holdout, one table or the calibration of a run is split first. The method
-is chosen and fitted with the calibration part only. A grid keeps its outermost
-places in the calibration. The verdict is then not decided, unless the rule has
-`holdout = true`. The saved parts give the same errors:
-palpate evaluate parts/calibration.csv parts/test.csv, with --columns if the
-folder has a columns file.
-
-With --vector, a run with drags on a load cell of three axes gives the errors of
-the place and of the force along x, y and the press.
+is chosen and fitted with the calibration part only. The verdict is then not
+decided, unless the rule has `holdout = true`.
 
 With three columns of forces and no places, the force vector is solved: without
 each group of --folds-by in turn, or without each fifth of the rows.

@@ -22,33 +22,24 @@ half-widths half68_... and half95_... that contain 68 and 95 % of the errors,
 other_x_mm and other_y_mm if another place fits nearly as well, misfit
 (above 1: not a single contact) and verdict: ok, weak-signal,
 outside-area, not-one-contact, channel-fault (unit: which output), or unsolved
-if the reading has no answer. With a table without force_n, only proportions are
-calibrated: force_n and its errors are then blank. relative_force is relative to
-the typical press of the table, with half68_relative_force and
-half95_relative_force, which are blank if the method has none. With a
-calibration by depth, an answer has depth_mm, sd_depth_mm, half68_depth_mm and
-half95_depth_mm instead of those of the force. If a second method is fitted,
-load shows which one answered: calibrated (it assumes the load of the
-calibration, which the reading has), or any.
+if the reading has no answer. With a table without force_n, force_n is blank, and
+relative_force is relative to the typical press of the table. With a calibration
+by depth, depth_mm to half95_depth_mm replace those of the force. If a second method is fitted, load shows
+which one answered: calibrated (it assumes the load of the calibration), or any.
 
-With --vector, an answer has x_mm, y_mm, force_x_n, force_y_n, force_n and their
-standard deviations. Where the outputs can't show the force along x and y, it is
-blank, and shear_bound_n is its expected error. The verdict is ok, shear-unknown,
-two-contacts (the other is second_...), two-not-separable, unit-fault,
-not-one-contact, or both of two causes that explain the reading as well; unsolved
-if a channel is missing.
+With --vector, an answer also has force_x_n and force_y_n. Where the outputs can't
+show them, the verdict is shear-unknown, and shear_bound_n is their expected
+error. Other verdicts: two-contacts (second_...), two-not-separable, unit-fault,
+or two causes that explain the reading as well.
 
 A missing channel is null or NaN, in CSV nan or an empty cell. Such a reading is
-solved by the same method fitted without that channel; at most 16 such fits are
-kept.
+solved by the same method fitted without that channel.
 
-If more contacts than expected don't fit the calibration, a line on standard
-error asks once to calibrate the sensor again.
+If too many contacts don't fit the calibration, a line on standard error asks
+once to calibrate again.
 
-An invalid line ends the program. With --keep-going, its answer is
-unsolved, with the line number and the problem (error), and the next line is
-solved. Every answer then has its line; CSV always has the columns line, id, t_s
-and error. An invalid header still ends the program.";
+An invalid line ends the program. With --keep-going, its answer is unsolved, with
+line and error. An invalid header still ends it.";
 
 /// Read outputs of the array line by line and print the contact for each
 #[derive(Debug, clap::Args)]

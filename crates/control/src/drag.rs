@@ -258,6 +258,38 @@ pub fn check_direction(way: [f64; 2], before_n: [f64; 2], after_n: [f64; 2], sig
     }
 }
 
+/// Largest force sideways per way of the drags so far, along x and along y, N/mm.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DragResponses([Option<f64>; 2]);
+
+/// Least force per way of one axis, as a fraction of the other axis'. A specimen is less different along x and y.
+const RESPONSE_LEAST: f64 = 0.1;
+
+impl DragResponses {
+    /// Adds a drag: the way that the tip went, mm, and the change of the force sideways, N. Only a drag along an axis counts.
+    ///
+    /// # Errors
+    /// A trip if one axis reads almost nothing of the drags along it.
+    pub fn add(&mut self, way: [f64; 2], change_n: [f64; 2]) -> Result<(), Trip> {
+        let way_mm = way[0].hypot(way[1]);
+        for axis in 0..2 {
+            let is_along = way[axis].abs() > 0.9 * way_mm;
+            if is_along {
+                let per_mm = (change_n[axis] / way[axis]).max(0.0);
+                self.0[axis] = Some(self.0[axis].map_or(per_mm, |largest| largest.max(per_mm)));
+            }
+        }
+        let [Some(x), Some(y)] = self.0 else { return Ok(()) };
+        let ratio = x.min(y) / x.max(y);
+        let is_alike = ratio >= RESPONSE_LEAST; // written as the positive condition, so NaN fails
+        if is_alike {
+            Ok(())
+        } else {
+            Err(Trip::new(SafetyRule::AxesDiffer, ratio, RESPONSE_LEAST, "of the other axis' force per way"))
+        }
+    }
+}
+
 /// Returns the least pressing force after a drag, N: half of that before, less what the largest slope takes away.
 pub(crate) fn least_after_n(force_n: f64, limits: &Limits, way_mm: f64) -> f64 {
     LEFT_SHARE * force_n - limits.stiffness_n_mm * SLOPE_MOST * way_mm
@@ -373,6 +405,20 @@ mod tests {
         let watch = |stops_after_s: f64| DragWatch::new(to, 0.5, 0.002, stops_after_s);
         assert_eq!(seen(&mut watch(0.0), &[0.0, 0.1, 0.2, 0.3]), Ok(false), "the mean is 0.25 N");
         assert_eq!(seen(&mut watch(0.005), &[0.0, 0.1, 0.2, 0.3]), Ok(true), "10 N/s for 5 ms are 0.05 N more");
+    }
+
+    #[test]
+    fn an_axis_that_reads_nothing_is_found_by_drags_along_both() {
+        let mut both = DragResponses::default();
+        for (way, change_n) in [([0.4, 0.0], [0.3, 0.01]), ([0.3, 0.3], [0.0; 2]), ([0.0, -0.4], [0.0, -0.1])] {
+            both.add(way, change_n).unwrap();
+        }
+        let mut dead = DragResponses::default();
+        dead.add([0.4, 0.0], [0.001, 0.0]).unwrap();
+        assert_eq!(dead.add([0.0, 0.4], [0.0, 0.3]).unwrap_err().rule, SafetyRule::AxesDiffer);
+        let mut neither = DragResponses::default();
+        neither.add([0.4, 0.0], [0.0; 2]).unwrap();
+        assert!(neither.add([0.0, 0.4], [0.0; 2]).is_err());
     }
 
     #[test]

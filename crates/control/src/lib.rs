@@ -32,7 +32,7 @@ mod watch;
 mod zero;
 
 pub use budget::{Averaged, UncertaintyBudget};
-pub use drag::{Drag, DragContext, DragLimits, DragWatch, PermittedDrag, check_direction};
+pub use drag::{Drag, DragContext, DragLimits, DragResponses, DragWatch, PermittedDrag, check_direction};
 pub use learned_curve::{LearnedCurve, Sunk};
 pub use mains::MainsInterference;
 pub use map::{ContactMap, LearnedContact, Shot};

@@ -143,8 +143,12 @@ keys! {
 }
 
 /// Differences of the axes x and y of a cell with three axes.
-pub(super) const SIDEWAYS: [(&str, SideAxes); 3] =
-    [("as stated", SideAxes::AsStated), ("swapped", SideAxes::Swapped), ("mirrored", SideAxes::Mirrored)];
+pub(super) const SIDEWAYS: [(&str, SideAxes); 4] = [
+    ("as stated", SideAxes::AsStated),
+    ("swapped", SideAxes::Swapped),
+    ("mirrored", SideAxes::Mirrored),
+    ("dead x", SideAxes::Dead),
+];
 
 keys! {
     /// `friction` of the scene.

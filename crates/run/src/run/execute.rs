@@ -9,7 +9,9 @@ use super::rig_control::AnyRigControl;
 use super::without_cell::execute_without_cell;
 use super::{Cancel, Halt, Remaining};
 use crate::rig::{OpenRig, RigSpec};
-use palpate_control::{ContactMap, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint};
+use palpate_control::{
+    ContactMap, DragResponses, LearnedOutputs, MeasuredContact, NO_LOAD_READINGS, Permit, Reaction, SetPoint,
+};
 use palpate_core::quantity::Place;
 use palpate_data::dataset::{
     Ledger, Left, NoLoad, Peaks, PressTruth, Record, RecordedCheck, RecordedContact, Retouch, SessionEnd, Status,
@@ -127,6 +129,7 @@ async fn execute_from(rig: OpenRig, job: RunJob<'_>, listener: &mut dyn Listener
                 rig_control,
                 permit,
                 map,
+                drag_responses: DragResponses::default(),
                 response,
                 reaction,
                 conditions,
@@ -235,6 +238,8 @@ pub(super) struct Runner<'a> {
     pub rig_control: AnyRigControl<'a>,
     pub permit: Permit,
     pub map: ContactMap,
+    /// Forces sideways that the drags so far have shown.
+    pub drag_responses: DragResponses,
     /// Outputs that the presses so far have shown.
     pub response: LearnedOutputs,
     pub reaction: Reaction,

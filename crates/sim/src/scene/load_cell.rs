@@ -176,6 +176,7 @@ impl LoadCellState {
             SideAxes::AsStated => [x_n, y_n],
             SideAxes::Swapped => [y_n, x_n],
             SideAxes::Mirrored => [-x_n, y_n],
+            SideAxes::Dead => [0.0, y_n],
         };
         let read_n = felt.map(|true_n| {
             let noise: f64 = StandardNormal.sample(&mut self.side_rng);

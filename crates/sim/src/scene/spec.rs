@@ -187,6 +187,8 @@ pub enum SideAxes {
     Swapped,
     /// x reads with the wrong sign.
     Mirrored,
+    /// x reads only noise.
+    Dead,
 }
 
 impl LoadCellScene {
