@@ -121,8 +121,11 @@ fn no_drag_exceeds_the_limits_of_the_whole_force_and_of_the_force_sideways() {
     let is_sound = |(_, outcome): &(&u64, &Outcome)| outcome.wrong == Wrong::Nothing;
     let sound: Vec<(&u64, &Outcome)> = seeds.iter().zip(&outcomes).filter(is_sound).collect();
     // the permit refuses a drag whose end could be over a limit, and the earliest surface that is possible bounds the depth on a steep one
+    let false_trips = sound.iter().filter(|(_, outcome)| outcome.end == "outputs-moved").count();
+    // the outputs show a touch of 2 mN that 20 readings of the cell don't
+    assert!(100 * false_trips <= sound.len(), "{false_trips} of {} sound runs", sound.len());
     let ended = |(seed, outcome): &(&u64, &Outcome)| {
-        (!matches!(outcome.end, "-" | "not-permitted" | "out-of-reach"))
+        (!matches!(outcome.end, "-" | "not-permitted" | "out-of-reach" | "outputs-moved"))
             .then(|| format!("seed {seed}: {}", outcome.end))
     };
     must_be_none(&sound.iter().filter_map(ended).collect::<Vec<_>>());

@@ -28,9 +28,8 @@ const RANGE_SHARE: f64 = 5e-4;
 const OUTPUT_SHARE: f64 = 1e-3;
 /// Number of successive readings that must show such a change.
 pub(super) const OUTPUT_LOOKS: usize = 3;
-/// Numbers of force readings that detect a light touch, the second if the first don't, and least mean above zero, in sd.
+/// Number of force readings that detect a light touch, and least mean above zero, in sd.
 const LIGHT_READINGS: u32 = 20;
-const LIGHT_READINGS_MORE: u32 = 100;
 const LIGHT_SIGMAS: f64 = 4.0;
 /// Least number of output readings without load, and largest number on the way from place to place. The largest number is that of a
 /// window.
@@ -187,13 +186,19 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         if !matches!(trip.rule, SafetyRule::SurfaceElsewhere | SafetyRule::OutputsMoved) {
             return trip;
         }
+        let Ok(sigma_n) = self.still_sigma_n().await else { return trip };
+        let most_n = self.watch.zero().noise_most_n();
+        if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
+    }
+
+    /// Noise of some more readings at rest, N.
+    async fn still_sigma_n(&mut self) -> Result<f64, Halt> {
         let mut still = NoLoadForces { open: true, ..NoLoadForces::default() };
         for _ in 0..LIGHT_READINGS {
-            let Ok(reading) = self.sound_reading().await else { return trip };
+            let reading = self.sound_reading().await?;
             still.take(Instant::now(), &reading);
         }
-        let (sigma_n, most_n) = (still.sigma_n(), self.watch.zero().noise_most_n());
-        if sigma_n > most_n { Trip::new(SafetyRule::Noisy, sigma_n, most_n, "N") } else { trip }
+        Ok(still.sigma_n())
     }
 
     /// Time used by the parts of a press, s.
@@ -225,7 +230,12 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
             self.take(&reading, force_n);
         }
         self.no_load.open = false;
-        let sigma_n = self.no_load.sigma_n();
+        let (sigma_n, most_n) = (self.no_load.sigma_n(), self.watch.zero().noise_most_n());
+        let (rest_n, jump_n) = self.no_load.sigma_without_jump_n();
+        // one jump may be the first reading of a noise
+        if sigma_n > most_n && rest_n <= most_n && self.still_sigma_n().await? <= most_n {
+            return Err(Trip::new(SafetyRule::ZeroDrifted, jump_n, most_n, "N").into());
+        }
         let newest = self.no_load.readings.back().map_or(self.began, |(at, ..)| *at);
         let before = |at: Instant| -(newest - at).as_secs_f64();
         let readings: Vec<(f64, f64)> = self.no_load.readings.iter().map(|&(at, n, _)| (before(at), n)).collect();
@@ -298,6 +308,14 @@ impl NoLoadForces {
         let following = self.readings.iter().skip(1);
         let squares: f64 = self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2)).sum();
         (squares / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
+    }
+
+    /// The same without the largest difference, which is returned too: a zero that jumps once isn't noise.
+    fn sigma_without_jump_n(&self) -> (f64, f64) {
+        let following = self.readings.iter().skip(1);
+        let squares = self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2));
+        let (sum, largest) = squares.fold((0.0, 0.0f64), |(sum, largest), square| (sum + square, largest.max(square)));
+        (((sum - largest).max(0.0) / (2.0 * f64::from(self.count().max(3) - 2))).sqrt(), largest.sqrt())
     }
 
     fn take(&mut self, now: Instant, reading: &ForceReading) {
@@ -393,11 +411,9 @@ impl<'a, S: Stage, C: LoadCell, A: SensorArray> RigControl<'a, S, C, A> {
                 }
             }
         }
-        for readings in [LIGHT_READINGS, LIGHT_READINGS_MORE] {
-            let force_n = self.cell.mean_n(readings).await?;
-            if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(readings) {
-                return Ok(());
-            }
+        let force_n = self.cell.mean_n(LIGHT_READINGS).await?;
+        if force_n > LIGHT_SIGMAS * self.cell.watch.zero().sigma_mean_n(LIGHT_READINGS) {
+            return Ok(());
         }
         let moved = Trip::new(SafetyRule::OutputsMoved, worst.0, worst.1, &array.unit);
         Err(self.cell.at_first_touch(moved).await.into())
