@@ -121,8 +121,7 @@ pub use fits::Fits;
 pub(crate) use fits::MOST_FITS;
 pub use fitted::{Choice, Fitted, Tie, TriedMethod};
 pub use forces::{
-    COMPONENTS, ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors,
-    evaluate_forces,
+    ComponentErrors, ForceEvaluation, ForceRegression, ForceTable, ForceTableError, MethodForceErrors, evaluate_forces,
 };
 pub use model::{Model, ModelError, Validity};
 pub use pearson::{ForceRule, Pearson, correlation};

@@ -3,19 +3,19 @@
 //! A sensor with a single taxel, or one that is always pressed at the same place, has no map to invert. Four methods are fitted, and each
 //! component of the answer is their weighted mean. The weights are those that are best on groups of rows that were left out.
 
-mod blend;
 mod folds;
 mod ridge;
+mod weights;
 
 use super::extra_trees::Forest;
 use super::hyperparameters::Hyperparameters;
 use super::process::Process;
-use blend::{Blend, METHODS};
 use folds::{folds, without};
 use palpate_core::quantity::stream;
 use rand::seq::SliceRandom as _;
-use ridge::{Features, Fold, Ridge};
+use ridge::{Features, Fold, Ridge, linear, quadratic};
 use serde::Serialize;
+use weights::{METHODS, MethodWeights};
 
 /// Least number of rows for a regression.
 const ROWS_LEAST: usize = 30;
@@ -33,9 +33,6 @@ const OUTER_FOLDS: usize = 20;
 
 /// Number of parts in which groups are left out to choose the weights.
 const INNER_FOLDS: usize = 5;
-
-/// Names of the three components.
-pub const COMPONENTS: [&str; 3] = ["force_x_n", "force_y_n", "force_n"];
 
 /// Rows of outputs with the force vector that caused each.
 #[derive(Clone, Debug)]
@@ -143,12 +140,17 @@ pub struct ForceEvaluation {
 /// Fitted regression of a force vector.
 pub struct ForceRegression {
     features: Features,
+    methods: FittedMethods,
+    weights: [MethodWeights; 3],
+}
+
+/// The methods of [`METHODS`].
+struct FittedMethods {
     linear: Ridge,
     quadratic: Ridge,
     /// Gaussian process of what the linear regression leaves.
     process: Process,
     trees: [Forest; 3],
-    blends: [Blend; 3],
 }
 
 impl ForceRegression {
@@ -162,57 +164,53 @@ impl ForceRegression {
         let features = Features::of(table, rows);
         let parts = folds(table, rows, INNER_FOLDS, false);
         let fold = Fold::of(&features, table, rows, &parts);
-        let (linear, linear_left_out) = fold.fit(true);
-        let (quadratic, quadratic_left_out) = fold.fit(false);
-        // what the others would answer for the rows of each part
-        let mut left_out: Vec<[[f64; 3]; METHODS.len()]> = vec![[[0.0; 3]; METHODS.len()]; rows.len()];
-        for (at, answers) in left_out.iter_mut().enumerate() {
-            (answers[0], answers[1]) = (linear_left_out[at], quadratic_left_out[at]);
-        }
+        let (linear, linear_without) = fold.fit(true);
+        let (quadratic, quadratic_without) = fold.fit(false);
         // one correlation does for all parts: its search costs more than a fit
         let seen = left(&features, table, &some(rows, super::gaussian_process::MANNER.most_to_seek_with), &linear);
         let hyperparameters =
             Hyperparameters::of(&seen.0, features.channels(), &seen.1, 3, super::gaussian_process::MANNER);
-        for part in &parts {
+        let process = |linear: &Ridge, rows: &[usize]| {
+            let (inputs, values) = left(&features, table, rows, linear);
+            Process::fit(inputs, features.channels(), &values, 3, &hyperparameters, 3).0
+        };
+        // what the methods answer for the rows of each part without it
+        let mut left_out = vec![[[0.0; 3]; METHODS.len()]; rows.len()];
+        for (part, (linear, quadratic)) in parts.iter().zip(linear_without.into_iter().zip(quadratic_without)) {
             let training = without(rows, part);
-            let linear = fold.without(part, &linear);
-            let (inputs, values) = left(&features, table, &some(&training, PROCESS_ROWS_TO_CHOOSE), &linear);
-            let process = Process::fit(inputs, features.channels(), &values, 3, &hyperparameters, 3).0;
+            let process = process(&linear, &some(&training, PROCESS_ROWS_TO_CHOOSE));
             let trees = forests(&features, table, &some(&training, TREE_ROWS_TO_CHOOSE));
-            for &at in part {
-                let outputs = table.row(rows[at]);
-                left_out[at][2] = with_process(&features, &linear, &process, outputs);
-                left_out[at][3] = trees.each_ref().map(|forest| forest.answer(&features.standard(outputs)));
-            }
+            let methods = FittedMethods { linear, quadratic, process, trees };
+            part.iter().for_each(|&at| left_out[at] = methods.answers(&features.standard(table.row(rows[at]))));
         }
-        let blends = [0, 1, 2].map(|component| {
+        let weights = [0, 1, 2].map(|component| {
             let answers = left_out.iter().map(|answers| answers.map(|answer| answer[component]));
-            Blend::of(answers.zip(rows.iter().map(|&row| table.forces_n[row][component])))
+            MethodWeights::of(answers.zip(rows.iter().map(|&row| table.forces_n[row][component])))
         });
-        let (inputs, values) = left(&features, table, &some(rows, PROCESS_ROWS), &linear);
-        let process = Process::fit(inputs, features.channels(), &values, 3, &hyperparameters, 3).0;
-        let trees = forests(&features, table, &some(rows, TREE_ROWS));
-        ForceRegression { features, linear, quadratic, process, trees, blends }
+        let (process, trees) =
+            (process(&linear, &some(rows, PROCESS_ROWS)), forests(&features, table, &some(rows, TREE_ROWS)));
+        ForceRegression { features, methods: FittedMethods { linear, quadratic, process, trees }, weights }
     }
 
     /// Returns the force along x, y and the press that caused a reading, N.
     pub fn solve(&self, outputs: &[f64]) -> [f64; 3] {
-        let answers = self.answers(outputs);
-        [0, 1, 2].map(|component| self.blends[component].of_answers(answers.map(|answer| answer[component])))
+        self.weighted(self.methods.answers(&self.features.standard(outputs)))
     }
 
-    /// Returns the weight of each method in each component.
-    pub fn weights(&self) -> [[f64; METHODS.len()]; 3] {
-        self.blends.map(|blend| blend.weights)
+    fn weighted(&self, answers: [[f64; 3]; METHODS.len()]) -> [f64; 3] {
+        [0, 1, 2].map(|component| self.weights[component].of_answers(answers.map(|answer| answer[component])))
     }
+}
 
-    fn answers(&self, outputs: &[f64]) -> [[f64; 3]; METHODS.len()] {
-        [
-            self.linear.of(self.features.linear(outputs)),
-            self.quadratic.of(self.features.quadratic(outputs)),
-            with_process(&self.features, &self.linear, &self.process, outputs),
-            self.trees.each_ref().map(|forest| forest.answer(&self.features.standard(outputs))),
-        ]
+impl FittedMethods {
+    /// Returns the answer of each method to scaled outputs.
+    fn answers(&self, standard: &[f64]) -> [[f64; 3]; METHODS.len()] {
+        let linear_n = self.linear.of(&linear(standard));
+        let mut left_n = [0.0; 3];
+        self.process.predict(standard, &mut left_n);
+        let with_process_n = [0, 1, 2].map(|component| linear_n[component] + left_n[component]);
+        let trees_n = self.trees.each_ref().map(|forest| forest.answer(standard));
+        [linear_n, self.quadratic.of(&quadratic(standard)), with_process_n, trees_n]
     }
 }
 
@@ -234,7 +232,8 @@ pub fn evaluate_forces(table: &ForceTable) -> Result<ForceEvaluation, ForceTable
     for part in &parts {
         let regression = ForceRegression::fit_rows(table, &without(&all, part));
         for &row in part {
-            let (answers, best) = (regression.answers(table.row(row)), regression.solve(table.row(row)));
+            let answers = regression.methods.answers(&regression.features.standard(table.row(row)));
+            let best = regression.weighted(answers);
             let true_n = table.forces_n[row];
             for (errors, answer) in errors.iter_mut().zip(std::iter::once(best).chain(answers)) {
                 errors.push([0, 1, 2].map(|component| answer[component] - true_n[component]));
@@ -272,20 +271,15 @@ fn some(rows: &[usize], most: usize) -> Vec<usize> {
 }
 
 /// Returns the scaled outputs of rows, and what a linear regression leaves of their forces.
-fn left(features: &Features, table: &ForceTable, rows: &[usize], linear: &Ridge) -> (Vec<f64>, Vec<f64>) {
-    let inputs = rows.iter().flat_map(|&row| features.standard(table.row(row))).collect();
-    let left = |&row: &usize| {
-        let (answer, true_n) = (linear.of(features.linear(table.row(row))), table.forces_n[row]);
-        [0, 1, 2].map(|component| true_n[component] - answer[component])
-    };
-    (inputs, rows.iter().flat_map(left).collect())
-}
-
-fn with_process(features: &Features, linear: &Ridge, process: &Process, outputs: &[f64]) -> [f64; 3] {
-    let mut left_n = [0.0; 3];
-    process.predict(&features.standard(outputs), &mut left_n);
-    let linear_n = linear.of(features.linear(outputs));
-    [0, 1, 2].map(|component| linear_n[component] + left_n[component])
+fn left(features: &Features, table: &ForceTable, rows: &[usize], ridge: &Ridge) -> (Vec<f64>, Vec<f64>) {
+    let (mut inputs, mut values) = (Vec::new(), Vec::new());
+    for &row in rows {
+        let standard = features.standard(table.row(row));
+        let (answer, true_n) = (ridge.of(&linear(&standard)), table.forces_n[row]);
+        values.extend([0, 1, 2].map(|component| true_n[component] - answer[component]));
+        inputs.extend(standard);
+    }
+    (inputs, values)
 }
 
 /// Grows trees for each component.

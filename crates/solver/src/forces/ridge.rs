@@ -7,8 +7,7 @@ use faer::{Mat, Side};
 /// Ridges that are tried, as fractions of the mean square of a feature.
 const RIDGES: [f64; 9] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
 
-/// Largest number of outputs whose products are features. Of more outputs, the strongest principal components are not sought: the
-/// quadratic regression then uses the squares alone.
+/// Largest number of outputs whose products are features. With more outputs, only their squares are.
 const PRODUCTS_MOST: usize = 40;
 
 /// Number of rows whose features are in memory at once.
@@ -44,36 +43,34 @@ impl Features {
             .map(|((output, mean), over)| (output - mean) * over)
             .collect()
     }
+}
 
-    /// A constant and the outputs.
-    pub(super) fn linear(&self, outputs: &[f64]) -> Vec<f64> {
-        let mut features = vec![1.0];
-        features.extend(self.standard(outputs));
-        features
-    }
+/// Features of scaled outputs: a constant and the outputs.
+pub(super) fn linear(standard: &[f64]) -> Vec<f64> {
+    let mut features = vec![1.0];
+    features.extend(standard);
+    features
+}
 
-    /// The same, with squares and products.
-    pub(super) fn quadratic(&self, outputs: &[f64]) -> Vec<f64> {
-        let mut features = self.linear(outputs);
-        let channels = self.channels();
-        for i in 1..=channels {
-            let last = if channels <= PRODUCTS_MOST { channels } else { i };
-            (i..=last).for_each(|j| features.push(features[i] * features[j]));
-        }
-        features
+/// The same, with squares and products.
+pub(super) fn quadratic(standard: &[f64]) -> Vec<f64> {
+    let mut features = linear(standard);
+    let channels = standard.len();
+    for i in 1..=channels {
+        let last = if channels <= PRODUCTS_MOST { channels } else { i };
+        (i..=last).for_each(|j| features.push(features[i] * features[j]));
     }
+    features
 }
 
 /// A linear function of features for each component.
 pub(super) struct Ridge {
     /// Row-major, features x 3.
     weights: Vec<[f64; 3]>,
-    ridge: f64,
-    is_linear: bool,
 }
 
 impl Ridge {
-    pub(super) fn of(&self, features: Vec<f64>) -> [f64; 3] {
+    pub(super) fn of(&self, features: &[f64]) -> [f64; 3] {
         let mut answer = [0.0; 3];
         for (feature, weights) in features.iter().zip(&self.weights) {
             (0..3).for_each(|component| answer[component] += feature * weights[component]);
@@ -107,40 +104,29 @@ impl<'a> Fold<'a> {
         Fold { features, table, rows, parts }
     }
 
-    /// Fits all rows with the ridge that is best on left-out parts. Also returns the answer for each row without its part.
-    pub(super) fn fit(&self, is_linear: bool) -> (Ridge, Vec<[f64; 3]>) {
+    /// Fits all rows with the ridge that is best on left-out parts. Also returns the fits without each part.
+    pub(super) fn fit(&self, is_linear: bool) -> (Ridge, Vec<Ridge>) {
         let each: Vec<Sums> = self.parts.iter().map(|part| self.sums(part, is_linear)).collect();
         let all = Sums::together(&each);
-        let mut best: Option<(f64, f64, Vec<[f64; 3]>)> = None;
-        for ridge in RIDGES {
-            let (mut squares, mut left_out) = (0.0, vec![[0.0; 3]; self.rows.len()]);
-            for (part, sums) in self.parts.iter().zip(&each) {
-                let Some(fitted) = all.less(sums).solve(ridge, is_linear) else { continue };
-                for &at in part {
-                    let row = self.rows[at];
-                    left_out[at] = fitted.of(self.of_row(row, is_linear));
-                    squares += (0..3).map(|i| (left_out[at][i] - self.table.forces_n[row][i]).powi(2)).sum::<f64>();
+        let without_each = |ridge: f64| each.iter().map(|sums| all.less(sums).solve(ridge)).collect::<Vec<Ridge>>();
+        let mut tried = RIDGES.map(|ridge| (0.0, ridge, without_each(ridge)));
+        for (nth, part) in self.parts.iter().enumerate() {
+            for row in part.iter().map(|&at| self.rows[at]) {
+                let features = self.of_row(row, is_linear);
+                for (squares, _, fits) in &mut tried {
+                    let answer = fits[nth].of(&features);
+                    *squares += (0..3).map(|i| (answer[i] - self.table.forces_n[row][i]).powi(2)).sum::<f64>();
                 }
             }
-            if best.as_ref().is_none_or(|(least, ..)| squares < *least) {
-                best = Some((squares, ridge, left_out));
-            }
         }
-        let (_, ridge, left_out) = best.unwrap_or_default();
-        (all.solve_or_mean(ridge, is_linear), left_out)
-    }
-
-    /// Fits the rows without a part, with the ridge of another fit.
-    pub(super) fn without(&self, part: &[usize], like: &Ridge) -> Ridge {
-        let mut is_left = vec![true; self.rows.len()];
-        part.iter().for_each(|&at| is_left[at] = false);
-        let rest: Vec<usize> = (0..self.rows.len()).filter(|&at| is_left[at]).collect();
-        self.sums(&rest, like.is_linear).solve_or_mean(like.ridge, like.is_linear)
+        let (_, ridge, fits) =
+            tried.into_iter().reduce(|best, other| if other.0 < best.0 { other } else { best }).unwrap_or_default();
+        (all.solve(ridge), fits)
     }
 
     fn of_row(&self, row: usize, is_linear: bool) -> Vec<f64> {
-        let outputs = self.table.row(row);
-        if is_linear { self.features.linear(outputs) } else { self.features.quadratic(outputs) }
+        let standard = self.features.standard(self.table.row(row));
+        if is_linear { linear(&standard) } else { quadratic(&standard) }
     }
 
     fn sums(&self, part: &[usize], is_linear: bool) -> Sums {
@@ -181,22 +167,18 @@ impl Sums {
         }
     }
 
-    fn solve(&self, ridge: f64, is_linear: bool) -> Option<Ridge> {
+    /// Fits the rows; to their mean if the features can't be used.
+    fn solve(&self, ridge: f64) -> Ridge {
         let mut matrix = self.products.clone();
         // the constant has no ridge; a feature that is always 0 has one, so the matrix is invertible
         (1..matrix.nrows()).for_each(|i| matrix[(i, i)] += ridge * (self.rows + matrix[(i, i)]));
-        let solved = matrix.llt(Side::Lower).ok()?.solve(&self.with_forces);
-        let weights = (0..solved.nrows()).map(|row| [0, 1, 2].map(|i| solved[(row, i)])).collect();
-        Some(Ridge { weights, ridge, is_linear })
-    }
-
-    /// The same; the mean if the matrix can't be inverted.
-    fn solve_or_mean(&self, ridge: f64, is_linear: bool) -> Ridge {
-        let mean = || Ridge {
-            weights: vec![[0, 1, 2].map(|i| self.with_forces[(0, i)] / self.rows.max(1.0))],
-            ridge,
-            is_linear,
+        let weights = match matrix.llt(Side::Lower) {
+            Ok(factor) => {
+                let solved = factor.solve(&self.with_forces);
+                (0..solved.nrows()).map(|row| [0, 1, 2].map(|i| solved[(row, i)])).collect()
+            }
+            Err(_) => vec![[0, 1, 2].map(|i| self.with_forces[(0, i)] / self.rows.max(1.0))],
         };
-        self.solve(ridge, is_linear).unwrap_or_else(mean)
+        Ridge { weights }
     }
 }

@@ -8,14 +8,14 @@ const STEPS: usize = 400;
 
 /// Weights from 0 to 1 with sum 1.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Blend {
-    pub weights: [f64; METHODS.len()],
+pub(super) struct MethodWeights {
+    weights: [f64; METHODS.len()],
 }
 
-impl Blend {
+impl MethodWeights {
     /// Returns the weights with the least squared error, from answers and true values. Each step moves toward one method by the best
     /// length (Frank and Wolfe 1956).
-    pub(super) fn of(rows: impl Iterator<Item = ([f64; METHODS.len()], f64)>) -> Blend {
+    pub(super) fn of(rows: impl Iterator<Item = ([f64; METHODS.len()], f64)>) -> MethodWeights {
         const N: usize = METHODS.len();
         // products of the methods' errors
         let mut products = [[0.0; N]; N];
@@ -43,7 +43,7 @@ impl Blend {
             let step = (-slope / bend).min(1.0);
             (0..N).for_each(|i| weights[i] += step * way[i]);
         }
-        Blend { weights }
+        MethodWeights { weights }
     }
 
     /// Returns the weighted mean.
