@@ -7,7 +7,7 @@ use crate::api::Failure;
 use jiff::ZonedDateTime;
 use miette::IntoDiagnostic;
 use palpate_core::quantity::round;
-use palpate_core::quantity::{AxesCheck, CROSSTALK_MOST, GAIN_OFF_MOST, WeightCheck};
+use palpate_core::quantity::{AxesCheck, Axis, CROSSTALK_MOST, GAIN_OFF_MOST, WeightCheck};
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{
     Ask, AxesMeasurement, FINGER_WAIT, KnownWeight, LoadCellVerdict, WEIGHT_TIMES, WEIGHT_WAIT, WeightMeasurement,
@@ -111,7 +111,7 @@ impl WeightArgs {
                 miette::miette!(help = "remove it; nothing was moved", "--three-axes: the load cell has one axis");
             return Err(Failure::usage(text));
         }
-        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull, along: 2 }))
+        Ok(Some(KnownWeight { weight_n, u_n, pull: self.pull, along: Axis::Z }))
     }
 }
 
@@ -124,12 +124,12 @@ pub(super) fn ask(what: Ask) {
         }
         Ask::PutOn(time, KnownWeight { weight_n, pull, along, .. }) => {
             let how = match (along, pull) {
-                (0, _) => {
+                (Axis::X, _) => {
                     "let the weight pull the tip toward +x of the specimen, over a pulley or with the cell rotated"
                 }
-                (1, _) => "let the weight pull the tip toward +y of the specimen",
-                (_, true) => "hang the weight from the tip",
-                (_, false) => "put the weight on the tip",
+                (Axis::Y, _) => "let the weight pull the tip toward +y of the specimen",
+                (Axis::Z, true) => "hang the weight from the tip",
+                (Axis::Z, false) => "put the weight on the tip",
             };
             tell(&filled(&format!("{how} ({weight_n} N, {time} of {WEIGHT_TIMES}): waiting up to {wait_s} s"), "  "))
         }

@@ -6,6 +6,7 @@ use super::summary;
 use crate::api::Failure;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use palpate_core::parallel::lock;
+use palpate_core::quantity::Axis;
 use palpate_data::dataset::{RecordedCheck, RecordedContact, Retouch};
 use palpate_data::recipe::{Entry, Phase, Plan};
 use palpate_link::device::Identity;
@@ -99,7 +100,7 @@ impl<'a> Progress<'a> {
             weight_n: check.weight_n,
             u_n: check.weight_u_n,
             pull: check.pull,
-            along: 2,
+            along: Axis::Z,
         });
         Progress { weight, ..self }
     }

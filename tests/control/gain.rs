@@ -2,7 +2,7 @@
 //!
 //! The full tier makes one calibration of 121 presses; `PALPATE_TESTS=3` makes three of 625 with different seeds.
 
-use palpate_core::quantity::WeightCheck;
+use palpate_core::quantity::{Axis, WeightCheck};
 use palpate_data::recipe::Phase;
 use palpate_run::rig::RigSpec;
 use palpate_run::run::{
@@ -36,7 +36,7 @@ fn with_gain(name: &str, gain: f64) -> RigSpec {
 
 /// Result of the doctor with a weight that is known to this fraction; its true force follows from the seed.
 fn weighed(spec: &RigSpec, u_share: f64, seed: u64) -> WeightMeasurement {
-    let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false, along: 2 };
+    let weight = KnownWeight { weight_n: WEIGHT_N, u_n: u_share * WEIGHT_N, pull: false, along: Axis::Z };
     let found = run_virtually(async {
         examine(
             spec,

@@ -1,7 +1,7 @@
 //! Checks after a run: the first place is pressed again, the plan's presses don't change, and a changed load cell or sensor leaves the
 //! verdict undecided.
 
-use palpate_core::quantity::WeightCheck;
+use palpate_core::quantity::{Axis, WeightCheck};
 use palpate_data::dataset::{Ledger, Memory, Record, RecordedCheck, RecordedContact, Status};
 use palpate_data::recipe::{Checks, Phase, Plan};
 use palpate_run::rig::RigSpec;
@@ -223,7 +223,7 @@ impl Listener for CheckWeighing {
 fn known_weight_is_requested_after_the_run_for_a_limited_time() {
     for (gain, pressed_n, found) in [(1.0, 0.5, Some(false)), (0.95, 0.5, Some(true)), (1.0, 1e-6, None)] {
         let mut spec = bench("bench-fast");
-        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
+        let known = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: Axis::Z };
         let (gain_sd, date) = (0.0002, "2026-05-04".to_owned());
         let (weight_n, weight_u_n) = (known.weight_n, known.u_n);
         let check =

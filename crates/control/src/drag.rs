@@ -27,6 +27,9 @@ const LEFT_SHARE: f64 = 0.5;
 /// Least change of the force sideways, in sd of a mean, from which its direction is compared with that of the drag.
 const DIRECTION_SIGMAS: f64 = 10.0;
 
+/// Least force per way of one axis, as a fraction of the other axis'. A specimen is less different along x and y.
+const RESPONSE_LEAST: f64 = 0.1;
+
 /// What a rig allows in a drag. Every value is declared; none has a default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DragLimits {
@@ -238,32 +241,9 @@ impl DragWatch {
     }
 }
 
-/// Checks that the force sideways changed along the way that the tip went, mm: a swapped axis or a wrong sign turns it by 90 degrees or
-/// more, if the way is along an axis. `sigma_n` is the standard deviation of each mean.
-///
-/// # Errors
-/// A trip if the direction is off by more than 45 degrees.
-pub fn check_direction(way: [f64; 2], before_n: [f64; 2], after_n: [f64; 2], sigma_n: f64) -> Result<(), Trip> {
-    let change = [after_n[0] - before_n[0], after_n[1] - before_n[1]];
-    let (change_n, way_mm) = (change[0].hypot(change[1]), way[0].hypot(way[1]));
-    if change_n <= DIRECTION_SIGMAS * sigma_n || way_mm == 0.0 {
-        return Ok(());
-    }
-    let along = (change[0] * way[0] + change[1] * way[1]) / (change_n * way_mm);
-    let is_along = along >= FRAC_1_SQRT_2;
-    if is_along {
-        Ok(())
-    } else {
-        Err(Trip::new(SafetyRule::AxesDiffer, along, FRAC_1_SQRT_2, "of the force sideways"))
-    }
-}
-
 /// Largest force sideways per way of the drags so far, along x and along y, N/mm.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DragResponses([Option<f64>; 2]);
-
-/// Least force per way of one axis, as a fraction of the other axis'. A specimen is less different along x and y.
-const RESPONSE_LEAST: f64 = 0.1;
 
 impl DragResponses {
     /// Adds a drag: the way that the tip went, mm, and the change of the force sideways, N. Only a drag along an axis counts.
@@ -287,6 +267,26 @@ impl DragResponses {
         } else {
             Err(Trip::new(SafetyRule::AxesDiffer, ratio, RESPONSE_LEAST, "of the other axis' force per way"))
         }
+    }
+}
+
+/// Checks that the force sideways changed along the way that the tip went, mm: a swapped axis or a wrong sign turns it by 90 degrees or
+/// more, if the way is along an axis. `sigma_n` is the standard deviation of each mean.
+///
+/// # Errors
+/// A trip if the direction is off by more than 45 degrees.
+pub fn check_direction(way: [f64; 2], before_n: [f64; 2], after_n: [f64; 2], sigma_n: f64) -> Result<(), Trip> {
+    let change = [after_n[0] - before_n[0], after_n[1] - before_n[1]];
+    let (change_n, way_mm) = (change[0].hypot(change[1]), way[0].hypot(way[1]));
+    if change_n <= DIRECTION_SIGMAS * sigma_n || way_mm == 0.0 {
+        return Ok(());
+    }
+    let along = (change[0] * way[0] + change[1] * way[1]) / (change_n * way_mm);
+    let is_along = along >= FRAC_1_SQRT_2;
+    if is_along {
+        Ok(())
+    } else {
+        Err(Trip::new(SafetyRule::AxesDiffer, along, FRAC_1_SQRT_2, "of the force sideways"))
     }
 }
 

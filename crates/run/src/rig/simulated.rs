@@ -125,8 +125,8 @@ impl GroundTruth {
         self.in_scene(Scene::take_truth)
     }
 
-    /// Requests a known weight on the tip, along x, y (0, 1) or the press (2).
-    pub fn put_weight(&self, nominal_n: f64, u_n: f64, along: usize) {
+    /// Requests a known weight on the tip, along an axis of the specimen; z is the press.
+    pub fn put_weight(&self, nominal_n: f64, u_n: f64, along: Axis) {
         self.in_scene(|scene, now_s| scene.put_weight(nominal_n, u_n, along, now_s + PERSON_S));
     }
 

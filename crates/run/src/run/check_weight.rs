@@ -5,7 +5,7 @@ use super::Halt;
 use super::rig_control::WatchedLoadCell;
 use crate::rig::GroundTruth;
 use palpate_control::{Mean, SafetyRule, Trip, Zero, mean_of};
-use palpate_core::quantity::{AxesCheck, COVERAGE, ForceReading, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
+use palpate_core::quantity::{AxesCheck, Axis, COVERAGE, ForceReading, GRAVITY_M_S2, LoadCellCertificate, WeightCheck};
 use palpate_link::device::LoadCell;
 use palpate_link::time::Instant;
 use std::time::Duration;
@@ -45,8 +45,8 @@ pub struct KnownWeight {
     pub u_n: f64,
     /// Whether the weight hangs from the tip and pulls. Otherwise it acts in the direction of contact.
     pub pull: bool,
-    /// Axis along which it acts: x, y (0, 1) of the specimen, or the press (2).
-    pub along: usize,
+    /// Axis of the specimen along which it acts; z is the press.
+    pub along: Axis,
 }
 
 /// Request to a person.
@@ -141,7 +141,7 @@ pub(super) async fn weigh<C: LoadCell>(
     weighing: &mut Weighing<'_>,
 ) -> Result<WeightMeasurement, Halt> {
     let weight = weighing.weight;
-    let of_axis = |reading: &ForceReading| ForceReading { force_n: axes_n(reading)[weight.along], ..*reading };
+    let of_axis = |reading: &ForceReading| ForceReading { force_n: axes_n(reading)[weight.along.index()], ..*reading };
     let sign = if weight.pull { -1.0 } else { 1.0 };
     let readings = watched_cell.sound_readings(ZERO_READINGS, ZERO_S).await?;
     let readings: Vec<ForceReading> = readings.iter().map(of_axis).collect();
@@ -187,7 +187,7 @@ struct Balance {
     zero: Zero,
     weight_n: f64,
     /// Axis of the weight.
-    along: usize,
+    along: Axis,
 }
 
 /// Mean reading along the weight, and the means of all axes, N.
@@ -280,7 +280,7 @@ impl Balance {
         while read.len() < least || watched_cell.now_s() - read[0].0 < least_s {
             let reading = watched_cell.sound_reading().await?;
             let axes_n = axes_n(&reading);
-            read.push((watched_cell.now_s(), axes_n[self.along]));
+            read.push((watched_cell.now_s(), axes_n[self.along.index()]));
             sums_n = [0, 1, 2].map(|axis| sums_n[axis] + axes_n[axis]);
         }
         let axes_n = sums_n.map(|sum_n| sum_n / read.len() as f64);
@@ -399,7 +399,7 @@ mod tests {
     use super::*;
 
     fn check(gain: f64) -> WeightCheck {
-        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: Axis::Z };
         WeightMeasurement { weight, gains: vec![gain; 3], responses: Vec::new(), noise: 0.0001 }
             .check("2026-05-04", false)
     }
@@ -434,7 +434,7 @@ mod tests {
 
     #[test]
     fn repeatability_is_no_less_than_the_noise_explains() {
-        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: 2 };
+        let weight = KnownWeight { weight_n: 0.5, u_n: 0.0005, pull: false, along: Axis::Z };
         let weighed =
             |gains: &[f64], noise| WeightMeasurement { weight, gains: gains.to_vec(), responses: Vec::new(), noise };
         assert_eq!(weighed(&[1.0; 3], 0.0002).gain_sd(), 0.0002);

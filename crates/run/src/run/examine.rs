@@ -127,12 +127,12 @@ async fn weigh_sideways(
     weighing: &mut Weighing<'_>,
     press: WeightMeasurement,
 ) -> Result<AxesMeasurement, Halt> {
-    let mut along = async |along: usize| {
+    let mut along = async |along: Axis| {
         let weight = KnownWeight { along, pull: false, ..weighing.weight };
         let mut weighing = Weighing { weight, three_axes: true, ask: &mut *weighing.ask };
         weigh(&mut rig_control.cell, &rig_control.truth, &mut weighing).await
     };
-    let (x, y) = (along(0).await?, along(1).await?);
+    let (x, y) = (along(Axis::X).await?, along(Axis::Y).await?);
     Ok(AxesMeasurement([x, y, press]))
 }
 

@@ -213,7 +213,7 @@ impl Runner<'_> {
         self.rig_control.cell.watch.pause();
         self.rig_control.cell.force_n().await?;
         let mut levels: Vec<MeasuredLevel> = Vec::with_capacity(task.levels.len());
-        let (mut dragged, mut went) = (None, None);
+        let mut went: Option<([f64; 2], u64)> = None;
         let mut known = no_load.outputs.clone();
         let mut event = LoopEvent::Begin { z_mm: self.rig_control.z_mm, no_load: no_load.force };
         loop {
@@ -236,8 +236,7 @@ impl Runner<'_> {
                 }
                 LoopCommand::Drag(granted) => {
                     let ([x_mm, y_mm], slips) = self.rig_control.drag(granted).await?;
-                    went = Some([x_mm, y_mm]);
-                    dragged = Some((x_mm.hypot(y_mm).max(WAY_LEAST_MM), slips));
+                    went = Some(([x_mm, y_mm], slips));
                     LoopEvent::Dragged { x_mm, y_mm }
                 }
                 LoopCommand::LeaveContact(granted) => {
@@ -254,9 +253,10 @@ impl Runner<'_> {
                     let (place, z_mm) = (self.rig_control.pressed, self.rig_control.z_mm);
                     let truth = self.rig_control.press_truth();
                     let before_n = levels.last().and_then(|level| level.window.side_n);
-                    if let (Some(way), Some(before_n), Some(after_n)) = (went, before_n, window.side_n) {
+                    if let (Some((way, _)), Some(before_n), Some(after_n)) = (went, before_n, window.side_n) {
                         self.drag_responses.add(way, [after_n[0] - before_n[0], after_n[1] - before_n[1]])?;
                     }
+                    let dragged = went.map(|([x_mm, y_mm], slips)| (x_mm.hypot(y_mm).max(WAY_LEAST_MM), slips));
                     levels.push(MeasuredLevel { dragged, window, place, z_mm, truth });
                     LoopEvent::Sampled { force_n }
                 }

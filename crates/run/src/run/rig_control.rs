@@ -231,10 +231,12 @@ impl<'a, C: LoadCell> WatchedLoadCell<'a, C> {
         }
         self.no_load.open = false;
         let (sigma_n, most_n) = (self.no_load.sigma_n(), self.watch.zero().noise_most_n());
-        let (rest_n, jump_n) = self.no_load.sigma_without_jump_n();
-        // one jump may be the first reading of a noise
-        if sigma_n > most_n && rest_n <= most_n && self.still_sigma_n().await? <= most_n {
-            return Err(Trip::new(SafetyRule::ZeroDrifted, jump_n, most_n, "N").into());
+        if sigma_n > most_n {
+            let (rest_n, jump_n) = self.no_load.sigma_without_jump_n();
+            // one jump may be the first reading of a noise
+            if rest_n <= most_n && self.still_sigma_n().await? <= most_n {
+                return Err(Trip::new(SafetyRule::ZeroDrifted, jump_n, most_n, "N").into());
+            }
         }
         let newest = self.no_load.readings.back().map_or(self.began, |(at, ..)| *at);
         let before = |at: Instant| -(newest - at).as_secs_f64();
@@ -303,18 +305,20 @@ impl NoLoadForces {
         ends.map_or(0.0, |((first, ..), (last, ..))| (*last - *first).as_secs_f64())
     }
 
+    /// Squared differences of successive readings, N^2.
+    fn squares(&self) -> impl Iterator<Item = f64> {
+        let following = self.readings.iter().skip(1);
+        self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2))
+    }
+
     /// Noise of one reading, from the differences of successive readings. An increasing force or a drifting zero isn't noise.
     fn sigma_n(&self) -> f64 {
-        let following = self.readings.iter().skip(1);
-        let squares: f64 = self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2)).sum();
-        (squares / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
+        (self.squares().sum::<f64>() / (2.0 * f64::from(self.count().max(2) - 1))).sqrt()
     }
 
     /// The same without the largest difference, which is returned too: a zero that jumps once isn't noise.
     fn sigma_without_jump_n(&self) -> (f64, f64) {
-        let following = self.readings.iter().skip(1);
-        let squares = self.readings.iter().zip(following).map(|((_, a, _), (_, b, _))| (b - a).powi(2));
-        let (sum, largest) = squares.fold((0.0, 0.0f64), |(sum, largest), square| (sum + square, largest.max(square)));
+        let (sum, largest) = (self.squares().sum::<f64>(), self.squares().fold(0.0, f64::max));
         (((sum - largest).max(0.0) / (2.0 * f64::from(self.count().max(3) - 2))).sqrt(), largest.sqrt())
     }
 

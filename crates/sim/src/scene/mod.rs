@@ -267,10 +267,10 @@ impl Scene {
     }
 
     /// Puts a known weight on the tip at `at_s`, which must not be past. The true force is within `u_n` of the nominal force, and
-    /// follows from the seed. It acts along x, y (0, 1) or the press (2); a negative weight pulls.
-    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, along: usize, at_s: f64) {
+    /// follows from the seed. It acts along an axis of the specimen, z into it; a negative weight pulls.
+    pub fn put_weight(&mut self, nominal_n: f64, u_n: f64, along: Axis, at_s: f64) {
         let force_n = weight::true_force_n(nominal_n, u_n, self.seed);
-        self.weight.change(at_s, [0, 1, 2].map(|axis| if axis == along { force_n } else { 0.0 }));
+        self.weight.change(at_s, Axis::ALL.map(|axis| if axis == along { force_n } else { 0.0 }));
     }
 
     /// Removes the weight at `at_s`, which must not be past.
